@@ -85,7 +85,7 @@ def how_sure(grid: Grid, patches: Sequence[Patch]) -> tuple[Certainty, ...]:
 def _judge(grid: Grid, kind: str, window: Window, frame: GridFrame, motion: Motion | None) -> tuple[str, str]:
     """Say how sure the guess at a window is, and why."""
     if motion:  # translations lay faces onto each other in every duct of parallel walls, rotations seldom by chance
-        return ("sure" if motion.axis else "likely"), f"a {motion} lays it onto its partner"
+        return ("likely" if motion.is_translation else "sure"), f"a {motion} lays it onto its partner"
     part = _first_cells(grid, window)
     if kind == "symmetry":
         return _judge_symmetry(part)

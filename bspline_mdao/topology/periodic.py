@@ -8,13 +8,15 @@ Theory: ``docs/theory/topology.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
+from ..numerics.vectors import lengths
 from .faces import inward_directions
 from .grid import Grid
 from .index_space import Window, face_layers
@@ -30,32 +32,45 @@ PLANAR = 1e-6
 SMALLEST = 1e-3
 """Rotations by less than this angle (rad), and translations by less than this part of the grid's size, are none."""
 
+ALIGNED = 1e-12
+"""An axis whose component along a coordinate axis leaves 1 by less than this is that axis: 1.4e-6 rad."""
+
 MOST_CORNERS, MOST_TRIED = 1_000, 64
 """Most corners of windows among which pairs are looked for, and motions that are tried, the most frequent first."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A rotation about a coordinate axis, or a translation.
+    """A rotation about an axis, or a translation.
 
     Parameters
     ----------
-    axis : str
-        ``"x"``, ``"y"`` or ``"z"``; ``""`` of a translation.
+    axis : tuple of float
+        Direction of the axis, of length 1; zero of a translation.
     angle : float
         Angle of the rotation (rad).
+    point : tuple of float
+        The point of the axis nearest to the origin (m).
     shift : tuple of float
         The translation (m).
     """
 
-    axis: str = ""
+    axis: tuple[float, ...] = (0.0, 0.0, 0.0)
     angle: float = 0.0
+    point: tuple[float, ...] = (0.0, 0.0, 0.0)
     shift: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __str__(self) -> str:
-        if self.axis:
-            return f"rotation about {self.axis} by {np.degrees(self.angle):.6g} deg"
-        return f"translation by ({', '.join(f'{s:.6g}' for s in self.shift)}) m"
+        if self.is_translation:
+            return f"translation by {_text(self.shift)} m"
+        axis = "xyz"[int(np.argmax(self.axis))] if max(self.axis) == 1.0 else f"the direction {_text(self.axis)}"
+        through = f" through {_text(self.point)} m" if any(self.point) else ""
+        return f"rotation about {axis}{through} by {np.degrees(self.angle):.6g} deg"
+
+    @property
+    def is_translation(self) -> bool:
+        """Whether it does not turn."""
+        return not any(self.axis)
 
     @property
     def is_of_box(self) -> bool:
@@ -65,23 +80,23 @@ class Motion:
 
     def inverse(self) -> Motion:
         """Return the motion from the others back to the windows."""
-        return Motion(self.axis, -self.angle, tuple(-s for s in self.shift))
+        return replace(self, angle=-self.angle, shift=tuple(-s for s in self.shift))
 
     def turn(self, vectors: np.ndarray) -> np.ndarray:
         """Turn vectors, shape (n, 3)."""
-        if not self.axis:
+        if self.is_translation:
             return vectors
-        a, b = (d for d in range(3) if d != "xyz".index(self.axis))
-        cos, sin, turned = np.cos(self.angle), np.sin(self.angle), vectors.copy()
-        turned[:, a], turned[:, b] = (
-            cos * vectors[:, a] - sin * vectors[:, b],
-            sin * vectors[:, a] + cos * vectors[:, b],
-        )
-        return turned
+        axis = np.asarray(self.axis)
+        along = (vectors @ axis)[:, None] * axis
+        return along + np.cos(self.angle) * (vectors - along) + np.sin(self.angle) * np.cross(axis, vectors)
 
     def move(self, points: np.ndarray) -> np.ndarray:
         """Move points, shape (n, 3), in metres."""
-        return self.turn(points) + self.shift
+        return self.turn(points - self.point) + self.point + self.shift
+
+
+def _text(vector: tuple[float, ...]) -> str:
+    return f"({', '.join(f'{value:.6g}' for value in vector)})"
 
 
 @dataclass(frozen=True)
@@ -102,7 +117,7 @@ class PeriodicPair:
 
 
 def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, ...]:
-    """Find windows whose nodes a rotation about a coordinate axis, or a translation, lays onto those of others.
+    """Find windows whose nodes a rotation about any axis, or a translation, lays onto those of others.
 
     The two sides need not be cut into windows alike. Planar windows count for rotations other than by right angles
     alone: the sides of many a box are laid onto each other as well.
@@ -121,13 +136,16 @@ def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, 
     """
     # windows of blocks one node deep have no cells behind them, and no direction inwards
     windows = [window for window in windows if grid.shapes[window.block][window.shape.index(1)] > 1]
-    sides = [_Side.of(grid, window) for window in windows]
-    size = max((float(np.ptp(side.nodes, axis=0).max()) for side in sides), default=0.0)
-    if len(sides) < 2 or 4 * len(sides) > MOST_CORNERS:
+    if len(windows) < 2 or 4 * len(windows) > MOST_CORNERS:
         return ()
-    pairs, left = [], set(range(len(sides)))
-    for motion in [*_rotations(sides, size), *_translations(sides, size)]:
-        candidates = [n for n in sorted(left) if not (motion.is_of_box and sides[n].is_planar(size))]
+    nodes = [face_layers(grid.blocks[window.block].nodes, window)[0].reshape(-1, 3) for window in windows]
+    middle = np.mean([part.mean(axis=0) for part in nodes], axis=0)
+    size = 2.0 * max(float(lengths(part - middle).max()) for part in nodes)
+    sides = [_Side.of(grid, window, size) for window in windows]
+    pairs, left = [], {n for n, side in enumerate(sides) if side.normal is None or _bounds(side, nodes, size)}
+    kept = [sides[n] for n in sorted(left)]
+    for motion in [*_rotations(kept, size), *_translations(kept, size)]:
+        candidates = [n for n in sorted(left) if sides[n].may_repeat(motion)]
         if not candidates:
             continue
         there, back = (_laid(sides, candidates, m, size) for m in (motion, motion.inverse()))
@@ -140,45 +158,111 @@ def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, 
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """Nodes of a window, the directions from there into its block, and its corners."""
+    """Nodes of a window, the directions from there into its block, its corners, and its normal where it is planar."""
 
     nodes: np.ndarray
     inwards: np.ndarray
     corners: np.ndarray
+    normal: np.ndarray | None
 
     @classmethod
-    def of(cls, grid: Grid, window: Window) -> _Side:
+    def of(cls, grid: Grid, window: Window, size: float) -> _Side:
         """Take the nodes of a window of a grid."""
         nodes = grid.blocks[window.block].nodes
         face, inwards = face_layers(nodes, window)[0], inward_directions(nodes, window)
-        return cls(face.reshape(-1, 3), inwards.reshape(-1, 3), face[[0, 0, -1, -1], [0, -1, 0, -1]])
-
-    def is_planar(self, size: float) -> bool:
-        """Whether all nodes lie in a plane."""
-        off = self.nodes - self.nodes.mean(axis=0)
+        corners = face[[0, 0, -1, -1], [0, -1, 0, -1]]
+        off = face.reshape(-1, 3) - face.mean(axis=(0, 1))
         normal = np.linalg.eigh(off.T @ off)[1][:, 0]
-        return bool(np.abs(off @ normal).max() <= PLANAR * size)
+        is_planar = np.abs(off @ normal).max() <= PLANAR * size
+        return cls(face.reshape(-1, 3), inwards.reshape(-1, 3), corners, normal if is_planar else None)
+
+    def may_repeat(self, motion: Motion) -> bool:
+        """Whether a motion may lay it onto a partner: planes at right angles, and parallel ones, are those of boxes."""
+        if self.normal is None:
+            return True
+        cosine = abs(float(motion.turn(self.normal[None])[0] @ self.normal))
+        return not motion.is_of_box and SMALLEST < cosine < 1.0 - 0.5 * SMALLEST**2
+
+
+def _bounds(side: _Side, nodes: list[np.ndarray], size: float) -> bool:
+    """Whether all nodes of the boundary are on one side of a planar window, as in the wedge between two of them."""
+    heights = np.concatenate(nodes) @ side.normal - side.nodes.mean(axis=0) @ side.normal
+    return bool(min(heights.max(), -heights.min()) <= CLOSE * size)
 
 
 def _rotations(sides: list[_Side], size: float) -> list[Motion]:
-    """Rotations about coordinate axes that lay corners onto corners."""
-    corners = np.concatenate([side.corners for side in sides])
-    found = []
-    for axis, letter in enumerate("xyz"):
-        a, b = np.delete(corners, axis, axis=1).T
-        radius = np.hypot(a, b)
-        pairs = cKDTree(np.stack([corners[:, axis], radius], axis=1)).query_pairs(CLOSE * size, output_type="ndarray")
-        pairs = pairs[radius[pairs].min(axis=1, initial=np.inf) > SMALLEST * size]
-        angle = np.arctan2(b, a)
-        turns = (np.diff(angle[pairs], axis=1).ravel() + np.pi) % (2.0 * np.pi) - np.pi
-        turns = np.abs(turns[np.abs(turns) > SMALLEST])
-        found += [Motion(letter, angle=float(turn)) for turn in _frequent(turns[:, None], CLOSE).ravel()]
-    return found
+    """Rotations that lay three corners of a side onto corners, those that most sides ask for first."""
+    corners = np.concatenate([np.zeros((0, 3)), *(side.corners for side in sides)])
+    _, first = np.unique(np.round(corners / (CLOSE * size)), axis=0, return_index=True)
+    corners = corners[np.sort(first)]
+    apart = cdist(corners, corners)
+    found: dict[tuple[float, ...], list[Motion]] = {}
+    for side, triangle in _triangles(sides, size):
+        for laid in _congruent(corners, apart, triangle, CLOSE * size):
+            motion = _rotation(triangle, laid, size)
+            if motion and side.may_repeat(motion):
+                values = (*motion.axis, motion.angle, *(np.asarray(motion.point) / size))
+                found.setdefault(tuple(np.round(values, 3).tolist()), []).append(motion)
+    frequent = sorted(found.values(), key=len, reverse=True)
+    return [motions[0] for motions in frequent[:MOST_TRIED]]
+
+
+def _triangles(sides: list[_Side], size: float) -> Iterator[tuple[_Side, np.ndarray]]:
+    """Yield each side with the largest triangle of its corners, shape (3, 3)."""
+    for side in sides:
+        threes = side.corners[list(combinations(range(4), 3))]
+        areas = lengths(np.cross(threes[:, 1] - threes[:, 0], threes[:, 2] - threes[:, 0]))
+        if areas.max() > (SMALLEST * size) ** 2:
+            yield side, threes[np.argmax(areas)]
+
+
+def _congruent(corners: np.ndarray, apart: np.ndarray, triangle: np.ndarray, near: float) -> np.ndarray:
+    """Find all triangles of corners, shape (n, 3, 3), with the sides of one, to ``near`` (m); ``apart``: distances."""
+    sides = lengths(triangle[[0, 0, 1]] - triangle[[1, 2, 2]])
+    is_first, is_second, is_third = (np.abs(apart - length) <= near for length in sides)
+    a, b = np.nonzero(is_first)
+    rows, c = np.nonzero(is_second[a] & is_third[b])
+    return corners[np.stack([a[rows], b[rows], c], axis=1)]
+
+
+def _rotation(triangle: np.ndarray, laid: np.ndarray, size: float) -> Motion | None:
+    """Rotation that lays a triangle onto another; None where it takes a screw or a translation."""
+    turn = _frame(laid) @ _frame(triangle).T
+    sine = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    angle = float(np.arctan2(lengths(sine), 0.5 * (np.trace(turn) - 1.0)))
+    if not SMALLEST < angle < np.pi - SMALLEST:
+        return None
+    axis = sine / lengths(sine)
+    number = int(np.argmax(np.abs(axis)))
+    axis *= np.sign(axis[number])  # the same of a rotation and of its inverse
+    if 1.0 - axis[number] < ALIGNED:
+        axis = np.eye(3)[number]
+    angle *= float(np.sign(axis @ sine))
+    shift = laid.mean(axis=0) - turn @ triangle.mean(axis=0)
+    if abs(shift @ axis) > CLOSE * size:
+        return None
+    across = shift - (shift @ axis) * axis
+    point = 0.5 * (across + np.cross(axis, across) / np.tan(0.5 * angle))
+    point[np.abs(point) < CLOSE * size] = 0.0
+    motion = Motion(tuple(axis.tolist()), angle, tuple(point.tolist()))
+    return motion if angle > 0.0 else motion.inverse()
+
+
+def _frame(triangle: np.ndarray) -> np.ndarray:
+    """Orthonormal columns along a triangle's first side, across it in its plane, and normal to it."""
+    along, other = triangle[1] - triangle[0], triangle[2] - triangle[0]
+    normal = np.cross(along, other)
+    columns = [
+        along / lengths(along),
+        np.cross(normal, along) / lengths(normal) / lengths(along),
+        normal / lengths(normal),
+    ]
+    return np.stack(columns, axis=1)
 
 
 def _translations(sides: list[_Side], size: float) -> list[Motion]:
     """Translations that lay corners onto corners of windows that are not planar."""
-    curved = [side.corners for side in sides if not side.is_planar(size)]
+    curved = [side.corners for side in sides if side.normal is None]
     if len(curved) < 2:
         return []
     shifts = np.concatenate([(b[None] - a[:, None]).reshape(-1, 3) for a, b in combinations(curved, 2)])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bspline_mdao import ball_grid, brick_grid
 from bspline_mdao.cli.inspect import grid_numbers
@@ -21,10 +22,10 @@ def boundary(grid):
     return [face.window for face in find_topology(grid).boundary if face.patch is None]
 
 
-def passage(shape=(7, 6, 5), axis=0, angle=ANGLE):
-    """An annular passage whose periodic sides, jmin and jmax, are curved."""
+def passage(shape=(7, 6, 5), axis=0, angle=ANGLE, bend=0.4):
+    """An annular passage whose periodic sides, jmin and jmax, are curved unless it has no bend."""
     i, j, k = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shape), indexing="ij")
-    turn, radius = angle * (j + 0.4 * i**2 - 0.2), 2.0 + k + 0.1 * np.sin(3.0 * i)
+    turn, radius = angle * (j + bend * i**2 - 0.2), 2.0 + k + 0.1 * np.sin(3.0 * i)
     nodes = np.stack([3.0 * i, radius * np.cos(turn), radius * np.sin(turn)], axis=-1)
     return np.roll(nodes, axis, axis=-1)
 
@@ -42,12 +43,33 @@ def test_sides_of_an_annular_passage_are_a_pair(axis):
     (pair,) = find_periodic(grid, boundary(grid))
     low, high = Window.whole(0, (7, 6, 5)).face(2), Window.whole(0, (7, 6, 5)).face(3)
     assert {*pair.windows, *pair.others} == {low, high}
-    assert pair.motion.axis == "xyz"[axis]
+    np.testing.assert_array_equal(pair.motion.axis, np.eye(3)[axis])
     assert abs(abs(pair.motion.angle) - ANGLE) < 1e-12
     nodes = grid.blocks[0].nodes
     one, other = (nodes[side[0].slices].reshape(-1, 3) for side in (pair.windows, pair.others))
     np.testing.assert_allclose(pair.motion.move(one), other, atol=1e-12)
     np.testing.assert_allclose(pair.motion.inverse().move(other), one, atol=1e-12)
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.4])
+@pytest.mark.parametrize("seed", range(3))
+def test_sides_of_a_passage_about_any_axis_are_a_pair_planar_or_not(bend, seed):
+    rng = np.random.default_rng(seed)
+    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.uniform(-9.0, 9.0, 3)
+    grid = Grid((Block(passage(bend=bend) @ turn.T + shift, "block 1"),))
+    (pair,) = find_periodic(grid, boundary(grid))
+    low, high = Window.whole(0, (7, 6, 5)).face(2), Window.whole(0, (7, 6, 5)).face(3)
+    assert {*pair.windows, *pair.others} == {low, high}
+    assert abs(pair.motion.angle - ANGLE) < 1e-11
+    assert abs(abs(pair.motion.axis @ turn[:, 0]) - 1.0) < 1e-12
+    off = shift - pair.motion.point
+    np.testing.assert_allclose(np.cross(off, pair.motion.axis), 0.0, atol=1e-10)
+    nodes = grid.blocks[0].nodes
+    one, other = (nodes[side[0].slices].reshape(-1, 3) for side in (pair.windows, pair.others))
+    np.testing.assert_allclose(pair.motion.move(one), other, atol=1e-11)
+    np.testing.assert_allclose(pair.motion.inverse().move(other), one, atol=1e-11)
+    assert "through" in str(pair.motion)
+    assert "17.1887 deg" in str(pair.motion)
 
 
 def test_sides_that_are_cut_differently_are_a_pair():
