@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..io.disk import replaced_file
 from ..io.formats import MODEL
 from ..io.patch_certainty import SURENESS, Certainty, how_sure
-from ..io.patch_guess import draft_patches, guess_undeclared
+from ..io.patch_guess import draft_patches, gathered, guess_undeclared
 from ..model.fitted_model import FittedModel
 from ..topology.detection import find_topology
 from ..topology.grid import Grid, Patch
@@ -68,8 +68,8 @@ def inspect_grid(
         progress(0.5, "topology")
         topology = model.topology if model else find_topology(grid)
         progress(0.9, "walls")
-        guesses = guess_undeclared(grid, topology)
-        certainties = how_sure(grid, guesses)
+        faces = guess_undeclared(grid, topology)
+        guesses, certainties = gathered(faces), how_sure(faces)
         spacings = wall_spacings(_with_guesses(grid, guesses))
     numbers = {**grid_numbers(grid, topology), "walls": spacing_numbers(spacings, reynolds)}
     numbers["guesses"] = [_guess_numbers(*guess) for guess in zip(guesses, certainties)]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import tomlkit
@@ -17,8 +17,20 @@ from ..topology.grid import Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
 from ..topology.periodic import find_periodic
 from ..topology.topology import Topology
+from .boundary_planes import BoundaryPlane, find_planes
+from .grid_frame import GridFrame, first_cells
+from .patch_certainty import FaceGuess, judge_periodic, judge_place, judge_symmetry
+from .symmetry_guess import Places, doubtful_faces, find_symmetry
 
-__all__ = ["GridFrame", "draft_patches", "guess_patches", "guess_undeclared", "kind_of_name", "with_guessed_patches"]
+__all__ = [
+    "draft_patches",
+    "gathered",
+    "guess_faces",
+    "guess_patches",
+    "guess_undeclared",
+    "kind_of_name",
+    "with_guessed_patches",
+]
 
 _KIND_OF_PREFIX = {
     "sym": "symmetry",
@@ -38,60 +50,17 @@ _KIND_OF_PREFIX = {
     "back": "farfield",
 }
 
-PLANAR = 1e-6
-"""A face is planar when its nodes leave the plane by less than this part of the grid's size."""
+ALIGNED = 1e-6
+"""Normals whose product leaves 1 by less than this are parallel: by some 0.08 deg."""
 
-FAR = 0.3
-"""A face is far field when all of it is further from the middle of the grid than this part of the farthest node."""
+_KINDS = ("symmetry", "wall", "periodic", "farfield")
+"""What names of guessed patches begin with, in the order of the patches."""
 
-_KINDS = {"symmetry": "symmetry", "wall": "wall", "periodic": "other", "farfield": "farfield"}
-"""Kinds of what is guessed, by the word that its name begins with."""
-
-_NODES_SAMPLED = 100_000  # enough for the median, which need not be exact
 _HEADER = """Patches of {source}: a draft to be checked.
 Kinds: wall, symmetry, farfield, other. Faces that are not named are free boundaries or found interfaces.
 A face may be cut: {{ block = 1, face = "kmin", i = [1, 13] }} (nodes counted from 1).
-Symmetry was guessed for planes at the rim of the grid, periodic for pairs of faces that a rotation about an axis or a
-translation lays onto each other, far field for distant faces, wall for the rest."""
-
-
-@dataclass(frozen=True)
-class GridFrame:
-    """Extent of a grid and where most of its nodes are.
-
-    Parameters
-    ----------
-    low, high : ndarray, shape (3,)
-        Corners of the box of the grid (m).
-    middle : ndarray, shape (3,)
-        Where most nodes are (m).
-    radius : float
-        Distance of the farthest node from there (m).
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    middle: np.ndarray
-    radius: float
-
-    @classmethod
-    def of(cls, grid: Grid) -> GridFrame:
-        """Measure a grid; its middle is judged from nodes spread over it."""
-        low = np.min([block.nodes.min(axis=(0, 1, 2)) for block in grid.blocks], axis=0)
-        high = np.max([block.nodes.max(axis=(0, 1, 2)) for block in grid.blocks], axis=0)
-        step = 1 + grid.n_nodes // _NODES_SAMPLED
-        sample = np.concatenate([block.nodes.reshape(-1, 3)[::step] for block in grid.blocks])
-        middle = np.median(sample, axis=0)
-        return cls(low, high, middle, float(np.linalg.norm(sample - middle, axis=1).max()))
-
-    @property
-    def size(self) -> float:
-        """Longest side of the box (m)."""
-        return float((self.high - self.low).max())
-
-    def distance(self, nodes: np.ndarray) -> float:
-        """Smallest distance of nodes (..., 3) from the middle, as a part of the radius."""
-        return float(np.linalg.norm(nodes - self.middle, axis=-1).min() / self.radius)
+Symmetry was guessed for planes at the rim of the grid in which other faces end at a right angle, periodic for pairs of
+faces that a rotation or a translation lays onto each other, far field for distant faces, wall for the rest."""
 
 
 def kind_of_name(name: str) -> str:
@@ -129,11 +98,11 @@ def with_guessed_patches(grid: Grid) -> Grid:
     Grid
         The grid with its patches, and with guessed ones on the rest of its boundary.
     """
-    guessed = guess_undeclared(grid, find_topology(grid))
+    guessed = gathered(guess_undeclared(grid, find_topology(grid)))
     return replace(grid, patches=(*grid.patches, *guessed)) if guessed else grid
 
 
-def guess_undeclared(grid: Grid, topology: Topology) -> tuple[Patch, ...]:
+def guess_undeclared(grid: Grid, topology: Topology) -> tuple[FaceGuess, ...]:
     """Guess what the boundary of a grid is where nobody declared it, under names that are free.
 
     Parameters
@@ -145,20 +114,16 @@ def guess_undeclared(grid: Grid, topology: Topology) -> tuple[Patch, ...]:
 
     Returns
     -------
-    tuple of Patch
-        See `guess_patches`; a name that a declared patch has gets ``_guessed`` behind it.
+    tuple of FaceGuess
+        See `guess_faces`; a name that a declared patch has gets ``_guessed`` behind it.
     """
-    guessed = guess_patches(grid, [face.window for face in topology.boundary if face.patch is None])
+    guesses = guess_faces(grid, [face.window for face in topology.boundary if face.patch is None])
     taken = {patch.name for patch in grid.patches}
-    return tuple(replace(p, name=f"{p.name}_guessed") if p.name in taken else p for p in guessed)
+    return tuple(replace(g, name=f"{g.name}_guessed") if g.name in taken else g for g in guesses)
 
 
 def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
-    """Guess what boundary windows are.
-
-    A window is *symmetry* when it lies in a coordinate plane that bounds the grid, and that plane passes through the
-    origin or its block is one cell deep there; *periodic*, of the kind ``other``, when it is on one side of a pair that
-    `find_periodic` finds; *far field* when it keeps away from where most nodes are; else *wall*.
+    """Guess what boundary windows are: the patches of `guess_faces`.
 
     Parameters
     ----------
@@ -170,44 +135,82 @@ def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
     Returns
     -------
     tuple of Patch
-        Patches ``symmetry_x`` (or y, z), ``wall``, ``periodic_1a`` and ``periodic_1b`` (and so on) and ``farfield``,
-        those that were found.
+        Patches ``symmetry_x`` (or y, z; ``symmetry_1`` and so on where the plane is oblique), ``wall``,
+        ``periodic_1a`` and ``periodic_1b`` (and so on) and ``farfield``, those that were found.
+    """
+    return gathered(guess_faces(grid, windows))
+
+
+def gathered(guesses: Sequence[FaceGuess]) -> tuple[Patch, ...]:
+    """Gather guesses at faces by their names."""
+    names = {guess.name: guess.kind for guess in guesses}
+    return tuple(
+        Patch(name, kind, tuple(guess.window for guess in guesses if guess.name == name))
+        for name, kind in names.items()
+    )
+
+
+def guess_faces(grid: Grid, windows: Sequence[Window]) -> tuple[FaceGuess, ...]:
+    """Guess what boundary windows are, and how sure that is.
+
+    A window is *periodic*, of the kind ``other``, when it is on one side of a pair that `find_periodic` finds;
+    *symmetry* when it lies in a plane that bounds the grid, and its block is one cell deep there or other surfaces end
+    in the plane at a right angle; *far field* when it keeps away from where most nodes are; else *wall*. Nothing of
+    that depends on where the grid is, how it is turned or mirrored, or on its unit.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid; patches of it that are walls or far fields are evidence.
+    windows : sequence of Window
+        The windows.
+
+    Returns
+    -------
+    tuple of FaceGuess
+        One of each window, sorted by the names of patches.
     """
     if not windows:
         return ()
-    frame = GridFrame.of(grid)
-    found: dict[str, list[Window]] = {}
-    for window in windows:
-        found.setdefault(_guess(grid, window, frame), []).append(window)
-    pairs = find_periodic(grid, [window for name in ("wall", "farfield") for window in found.get(name, ())])
-    for number, pair in enumerate(pairs, start=1):
+    found: dict[Window, FaceGuess] = {}
+    for number, pair in enumerate(find_periodic(grid, windows), start=1):
         for letter, side in zip("ab", (pair.windows, pair.others)):
-            found[f"periodic_{number}{letter}"] = list(side)
-            for name in ("wall", "farfield"):
-                found[name] = [window for window in found.get(name, ()) if window not in side]
-    order = sorted(filter(found.get, found), key=lambda name: (list(_KINDS).index(name.split("_")[0]), name))
-    return tuple(Patch(name, _KINDS[name.split("_")[0]], tuple(found[name])) for name in order)
+            found |= {window: judge_periodic(window, f"periodic_{number}{letter}", pair.motion) for window in side}
+    found |= _guess_places(grid, [window for window in windows if window not in found])
+    order = sorted(windows, key=lambda w: (_KINDS.index(found[w].name.split("_")[0]), found[w].name))
+    return tuple(found[window] for window in order)
 
 
-def _guess(grid: Grid, window: Window, frame: GridFrame) -> str:
-    """Name what a window probably is, periodic planes apart."""
-    nodes = grid.blocks[window.block].nodes[window.slices].reshape(-1, 3)
-    for axis, letter in enumerate("xyz"):
-        if _is_symmetry(grid, window, nodes[:, axis], frame, axis):
-            return f"symmetry_{letter}"
-    return "farfield" if frame.distance(nodes) > FAR else "wall"
+def _guess_places(grid: Grid, windows: Sequence[Window]) -> dict[Window, FaceGuess]:
+    """Guess at windows that are not periodic."""
+    frame = GridFrame.of(grid)
+    cells = {window: first_cells(grid, window) for window in windows}
+    distances = {window: frame.distance(grid.blocks[window.block].nodes[window.slices]) for window in windows}
+    found = {window: judge_place(window, distances[window], cells[window]) for window in windows}
+    planes = find_planes(grid, windows, frame.radius)
+    places = Places.of(grid, planes, distances, cells, found)
+    names = _names(planes)
+    for window in doubtful_faces(places):
+        found[window] = replace(found[window], level="unsure", reason=f"a plane, {found[window].reason}")
+    for n in find_symmetry(places):
+        for window in planes[n].windows:
+            found[window] = judge_symmetry(window, names[n], cells[window])
+    return found
 
 
-def _is_symmetry(grid: Grid, window: Window, values: np.ndarray, frame: GridFrame, axis: int) -> bool:
-    """Whether a window is a plane of symmetry normal to an axis, from its nodes' values along it."""
-    tolerance = PLANAR * frame.size
-    level = float(values.mean())
-    is_outermost = min(abs(level - frame.low[axis]), abs(level - frame.high[axis])) <= tolerance
-    if np.ptp(values) > tolerance or not is_outermost:
-        return False
-    shape = grid.shapes[window.block]
-    is_one_deep = any(n <= 2 and lo == hi for n, lo, hi in zip(shape, window.lo, window.hi))
-    return is_one_deep or abs(level) <= tolerance
+def _names(planes: Sequence[BoundaryPlane]) -> list[str]:
+    """Name planes by the axis that they are normal to, and number the other directions; parallel ones alike."""
+    names: list[str] = []
+    directions: list[np.ndarray] = []
+    for plane in planes:
+        axis = int(np.argmax(np.abs(plane.normal)))
+        if abs(plane.normal[axis]) > 1.0 - ALIGNED:
+            names.append(f"symmetry_{'xyz'[axis]}")
+            continue
+        alike = [n for n, normal in enumerate(directions) if abs(normal @ plane.normal) > 1.0 - ALIGNED]
+        directions += [] if alike else [plane.normal]
+        names.append(f"symmetry_{alike[0] + 1 if alike else len(directions)}")
+    return names
 
 
 def draft_patches(grid: Grid, patches: Sequence[Patch], remarks: Mapping[str, str] | None = None) -> str:

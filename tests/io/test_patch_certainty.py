@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from bspline_mdao import find_topology, read_grid
-from bspline_mdao.io.patch_certainty import how_sure
-from bspline_mdao.io.patch_guess import guess_patches
-from bspline_mdao.topology.grid import Block, Grid, Patch
+from bspline_mdao.io.patch_certainty import FaceGuess, how_sure
+from bspline_mdao.io.patch_guess import guess_faces
+from bspline_mdao.topology.grid import Block, Grid
 from bspline_mdao.topology.index_space import Window
 
 
@@ -21,8 +21,8 @@ def shell(spacing):
 
 
 def levels(grid, faces=range(4)):
-    patches = guess_patches(grid, [Window.whole(0, grid.shapes[0]).face(face) for face in faces])
-    return {patch.name: certainty.level for patch, certainty in zip(patches, how_sure(grid, patches))}
+    guesses = guess_faces(grid, [Window.whole(0, grid.shapes[0]).face(face) for face in faces])
+    return {guess.name: guess.level for guess in guesses}
 
 
 def test_a_guess_is_sure_where_the_cells_beside_it_agree():
@@ -42,20 +42,21 @@ def test_planes_of_a_grid_one_cell_deep_are_sure_and_finely_resolved_ones_are_no
     grid = shell(np.geomspace(1, 30, 15))
     thin = replace(grid, blocks=(replace(grid.blocks[0], nodes=grid.blocks[0].nodes[:, :, :2]),))
     assert levels(thin, [4, 5]) == {"symmetry_z": "sure"}
-    x, y, z = np.meshgrid(np.linspace(-1, 1, 9), np.geomspace(1e-3, 1, 8) - 1e-3, np.linspace(-1, 1, 7), indexing="ij")
-    floor = Grid((Block(np.stack([x, y, z], axis=-1), "floor"),), source="floor.xyz")
-    patch = Patch("symmetry_y", "symmetry", (Window.whole(0, (9, 8, 7)).face(2),))
-    (certainty,) = how_sure(floor, [patch])
-    assert certainty.level == "unsure"
-    assert "as at walls" in certainty.reason
+    nodes = grid.blocks[0].nodes.copy()
+    nodes[..., 2] = np.geomspace(1e-3, 1, 7) - 1.0  # a half body on a floor
+    floor = Grid((Block(nodes, "floor"),), source="floor.xyz")
+    on_floor = guess_faces(floor, [Window.whole(0, floor.shapes[0]).face(face) for face in range(5)])
+    (guess,) = (guess for guess in on_floor if guess.name == "symmetry_z")
+    assert guess.level == "unsure"
+    assert "as at walls" in guess.reason
 
 
 def test_the_face_that_is_least_sure_stands_for_its_patch():
-    grid = shell(np.geomspace(1, 30, 15))
-    inner, outer = (Window.whole(0, grid.shapes[0]).face(face) for face in (2, 3))
-    (certainty,) = how_sure(grid, [Patch("wall", "wall", (inner, outer))])
-    assert (certainty.level, certainty.window) == ("unsure", outer)
-    assert certainty.n_windows == {"sure": 1, "likely": 0, "unsure": 1}
+    windows = [Window.whole(0, (4, 5, 6)).face(face) for face in range(3)]
+    found = zip(windows, ("likely", "unsure", "sure"), "abc")
+    (certainty,) = how_sure([FaceGuess(window, "wall", "wall", level, reason) for window, level, reason in found])
+    assert (certainty.level, certainty.reason, certainty.window) == ("unsure", "b", windows[1])
+    assert certainty.n_windows == {"sure": 1, "likely": 1, "unsure": 1}
 
 
 TRUTH = {
@@ -74,16 +75,10 @@ def test_what_is_sure_is_right_on_grids_of_others(real_grids, name):
     grid = read_grid(real_grids / name)
     boundary = find_topology(grid).boundary
     declared = {face.window: face.kind for face in boundary}
-    patches = guess_patches(grid, [face.window for face in boundary])
-    n_sure = 0
-    for patch, certainty in zip(patches, how_sure(grid, patches)):
-        for window in patch.windows:
-            (alone,) = how_sure(grid, [replace(patch, windows=(window,))])
-            nodes = grid.blocks[window.block].nodes[window.slices].reshape(-1, 3)
-            tell = TRUTH[name]
-            truth = tell(patch.kind, nodes.min(axis=0), nodes.max(axis=0)) if tell else declared[window]
-            assert alone.level != "sure" or truth == patch.kind
-            assert alone.level == "unsure" or truth == patch.kind
-            n_sure += alone.level == "sure"
-        assert sum(certainty.n_windows.values()) == len(patch.windows)
-    assert (n_sure > 0) == (name != "cgns_nozzle.cgns")  # whose cells are all alike
+    guesses = guess_faces(replace(grid, patches=()), [face.window for face in boundary])
+    for guess in guesses:
+        nodes = grid.blocks[guess.window.block].nodes[guess.window.slices].reshape(-1, 3)
+        tell = TRUTH[name]
+        truth = tell(guess.kind, nodes.min(axis=0), nodes.max(axis=0)) if tell else declared[guess.window]
+        assert guess.level == "unsure" or truth == guess.kind
+    assert any(guess.level == "sure" for guess in guesses) == (name != "cgns_nozzle.cgns")  # whose cells are all alike
