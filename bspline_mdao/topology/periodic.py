@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
@@ -32,11 +33,15 @@ PLANAR = 1e-6
 SMALLEST = 1e-3
 """Rotations by less than this angle (rad), and translations by less than this part of the grid's size, are none."""
 
-ALIGNED = 1e-12
-"""An axis whose component along a coordinate axis leaves 1 by less than this is that axis: 1.4e-6 rad."""
+ALIGNED = 1e-10
+"""An axis whose component along a coordinate axis leaves 1 by less than this is that axis: 1.4e-5 rad."""
 
-MOST_CORNERS, MOST_TRIED = 1_000, 64
-"""Most corners of windows among which pairs are looked for, and motions that are tried, the most frequent first."""
+SMOOTH = 0.7
+"""Windows that meet are one surface when the product of their mean directions inwards is more than this."""
+
+MOST_CORNERS, MOST_TRIED, MOST_OUTER = 1_000, 64, 24
+"""Most corners of windows among which pairs are looked for, motions that are tried, the most frequent first, and
+corners of a surface of several windows."""
 
 
 @dataclass(frozen=True)
@@ -138,11 +143,11 @@ def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, 
     windows = [window for window in windows if grid.shapes[window.block][window.shape.index(1)] > 1]
     if len(windows) < 2 or 4 * len(windows) > MOST_CORNERS:
         return ()
-    nodes = [face_layers(grid.blocks[window.block].nodes, window)[0].reshape(-1, 3) for window in windows]
-    middle = np.mean([part.mean(axis=0) for part in nodes], axis=0)
-    size = 2.0 * max(float(lengths(part - middle).max()) for part in nodes)
+    outline = [face_layers(grid.blocks[window.block].nodes, window)[0].reshape(-1, 3) for window in windows]
+    middle = np.mean([nodes.mean(axis=0) for nodes in outline], axis=0)
+    size = 2.0 * max(float(lengths(nodes - middle).max()) for nodes in outline)
     sides = [_Side.of(grid, window, size) for window in windows]
-    pairs, left = [], {n for n, side in enumerate(sides) if side.normal is None or _bounds(side, nodes, size)}
+    pairs, left = [], {n for n, side in enumerate(sides) if side.normal is None or _bounds(side, outline, size)}
     kept = [sides[n] for n in sorted(left)]
     for motion in [*_rotations(kept, size), *_translations(kept, size)]:
         candidates = [n for n in sorted(left) if sides[n].may_repeat(motion)]
@@ -151,7 +156,8 @@ def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, 
         there, back = (_laid(sides, candidates, m, size) for m in (motion, motion.inverse()))
         if there and back and not there & back:
             first, second = (tuple(windows[n] for n in sorted(part)) for part in (there, back))
-            pairs.append(PeriodicPair(first, second, motion))
+            nodes, others = (np.concatenate([sides[n].nodes for n in sorted(part)]) for part in (there, back))
+            pairs.append(PeriodicPair(first, second, _refined(motion, nodes, others, size)))
             left -= there | back
     return tuple(pairs)
 
@@ -190,6 +196,17 @@ def _bounds(side: _Side, nodes: list[np.ndarray], size: float) -> bool:
     return bool(min(heights.max(), -heights.min()) <= CLOSE * size)
 
 
+def _refined(motion: Motion, nodes: np.ndarray, others: np.ndarray, size: float) -> Motion:
+    """The rotation of all nodes of a side, shape (n, 3), rather than of its corners."""
+    if motion.is_translation:
+        return motion
+    met = cKDTree(others).query(motion.move(nodes))[1]
+    refined = _rotation(nodes, others[met], size)
+    if refined is None:
+        return motion
+    return refined if np.dot(refined.axis, motion.axis) * refined.angle * motion.angle > 0.0 else refined.inverse()
+
+
 def _rotations(sides: list[_Side], size: float) -> list[Motion]:
     """Rotations that lay three corners of a side onto corners, those that most sides ask for first."""
     corners = np.concatenate([np.zeros((0, 3)), *(side.corners for side in sides)])
@@ -208,12 +225,30 @@ def _rotations(sides: list[_Side], size: float) -> list[Motion]:
 
 
 def _triangles(sides: list[_Side], size: float) -> Iterator[tuple[_Side, np.ndarray]]:
-    """Yield each side with the largest triangle of its corners, shape (3, 3)."""
-    for side in sides:
-        threes = side.corners[list(combinations(range(4), 3))]
+    """Yield sides, each with the largest triangle, shape (3, 3), of its corners, or of those of the whole surface."""
+    outlines = [(side, side.corners) for side in sides] + list(_joined(sides, CLOSE * size))
+    for side, corners in outlines:
+        threes = corners[list(combinations(range(len(corners)), 3))]
         areas = lengths(np.cross(threes[:, 1] - threes[:, 0], threes[:, 2] - threes[:, 0]))
         if areas.max() > (SMALLEST * size) ** 2:
             yield side, threes[np.argmax(areas)]
+
+
+def _joined(sides: list[_Side], near: float) -> Iterator[tuple[_Side, np.ndarray]]:
+    """Yield one of the sides that together are one surface, and corners of the whole: of a single side of them each."""
+    corners = np.concatenate([np.zeros((0, 3)), *(side.corners for side in sides)])
+    owner = np.repeat(np.arange(len(sides)), 4)
+    inwards = np.reshape([side.inwards.mean(axis=0) for side in sides], (-1, 3))
+    meets = cdist(corners, corners) <= near
+    shared = np.zeros((len(sides), len(sides)), dtype=int)
+    np.add.at(shared, (owner[:, None], owner[None, :]), meets)
+    n_parts, parts = connected_components((shared >= 2) & (inwards @ inwards.T > SMOOTH), directed=False)
+    for part in range(n_parts):
+        members = np.flatnonzero(parts == part)
+        ids = np.flatnonzero(np.isin(owner, members))
+        outer = ids[meets[np.ix_(ids, ids)].sum(axis=1) == 1]
+        if len(members) > 1 and 3 <= len(outer) <= MOST_OUTER:
+            yield sides[members[0]], corners[outer]
 
 
 def _congruent(corners: np.ndarray, apart: np.ndarray, triangle: np.ndarray, near: float) -> np.ndarray:
@@ -225,9 +260,11 @@ def _congruent(corners: np.ndarray, apart: np.ndarray, triangle: np.ndarray, nea
     return corners[np.stack([a[rows], b[rows], c], axis=1)]
 
 
-def _rotation(triangle: np.ndarray, laid: np.ndarray, size: float) -> Motion | None:
-    """Rotation that lays a triangle onto another; None where it takes a screw or a translation."""
-    turn = _frame(laid) @ _frame(triangle).T
+def _rotation(points: np.ndarray, laid: np.ndarray, size: float) -> Motion | None:
+    """Rotation that lays points, shape (n, 3), onto others best; None where it takes a screw or a translation."""
+    middle, other = points.mean(axis=0), laid.mean(axis=0)
+    u, _, vt = np.linalg.svd((laid - other).T @ (points - middle))
+    turn = (u * [1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     sine = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     angle = float(np.arctan2(lengths(sine), 0.5 * (np.trace(turn) - 1.0)))
     if not SMALLEST < angle < np.pi - SMALLEST:
@@ -238,7 +275,7 @@ def _rotation(triangle: np.ndarray, laid: np.ndarray, size: float) -> Motion | N
     if 1.0 - axis[number] < ALIGNED:
         axis = np.eye(3)[number]
     angle *= float(np.sign(axis @ sine))
-    shift = laid.mean(axis=0) - turn @ triangle.mean(axis=0)
+    shift = other - turn @ middle
     if abs(shift @ axis) > CLOSE * size:
         return None
     across = shift - (shift @ axis) * axis
@@ -246,18 +283,6 @@ def _rotation(triangle: np.ndarray, laid: np.ndarray, size: float) -> Motion | N
     point[np.abs(point) < CLOSE * size] = 0.0
     motion = Motion(tuple(axis.tolist()), angle, tuple(point.tolist()))
     return motion if angle > 0.0 else motion.inverse()
-
-
-def _frame(triangle: np.ndarray) -> np.ndarray:
-    """Orthonormal columns along a triangle's first side, across it in its plane, and normal to it."""
-    along, other = triangle[1] - triangle[0], triangle[2] - triangle[0]
-    normal = np.cross(along, other)
-    columns = [
-        along / lengths(along),
-        np.cross(normal, along) / lengths(normal) / lengths(along),
-        normal / lengths(normal),
-    ]
-    return np.stack(columns, axis=1)
 
 
 def _translations(sides: list[_Side], size: float) -> list[Motion]:

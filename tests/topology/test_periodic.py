@@ -83,6 +83,19 @@ def test_sides_that_are_cut_differently_are_a_pair():
     assert abs(abs(pair.motion.angle) - 2.0 * ANGLE) < 1e-12
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_sides_both_of_which_are_cut_are_a_pair(seed):
+    rng = np.random.default_rng(seed)
+    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.uniform(-9.0, 9.0, 3)
+    low, high = (passage((9, 4, 5)).copy() for _ in range(2))
+    high[..., 1:] = np.stack([*_turned(high[..., 1], high[..., 2], ANGLE)], axis=-1)
+    parts = [low[:3], low[2:], high[:6], high[5:]]
+    grid = Grid(tuple(Block(part @ turn.T + shift, f"block {n + 1}") for n, part in enumerate(parts)))
+    (pair,) = find_periodic(grid, boundary(grid))
+    assert {tuple(window.block for window in side) for side in (pair.windows, pair.others)} == {(0, 1), (2, 3)}
+    assert abs(pair.motion.angle - 2.0 * ANGLE) < 1e-11
+
+
 def _turned(y, z, angle):
     return np.cos(angle) * y - np.sin(angle) * z, np.sin(angle) * y + np.cos(angle) * z
 
