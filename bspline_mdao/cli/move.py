@@ -32,6 +32,7 @@ from ..model.fitted_model import FittedModel
 from ..movement.mover import MEND, IncrementReport, Movement, MovementReport
 from ..numerics.progress import within
 from ..topology.grid import Grid
+from ..topology.periodic_gap import PeriodicGap, periodic_gaps
 from ..topology.sharing import node_sharing
 from ..walls.wall_correction import WallCorrection
 from ..wording import counted
@@ -116,6 +117,7 @@ class Moved:
     after: QualityReport
     newly_inverted: tuple[InvertedCell, ...]
     certificate: Certificate
+    gaps: tuple[PeriodicGap, ...]
 
     @property
     def largest_displacement(self) -> float:
@@ -223,7 +225,8 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) 
     baseline = model.regenerate()
     grid, miss = _grid(model, options, deformation, movement.points, baseline)
     progress(0.8, "quality")
-    return Moved(mesh, model.control_points, surface, movement, grid, miss, *_compared(baseline, grid))
+    gaps = periodic_gaps(model.topology, baseline, grid)
+    return Moved(mesh, model.control_points, surface, movement, grid, miss, *_compared(baseline, grid), gaps)
 
 
 def _grid(
@@ -297,6 +300,17 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "after": {name: getattr(moved.after, name) for name in QUALITY},
         "certificate": certificate_numbers(moved.certificate),
         "heights": height_numbers(moved.after.heights, is_compared=True),
+        "periodic_gaps": [gap_numbers(gap) for gap in moved.gaps],
+    }
+
+
+def gap_numbers(gap: PeriodicGap) -> dict:
+    """Collect the numbers of a gap between periodic faces for JSON; blocks and nodes are from 1."""
+    return {
+        "motion": str(gap.pair.motion),
+        "gap": gap.gap,
+        "block": gap.node.block + 1,
+        "node": [n + 1 for n in gap.node.lo],
     }
 
 
@@ -355,6 +369,7 @@ def _warnings(moved: Moved) -> list[str]:
         worst = moved.newly_inverted[0]
         warnings.append(f"warning: {counted(moved.after.n_inverted, 'inverted cell')} now, the worst {worst}")
     warnings += [f"warning: {text}" for text in height_warnings(moved.after.heights)]
+    warnings += [f"warning: {gap}" for gap in moved.gaps]
     digits = moved.movement.report.digits
     if digits < FEW_DIGITS:
         warnings.append(

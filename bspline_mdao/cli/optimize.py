@@ -17,6 +17,7 @@ from ..errors import InputError, MovementError
 from ..extras import INSTALL, library
 from ..io.disk import deferred_interrupts
 from ..io.run_folder import RunFolder
+from ..model.fitted_model import FittedModel
 from ..numerics.processes import on_first, world
 from ..om.design_summary import DesignSummary
 from ..om.drivers.case_file import count_cases
@@ -24,6 +25,7 @@ from ..om.drivers.nlopt_driver import NLoptDriver
 from ..study.same_problem import problem_of
 from ..study.script import SCRIPT, study_script
 from ..study.study import CASES, Study, read_study
+from ..topology.periodic_gap import periodic_gaps
 from .earlier_run import earlier_cases, killed_cases
 from .lasting_stdout import lasting_stdout
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
@@ -89,6 +91,7 @@ def optimize_study(
         numbers |= {"evaluations_before": run.n_earlier, "seconds": seconds}
         with written_json(json, {"study": str(study), "folder": str(output), **numbers}, comm):
             pass
+        print_warnings(on_first(comm, lambda: _gaps(names["model"], problem)))
         _tell(folder, problem, numbers)
 
 
@@ -127,6 +130,12 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
         folder.discard()
         raise
     return _Run(script, private, count_cases(earlier) if earlier else 0)
+
+
+def _gaps(model: FittedModel, problem: om.Problem) -> list[str]:
+    """Say which periodic faces have drifted apart in the design that was found."""
+    moved = model.regenerate(problem.get_val("control_points").reshape(-1, 3))
+    return [str(gap) for gap in periodic_gaps(model.topology, model.regenerate(), moved)]
 
 
 def _is_reported(study: Study) -> bool:

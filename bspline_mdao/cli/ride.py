@@ -23,8 +23,9 @@ from ..names import CONTROL_POINTS
 from ..riding.riding_mesh import RiddenMesh, RidingMesh
 from ..riding.section_span import section_span
 from ..riding.wall_faces import GridBoundary
+from ..topology.periodic_gap import PeriodicGap, periodic_gaps
 from ..wording import counted
-from .move import MoveOptions, moved_control_mesh
+from .move import MoveOptions, gap_numbers, moved_control_mesh
 from .movers import MoverOptions
 from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
 
@@ -77,6 +78,7 @@ class _Ridden:
     before: CellQuality
     after: CellQuality
     ratios: np.ndarray
+    gaps: tuple[PeriodicGap, ...]
     seconds: float
 
     @property
@@ -116,7 +118,7 @@ def ride_along(model_file: Path, mesh_file: Path, output: Path, json: Path | Non
         progress(0.1, "looking for the nodes in the volumes")
         riding = RidingMesh.of(model, file.mesh, options.wall, options.tolerance, options.hold_outside)
         progress(0.6, "moving")
-        found = _measured(_state(model, model_file, riding, options), start)
+        found = _measured(model, *_state(model, model_file, riding, options), start)
         if len(found.newly_inverted) and not options.allow_invalid:
             raise MovementError(_complaint(found))
         progress(0.9, "writing")
@@ -126,16 +128,20 @@ def ride_along(model_file: Path, mesh_file: Path, output: Path, json: Path | Non
     print_warnings(_warnings(found))
 
 
-def _state(model: FittedModel, model_file: Path, riding: RidingMesh, options: RideOptions) -> RiddenMesh:
-    """Move the mesh."""
+def _state(
+    model: FittedModel, model_file: Path, riding: RidingMesh, options: RideOptions
+) -> tuple[RiddenMesh, np.ndarray]:
+    """Move the mesh; return the control points as well."""
     if options.to is not None:
-        return riding.at(_known_points(options.to, model))
+        points = _known_points(options.to, model)
+        return riding.at(points), points
     chosen = {name: getattr(options, name) for name in ("deform", "design", "slide", "fix", "release", "mover")}
     _, deformation, _, movement = moved_control_mesh(model, model_file, MoveOptions(**chosen))
     state = riding.at(movement.points)
     if riding.walls is None or any(isinstance(part, PrescribedPoints) for part in deformation.maps):
-        return state
-    return riding.at(movement.points, _asked(model, riding, state.points, deformation, options.design))
+        return state, movement.points
+    asked = _asked(model, riding, state.points, deformation, options.design)
+    return riding.at(movement.points, asked), movement.points
 
 
 def _known_points(path: Path, model: FittedModel) -> np.ndarray:
@@ -180,12 +186,13 @@ def _asked(
     return wall
 
 
-def _measured(state: RiddenMesh, start: float) -> _Ridden:
-    """Measure the cells and the heights at walls."""
+def _measured(model: FittedModel, state: RiddenMesh, points: np.ndarray, start: float) -> _Ridden:
+    """Measure the cells, the heights at walls, and gaps between periodic faces of the grid."""
     mesh, walls = state.of.mesh, state.of.walls
     ratios = np.zeros(0) if walls is None else walls.heights(state.points) / walls.heights(mesh.points)
     seconds = time.process_time() - start
-    return _Ridden(state, mesh.quality(), mesh.quality(state.points), ratios, seconds)
+    gaps = periodic_gaps(model.topology, model.regenerate(), model.regenerate(points))
+    return _Ridden(state, mesh.quality(), mesh.quality(state.points), ratios, gaps, seconds)
 
 
 def _quantiles(ratios: np.ndarray) -> dict[str, float]:
@@ -214,6 +221,7 @@ def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _Ridden
         "n_inverted": {"before": int(found.before.is_inverted.sum()), "after": int(found.after.is_inverted.sum())},
         "newly_inverted": found.newly_inverted[:100].tolist(),
         "heights": _quantiles(found.ratios),
+        "periodic_gaps": [gap_numbers(gap) for gap in found.gaps],
         "seconds": found.seconds,
     }
 
@@ -292,4 +300,4 @@ def _warnings(found: _Ridden) -> list[str]:
             f"the first nodes at walls are {quantiles['p01']:.3g} to {quantiles['p99']:.3g} times as high as before "
             f"(1 % to 99 %), and so is y+"
         )
-    return warnings
+    return warnings + [str(gap) for gap in found.gaps]

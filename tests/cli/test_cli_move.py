@@ -453,3 +453,27 @@ def test_a_grid_without_patches_is_reported_how_to_get_them(workplace, capsys):
 def test_the_file_of_points_is_not_replaced(workplace, capsys):
     assert run(move(*FLOOR, "--surface", "new.csv", "--mover", "transfinite")) == 0
     fails_as_expected(move("--deform", "new.csv", "--surface", "new.csv"), capsys, "new.csv", "is read by this command")
+
+
+def test_periodic_sides_that_a_move_takes_apart_are_named_with_the_gap(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    i, j, k = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in (9, 8, 7)), indexing="ij")
+    turn, radius = 0.3 * (j + 0.4 * i**2), 2.0 + k
+    grid = grid_of(np.stack([3.0 * i, radius * np.cos(turn), radius * np.sin(turn)], axis=-1))
+    whole = Window.whole(0, grid.shapes[0])
+    patches = (Patch("hub", "wall", (whole.face(4),)), Patch("sides", "other", (whole.face(2), whole.face(3))))
+    fit_grid(replace(grid, patches=patches)).save("passage.h5")
+    shift = ["move", "passage.h5", "--deform", "bumps=0.03,seed=1,wavelength=2", "-o", "m.xyz", "--json", "m.json"]
+    assert run(shift) == 0
+    (gap,) = numbers("m.json")["periodic_gaps"]
+    moved, at_rest = read_grid("m.xyz").blocks[0].nodes, grid.blocks[0].nodes
+    cos, sin = np.cos(0.3), np.sin(0.3)
+    rotation = np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]])
+    np.testing.assert_allclose(at_rest[:, 0] @ rotation.T, at_rest[:, -1], atol=1e-12)
+    apart = np.linalg.norm(moved[:, 0] @ rotation.T - moved[:, -1], axis=-1)
+    assert gap["gap"] == pytest.approx(apart.max(), rel=1e-6)
+    assert apart.max() > 1e-3
+    told = " ".join(capsys.readouterr().out.split())
+    assert f"are {apart.max():.3g} m apart" in told
+    assert run(["move", "passage.h5", "--deform", "twist=0deg", "-o", "n.xyz", "--json", "n.json"]) == 0
+    assert numbers("n.json")["periodic_gaps"] == []

@@ -11,9 +11,10 @@ from bspline_mdao.cli.inspect import grid_numbers
 from bspline_mdao.io.files import read_grid
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.topology.detection import find_topology
-from bspline_mdao.topology.grid import Block, Grid
+from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.periodic import find_periodic
+from bspline_mdao.topology.periodic_gap import periodic_gaps
 
 ANGLE = 0.3
 
@@ -125,6 +126,25 @@ def test_blades_that_repeat_are_walls():
 def test_boxes_and_balls_have_no_periodic_faces(make, octant):
     grid = replace(make((5, 5, 5, 5), octant=octant), patches=())
     assert find_periodic(grid, boundary(grid)) == ()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_sides_that_drift_apart_are_found_with_the_gap_and_the_node(seed):
+    rng = np.random.default_rng(seed)
+    grid = Grid((Block(passage(), "block 1"),))
+    topology = find_topology(grid)
+    pitch = np.array([[1, 0, 0], [0, np.cos(0.7), -np.sin(0.7)], [0, np.sin(0.7), np.cos(0.7)]])
+    alike = replace(grid, blocks=(Block(grid.blocks[0].nodes @ pitch.T, "block 1"),))  # about the axis of the pair
+    assert periodic_gaps(topology, grid, grid) == periodic_gaps(topology, grid, alike) == ()
+    nodes, step = grid.blocks[0].nodes.copy(), rng.normal(0.0, 0.01, 3)
+    place = (int(rng.integers(7)), int(rng.choice([0, 5])), int(rng.integers(5)))
+    nodes[place] += step
+    (found,) = periodic_gaps(topology, grid, replace(grid, blocks=(Block(nodes, "block 1"),)))
+    assert found.gap == pytest.approx(np.linalg.norm(step), rel=1e-9)
+    assert (found.node.lo[0], found.node.lo[2]) == (place[0], place[2])
+    assert f"{found.gap:.3g} m apart" in str(found)
+    declared = replace(grid, patches=(Patch("sides", "wall", found.pair.windows),))
+    assert periodic_gaps(find_topology(declared), grid, replace(grid, blocks=(Block(nodes, "block 1"),))) == ()
 
 
 @pytest.mark.slow
