@@ -171,7 +171,8 @@ def planes_of_edges(surface: SurfaceGrid, edges: np.ndarray, what: str) -> tuple
     """
     ends = surface.points[edges]
     distance = [np.abs(ends @ plane.normal - plane.offset).max(axis=1) for plane in surface.planes]
-    is_far = np.reshape(distance, (len(surface.planes), len(edges))) > _IN_PLANE * surface.size
+    near = np.reshape([_IN_PLANE * surface.size + 2.0 * plane.roughness for plane in surface.planes], (-1, 1))
+    is_far = np.reshape(distance, (len(surface.planes), len(edges))) > near
     if is_far.all(axis=0).any():
         raise InputError(_complaint(surface, edges[np.argmax(is_far.all(axis=0))], what))
     used, numbers = np.unique(np.argmin(is_far, axis=0) if len(edges) else [], return_inverse=True)

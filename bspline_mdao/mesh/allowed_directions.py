@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..numerics.mean_planes import MeanPlane, mean_planes, near_enough
 from ..numerics.vectors import is_line, nearest_plane
 
-__all__ = ["AllowedDirections", "plane_normal", "sliding_planes"]
+__all__ = ["AllowedDirections", "required_planes", "sliding_planes"]
 
 INDEPENDENT = 1e-3
 """A normal counts where it leaves the span of the others by more than this, some 0.06 deg: more than planes of real
@@ -91,20 +92,24 @@ class AllowedDirections:
         return np.arange(3) >= self.n_normals[:, None], rows
 
 
-def plane_normal(
-    points: np.ndarray, what: str, why: str = "is of kind symmetry", advice: str = "make its kind 'other'"
-) -> np.ndarray:
-    """Unit normal of the points of a patch that ought to be planar, shape (n, 3).
+def required_planes(
+    parts: Sequence[np.ndarray],
+    whats: Sequence[str],
+    why: str = "is of kind symmetry",
+    advice: str = "make its kind 'other'",
+) -> list[MeanPlane]:
+    """Mean planes of patches that ought to be planar but for their roughness, from the points, shape (n, 3), of each.
 
     Raises
     ------
     InputError
-        If they are not in a plane; ``what`` names the patch, ``why`` it has to be planar, ``advice`` what to do.
+        If one is not; ``whats`` name the patches, ``why`` they have to be planar, ``advice`` what to do.
     """
-    normal, distances, tolerance = nearest_plane(points)
-    if distances.max() > tolerance:
-        raise InputError(f"{what} {why}, but leaves its plane by {distances.max():.3g} m; {advice}")
-    return normal
+    planes, near = mean_planes(parts), near_enough(parts)
+    for plane, what in zip(planes, whats):
+        if plane.roughness > near:
+            raise InputError(f"{what} {why}, but leaves its plane by {plane.roughness:.3g} m; {advice}")
+    return planes
 
 
 def sliding_planes(

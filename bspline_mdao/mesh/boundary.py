@@ -22,10 +22,11 @@ from ..checks import as_array, require_kind
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..model.model_share import ModelShare
+from ..numerics.mean_planes import MeanPlane
 from ..splines.greville import greville_abscissae
 from ..topology.sharing import boundary_sections
 from ..topology.topology import BoundaryFace, Topology, describe
-from .allowed_directions import AllowedDirections, plane_normal, sliding_planes
+from .allowed_directions import AllowedDirections, required_planes, sliding_planes
 from .moving_mesh import MovingMesh
 
 __all__ = [
@@ -197,11 +198,10 @@ def _mesh(
             others.append((face, ids))
     fixed: list[tuple[BoundaryFace, np.ndarray]] = []
     undecided: list[tuple[BoundaryFace, np.ndarray]] = []
+    for ids, asked_plane in _asked_planes(others, points, asked, topology.source):
+        allowed.keep_in_plane(ids, asked_plane.normal)
     for face, ids in others:
-        normal = _normal(face, points[ids], asked, topology.source)
-        if normal is not None:
-            allowed.keep_in_plane(ids, normal)
-        else:
+        if not (_is_asked_to_slide(face, asked) or _is_symmetry(face, asked)):
             (undecided if _may_slide(face, asked) else fixed).append((face, ids))
     planes = sliding_planes([ids for _, ids in undecided], points, allowed.surface)
     for (face, ids), plane in zip(undecided, planes):
@@ -223,14 +223,22 @@ def _mesh(
     )
 
 
-def _normal(face: BoundaryFace, points: np.ndarray, asked: _Requests, source: str) -> np.ndarray | None:
-    """Normal of the plane of a face that has to slide; None for others."""
-    what = f"{source}: patch {face.patch}"
-    if face.patch in asked.sliding:
-        return plane_normal(points, what, "is to slide", "fix or release it")
-    if face.kind == "symmetry" and face.patch not in asked.fixed:
-        return plane_normal(points, what)
-    return None
+def _asked_planes(others, points: np.ndarray, asked: _Requests, source: str) -> Iterator[tuple[np.ndarray, MeanPlane]]:
+    """Yield the points of the faces that have to slide, and the mean plane of each."""
+    for is_wanted, reason in ((_is_asked_to_slide, ("is to slide", "fix or release it")), (_is_symmetry, ())):
+        found = [(face, ids) for face, ids in others if is_wanted(face, asked)]
+        whats = [f"{source}: patch {face.patch}" for face, _ in found]
+        planes = required_planes([points[ids] for _, ids in found], whats, *reason)
+        yield from ((ids, plane) for (_, ids), plane in zip(found, planes))
+
+
+def _is_asked_to_slide(face: BoundaryFace, asked: _Requests) -> bool:
+    return face.patch in asked.sliding
+
+
+def _is_symmetry(face: BoundaryFace, asked: _Requests) -> bool:
+    """Whether a face slides because of its kind."""
+    return face.kind == "symmetry" and face.patch not in asked.fixed and face.patch not in asked.sliding
 
 
 def _may_slide(face: BoundaryFace, asked: _Requests) -> bool:
@@ -262,13 +270,11 @@ def symmetry_planes(model: FittedModel) -> list[tuple[np.ndarray, float, np.ndar
     InputError
         If a patch of symmetry is not planar.
     """
-    topology, found = model.topology, []
-    for face, ids in boundary_points(topology, model.mesh.control_ids):
-        if face.kind == "symmetry":
-            points = model.control_points[ids]
-            normal = plane_normal(points, f"{topology.source}: patch {face.patch}")
-            found.append((normal, float(points.mean(axis=0) @ normal), ids))
-    return found
+    topology = model.topology
+    found = [face for face in boundary_points(topology, model.mesh.control_ids) if face[0].kind == "symmetry"]
+    whats = [f"{topology.source}: patch {face.patch}" for face, _ in found]
+    planes = required_planes([model.control_points[ids] for _, ids in found], whats)
+    return [(plane.normal, plane.offset, ids) for plane, (_, ids) in zip(planes, found)]
 
 
 def wall_patches(topology: Topology) -> tuple[str, ...]:

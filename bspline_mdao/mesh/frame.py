@@ -32,10 +32,13 @@ class Plane(OneLine):
         Unit normal.
     offset : float
         Distance from the origin along the normal (m).
+    roughness : float
+        Largest distance of a node that is in it (m).
     """
 
     normal: np.ndarray
     offset: float
+    roughness: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from ..model.fitted_model import FittedModel
 from ..numerics.vectors import nearest_plane
 from ..topology.index_space import section_rows
 from ..topology.periodic import PeriodicPair, find_periodic
-from .allowed_directions import AllowedDirections, plane_normal
+from .allowed_directions import AllowedDirections, required_planes
 from .boundary import boundary_points, matching_patches
 
 __all__ = ["held_periodic_planes", "interior_directions"]
@@ -46,13 +46,15 @@ def interior_directions(model: FittedModel, sliding: str | Sequence[str] = ()) -
     topology, points, blocks = model.topology, model.control_points, model.mesh.control_ids
     asked = matching_patches(topology, sliding)
     allowed = AllowedDirections.of(len(points))
-    for face, ids in boundary_points(topology, blocks):
-        what = f"{topology.source}: patch {face.patch}"
-        if face.patch in asked:
-            allowed.keep_in_plane(ids, plane_normal(points[ids], what, "is to slide", "leave it out"))
-        elif face.kind == "symmetry":
-            allowed.keep_in_plane(ids, plane_normal(points[ids], what))
-        else:
+    faces = list(boundary_points(topology, blocks))
+    asked_for = [(face, ids) for face, ids in faces if face.patch in asked]
+    symmetry = [(face, ids) for face, ids in faces if face.patch not in asked and face.kind == "symmetry"]
+    for part, reason in ((asked_for, ("is to slide", "leave it out")), (symmetry, ())):
+        whats = [f"{topology.source}: patch {face.patch}" for face, _ in part]
+        for (_, ids), plane in zip(part, required_planes([points[ids] for _, ids in part], whats, *reason)):
+            allowed.keep_in_plane(ids, plane.normal)
+    for face, ids in faces:
+        if face.patch not in asked and face.kind != "symmetry":
             allowed.fix(ids)
     for collapse in topology.collapses:
         ids = blocks[collapse.segment]

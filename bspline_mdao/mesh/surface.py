@@ -15,12 +15,12 @@ from ..checks import require_kind
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..model.model_share import ModelShare, nodes_at
-from ..numerics.vectors import nearest_plane
+from ..numerics.mean_planes import mean_planes
 from ..shown import OneLine
 from ..topology.boundary_surface import BoundarySurface, quads_in_turn
 from ..topology.held_nodes import NodesByRow, face_layer_rows, face_rows, node_copies, source_rows
 from ..topology.topology import BoundaryFace, Topology, describe
-from .allowed_directions import plane_normal
+from .allowed_directions import required_planes
 from .boundary import matching_names, matching_patches, wall_patches
 from .frame import Plane
 
@@ -131,13 +131,10 @@ class SurfaceGrid(OneLine):
         list of (ndarray of int, ndarray of shape (3,))
             For each face of symmetry that holds some: their numbers, and the unit normal of the plane.
         """
-        copies, found = node_copies(model.topology), []
-        for face in model.topology.boundary:
-            if face.kind == "symmetry":
-                rows = face_rows(model.topology, face.window).ravel()
-                ids = np.flatnonzero(np.isin(self.rows, source_rows(copies, rows)))
-                found += [(ids, nearest_plane(nodes_at(model, rows))[0])] if len(ids) else []
-        return found
+        copies, faces = node_copies(model.topology), _rows_of_symmetry(model.topology)
+        planes = mean_planes([nodes_at(model, rows) for rows in faces])
+        ids = [np.flatnonzero(np.isin(self.rows, source_rows(copies, rows))) for rows in faces]
+        return [(numbers, plane.normal) for numbers, plane in zip(ids, planes) if len(numbers)]
 
     @cached_property
     def size(self) -> float:
@@ -174,14 +171,18 @@ def _nodes_at_faces(model: FittedModel | ModelShare, faces: Sequence[BoundaryFac
     return NodesByRow(rows, nodes_at(model, rows))
 
 
+def _rows_of_symmetry(topology: Topology) -> list[np.ndarray]:
+    """Rows of the nodes of each face of symmetry."""
+    return [face_rows(topology, face.window).ravel() for face in topology.boundary if face.kind == "symmetry"]
+
+
 def _symmetry_planes(topology: Topology, nodes: np.ndarray | NodesByRow) -> tuple[Plane, ...]:
     """Planes of the symmetry patches, each once."""
-    planes: dict[tuple, Plane] = {}
-    for face in topology.boundary:
-        if face.kind == "symmetry":
-            x = nodes[face_rows(topology, face.window).ravel()]
-            normal = plane_normal(x, f"{topology.source}: patch {face.patch}")
-            normal = normal * np.sign(normal[np.argmax(np.abs(normal))])
-            offset = float(normal @ x.mean(axis=0))
-            planes.setdefault(tuple(np.round([*normal, offset / np.ptp(x, axis=0).max()], 5)), Plane(normal, offset))
+    whats = [f"{topology.source}: patch {face.patch}" for face in topology.boundary if face.kind == "symmetry"]
+    found = required_planes([nodes[rows] for rows in _rows_of_symmetry(topology)], whats)
+    signs = [np.sign(plane.normal[np.argmax(np.abs(plane.normal))]) for plane in found]
+    planes = {
+        id(plane): Plane(sign * plane.normal, float(sign * plane.offset), plane.roughness)
+        for plane, sign in zip(found, signs)
+    }
     return tuple(planes.values())

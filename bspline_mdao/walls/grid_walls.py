@@ -8,10 +8,12 @@ Theory: ``docs/theory/wall_layer.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..numerics.mean_planes import MeanPlane, mean_planes, near_enough
 from ..numerics.vectors import is_line, nearest_plane
 from ..topology.boundary_surface import BoundarySurface
 from ..topology.held_nodes import (
@@ -24,7 +26,7 @@ from ..topology.held_nodes import (
     source_rows,
 )
 from ..topology.index_space import Window
-from ..topology.topology import Topology
+from ..topology.topology import BoundaryFace, Topology
 from .layer import WallLayer
 from .planes import PlaneNormal
 from .wall import Wall
@@ -97,17 +99,17 @@ class GridWalls:
         size = np.linalg.norm(np.ptp(nodes[boundary_rows(topology, topology.boundary)], axis=0))
         planes: dict[tuple, tuple[np.ndarray, list[np.ndarray]]] = {}
         fixed = [np.zeros(0, dtype=int)]
-        for face in topology.boundary:
-            if face.kind != "wall":
-                rows = source_rows(copies, face_rows(topology, face.window).reshape(_face_shape(face.window)))
-                normal, distances, near = nearest_plane(nodes[rows.ravel()])
-                area = PlaneNormal.of_outline([rows]).area_vector(nodes)
-                if distances.max() > near:
-                    fixed.append(rows.ravel())
-                elif area.any() and not is_line(nodes[rows.ravel()]):
-                    normal = normal * np.sign(normal[np.argmax(np.abs(normal))])
-                    key = tuple(np.round([*normal, normal @ nodes[rows.flat[0]] / size], 5))
-                    planes.setdefault(key, (normal, []))[1].append(rows if area @ normal > 0.0 else rows.T)
+        others = [face for face in topology.boundary if face.kind != "wall"]
+        rows_of = [source_rows(copies, face_rows(topology, f.window).reshape(_face_shape(f.window))) for f in others]
+        for rows, plane in zip(rows_of, _planes(others, [nodes[rows.ravel()] for rows in rows_of])):
+            area = PlaneNormal.of_outline([rows]).area_vector(nodes)
+            if plane is None:
+                fixed.append(rows.ravel())
+            elif area.any() and not is_line(nodes[rows.ravel()]):
+                sign = np.sign(plane.normal[np.argmax(np.abs(plane.normal))])
+                key = tuple(np.round(sign * np.append(plane.normal, plane.offset / size), 5))
+                normal, parts = planes.setdefault(key, (sign * plane.normal, []))
+                parts.append(rows if area @ normal > 0.0 else rows.T)
         found = tuple((np.unique(np.concatenate([f.ravel() for f in faces])), n) for n, faces in planes.values())
         is_met = [np.isin(rows, surface.rows) for rows, _ in found]
         of_wall = [(np.searchsorted(surface.rows, rows[m]), n) for (rows, n), m in zip(found, is_met) if m.any()]
@@ -139,6 +141,20 @@ class GridWalls:
         fixed = held.numbers_of(self.fixed)
         rows = held.numbers_of(self.rows)
         return WallLayer.of(self.wall, nodes, rows, planes, fixed[fixed >= 0], held.copies, n_threads, by_corners=True)
+
+
+def _planes(faces: Sequence[BoundaryFace], nodes: Sequence[np.ndarray]) -> list[MeanPlane | None]:
+    """Planes of faces; planes of symmetry may be rough. None where a face is not planar."""
+    alone = [nearest_plane(points) for points in nodes]
+    planes = [
+        MeanPlane(normal, float(normal @ points[0]), float(distances.max())) if distances.max() <= near else None
+        for points, (normal, distances, near) in zip(nodes, alone)
+    ]
+    numbers = [n for n, face in enumerate(faces) if face.kind == "symmetry"]
+    parts = [nodes[n] for n in numbers]
+    for n, plane in zip(numbers, mean_planes(parts)):
+        planes[n] = plane if plane.roughness <= near_enough(parts) else None
+    return planes
 
 
 def _face_shape(window: Window) -> tuple[int, int]:

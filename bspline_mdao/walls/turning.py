@@ -28,6 +28,7 @@ import numpy as np
 from numba import njit
 
 from ..evaluation.evaluator import Evaluator
+from ..numerics.mean_planes import mean_planes, near_enough
 from ..splines.mesh import BSplineMesh
 from ..topology.boundary_surface import quads_in_turn
 from ..topology.held_nodes import HeldNodes, face_rows
@@ -350,15 +351,22 @@ def _boundary_faces(held: HeldNodes, ids, points: np.ndarray) -> list[_BoundaryF
     numbers: dict[tuple, int] = {}
     topology, faces = held.topology, []
     size = np.linalg.norm(np.ptp(points, axis=0))
-    for face, number, side in boundary_sides(topology):
-        corners = np.take(ids[number], -(side % 2), axis=side // 2)
+    sides = [(*side, np.take(ids[side[1]], -(side[2] % 2), axis=side[2] // 2)) for side in boundary_sides(topology)]
+    parts = [points[corners.ravel()] for face, _, _, corners in sides if face.kind == "symmetry"]
+    near, mirrors = near_enough(parts), iter(mean_planes(parts))  # of symmetry, which may be rough
+    for face, number, side, corners in sides:
         rows = held.numbers_of(face_rows(topology, topology.segments[number].face(side)).ravel())
         quads, plane = quads_in_turn(corners), None
         normal, area = PlaneNormal.of_quads(quads).normal_and_area(points)
         offsets = points[corners.ravel()] @ normal
-        if face.kind != "wall" and area > 0.0 and np.ptp(offsets) <= PLANAR * np.sqrt(area):
+        offset, is_planar = offsets.mean(), np.ptp(offsets) <= PLANAR * np.sqrt(area)
+        if face.kind == "symmetry":
+            mirror = next(mirrors)
+            sign = 1.0 if mirror.normal @ normal > 0.0 else -1.0
+            normal, offset, is_planar = sign * mirror.normal, sign * mirror.offset, mirror.roughness <= near
+        if face.kind != "wall" and area > 0.0 and is_planar:
             sign = np.sign(normal[np.argmax(np.abs(normal))])
-            key = tuple(np.round([*(sign * normal), sign * offsets.mean() / size], 5))
+            key = tuple(np.round([*(sign * normal), sign * offset / size], 5))
             plane, quads = numbers.setdefault(key, len(numbers)), quads if sign > 0.0 else quads[:, ::-1]
         rank = {"wall": 0, "symmetry": 2}.get(face.kind or "", 1)
         faces.append(_BoundaryFace(quads, rows[rows >= 0], rank, plane))

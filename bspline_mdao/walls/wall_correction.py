@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 from scipy import sparse
 
-from ..numerics.vectors import nearest_plane
+from ..numerics.mean_planes import mean_planes
 from ..sparse.spring_network import SpringNetwork
 from ..topology.held_nodes import HeldNodes
 from ..topology.index_space import Window, block_rows, sections_of, whole_slices
@@ -105,7 +105,8 @@ class WallCorrection:
         corners = np.unique(np.concatenate([ids[_CORNERS].ravel() for ids, _ in pieces]))
         is_fixed = np.isin(corners, _fixed_rows(topology, source)) & (place[corners] < 0)
         flat = [whole[f.window.block][f.window.slices].ravel() for f in topology.boundary if f.kind == "symmetry"]
-        normals = [(np.isin(corners, source[members]), nearest_plane(nodes[members])[0]) for members in flat]
+        planes = mean_planes([nodes[members] for members in flat])
+        normals = [(np.isin(corners, source[members]), plane.normal) for members, plane in zip(flat, planes)]
         network = SpringNetwork.of(
             len(corners),
             _edge_lengths(pieces, corners),

@@ -20,7 +20,7 @@ from topology_cases import (
 from bspline_mdao import ball_grid, find_topology, onera_m6_grid, read_grid
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.io.patch_guess import guess_patches
-from bspline_mdao.mesh.allowed_directions import plane_normal
+from bspline_mdao.numerics.vectors import nearest_plane
 from bspline_mdao.topology.index_space import Window, block_rows
 from bspline_mdao.topology.sharing import node_sharing
 from bspline_mdao.walls.wall_correction import PIECE, WallCorrection, _cuts
@@ -69,7 +69,7 @@ def spread_of(grid):
     topology = find_topology(grid)
     nodes = grid.to_vector().reshape(-1, 3)
     rows = np.unique(node_sharing(topology).source_rows()[np.concatenate(faces(topology, "wall"))])
-    planes = [(members, plane_normal(nodes[members], "plane")) for members in faces(topology, "symmetry")]
+    planes = [(members, nearest_plane(nodes[members])[0]) for members in faces(topology, "symmetry")]
     return topology, nodes, planes, WallCorrection.of(topology, nodes, rows)
 
 
