@@ -91,6 +91,7 @@ from .io.meshes.layer_of_cells import SectionSpan as SectionSpan
 from .io.openfoam import CaseField as CaseField
 from .io.openfoam import write_case as write_case
 from .io.openfoam import write_polymesh as write_polymesh
+from .io.plane_grids import lift_plane_grid as lift_plane_grid
 from .io.tecplot import write_tecplot as write_tecplot
 from .io.vtk import write_vtk as write_vtk
 from .measures.area import ProjectedArea as ProjectedArea

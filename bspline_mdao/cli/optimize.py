@@ -16,6 +16,7 @@ import openmdao.api as om
 from ..errors import InputError, MovementError
 from ..extras import INSTALL, library
 from ..io.disk import deferred_interrupts
+from ..io.files import open_grid
 from ..io.run_folder import RunFolder
 from ..model.fitted_model import FittedModel
 from ..numerics.processes import on_first, world
@@ -124,12 +125,20 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
     folder.check([name for name in (*names, *study.folders) if name != taken_over])
     private = folder.begin(problem_of(study))
     try:
-        (private / SCRIPT).write_text(study_script(study, folder.path), encoding="utf-8")
-        script = study_script(study, private, earlier and earlier.resolve())
+        is_plane = _is_plane(study)
+        (private / SCRIPT).write_text(study_script(study, folder.path, is_plane=is_plane), encoding="utf-8")
+        script = study_script(study, private, earlier and earlier.resolve(), is_plane)
     except BaseException:
         folder.discard()
         raise
     return _Run(script, private, count_cases(earlier) if earlier else 0)
+
+
+def _is_plane(study: Study) -> bool:
+    """Whether the grid of a study may be plane: its blocks are one node deep."""
+    if study.is_built_in or study.is_fitted:
+        return False
+    return all(1 in shape for shape in open_grid(study.source.parent / study.grid["file"]).shapes)
 
 
 def _gaps(model: FittedModel, problem: om.Problem) -> list[str]:

@@ -141,7 +141,7 @@ def _read(grid_name: str, patches: Path | None, comm: Any) -> _Read:
         grid, topology = model.regenerate(), model.topology
         grid = read_patches(patches, grid) if patches else grid
     else:
-        grid = load_grid(grid_name, patches)
+        grid = load_grid(grid_name, patches, is_lifted=patches is not None)
         topology = find_topology(grid)
     return _Read(grid, Pieces.of_grid(grid).partition, grid.to_vector().reshape(-1, 3), topology.warnings, comm)
 
@@ -163,7 +163,7 @@ def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
 
 def _grid_in_parts(grid_name: str, patches: Path | None, comm: Any) -> _Read:
     """The nodes of the pieces of this process; the first one sees all of them once, to find what joins them."""
-    grid = stored_grid(grid_name, patches, comm)
+    grid = stored_grid(grid_name, patches, comm, is_lifted=patches is not None)
     topology = on_first(comm, lambda: find_topology(grid.grid()))
     partition = Partition.of(topology, comm.size)
     with together(comm):

@@ -21,7 +21,7 @@ def file_of(grid_name: str) -> str | None:
     return None if grid_name.startswith("@") else grid_name
 
 
-def load_grid(grid_name: str, patches: Path | None = None) -> Grid:
+def load_grid(grid_name: str, patches: Path | None = None, is_lifted: bool = True) -> Grid:
     """Read or generate a grid, and declare its patches.
 
     Parameters
@@ -30,6 +30,8 @@ def load_grid(grid_name: str, patches: Path | None = None) -> Grid:
         File; or a built-in grid as ``@NAME``, or ``@NAME:IxJxK`` with the nodes per block.
     patches : Path, optional
         TOML or NMF file.
+    is_lifted : bool
+        Make a plane grid one cell deep.
 
     Returns
     -------
@@ -42,19 +44,19 @@ def load_grid(grid_name: str, patches: Path | None = None) -> Grid:
     """
     from ..io.files import read_grid  # NumPy and HDF5, for which help should not wait
     from ..io.patches import read_patches
+    from ..io.plane_grids import lift_plane_grid
 
-    if file_of(grid_name):
-        return read_grid(grid_name, patches)
-    grid = _generate(grid_name)
+    grid = read_grid(grid_name) if file_of(grid_name) else _generate(grid_name)
+    grid = lift_plane_grid(grid) if is_lifted else grid
     return read_patches(patches, grid) if patches else grid
 
 
-def stored_grid(grid_name: str, patches: Path | None, comm: Any) -> StoredGrid:
+def stored_grid(grid_name: str, patches: Path | None, comm: Any, is_lifted: bool = True) -> StoredGrid:
     """Open a grid for several processes, which read what they need of a file; a built-in grid each of them makes.
 
     Parameters
     ----------
-    grid_name, patches
+    grid_name, patches, is_lifted
         See `load_grid`.
     comm : communicator
         The processes, all of which call this.
@@ -73,7 +75,9 @@ def stored_grid(grid_name: str, patches: Path | None, comm: Any) -> StoredGrid:
     from ..topology.stored_grid import StoredGrid
 
     if file_of(grid_name):
-        return open_grid(grid_name, patches, comm)
+        stored = open_grid(grid_name, None, comm)
+        if not (is_lifted and all(1 in shape for shape in stored.shapes)):  # others may be plane, and are small
+            return open_grid(grid_name, patches, comm) if patches else stored
     with together(comm):
         return StoredGrid.of(load_grid(grid_name, patches))
 

@@ -19,6 +19,7 @@ from ..topology.topology import Topology
 from .formats import FORMATS, GZIP, MODEL, GridFormat, format_of_content, format_of_name
 from .other_files import head_of_grid
 from .patches import read_patches
+from .plane_grids import PlaneDialect, flattened
 from .plot3d_dialect import Plot3dDialect
 
 __all__ = ["check_grid_name", "open_grid", "read_grid", "write_grid"]
@@ -156,6 +157,8 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     require_grid(grid)
     form = _format_to_write(path, grid)
     write = _function(form, form.writer)
+    if not form.folder and isinstance(grid.dialect, PlaneDialect):
+        grid, topology = flattened(grid), None
     if form.takes_topology:
         write(path, grid, topology)
     else:
@@ -184,7 +187,8 @@ def _format_to_write(path: str | os.PathLike, grid: HasDialect) -> GridFormat:
     """Return the format that a grid is written in under a name."""
     name, plot3d = Path(path), FORMATS[0]
     suffix = plot3d.suffix_of(name)
-    if isinstance(grid.dialect, Plot3dDialect) and suffix == plot3d.suffix_of(Path(grid.source)):
+    dialect = grid.dialect.dialect if isinstance(grid.dialect, PlaneDialect) else grid.dialect
+    if isinstance(dialect, Plot3dDialect) and suffix == plot3d.suffix_of(Path(grid.source)):
         return plot3d  # also where another format has the suffix, such as .dat
     named = format_of_name(name)
     if named is not None:

@@ -172,7 +172,10 @@ class _Requests:
     def of(cls, topology: Topology, n_points: int, design, fixed, released, sliding) -> _Requests:
         for name, segment in zip(topology.segment_names, topology.segments):
             if 1 in segment.shape:
-                raise InputError(f"{topology.source}: {name} is planar; movement needs cells in all three directions")
+                raise InputError(
+                    f"{topology.source}: {name} is planar; movement needs cells in all three directions; "
+                    f"make a plane grid one cell deep by lift_plane_grid"
+                )
         fixed_patches, fixed_point_ids = _split(fixed, n_points)
         design = wall_patches(topology) if design is None else design
         asked = {"fixed": fixed_patches, "released": released, "sliding": sliding}

@@ -12,6 +12,7 @@ from ..checks import as_finite_points
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.family import IndexScaling, refine
 from ..io.cgns import CgnsDialect
+from ..io.plane_grids import PlaneDialect
 from ..shown import Shown
 from ..splines.mesh import BSplineMesh
 from ..topology.boundary_surface import BoundarySurface
@@ -307,8 +308,16 @@ def _scaled_header(header: GridHeader, scaling: IndexScaling) -> GridHeader:
         for block, iblank in enumerate(header.iblanks)
     )
     is_same = all(len(p) == p[-1] + 1 for planes in scaling.planes for p in planes)
-    dialect = header.dialect if is_same or not isinstance(header.dialect, CgnsDialect) else None
-    return replace(header, patches=patches, iblanks=iblanks, dialect=dialect)
+    return replace(
+        header, patches=patches, iblanks=iblanks, dialect=header.dialect if is_same else _copied(header.dialect)
+    )
+
+
+def _copied(dialect: object | None) -> object | None:
+    """Dialect of a grid of other nodes."""
+    if isinstance(dialect, PlaneDialect):
+        return replace(dialect, dialect=_copied(dialect.dialect))
+    return None if isinstance(dialect, CgnsDialect) else dialect
 
 
 def _scaled_patch(patch: Patch, scaling: IndexScaling) -> Patch:

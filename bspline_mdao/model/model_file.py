@@ -35,6 +35,7 @@ from ..errors import InputError
 from ..io.cgns import CgnsDialect
 from ..io.disk import deferred_interrupts, replaced_hdf5_file
 from ..io.formats import MODEL, MODEL_FORMAT
+from ..io.plane_grids import PlaneDialect
 from ..io.plot3d_dialect import Plot3dDialect
 from ..splines.knots import knots_from_array, knots_to_array
 from ..splines.mesh import BSplineMesh
@@ -68,7 +69,18 @@ _RECORDS = {
     for record in (
         *(BlockError, Fallback, FitReport, InvalidElement, LocalError, Raised, WorstNode),
         *(FitSettings, GridHeader, Patch, Topology),
-        *(BoundaryFace, Collapse, Interface, Link, NearMiss, Orientation, Window, Plot3dDialect, CgnsDialect),
+        *(
+            BoundaryFace,
+            Collapse,
+            Interface,
+            Link,
+            NearMiss,
+            Orientation,
+            Window,
+            Plot3dDialect,
+            CgnsDialect,
+            PlaneDialect,
+        ),
     )
 }
 

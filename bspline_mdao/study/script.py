@@ -54,7 +54,7 @@ from bspline_mdao.numerics.processes import together, world
 Part = Iterator[ast.stmt | str]
 
 
-def study_script(study: Study, folder: Path, earlier: Path | None = None) -> str:
+def study_script(study: Study, folder: Path, earlier: Path | None = None, is_plane: bool = False) -> str:
     """Write the script of a study.
 
     Parameters
@@ -65,20 +65,22 @@ def study_script(study: Study, folder: Path, earlier: Path | None = None) -> str
         Folder of the script: names of files in it are relative to that.
     earlier : Path, optional
         Case file of another run, from whose best design it goes on.
+    is_plane : bool
+        Whether the grid is plane, and becomes one cell deep.
 
     Returns
     -------
     str
         Python.
     """
-    return python_text(_Script(study, folder, earlier).parts())
+    return python_text(_Script(study, folder, earlier, is_plane).parts())
 
 
 class _Script:
     """Makes the parts of a script one after the other: statements, comments and blank lines."""
 
-    def __init__(self, study: Study, folder: Path, earlier: Path | None):
-        self.study, self.folder = study, folder
+    def __init__(self, study: Study, folder: Path, earlier: Path | None, is_plane: bool):
+        self.study, self.folder, self.is_plane = study, folder, is_plane
         self.earlier = {"earlier": self._path(str(earlier))} if earlier else {}
         self.objective = objective_response(study.objective["of"], study.conditions)
         self.constraints = {
@@ -115,9 +117,12 @@ class _Script:
             yield statement("model = bm.FittedModel.load(file)", file=self._path(grid["file"]))
         else:
             patches = [self._path(grid["patches"])] if grid["patches"] else []
-            if self.study.is_built_in:
-                place, shape = generator_of(grid["file"])
-                made = call(f"bm.{place.rpartition('.')[2]}", shape)
+            if self.study.is_built_in or self.is_plane:
+                if self.is_plane:
+                    made = call("bm.lift_plane_grid", call("bm.read_grid", self._path(grid["file"])))
+                else:
+                    place, shape = generator_of(grid["file"])
+                    made = call(f"bm.{place.rpartition('.')[2]}", shape)
                 if patches:
                     yield "from bspline_mdao.io.patches import read_patches  # noqa: E402\n"
                     made = call("read_patches", *patches, made)

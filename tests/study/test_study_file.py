@@ -138,6 +138,15 @@ def test_the_script_names_files_as_seen_from_its_folder(tmp_path):
     assert max(map(len, script.splitlines())) <= 120
 
 
+def test_the_script_makes_a_plane_grid_one_cell_deep_before_its_patches_are_read(tmp_path):
+    (tmp_path / "section.xyz").write_bytes(b"")
+    (tmp_path / "section.toml").write_text("")
+    text = STUDY.replace('"@onera_m6"', '"section.xyz"\npatches = "section.toml"')
+    script = study_script(study_of(tmp_path, text), tmp_path, is_plane=True)
+    assert 'read_patches(HERE / "section.toml", bm.lift_plane_grid(bm.read_grid(HERE / "section.xyz")))' in script
+    compile(script, "script", "exec")
+
+
 @pytest.mark.parametrize(
     ("more", "bounds"),
     [
