@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from bspline_mdao import ball_grid, find_topology, fit_grid, moving_mesh, naca_section, read_grid, section_o_grid
 from bspline_mdao.generators.canonical import flat_plate_grid, onera_m6_grid
+from bspline_mdao.io.grid_frame import GridFrame
 from bspline_mdao.io.patch_guess import guess_faces, with_guessed_patches
 from bspline_mdao.topology.grid import Block, Grid
 
@@ -191,3 +192,29 @@ def test_inlets_and_outlets_of_pipes_are_far_field_where_walls_end_in_them_too(s
         found[(np.array(window.lo) == window.hi).argmax()].append(kind)
     assert found[0] == ["farfield", "farfield"]
     assert found[2] == ["symmetry", "symmetry"]
+
+
+def test_planes_far_away_whose_cells_are_coarse_are_far_field_though_the_wing_reaches_them():
+    z = 40.0 * np.sinh(np.linspace(-4.0, 4.0, 31)) / np.sinh(4.0)
+    assert in_planes(extruded(z), z[[0, -1]]) == [("farfield", "sure")] * 2
+
+
+def test_ends_of_a_bent_pipe_are_far_field():
+    along, out, around = np.meshgrid(
+        np.linspace(0.0, 1.0, 15), np.linspace(0.1, 1.0, 8), np.linspace(0.0, 1.0, 13), indexing="ij"
+    )
+    bend, angle = 1.1 * along, 2.0 * np.pi * around
+    radius = 8.0 + (1.0 + 0.4 * along) * out * np.cos(angle)
+    nodes = np.stack([radius * np.sin(bend), radius * np.cos(bend), (1.0 + 0.4 * along) * out * np.sin(angle)], axis=-1)
+    nodes[:, :, -1] = nodes[:, :, 0]
+    found = kinds(Grid((Block(nodes, "bend"),), source="bend.xyz"))
+    assert [kind for window, (kind, _) in found.items() if window.lo[0] == window.hi[0]] == ["farfield", "farfield"]
+
+
+@pytest.mark.parametrize("name", ["wing", "octant", "pipe"])
+def test_the_middle_of_a_grid_goes_along_with_it(name):
+    grid = GRIDS[name]()
+    frame, turn = GridFrame.of(grid), Rotation.from_rotvec([0.4, -0.9, 0.2]).as_matrix()
+    moved = GridFrame.of(replace(grid, blocks=tuple(replace(b, nodes=b.nodes @ turn.T + 5.0) for b in grid.blocks)))
+    np.testing.assert_allclose(moved.middle, turn @ frame.middle + 5.0, rtol=0.0, atol=1e-6 * frame.radius)
+    assert moved.radius == pytest.approx(frame.radius, rel=1e-6)
