@@ -17,8 +17,11 @@ from ..topology.index_space import Window
 
 __all__ = ["GridFrame", "first_cells"]
 
-_NODES_SAMPLED = 100_000  # enough for the median, which need not be exact
-_STEPS, _STEP = 300, 1e-9
+_NODES_SAMPLED = 100_000  # enough for the middle, which need not be exact
+
+STEPS = 20
+"""Steps of reweighting. They are few: a grid one cell deep may have two likeliest locations, one in each of its planes,
+between which round-off would choose after some fifty steps."""
 
 NARROW = 0.05
 """Scale of the Cauchy distribution of nodes about their middle, as a part of the largest distance from their mean."""
@@ -53,19 +56,16 @@ class GridFrame:
 
 
 def _middle(points: np.ndarray) -> np.ndarray:
-    """Location of the Cauchy distribution of points, shape (n, 3), that is most likely, by reweighting from their mean.
+    """Likely location of the Cauchy distribution of points, shape (n, 3), by steps of reweighting from their mean.
 
     Medians by coordinates depend on the axes; the point of the least sum of distances is drawn away by the far field.
     """
     middle = points.mean(axis=0)
     radius = lengths(points - middle).max()
-    for _ in range(_STEPS):
+    for _ in range(STEPS):
         off = points - middle
         weights = 1.0 / (dots(off, off) + (NARROW * radius) ** 2)
-        step = weights @ off / weights.sum()
-        middle = middle + step
-        if lengths(step) <= _STEP * radius:
-            break
+        middle = middle + weights @ off / weights.sum()
     return middle
 
 

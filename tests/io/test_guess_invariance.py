@@ -51,6 +51,7 @@ GRIDS = {
     "plate": lambda: flat_plate_grid((9, 10, 11)),
     "octant": lambda: ball_grid((5, 6, 7, 8), octant=True),
     "section": lambda: extruded(np.linspace(2.0, 3.0, 2)),
+    "deep section": lambda: extruded(np.array([0.0, 40.0])),  # nodes are likeliest in one of its planes
     "wide section": lambda: extruded(np.linspace(2.0, 3.0, 4), far=60.0),
     "wing between walls": lambda: extruded(np.linspace(-1.0, 2.0, 7), taper=0.1),
     "pipe": lambda: pipe(0.5),
@@ -211,7 +212,7 @@ def test_ends_of_a_bent_pipe_are_far_field():
     assert [kind for window, (kind, _) in found.items() if window.lo[0] == window.hi[0]] == ["farfield", "farfield"]
 
 
-@pytest.mark.parametrize("name", ["wing", "octant", "pipe"])
+@pytest.mark.parametrize("name", ["wing", "octant", "pipe", "deep section"])
 def test_the_middle_of_a_grid_goes_along_with_it(name):
     grid = GRIDS[name]()
     frame, turn = GridFrame.of(grid), Rotation.from_rotvec([0.4, -0.9, 0.2]).as_matrix()
