@@ -119,9 +119,9 @@ def test_a_study_that_fails_at_its_start_leaves_the_old_results(workplace, capsy
     capsys.readouterr()
     before = contents()
     words = fails(capsys, broken, "-o", "out", "--overwrite")
-    assert words.startswith(f"{workplace / 'out'}/../wing.xyz: ")
+    assert words.startswith("wing.xyz: ")
     assert contents() == before
-    assert fails(capsys, broken, "-o", "new/folder").startswith(f"{workplace / 'new/folder'}/../../wing.xyz: ")
+    assert fails(capsys, broken, "-o", "new/folder").startswith("wing.xyz: ")
     assert not Path("new").exists()
     monkeypatch.setattr(om.Problem, "run_model", interrupted)
     assert fails(capsys, "area.toml", "-o", "out", "--overwrite", status=130) == "interrupted; out is as it was"
