@@ -102,10 +102,7 @@ class PointSet(MovedPoints, om.ExplicitComponent):
     @property
     def is_linear(self) -> bool:
         """Whether the outputs depend linearly (affinely) on the inputs: known after ``setup``."""
-        is_in_volume = len(self._embedded.in_volume) == len(
-            self._embedded.points
-        )  # what is in the body turns with walls
-        return is_in_volume and self._embedded.layer is None
+        return self._embedded.layer is None
 
     @fails_together
     def setup(self):

@@ -38,13 +38,15 @@ ENDS = {
 
 _CODES = {getattr(nlopt, name): name for name in ENDS if hasattr(nlopt, name)}
 _CONVERGED = ("SUCCESS", "OPTIMAL", "STOPVAL_REACHED", "FTOL_REACHED", "XTOL_REACHED")
+TINY = float(np.finfo(float).tiny)
 OPTIMAL, BLOCKED = 1e-5, 1e-3
 """Gradients of the Lagrangian, relative to the largest one of the objective, below which a point is an optimum, and
 above which it is none; between them NLopt's own end stands."""
 
 STALLED = 1e-2
-"""The same where nothing failed, or the root of ftol_rel where that is more: 193 runs of SLSQP, MMA and CCSAQ that
-began outside of constraints ended below 2e-3 at optima (2.5e-2 with an ftol_rel of 1e-3) and above 1.5e-2 elsewhere."""
+"""The same where nothing failed, or the root of ftol, relative, where that is more: 193 runs of SLSQP, MMA and CCSAQ
+that began outside of constraints ended below 2e-3 at optima (2.5e-2 with an ftol_rel of 1e-3) and above 1.5e-2
+elsewhere."""
 
 _SPENT = ("MAXEVAL_REACHED", "MAXITER_REACHED", "MAXTIME_REACHED")
 
@@ -264,9 +266,15 @@ def _judged(end: str, settings: Settings, functions: Functions, n_restarts: int)
         end = "OPTIMAL"
     elif not is_stuck and functions.n_substituted > 0 and optimality > BLOCKED:
         end = "BLOCKED"
-    elif not is_stuck and is_feasible and optimality > max(STALLED, settings.criteria.ftol_rel**0.5):
+    elif not is_stuck and is_feasible and optimality > max(STALLED, _coarseness(settings, functions.best) ** 0.5):
         end = "STALLED"
     return Outcome(end, n_restarts, optimality)
+
+
+def _coarseness(settings: Settings, best: Point) -> float:
+    """Relative change of the objective that counts as none."""
+    criteria = settings.criteria
+    return max(criteria.ftol_rel, criteria.ftol_abs / max(abs(best.objective), criteria.ftol_abs, TINY))
 
 
 def minimise(settings: Settings, functions: Functions) -> Outcome:

@@ -8,6 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
+from ...shown import OneLine
+
 __all__ = ["AnalysisFailed", "Limits", "Model", "Point", "Rows", "Statement", "Stop", "split_constraints"]
 
 
@@ -108,7 +110,7 @@ def split_constraints(lower: np.ndarray, upper: np.ndarray, equals: np.ndarray) 
 
 
 @dataclass(frozen=True)
-class Point:
+class Point(OneLine):
     """A point with the results of the model there, or with substitutes where the analysis failed.
 
     Parameters
