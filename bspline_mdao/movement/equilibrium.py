@@ -46,6 +46,7 @@ __all__ = [
     "Factored",
     "Start",
     "Unknowns",
+    "in_two",
 ]
 
 EPSILON = float(np.finfo(float).eps)
@@ -199,7 +200,7 @@ class EquilibriumStep:
         surface_ids = self.equilibrium.mesh.surface_ids
         d_prescribed = np.zeros_like(d_before)
         d_prescribed[surface_ids] = d_surface - d_before[surface_ids]
-        d_force = self.elements.force_jvp(_in_two(self.displacement), d_initial, d_before)
+        d_force = self.elements.force_jvp(in_two(self.displacement), d_initial, d_before)
         d_points = d_before + self._balance(d_prescribed, -d_force)[0]
         d_points[surface_ids] = d_surface
         return d_points
@@ -316,7 +317,7 @@ class Equilibrium:
             return Balance(parts, n_steps, solution.residual, 0.0)
         if error <= above:
             return Balance(parts, n_steps, solution.residual, error)
-        parts = _in_two(parts)
+        parts = in_two(parts)
         for _ in range(MAX_CORRECTIONS):
             residual = _less(load, elements.force(parts))  # step 2
             solved = factored.solve(gather(residual))  # step 3
@@ -473,7 +474,7 @@ class Unknowns:
         data[entries] = blocks
 
 
-def _in_two(parts: np.ndarray) -> np.ndarray:
+def in_two(parts: np.ndarray) -> np.ndarray:
     """The same sum of parts, as one of two."""
     return parts if len(parts) == 2 else np.stack([parts[0], np.zeros_like(parts[0])])
 

@@ -28,7 +28,7 @@ from ..errors import MovementError
 from ..mesh.moving_mesh import MovingMesh
 from ..numerics.vectors import add, dot, scaled
 from ..shown import OneLine
-from .equilibrium import ALL, REFINE_ABOVE, REFINE_PRODUCTS_ABOVE, Balance, Equilibrium, Factored
+from .equilibrium import ALL, REFINE_ABOVE, REFINE_PRODUCTS_ABOVE, Balance, Equilibrium, Factored, in_two
 from .trilinear import (
     FAST,
     SLOPES,
@@ -170,7 +170,7 @@ class GuidedField:
         """Change of the field, shape (n_parts, n_points, 3): as a sum of parts."""
         if d_guidance is None:
             d_guidance = np.zeros_like(self.elements.guidance)
-        d_force = self.elements.force_jvp(_in_two(self.balance.parts), d_points, d_guidance)
+        d_force = self.elements.force_jvp(in_two(self.balance.parts), d_points, d_guidance)
         return self.system.response(self.system.on_surface(d_surface_values), -d_force)
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -179,11 +179,6 @@ class GuidedField:
         points_bar, guidance_bar, prescribed_bar = self.elements.force_vjp(self.balance.parts, adjoint)
         total = bar.sum(axis=0) + prescribed_bar
         return points_bar, total[self.system.equilibrium.mesh.surface_ids], guidance_bar
-
-
-def _in_two(parts: np.ndarray) -> np.ndarray:
-    """The same sum of parts, as one of two."""
-    return parts if len(parts) == 2 else np.stack([parts[0], np.zeros_like(parts[0])])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
