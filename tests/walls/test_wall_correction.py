@@ -12,6 +12,7 @@ from topology_cases import (
     o_grid,
     patch,
     sphere_octants,
+    split,
     turned_and_shuffled,
     twelve_block_plate,
     two_block_plate,
@@ -23,9 +24,7 @@ from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.numerics.vectors import nearest_plane
 from bspline_mdao.topology.index_space import Window, block_rows
 from bspline_mdao.topology.sharing import node_sharing
-from bspline_mdao.walls.wall_correction import PIECE, WallCorrection, _cuts
-
-pytestmark = pytest.mark.slow
+from bspline_mdao.walls.wall_correction import PIECE, WallCorrection, _cuts, _pieces
 
 
 def cylinder():
@@ -57,6 +56,8 @@ CASES = {
     "M6": lambda: onera_m6_grid((13, 19, 11)),
 }
 
+EACH = [pytest.param(name, marks=pytest.mark.slow if name == "M6" else ()) for name in CASES]
+
 
 def faces(topology, kind):
     """Rows of every face of a kind."""
@@ -81,7 +82,7 @@ def in_planes(correction, planes, mismatch):
     return mismatch
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", EACH)
 def test_wall_nodes_get_their_miss_and_shared_nodes_the_same_bits(name):
     topology, _, _, correction = spread_of(CASES[name]())
     mismatch = np.random.default_rng(0).normal(size=(len(correction.rows), 3))
@@ -92,7 +93,7 @@ def test_wall_nodes_get_their_miss_and_shared_nodes_the_same_bits(name):
     assert np.abs(values).max() < 3.0 * np.abs(mismatch).max()
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", EACH)
 def test_the_reverse_is_the_transpose(name):
     rng = np.random.default_rng(1)
     _, nodes, _, correction = spread_of(CASES[name]())
@@ -103,7 +104,7 @@ def test_the_reverse_is_the_transpose(name):
     )
 
 
-@pytest.mark.parametrize("name", ["channel", "oblique channel", "octant of a ball", "M6"])
+@pytest.mark.parametrize("name", ["channel", "oblique channel", "octant of a ball", EACH[-1]])
 def test_nodes_stay_in_planes_of_symmetry_and_on_the_far_field(name):
     topology, _, planes, correction = spread_of(CASES[name]())
     mismatch = np.random.default_rng(2).normal(size=(len(correction.rows), 3))
@@ -118,6 +119,7 @@ def test_nodes_stay_in_planes_of_symmetry_and_on_the_far_field(name):
             assert not values[members].any()
 
 
+@pytest.mark.slow
 def test_the_map_does_not_depend_on_how_blocks_lie():
     grid, rng = onera_m6_grid((13, 19, 11)), np.random.default_rng(3)
     _, nodes, _, correction = spread_of(grid)
@@ -143,6 +145,7 @@ def test_a_miss_larger_than_a_thin_block_goes_on_beyond_it():
     assert all(cells.is_valid.all() for cells in quality.cells(nodes + correction.forward(mismatch)))
 
 
+@pytest.mark.slow
 def test_cells_of_a_boundary_layer_bear_a_miss_of_a_thousand_heights(real_grids):
     """A smooth mismatch of 0.5 per cent of the wing's size, whose first cells are 1e-5 of it high."""
     grid = read_grid(real_grids / "pyhyp_m6_9blocks.xyz")
@@ -159,6 +162,22 @@ def test_cells_of_a_boundary_layer_bear_a_miss_of_a_thousand_heights(real_grids)
     assert all(cells.is_valid.all() for cells in quality.cells(nodes + correction.forward(mismatch)))
 
 
+def test_only_directions_along_walls_that_leave_none_are_cut_alike_on_both_sides_of_an_interface():
+    """Walls below two blocks in a row and at the end of the first."""
+    sizes, first = (4 * PIECE + 1, 2 * PIECE + 1, PIECE + 3), 2 * PIECE
+    blocks = split(box(*(np.linspace(0.0, 1.0, n) for n in sizes)), [first], [], [])
+    wholes = [Window.whole(n, nodes.shape[:3]) for n, nodes in enumerate(blocks)]
+    topology = find_topology(grid_of(*blocks, patches=[patch("wall", *(w.face(4) for w in wholes), wholes[0].face(0))]))
+    source, is_wall = node_sharing(topology).source_rows(), np.zeros(topology.n_nodes, dtype=bool)
+    is_wall[source[np.concatenate(faces(topology, "wall"))]] = True
+    found = list(_pieces(topology, source, is_wall))
+    for number, n_cells in ((0, first), (1, PIECE)):  # the first direction of the second block leaves no wall
+        of_block = [piece for piece in found if piece.block == number]
+        extents = {tuple(np.subtract(piece.hi, piece.lo).tolist()) for piece in of_block}
+        assert extents == {(n_cells, PIECE, PIECE + 2)}
+        assert len(of_block) == 2 * first // n_cells
+
+
 @pytest.mark.parametrize("n_cells", range(1, 60))
 def test_cuts_are_the_same_from_both_ends(n_cells):
     cuts = _cuts(n_cells)
@@ -167,7 +186,7 @@ def test_cuts_are_the_same_from_both_ends(n_cells):
     assert 0 < np.diff(cuts).min() <= np.diff(cuts).max() <= PIECE + 1
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", EACH)
 def test_a_wall_is_met_exactly_on_all_sides_of_shared_nodes(name):
     topology, nodes, _, correction = spread_of(CASES[name]())
     source = node_sharing(topology).source_rows()
