@@ -5,12 +5,14 @@ from functools import cache
 import numpy as np
 import openmdao.api as om
 import pytest
+from scipy.sparse import csr_array
 
 from bspline_mdao import EulerFlow, HingeMoment, InputError, LatticeFlow, SurfaceGrid, fit_grid, onera_m6_grid
 from bspline_mdao.flow.euler.flow_grid import FlowGrid, area_vectors
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.section_loads import SECTION_LOADS
+from bspline_mdao.flow.span_strips import SpanStrips
 
 REFERENCES = {"area": 1.16, "chord": 0.7, "reference": (0.3, 0.1, -0.2)}
 FLAP = HingeMoment("flap", chord=(0.7, 1.0), span=(0.3, 0.8))
@@ -91,6 +93,37 @@ def test_lift_behind_the_hinge_turns_the_trailing_edge_up_on_either_side(scale):
     assert abs(start[2]) != pytest.approx(abs(end[2]))
     moved = nodes + [0.3, -0.2, 0.1]
     assert flap.evaluate(up, moved) == pytest.approx(flap.evaluate(up, nodes), rel=1e-10)
+
+
+def whole_wing():
+    """Nodes and quads around a wing with chord 1 and no plane of symmetry, its tips at -1.5 and 2."""
+    angles, span = np.linspace(0.0, 2.0 * np.pi, 25)[:-1], np.linspace(-1.5, 2.0, 15)
+    section = np.column_stack([0.5 + 0.5 * np.cos(angles), 0.06 * np.sin(angles)])
+    nodes = np.array([[x, y, z] for z in span for x, y in section])
+    ids = np.arange(len(nodes)).reshape(len(span), len(section))
+    after = np.roll(ids, -1, axis=1)
+    return nodes, np.stack([ids[:-1], after[:-1], after[1:], ids[1:]], axis=-1).reshape(-1, 4)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("span", [(0.25, 0.75), (-0.5, -0.25)])
+def test_hinges_of_a_whole_wing_are_on_the_side_that_their_span_says(side, span):
+    nodes, quads = whole_wing()
+    axes = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, side], [0.0, 1.0, 0.0]])
+    strips = SpanStrips.of(quads, nodes, axes, is_symmetric=False, n_strips=14)
+    points = csr_array((np.full(quads.size, 0.25), quads.ravel(), np.arange(0, quads.size + 1, 4)))
+    hinge = HingeMoment("flap", chord=(0.7, 1.0), span=span)
+    moment = hinge.moment(points, (1.16, 0.7), strips, nodes, quads, np.ones(len(quads), dtype=bool))
+    places, (low, high) = points @ nodes, np.sort(side * 2.0 * np.array(span))  # by the farther tip
+    np.testing.assert_allclose(np.sort((moment.ends @ nodes)[:, 2]), [low, high], atol=1e-12)
+    np.testing.assert_allclose((moment.ends @ nodes)[:, :2], [[0.7, 0.0]] * 2, atol=1e-12)
+    is_near = (places[:, 2] > low - 0.25) & (places[:, 2] < high + 0.25)
+    assert moment.weights[is_near & (places[:, 0] > 0.8)].any()
+    assert not moment.weights[~is_near].any()
+    lift = np.tile([0.0, 1.0, 0.0], (len(quads), 1))
+    expected = -moment.weights @ (places[:, 0] - 0.7) / (1.16 * 0.7)
+    assert moment.evaluate(lift, nodes) == pytest.approx(expected, rel=1e-12)
+    assert expected < 0.0
 
 
 def test_loads_of_sections_add_up_to_those_of_the_wing():
