@@ -6,11 +6,16 @@ from functools import cache
 import numpy as np
 import openmdao.api as om
 import pytest
+from euler_cases import case_of, one_of_each_kind
+from topology_cases import box
 
 from bspline_mdao import EulerFlow, SpuriousDragWarning, fit_grid, infinite_wing_grid, naca_section
 from bspline_mdao.flow.euler import drag_sources as kernel
+from bspline_mdao.flow.euler.drag_sources import DragSources, wave_drag
+from bspline_mdao.flow.euler.forces import entropy_scale
+from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.stream import RADIAN
-from bspline_mdao.om.flow.spurious_drag import drag_sources, is_optimised
+from bspline_mdao.om.flow.spurious_drag import drag_sources, is_optimised, warn_of_spurious_drag
 
 
 @cache
@@ -38,6 +43,43 @@ def sources_of(problem):
     at = problem.get_val("states").reshape(-1, 5), problem.get_val("grid").reshape(-1, 3)
     stream = RADIAN * problem.get_val("alpha").item(), problem.get_val("Mach_number").item()
     return drag_sources(state.options["flow"], state.options["forces"], *at, *stream)
+
+
+def jump(mach, pressure, density):
+    """Wave drag of a stream along x whose pressure and density jump by these factors, and that of all its entropy."""
+    x = np.array([0.0, 0.7, 1.5, 2.0, 2.8, 3.3, 4.1, 5.0, 5.6, 6.5])
+    case = case_of(one_of_each_kind(box(x, np.linspace(0.0, 1.3, 4), np.linspace(0.0, 0.6, 3))), mach=mach, degrees=0.0)
+    states = np.tile([1.0, mach, 0.0, 0.0, 1.0 / GAMMA], (len(x) - 1, 3, 2, 1))
+    states[5:] *= [density, 1.0 / density, 0.0, 0.0, pressure]
+    entropy = mach * 1.3 * 0.6 * (np.log(pressure) - GAMMA * np.log(density)) / entropy_scale(mach)
+    return wave_drag(case.discretization, states.reshape(-1, 5), case.areas, mach), entropy
+
+
+def test_a_normal_shock_has_the_drag_of_its_entropy():
+    mach = 1.4
+    pressure = 1.0 + 2.0 * GAMMA / (GAMMA + 1.0) * (mach**2 - 1.0)
+    density = (GAMMA + 1.0) * mach**2 / ((GAMMA - 1.0) * mach**2 + 2.0)
+    wave, entropy = jump(mach, pressure, density)
+    assert wave == pytest.approx(entropy, rel=1e-12)
+    assert wave > 0.01
+
+
+def test_a_rise_of_pressure_is_a_shock_where_the_flow_into_it_is_as_fast_as_sound():
+    wave, entropy = jump(1.0, 1.1, 1.03)
+    assert wave == pytest.approx(entropy, rel=1e-12)
+    assert jump(0.9, 1.1, 1.03)[0] == 0.0  # faster than sqrt(p / rho), the speed of sound without gamma
+    assert jump(1.4, 0.9, 0.95)[0] == 0.0  # an expansion
+
+
+@pytest.mark.parametrize("part", [0.09, 0.11, -0.09, -0.11])
+def test_more_than_a_tenth_of_the_drag_is_told_of_whichever_sign_it_has(part):
+    sources = DragSources(0.02, 0.012 - 0.02 * part, 0.008)
+    assert sources.spurious == pytest.approx(0.02 * part)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        warn_of_spurious_drag("flow", sources)
+    assert len(told) == (abs(part) > 0.1)
+    assert all(f"{100.0 * part:.0f} % of it is the grid's" in str(each.message) for each in told)
 
 
 @pytest.mark.parametrize(
