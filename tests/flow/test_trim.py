@@ -84,6 +84,24 @@ def test_partials_are_exact():
     assert_partials(run(problem(is_complex=True)), atol=1e-9, rtol=1e-10)
 
 
+def test_states_are_changed_with_the_angle_as_the_flow_is(trimmed):
+    state, residuals = trimmed.model.flow.state, {}
+    inputs = {name: trimmed.get_val(name) for name in ("grid", "Mach_number")} | {"CL_target": np.array([1.05 * LIFT])}
+    solved = {name: trimmed.get_val(name).copy() for name in ("states", "alpha")}
+
+    def left(outputs):
+        state.apply_nonlinear(inputs, outputs, residuals)
+        return np.linalg.norm(residuals["states"]), abs(residuals["alpha"].item())
+
+    moved = dict(solved)
+    state._change(moved, state._sensitivity_at(inputs, solved), 0.05 * LIFT, 1.05 * LIFT)
+    moved["alpha"] = np.atleast_1d(moved["alpha"])
+    residual, lack = left(moved)
+    residual_without, lack_without = left(moved | {"states": solved["states"]})
+    assert residual < 0.02 * residual_without
+    assert lack < 0.01 * lack_without
+
+
 def test_next_design_starts_from_states_and_angle_of_the_last():
     flown = run(problem(tolerance=1e-10))
     cold = sum(step.n_products for step in flown.model.flow.state.solution.history)
