@@ -6,8 +6,8 @@ from adaptation_cases import skewed_grid, skewed_model
 
 from bspline_mdao import InputError, fit_grid, improve_grid
 from bspline_mdao.adaptation.improvement import ORTHOGONAL
-from bspline_mdao.adaptation.loss import WorstCells
-from bspline_mdao.adaptation.search import Search
+from bspline_mdao.adaptation.loss import WIDTH, WorstCells
+from bspline_mdao.adaptation.search import MOST_MARGIN, Search
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.design.interior_points import InteriorPoints
 from bspline_mdao.testing import central_difference
@@ -69,15 +69,50 @@ def test_the_report_is_that_of_the_grid_that_is_returned(found):
     assert found.before.q_min == min(change.before.q for change in found.blocks)
 
 
-def test_the_derivative_of_the_loss_of_the_grid_is_exact():
-    model, random = skewed_model(), np.random.default_rng(7)
-    search = Search(model, InteriorPoints("inner").bind(model), 0.05)
-    groups = [np.arange(cells.start, cells.stop) for cells in search.slices]
-    worst = WorstCells.at(search.q, groups, 30.0)
+@pytest.fixture
+def search():
+    model = skewed_model()
+    return Search(model, InteriorPoints("inner").bind(model), 0.05)
+
+
+def worst_cells(search):
+    """All cells of every block."""
+    return WorstCells.at(search.q, [np.arange(cells.start, cells.stop) for cells in search.slices], 30.0)
+
+
+def test_the_derivative_of_the_loss_of_the_grid_is_exact(search):
+    worst, random = worst_cells(search), np.random.default_rng(7)
     values, direction = 0.02 * random.normal(size=(2, search.shift.n_values))
     gradient = search.loss(values, worst)[1]
     found = central_difference(lambda h: search.loss(values + h * direction, worst)[0], 1e-2)
     assert gradient @ direction == pytest.approx(float(found), rel=1e-7)
+
+
+def test_corners_are_charged_for_what_they_lack_of_the_margin(search):
+    losses = []
+    for margin in (0.0, WIDTH, MOST_MARGIN):
+        search.margin = margin
+        losses.append(search.loss(search.values, worst_cells(search))[0])
+    assert losses[0] < losses[1] < losses[2]
+
+
+def test_where_the_worst_corner_alone_falls_its_margin_grows_before_anything_is_held(search, monkeypatch):
+    margins, falls = [], search.corners.copy()
+    falls[np.argmin(falls)] -= 1e-3
+
+    def minimised(*_):
+        margins.append(search.margin)
+        return search.values
+
+    monkeypatch.setattr(search, "minimised", minimised)
+    monkeypatch.setattr(search, "corners_of", lambda _: falls)
+    search.run_round(30.0, 5)
+    steps = int(MOST_MARGIN / WIDTH)
+    np.testing.assert_allclose(margins[: steps + 1], WIDTH * np.arange(steps + 1))
+    assert set(margins[steps + 1 :]) == {margins[steps]}
+    cell = np.arange(len(falls)) == np.argmin(falls)
+    np.testing.assert_array_equal(search.is_held, search.values_that_move(search.nodes_of_cells(cell)))
+    assert search.is_held.any()
 
 
 def test_a_grid_without_anything_to_gain_is_returned_as_it_was():
