@@ -8,6 +8,7 @@ from bspline_mdao import InputError, Spacing, fit_grid, moving_mesh, onera_m6_gr
 from bspline_mdao.cells.first_cells import FirstCells
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.movement.elasticity import LinearElasticity
+from bspline_mdao.walls.embedded_points import planes_of
 
 TOLERANCE = 0.5
 """Nodes on the boundary are off the volumes by the error of the fit (m)."""
@@ -60,6 +61,17 @@ def test_embedded_points_stay_in_a_plane_of_symmetry(model, twisted, first_nodes
     points = model.embed_points(nodes[in_plane], TOLERANCE).at(twisted, grid).points
     assert np.abs(points[:, 2]).max() < 1e-14
     assert np.abs(points - nodes[in_plane]).max() > 1e-8
+
+
+def test_points_lie_in_a_plane_up_to_the_rounding_of_files_and_no_farther(rng):
+    grid_map = fit_grid(onera_m6_grid((5, 6, 5), Spacing(off_wall=1e-3))).grid_map()
+    nodes, size = grid_map.nodes, np.linalg.norm(np.ptp(grid_map.nodes, axis=0))
+    in_plane = rng.permutation(np.flatnonzero(nodes[:, 2] == 0.0))[:12]
+    points, off = nodes[in_plane].copy(), size * np.repeat([0.0, 1e-10, 1e-8, 1e-7], 3)
+    points[:, 2] += rng.choice([-1.0, 1.0], 12) * off
+    ((found, normal),) = planes_of(grid_map, points)
+    np.testing.assert_array_equal(found, np.arange(6))  # seven digits, those of 4-byte files, are too few
+    np.testing.assert_array_equal(np.abs(normal), [0.0, 0.0, 1.0])
 
 
 @pytest.mark.slow
