@@ -3,6 +3,7 @@
 import re
 from dataclasses import dataclass, replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import openmdao.api as om
@@ -103,6 +104,25 @@ def test_elements_that_were_folded_before_the_move_are_named_as_the_likely_cause
     told = MovementReport((tangled,), 0.1, n_invalid=7).tangling
     assert re.search(r"3 elements .* at the end; 7 others are .* before the move.*--method valid", told)
     assert MovementReport((tangled,), 0.1).tangling.endswith("3 elements newly invalid at the end")
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """Keeps a part of the smallest corner triple product with few increments, and all of it with more."""
+
+    part: float
+    mesh: object
+    n_increments: int = 1
+
+    def move(self, initial, surface):
+        kept = 1.0 if self.n_increments > 2 else self.part
+        return SimpleNamespace(report=SimpleNamespace(increments=[SimpleNamespace(corner_ratio=kept)]))
+
+
+@pytest.mark.parametrize(("part", "needed"), [(0.032, 1), (0.028, 5), (-0.1, 5)])
+def test_a_mesh_is_good_while_it_keeps_three_per_cent_of_its_smallest_corner_triple_product(part, needed):
+    mesh = plate_mesh()
+    assert increments_for(Keeping(part, mesh), [mesh.points[mesh.surface_ids]]) == needed
 
 
 @dataclass(frozen=True)
