@@ -19,7 +19,7 @@ from bspline_mdao import (
 from bspline_mdao.cli.main import run
 from bspline_mdao.fit.problem import problem_of_mesh
 from bspline_mdao.fit.quasi_interpolant import QuasiInterpolant, parametric_places
-from bspline_mdao.fit.validity import elements_with, first_marked
+from bspline_mdao.fit.validity import _fade, elements_with, first_marked
 from bspline_mdao.model.records import CANDIDATES
 from bspline_mdao.splines.greville import greville_abscissae
 
@@ -168,6 +168,19 @@ def test_the_frozen_operator_gives_back_the_control_points_of_the_model(correcti
     assert model.candidate_weights is not None
     operator = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, model.candidate_weights)
     np.testing.assert_allclose(operator.forward(grid.to_vector().reshape(-1, 3)), model.control_points, atol=1e-13)
+
+
+def test_how_far_points_move_falls_by_a_quarter_from_each_to_its_neighbours_across_interfaces_too():
+    mesh = fit_grid(two_blocks(), n_control=[(6, 5, 4), (4, 7, 5)]).mesh
+    first, second = mesh.control_ids
+    (shared,) = {first[-1, 0, 0]} & {second[0, -1, 0]}
+    towards = np.zeros(mesh.n_control_points)
+    towards[shared], towards[second[-1, 0, -1]] = 1.0, 0.1  # less than a quarter reaches no neighbour
+    found = _fade(mesh, towards)
+    for ids, place in ((first, (5, 0, 0)), (second, (0, 6, 0))):
+        steps = np.abs(np.moveaxis(np.indices(ids.shape), 0, -1) - place).max(axis=-1)
+        expected = np.maximum(1.0 - 0.25 * steps, 0.0)
+        np.testing.assert_array_equal(found[ids], np.maximum(expected, towards[ids]))
 
 
 def flattened():
