@@ -58,6 +58,16 @@ def test_some_weights_are_kept_below_the_largest_and_others_are_as_they_would_be
     np.testing.assert_allclose(kinks.changes(nodes)[small], free[small], rtol=5e-3, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["wing", "collapsed"])
+def test_the_outer_cells_weigh_nearly_a_quarter_and_never_so_much_that_waves_turn_round(name):
+    flow, nodes, _ = posed(name)
+    weights = flow.kinks._index[1] + flow.kinks.changes(nodes)
+    phases = np.linspace(0.0, 0.5 * np.pi, 200)[:, None]  # from the face to the cells next to it
+    means = np.cos(phases * [3.0, 1.0, 1.0, 3.0]) @ weights.T
+    assert means.min() > -1e-12
+    assert 0.24 < (weights[:, 0] + weights[:, 3]).max() < 0.25
+
+
 @pytest.mark.parametrize("threshold", [0.0, 0.05])
 def test_the_residual_has_the_derivatives_of_complex_steps_of_the_nodes(threshold):
     flow, nodes, d_nodes = posed("wing", threshold)
