@@ -6,6 +6,7 @@ from riding_cases import mesh, model, moved, twisted
 from scipy.spatial.transform import Rotation
 
 from bspline_mdao import InputError, MixedMesh, MovementError, RidingMesh
+from bspline_mdao.riding.riding_mesh import _fading
 
 
 @pytest.fixture
@@ -56,6 +57,20 @@ def test_nodes_stay_in_the_plane_of_symmetry_also_those_inside_the_body_by_the_e
         state = riding.at(control, wall if is_asked else None)
         assert np.abs(state.points[in_plane, 2]).max() < 1e-14
         assert np.abs(state.points - mesh().points)[in_plane].max() > 1e-3
+
+
+@pytest.mark.parametrize(("n", "reach"), [(11, 0.8), (101, 0.1 * np.sqrt(2.0))])
+def test_what_volumes_miss_of_a_wall_fades_over_eight_widths_but_at_least_a_tenth_of_all_walls(n, reach, rng):
+    axis, ids = np.linspace(0.0, 1.0, n), np.arange(n * n).reshape(n, n)
+    wall = np.stack([*np.meshgrid(axis, axis, indexing="ij"), np.zeros((n, n))], axis=-1).reshape(-1, 3)
+    quads = np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4)
+    heights = reach * np.array([0.0, 0.5, 0.9, 0.98, 1.02, 2.0])
+    points = np.column_stack([rng.uniform(0.3, 0.7, (len(heights), 2)), heights])
+    weights = _fading(points, wall, quads).sum(axis=1)
+    assert weights[0] == pytest.approx(1.0, abs=1e-12)
+    assert np.all(np.diff(weights[:5]) < 0.0)
+    assert np.all(weights[:4] > 0.0)
+    assert not weights[4:].any()
 
 
 def test_a_mesh_follows_a_rigid_motion_within_the_volumes(rng):
