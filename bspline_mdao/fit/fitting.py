@@ -354,18 +354,6 @@ def _kind(choice) -> str:
     return choice if isinstance(choice, str) else "given"
 
 
-def segment_parameters(grid: Grid, topology: Topology, parametrization="chord_length") -> list[np.ndarray]:
-    """Parameters of the nodes of every segment, each of shape (L0, L1, L2, 3).
-
-    Raises
-    ------
-    InputError
-        If the parametrization is unknown, or the user's own does not fit the grid.
-    """
-    blocks = {number: block.nodes for number, block in enumerate(grid.blocks)}
-    return _parameters_of_blocks(blocks, topology, parametrization)
-
-
 def _parameters_of_blocks(blocks: Mapping[int, np.ndarray], topology: Topology, parametrization) -> list[np.ndarray]:
     """Parameters of the nodes of every segment of some blocks; none, shape (0, 0, 0, 3), of the others."""
     if not isinstance(parametrization, str):

@@ -8,12 +8,18 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.fit import least_squares
 from bspline_mdao.fit.control_counts import choose_counts
 from bspline_mdao.fit.design_matrix import build_design_matrix
-from bspline_mdao.fit.fitting import fit_grid, segment_parameters, set_up_fit
+from bspline_mdao.fit.fitting import fit_grid, set_up_fit
 from bspline_mdao.fit.least_squares import ReferenceNet, greville_sampling
+from bspline_mdao.fit.parameters import chord_length_parameters
 from bspline_mdao.fit.problem import problem_of_mesh, solve_fit
 from bspline_mdao.fit.quasi_interpolant import greville_places
 from bspline_mdao.splines.volume import evaluate
 from bspline_mdao.topology.detection import find_topology
+
+
+def segment_parameters(grid, topology):
+    """Chord length parameters of the nodes of every segment."""
+    return [chord_length_parameters(grid.blocks[w.block].nodes[w.slices]) for w in topology.segments]
 
 
 def dense_matrix(volume, parameters):
