@@ -1,4 +1,4 @@
-"""Moves of the control mesh of the paper-size ONERA M6 grid beside IDWarp, CHOLMOD and SciPy.
+"""Moves of the control mesh of the paper-size ONERA M6 grid beside IDWarp, PARDISO and SciPy.
 
 The wing becomes the rectangular one of section IV. A move is all increments and the evaluation of all nodes, a product
 with the derivative is from or to all nodes. A move is *first* from initial points that are new, and again
@@ -8,8 +8,8 @@ memory are of one process per size, which keeps no factor but that of the baseli
 
 Peers. IDWarp takes Fortran, PETSc and CGNS to build, so that its times are `RECORDED`: of this grid and move, walls
 only, one process. They depend on the memory of that machine, ours on that of this one: ``bandwidth_gb_s`` is measured
-beside. Factors and solutions of the matrix of the first increment are by those of CHOLMOD, in the same run where
-scikit-sparse is installed (one that is linked to OpenBLAS, see ``bench_cholesky.py``; without it there is no ratio).
+beside. Factors and solutions of the matrix of the first increment are by those of PARDISO, in the same run where
+``pip install pypardiso`` was done; without it there is no ratio.
 Radial basis functions are by those of SciPy.
 """
 
@@ -29,11 +29,11 @@ from pathlib import Path
 
 import numpy as np
 from machine_limits import bandwidth
+from pardiso_peer import IS_INSTALLED, Pardiso
 from scipy.interpolate import RBFInterpolator
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao import fit_shape, onera_m6_grid, rectangular_wing
-from bspline_mdao.errors import InputError
 from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh
@@ -45,8 +45,6 @@ from bspline_mdao.movement.radial_basis import RadialBasis
 from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
 from bspline_mdao.movement.young_modulus import OrthogonalityLaw
 from bspline_mdao.sparse.cholesky import Cholesky
-from bspline_mdao.sparse.cholmod import Cholmod
-from bspline_mdao.sparse.pardiso import Pardiso
 
 SHAPE, N_CONTROL = (45, 65, 33), (13, 13, 9)
 SIZES = {"2k": (7, 7, 5), "5k": (9, 9, 7), "16k": (13, 13, 9), "51k": (19, 19, 14), "150k": (27, 27, 20)}
@@ -70,8 +68,8 @@ LINES = {
     "forward product, m = 5": ("IDWarp, warp", None),
     "forward product, m = 5, factors not kept": ("IDWarp, warp", None),
     "forward product, m = 1": ("IDWarp, warp", None),
-    "factor Cholesky": ("factor CHOLMOD", 1.2),
-    "solve Cholesky": ("solve CHOLMOD", None),
+    "factor Cholesky": ("factor PARDISO", 1.2),
+    "solve Cholesky": ("solve PARDISO", None),
     "lineal springs, m = 5": ("IDWarp, warp", None),
     "lineal springs, reverse product": ("IDWarp, reverse product", None),
     "torsional springs, m = 5": ("IDWarp, warp", None),
@@ -199,14 +197,10 @@ def contenders(case: Case) -> dict[str, Callable]:
 def factorisations(case: Case) -> dict[str, Callable]:
     """Factorisations of the matrix of the first increment, and solutions, by every solver that is installed."""
     runs, right = {}, np.cos(case.mesh.points)
-    for solver in (OURS, Cholmod(), Pardiso()):
+    for solver in (OURS, *([Pardiso()] if IS_INSTALLED else [])):
         unknowns = Unknowns(case.mesh)
         ids, matrix = unknowns.point_ids, case.matrix(unknowns)
-        try:
-            analysis = solver.analyze(matrix.pattern, case.mesh.points[ids])
-        except InputError as error:
-            print(error)
-            continue
+        analysis = solver.analyze(matrix.pattern, case.mesh.points[ids])
         runs[f"factor {solver.name}"] = partial(analysis.factorize, matrix)
         runs[f"solve {solver.name}"] = partial(analysis.factorize(matrix).solve, right[ids])
     return runs

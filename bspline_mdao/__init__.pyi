@@ -183,9 +183,7 @@ from .report.page import write_report as write_report
 from .riding.riding_mesh import RidingMesh as RidingMesh
 from .riding.section_span import section_span as section_span
 from .sparse.cholesky import Cholesky as Cholesky
-from .sparse.cholmod import Cholmod as Cholmod
 from .sparse.conjugate_gradient import ConjugateGradients as ConjugateGradients
-from .sparse.pardiso import Pardiso as Pardiso
 from .sparse.petsc import PetscCholesky as PetscCholesky
 from .sparse.petsc import PetscMultigrid as PetscMultigrid
 from .splines.knots import BilinearKnots as BilinearKnots

@@ -43,8 +43,6 @@ STIFFNESS = {
 SOLVERS = {
     "cholesky": "bspline_mdao.sparse.cholesky.Cholesky",
     "cg": "bspline_mdao.sparse.conjugate_gradient.ConjugateGradients",
-    "cholmod": "bspline_mdao.sparse.cholmod.Cholmod",
-    "pardiso": "bspline_mdao.sparse.pardiso.Pardiso",
     "multigrid": "bspline_mdao.sparse.petsc.PetscMultigrid",
     "mumps": "bspline_mdao.sparse.petsc.PetscCholesky",
 }

@@ -34,7 +34,7 @@ __all__ = ["Cholesky", "CholeskyAnalysis", "CholeskyFactor", "Memory"]
 class Cholesky(OneLine):
     """Direct solver that needs nothing beyond numba and SciPy: the default.
 
-    On control meshes it takes less time than CHOLMOD and PARDISO (``benchmarks/bench_cholesky.py``).
+    ``benchmarks/bench_cholesky.py`` compares it with PARDISO and SuperLU on control meshes.
 
     Parameters
     ----------
