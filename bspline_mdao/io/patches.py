@@ -17,8 +17,9 @@ A patches file in TOML names pieces of the boundary::
 ``include = "grid.nmf"`` takes the patches of a neutral map file, whose names seldom say what they are. In one, after
 the number of blocks and a line ``number ni nj nk`` for each, every line describes a rectangle of a face::
 
-    type   B1 F1  S1 E1  S2 E2  [B2 F2  S1 E1  S2 E2  swap]
+    type   B1 F1  S1 E1  S2 E2  [B2 F2  S1 E1  S2 E2]  [swap]
 
+Blocks may all be numbered 1: then their place is the number. A swap, TRUE or FALSE, says nothing of one side alone.
 Faces are numbered kmin, kmax, imin, imax, jmin, jmax = 1 ... 6. S1 E1 and S2 E2 are node ranges (from 1) in the
 directions that follow the normal in cyclic order: i, j on a k face, j, k on an i face and k, i on a j face.
 
@@ -335,9 +336,10 @@ def _check_blocks(lines: list[tuple[int, str]], grid: Grid | StoredGrid, source:
         raise InputError(
             f"{source}: describes {n_blocks} blocks, the grid has {len(grid.blocks)}; give the map of this grid"
         )
-    for index, shape in enumerate(grid.shapes):
-        number, line = lines[1 + index] if 1 + index < len(lines) else (0, "")
-        if line.split() != [str(n) for n in (index + 1, *shape)]:
+    rows = [lines[1 + index] if 1 + index < len(lines) else (0, "") for index in range(n_blocks)]
+    are_all_1 = all(line.split()[:1] == ["1"] for _, line in rows)
+    for index, (shape, (number, line)) in enumerate(zip(grid.shapes, rows)):
+        if line.split() != [str(n) for n in (1 if are_all_1 else index + 1, *shape)]:
             raise InputError(f"{source}: line {number}: '{line[:40]}' is not 'block ni nj nk' = {index + 1} {shape}")
     return n_blocks
 
@@ -346,10 +348,17 @@ def _split_entry(line: str, where: str) -> tuple[str, list[str]]:
     """Split a line into its type and the fields that follow."""
     match = re.match(r"""('[^']*'|"[^"]*"|[^\s'"]+)\s+(.*)""", line)
     name, fields = (match[1].strip("'\" "), match[2].split()) if match else ("", [])
-    numbers = fields[:12] if len(fields) > 6 else fields
-    if not name or len(fields) not in (6, 12, 13) or not all(re.fullmatch(r"\d{1,9}", field) for field in numbers):
+    numbers = fields[: len(fields) - len(fields) % 6]  # what is behind one side or two is the swap
+    if not name or len(fields) not in (6, 7, 12, 13) or not all(re.fullmatch(r"\d{1,9}", field) for field in numbers):
         raise InputError(f"{where}: '{line[:60]}' is not 'type B1 F1 S1 E1 S2 E2' with whole numbers")
+    if len(fields) > len(numbers) and _swap(fields) not in ("TRUE", "FALSE", "T", "F"):
+        raise InputError(f"{where}: swap is '{fields[-1][:20]}'; write TRUE or FALSE")
     return name, fields
+
+
+def _swap(fields: list[str]) -> str:
+    """Last field of a line, without the quotes or points around it."""
+    return fields[-1].strip("'\".").upper()
 
 
 def _parse_rectangle(fields: list[str], grid: Grid | StoredGrid, where: str) -> tuple[Window, np.ndarray]:
@@ -377,13 +386,10 @@ def _parse_rectangle(fields: list[str], grid: Grid | StoredGrid, where: str) -> 
 
 def _check_connection(nodes: np.ndarray, fields: list[str], grid: Grid | StoredGrid, where: str) -> None:
     """Refuse a connection whose two sides do not coincide."""
-    if len(fields) < 6:
+    if len(fields) < 6:  # none, or the swap alone
         raise InputError(f"{where}: names one side of a connection; add B2 F2 S1 E1 S2 E2 and swap")
     other = _parse_rectangle(fields[:6], grid, where)[1]
-    swap = fields[6].strip("'\".").upper() if len(fields) > 6 else "FALSE"
-    if swap not in ("TRUE", "FALSE", "T", "F"):
-        raise InputError(f"{where}: swap is '{fields[6][:20]}'; write TRUE or FALSE")
-    other = other.swapaxes(0, 1) if swap.startswith("T") else other
+    other = other.swapaxes(0, 1) if len(fields) > 6 and _swap(fields).startswith("T") else other
     if nodes.shape != other.shape:
         raise InputError(f"{where}: joins {nodes.shape[:2]} nodes to {other.shape[:2]}; mend the ranges or swap")
     gap = np.linalg.norm(nodes - other, axis=-1).max()

@@ -149,6 +149,19 @@ def test_neutral_map_file_gives_patches_in_cyclic_face_directions(tmp_path):
     )
 
 
+def test_swap_behind_one_side_of_a_neutral_map_says_nothing(tmp_path):
+    lines = NMF.split("\n")
+    lines[6:9] = [f"{line}  {word}" for line, word in zip(lines[6:9], ("FALSE", "'true'", ".F."))]
+    assert read_text(tmp_path, "\n".join(lines), two_boxes()) == read_text(tmp_path, NMF, two_boxes())
+
+
+def test_blocks_of_a_neutral_map_that_are_all_numbered_1_are_known_by_their_place(tmp_path):
+    text = NMF.replace(" 2  4 6 5", " 1  4 6 5")
+    assert read_text(tmp_path, text, two_boxes()) == read_text(tmp_path, NMF, two_boxes())
+    swapped = NMF.replace(" 1  4 5 6\n 2  4 6 5", " 1  4 6 5\n 1  4 5 6")
+    assert "line 3: '1  4 6 5' is not 'block ni nj nk' = 1 (4, 5, 6)" in refusal(tmp_path, swapped, two_boxes())
+
+
 def test_connection_that_has_a_name_of_its_own_is_left_to_the_topology(tmp_path):
     text = NMF.replace("'one-to-one'  1 4  1 5  1 6   2 3  1 6  5 1  TRUE", "'A' 1 4 1 5 1 6\n'C' 2 3 1 6 1 5")
     topology = find_topology(replace(two_boxes(), patches=read_text(tmp_path, text, two_boxes())))
@@ -169,6 +182,9 @@ def test_connection_that_has_a_name_of_its_own_is_left_to_the_topology(tmp_path)
         ("1 5  1 6  1 4", "1 5  1 6  1", "is not 'type B1 F1 S1 E1 S2 E2'"),
         ("1 5  1 6  1 4", "1 5  1 6  1 x", "line 7: 'SYMMETRY-Y"),
         ("2 3  1 6  5 1  TRUE", "", "names one side of a connection"),
+        ("2 3  1 6  5 1  TRUE", "TRUE", "names one side of a connection"),
+        ("1 5  1 6  1 4", "1 5  1 6  1 4  7", "swap is '7'"),
+        ("2  4 6 5", "3  4 6 5", "line 4: '3  4 6 5' is not 'block ni nj nk' = 2 (4, 6, 5)"),
     ],
 )
 def test_mistake_in_neutral_map_is_named_in_one_line(tmp_path, old, new, said):
