@@ -47,6 +47,22 @@ def channel_grid(turn=None):
     return grid_of(*nodes, patches=[patch("wall", *walls), patch("symmetry", *planes), patch("farfield", *far)])
 
 
+def flare_grid(shape=(8, 5, 7), swirl=0.0):
+    """A quarter of a body of revolution about x: its wall ends on a plane of symmetry and, downstream, on a cone.
+
+    With a swirl (rad/m) the planes at the ends of the turn become curved faces of a periodic pair.
+    """
+    n_along, n_around, n_off = shape
+    x, off = np.linspace(0.0, 2.0, n_along) ** 1.1, 0.0125 * (1.8 ** np.arange(n_off) - 1.0)
+    x, turn, off = np.meshgrid(x, np.linspace(0.0, 0.5 * np.pi, n_around), off, indexing="ij")
+    radius, turn = 0.5 + 0.1 * x**2 + off, turn + swirl * x
+    nodes = np.stack([x * (1.0 + 0.3 * off), radius * np.cos(turn), radius * np.sin(turn)], axis=-1)
+    whole, kind = Window.whole(0, shape), "other" if swirl else "symmetry"
+    sides = [patch(kind, whole.face(side), name=f"side {side}") for side in (2, 3)]
+    ends = [patch("symmetry", whole.face(0)), patch("other", whole.face(1), name="cone")]
+    return grid_of(nodes, patches=[patch("wall", whole.face(4)), *sides, *ends, patch("farfield", whole.face(5))])
+
+
 def mesh_of(grid, **options):
     """Every node of a grid as a moving mesh."""
     return moving_grid(find_topology(grid), grid.to_vector().reshape(-1, 3), **options)[0]

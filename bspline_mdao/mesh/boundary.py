@@ -1,10 +1,10 @@
 """Directions in which the points of a mesh may move, from the patches of its grid.
 
 The points of the design surface are given. Those on symmetry planes slide in them, and so do those of any planar patch
-that the design surface ends on, because the edge that it moves would fold the cells beside it otherwise. All others on
-the boundary are fixed, wherever they are not released; walls are, planar or not. Where patches meet, the surface goes
-before the fixed and those before the sliding. The surface itself may leave planes that slide by default, but not those
-of symmetry.
+that the design surface ends on, because the edge that it moves would fold the cells beside it otherwise; those of
+curved patches that it ends on are free (`.following_faces`). All others on the boundary are fixed, wherever they are
+not released; walls are, planar or not. Where patches meet, the surface goes before the fixed and those before the
+sliding. The surface itself may leave planes that slide by default, but not those of symmetry.
 
 Theory: ``docs/theory/movers.rst``.
 """
@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from ..splines.greville import greville_abscissae
 from ..topology.sharing import boundary_sections
 from ..topology.topology import BoundaryFace, Topology, describe
 from .allowed_directions import AllowedDirections, required_planes, sliding_planes
+from .following_faces import following_sides
 from .moving_mesh import MovingMesh
 
 __all__ = [
@@ -76,6 +78,11 @@ def moving_mesh(
     InputError
         If a patch does not exist, one that is to slide is not planar, two things are asked of one patch, there is no
         design surface, or a block is planar.
+
+    Notes
+    -----
+    Curved patches of the far field, of kind ``other`` and of no kind follow the design surface where it ends on them,
+    unless they are fixed or periodic: their points are free.
 
     Examples
     --------
@@ -192,28 +199,28 @@ def _mesh(
     topology: Topology, blocks, points: np.ndarray, asked: _Requests, parameters=None, volumes=None
 ) -> MovingMesh:
     """Sort the boundary faces of all blocks by what is asked of them."""
-    allowed, others = AllowedDirections.of(len(points)), []
+    allowed = AllowedDirections.of(len(points))
+    others: list[_Side] = []
     allowed.fix(asked.fixed_point_ids)
-    for face, ids in boundary_points(topology, blocks):
+    for number, (face, ids) in enumerate(boundary_points(topology, blocks)):
         if face.patch in asked.design:
             allowed.surface[ids] = True
         elif face.patch in asked.fixed or face.patch not in asked.released:
-            others.append((face, ids))
-    fixed: list[tuple[BoundaryFace, np.ndarray]] = []
-    undecided: list[tuple[BoundaryFace, np.ndarray]] = []
+            others.append(_Side(face, ids, number))
     for ids, asked_plane in _asked_planes(others, points, asked, topology.source):
         allowed.keep_in_plane(ids, asked_plane.normal)
-    for face, ids in others:
-        if not (_is_asked_to_slide(face, asked) or _is_symmetry(face, asked)):
-            (undecided if _may_slide(face, asked) else fixed).append((face, ids))
-    planes = sliding_planes([ids for _, ids in undecided], points, allowed.surface)
-    for (face, ids), plane in zip(undecided, planes):
-        if plane is None:
-            fixed.append((face, ids))
-        else:
-            allowed.keep_in_plane(ids[~allowed.surface[ids]], plane[0])
-    for _, ids in fixed:
-        allowed.fix(ids)
+    others = [side for side in others if not (_is_asked_to_slide(side.face, asked) or _is_symmetry(side.face, asked))]
+    undecided = [side for side in others if _may_slide(side.face, asked)]
+    fixed = [side for side in others if not _may_slide(side.face, asked)]
+    planes = sliding_planes([side.ids for side in undecided], points, allowed.surface)
+    curved = {side.number: side.ids for side, plane in zip(undecided, planes) if plane is None}
+    following = following_sides(topology, blocks, points, allowed.surface, curved)
+    fixed += [side for side in undecided if side.number in curved.keys() - following]
+    for side, plane in zip(undecided, planes):
+        if plane is not None:
+            allowed.keep_in_plane(side.ids[~allowed.surface[side.ids]], plane[0])
+    for side in fixed:
+        allowed.fix(side.ids)
     return MovingMesh(
         tuple(blocks),
         topology.segment_names,
@@ -221,18 +228,27 @@ def _mesh(
         **allowed.fields(),
         parameters=parameters,
         volumes=volumes,
-        planes=tuple(plane for (face, _), plane in zip(undecided, planes) if plane and face.kind != "farfield"),
-        obstacles=_obstacles(fixed, allowed.surface),
+        planes=tuple(plane for side, plane in zip(undecided, planes) if plane and side.face.kind != "farfield"),
+        obstacles=_met(fixed, allowed.surface),
+        following=_met((side for side in undecided if side.number in following), allowed.surface),
     )
+
+
+class _Side(NamedTuple):
+    """Side of a segment on the boundary: its face, its points, and its number in `boundary_points`."""
+
+    face: BoundaryFace
+    ids: np.ndarray
+    number: int
 
 
 def _asked_planes(others, points: np.ndarray, asked: _Requests, source: str) -> Iterator[tuple[np.ndarray, MeanPlane]]:
     """Yield the points of the faces that have to slide, and the mean plane of each."""
     for is_wanted, reason in ((_is_asked_to_slide, ("is to slide", "fix or release it")), (_is_symmetry, ())):
-        found = [(face, ids) for face, ids in others if is_wanted(face, asked)]
-        whats = [f"{source}: patch {face.patch}" for face, _ in found]
-        planes = required_planes([points[ids] for _, ids in found], whats, *reason)
-        yield from ((ids, plane) for (_, ids), plane in zip(found, planes))
+        found = [side for side in others if is_wanted(side.face, asked)]
+        whats = [f"{source}: patch {side.face.patch}" for side in found]
+        planes = required_planes([points[side.ids] for side in found], whats, *reason)
+        yield from ((side.ids, plane) for side, plane in zip(found, planes))
 
 
 def _is_asked_to_slide(face: BoundaryFace, asked: _Requests) -> bool:
@@ -245,14 +261,14 @@ def _is_symmetry(face: BoundaryFace, asked: _Requests) -> bool:
 
 
 def _may_slide(face: BoundaryFace, asked: _Requests) -> bool:
-    """Whether a face slides where it is planar and the design surface ends on it."""
+    """Whether a face slides where it is planar and the design surface ends on it, and follows where it is curved."""
     return face.kind in ("other", "farfield", None) and face.patch not in asked.fixed
 
 
-def _obstacles(fixed, surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
-    """Gather the fixed faces that the design surface ends on by patch: what to call it, and its points."""
+def _met(sides: Iterable[_Side], surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
+    """Gather the faces that the design surface ends on by patch: what to call it, and its points."""
     found: dict[str, list[np.ndarray]] = {}
-    for face, ids in fixed:
+    for face, ids, _ in sides:
         if surface[ids].any():
             what = f"patch '{face.patch}'" if face.patch else f"the undeclared face {describe(face.window)}"
             found.setdefault(what, []).append(ids)

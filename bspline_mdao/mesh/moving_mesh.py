@@ -83,6 +83,8 @@ class MovingMesh(OneLine):
     obstacles : tuple of (str, ndarray of int)
         Patches that are fixed although the design surface ends on them: what to call them in a message, and their
         points. Elements beside them tangle first.
+    following : tuple of (str, ndarray of int)
+        Curved patches that are free because the design surface ends on them, in the same way.
 
     Examples
     --------
@@ -104,6 +106,7 @@ class MovingMesh(OneLine):
     volumes: tuple[Volume, ...] | None = None
     planes: tuple[tuple[np.ndarray, float], ...] = ()
     obstacles: tuple[tuple[str, np.ndarray], ...] = ()
+    following: tuple[tuple[str, np.ndarray], ...] = ()
 
     @property
     def n_points(self) -> int:
@@ -234,7 +237,7 @@ class MovingMesh(OneLine):
         """Say which of the `obstacles` an element of a block lies on; nothing where it lies on none."""
         corners = ids[tuple(slice(n, n + 2) for n in element)]
         beside = [what for what, points in self.obstacles if np.isin(corners, points).any()]
-        return f" on {beside[0]}, which is fixed where the surface ends on it: slide or release it" if beside else ""
+        return f" on {beside[0]}, which is fixed where the surface ends on it" if beside else ""
 
     @cached_property
     def _degenerate_corners(self):

@@ -308,7 +308,7 @@ def test_fit_and_move_count_invalid_elements_alike_and_say_what_it_means(tmp_pat
 
 
 def test_a_plane_that_is_fixed_beside_the_surface_is_named_as_the_cause(strip, capsys):
-    reason = "on patch 'sides', which is fixed where the surface ends on it: slide or release it"
+    reason = "on patch 'sides', which is fixed where the surface ends on it"
     fails_as_expected([*strip[:-1], "pitch=20deg", "--fix", "sides"], capsys, "cells inverted", reason)
     assert run([*strip, "--slide", "si*"]) == 0
     assert numbers("m.json")["after"]["n_inverted"] == 0
