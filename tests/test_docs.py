@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bspline_mdao import fit_grid, onera_m6_grid, read_grid, write_grid
+from bspline_mdao import FittedModel, fit_grid, load_best, onera_m6_grid, read_grid, write_grid
 from bspline_mdao.cli.main import run as cli
 from bspline_mdao.study.study import read_study
 
@@ -143,7 +143,7 @@ def masked(text):
     ]
 
 
-def test_the_tutorial_prints_what_it_shows(tmp_path, monkeypatch):
+def test_the_tutorial_prints_what_it_shows_and_its_cases_are_read(tmp_path, monkeypatch):
     sys.path.insert(0, str(DOCS))
     from record_tutorial import SCRIPTS, run, steps
 
@@ -156,12 +156,28 @@ def test_the_tutorial_prints_what_it_shows(tmp_path, monkeypatch):
         assert words == shown_words, f"{name}: run python docs/record_tutorial.py"
         off = [pair for pair in zip(numbers, shown) if abs(pair[0] - pair[1]) > 1e-4 + 0.05 * abs(pair[1])]
         assert off == [], f"{name}: run python docs/record_tutorial.py"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    the_report_of_the_tutorial_shows_all()
+    the_optimum_of_the_tutorial_is_where_another_run_starts(printed["optimise.txt"])
+
+
+def the_report_of_the_tutorial_shows_all():
     (report,) = code_blocks("tutorial.rst", "shell")
     if find_spec("plotly"):
-        monkeypatch.chdir(tmp_path)
-        assert cli(shlex.split(report)[1:]) == 0
-        assert (tmp_path / "report.html").stat().st_size > 1e6
-        assert "The grid is not shown" not in (tmp_path / "report.html").read_text(encoding="utf-8")
+        assert cli([*shlex.split(report)[1:], "--json", "report.json"]) == 0
+        numbers = json.loads(Path("report.json").read_text())
+        assert numbers["missing"] == []
+        assert numbers["triangles"] == numbers["triangles_of_walls"] > 0
+
+
+def the_optimum_of_the_tutorial_is_where_another_run_starts(printed):
+    problem = importlib.import_module("optimise").pose(FittedModel.load("wing.h5"))
+    assert load_best(problem, "wing.sql") > 0
+    problem.run_model()
+    optimum = [float(word) for word in printed.splitlines()[2].split()[1:]]
+    shown = np.concatenate([problem.get_val(name) for name in ("twist", "alpha", "CL", "CD_induced", "corner_ks")])
+    np.testing.assert_allclose(shown, optimum, rtol=0, atol=0.005)
 
 
 def test_the_python_examples_of_the_components_run():

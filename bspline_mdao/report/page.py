@@ -285,6 +285,8 @@ def _of_grid(contents: Contents, model: FittedModel, most_triangles: int):
 def _of_history(history: CaseHistory, estimates: Mapping[str, ErrorEstimate]) -> list[Section]:
     """Sections on an optimisation."""
     lines = [f"{history.n_evaluations} evaluations by {history.driver} in {_time_text(history.seconds[-1])}."]
+    if history.n_others:
+        lines.append(f"{history.n_others} evaluations before are not shown: they are of other variables or responses.")
     if history.convergence is not None and not history.convergence.residuals.size:
         lines.append(
             "First-order optimality is not shown: derivatives are not recorded. "

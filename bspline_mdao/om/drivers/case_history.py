@@ -18,6 +18,7 @@ import openmdao.api as om
 from openmdao.recorders.base_case_reader import BaseCaseReader
 
 from ...errors import InputError
+from .case_file import distinct_cases, last_run
 from .nlopt_problem import Limits, Point, Statement
 from .optimality import optimality
 
@@ -28,6 +29,9 @@ FEASIBLE = 1e-6
 
 NO_LIMIT = 1e16
 """Limits beyond this are none: OpenMDAO writes 1e30 for infinity."""
+
+TAKEN_BY = {"variable": "get_design_vars", "objective": "get_objectives", "constraint": "get_constraints"}
+"""Kinds of quantities, and what takes them from a case."""
 
 
 class Convergence(NamedTuple):
@@ -114,7 +118,9 @@ class CaseHistory:
     outputs : mapping of str to dict
         Other recorded outputs of the model: for each name, the values by evaluation.
     options : mapping of str to mapping
-        Options of the systems of the model, by their names.
+        Options of the systems of the model by their names, in the last run that is recorded.
+    n_others : int
+        Evaluations of earlier runs that had other variables or responses, which are left out.
     """
 
     driver: str
@@ -125,6 +131,7 @@ class CaseHistory:
     best: int
     outputs: Mapping[str, Mapping[int, np.ndarray]]
     options: Mapping[str, Mapping[str, object]]
+    n_others: int
 
     @property
     def n_evaluations(self) -> int:
@@ -145,7 +152,9 @@ class CaseHistory:
 
 
 def read_history(file) -> CaseHistory:
-    """Read what a case file holds of an optimisation.
+    """Read what a case file holds of an optimisation: all runs of drivers, one after the other.
+
+    Runs of other variables or responses than the last one are left out.
 
     Parameters
     ----------
@@ -164,9 +173,10 @@ def read_history(file) -> CaseHistory:
     if not os.path.isfile(file):
         raise InputError(f"{file}: there is no such case file; a recorder writes into the problem's folder of outputs")
     try:
-        reader = om.CaseReader(str(file))
-        names = reader.list_cases("driver", recurse=False, out_stream=None)
-        found = _history(reader, names) if names else None
+        with distinct_cases(file) as distinct:
+            reader = om.CaseReader(str(distinct))
+            names = reader.list_cases("driver", recurse=False, out_stream=None)
+            found = _history(reader, names, last_run(distinct)) if names else None
     except Exception as error:  # of what is unpacked from bytes that are damaged
         words = " ".join(str(error).split())
         raise InputError(f"{file}: is no case file of OpenMDAO that can be read ({words}); it may be damaged") from None
@@ -178,42 +188,49 @@ def read_history(file) -> CaseHistory:
     return found
 
 
-def _history(reader: BaseCaseReader, names: list[str]) -> CaseHistory:
-    """What a reader finds in its cases."""
-    cases = [reader.get_case(name) for name in names]
+def _history(reader: BaseCaseReader, names: list[str], run: int | None) -> CaseHistory:
+    """What a reader finds in its cases, and in the options of a run."""
+    every = [reader.get_case(name) for name in names]
+    rows = [{kind: getattr(case, take)(scaled=False) for kind, take in TAKEN_BY.items()} for case in every]
+    n_others = _n_others(rows)
+    cases = every[n_others:]
     settings = (reader.problem_metadata or {}).get("variables", {})
     version = tuple(int(part) for part in reader.openmdao_version.split(".")[:2])
-    quantities = _quantities(cases, settings, is_scaled=version < (3, 44))
+    quantities = _quantities(cases[0], rows[n_others:], settings, is_scaled=version < (3, 44))
     convergence = _convergence(quantities, cases)
     stamps = np.array([case.timestamp for case in cases])
     objectives = [q.values for q in quantities if q.kind == "objective"]
     are_finite = np.isfinite(np.hstack([np.zeros((len(cases), 0)), *objectives])).all(axis=1)
     has_run = np.array([bool(case.success) for case in cases]) & are_finite
     return CaseHistory(
-        driver=names[0].rpartition(":")[2].partition("|")[0],
+        driver=names[-1].rpartition(":")[2].partition("|")[0],
         quantities=quantities,
         seconds=stamps - stamps[0],
         convergence=convergence,
         has_run=has_run,
         best=_best(quantities, convergence, has_run),
         outputs=_others(cases, {quantity.name for quantity in quantities}),
-        options=reader.list_model_options(out_stream=None) or {},
+        options={} if run is None else reader.list_model_options(run, out_stream=None),
+        n_others=n_others,
     )
 
 
-def _quantities(cases, settings: Mapping[str, dict], is_scaled: bool) -> tuple[Quantity, ...]:
+def _n_others(rows: list[dict[str, dict]]) -> int:
+    """Number of the first cases, up to the last one that has other variables or responses than the very last."""
+    sizes = [{(kind, name): np.size(value) for kind, of in row.items() for name, value in of.items()} for row in rows]
+    return next((n for n in range(len(sizes), 0, -1) if sizes[n - 1] != sizes[-1]), 0)
+
+
+def _quantities(
+    case, rows: list[dict[str, dict]], settings: Mapping[str, dict], is_scaled: bool
+) -> tuple[Quantity, ...]:
     """Design variables, objectives and constraints; limits are scaled in files of older versions of OpenMDAO."""
+    metas = case.list_outputs(explicit=True, implicit=True, val=False, units=True, desc=True, out_stream=None)
+    by_name = {meta["prom_name"]: meta for _, meta in metas}
     found = []
-    for kind, take in (
-        ("variable", "get_design_vars"),
-        ("objective", "get_objectives"),
-        ("constraint", "get_constraints"),
-    ):
-        rows = [getattr(case, take)(scaled=False) for case in cases]
-        metas = cases[0].list_outputs(explicit=True, implicit=True, val=False, units=True, desc=True, out_stream=None)
-        by_name = {meta["prom_name"]: meta for _, meta in metas}
-        for name in rows[0]:
-            values = np.array([np.ravel(row[name]) for row in rows], dtype=float)
+    for kind in TAKEN_BY:
+        for name in rows[0][kind]:
+            values = np.array([np.ravel(row[kind][name]) for row in rows], dtype=float)
             meta, about = settings.get(name, {}), by_name.get(name, {})
             found.append(_quantity(name, kind, values, meta, about, is_scaled))
     return tuple(found)
