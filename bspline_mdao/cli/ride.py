@@ -23,6 +23,7 @@ from ..names import CONTROL_POINTS
 from ..riding.riding_mesh import RiddenMesh, RidingMesh
 from ..riding.section_span import section_span
 from ..riding.wall_faces import GridBoundary
+from ..topology.grid import MAX_COORDINATE
 from ..topology.periodic_gap import PeriodicGap, periodic_gaps
 from ..wording import counted
 from .move import MoveOptions, gap_numbers, moved_control_mesh
@@ -164,6 +165,8 @@ def _known_points(path: Path, model: FittedModel) -> np.ndarray:
             f"{path}: has {points.size // 3:,} control points and the model {model.mesh.n_control_points:,}; give the "
             f"model that was optimised"
         )
+    if not (np.abs(points) <= MAX_COORDINATE).all():
+        raise InputError(f"{path}: {names[0]} of its best case are no coordinates; the file may be damaged")
     return points.reshape(-1, 3)
 
 

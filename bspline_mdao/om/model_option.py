@@ -116,4 +116,4 @@ def named_model(options: Mapping[str, Mapping[str, object]]) -> NamedModel | Non
         Of the first system that has a model; None where none has, or each process has a share of it alone.
     """
     texts = (str(of_system.get(IN_RECORDS) or "") for of_system in options.values())
-    return next((NamedModel(*text.split(" ", 1)) for text in texts if text), None)
+    return next((NamedModel(*text.partition(" ")[::2]) for text in texts if text), None)

@@ -12,6 +12,7 @@ from ..flow.euler.error_estimate import ErrorEstimate
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, GRID
 from ..om.drivers.case_history import CaseHistory
+from ..topology.grid import MAX_COORDINATE
 
 __all__ = ["INCLUDES", "RECORD", "Axes", "Contents", "Shape", "axes_of", "shapes_of"]
 
@@ -146,6 +147,11 @@ def shapes_of(
     labels = {first: "Before", best: "After"} if best != first else {first: "Before"}
     shapes, missing, pressures = [], [], _ending(history.outputs, PRESSURES)
     for number, label in labels.items():
+        if not (np.abs(history.outputs[name][number]) <= MAX_COORDINATE).all():
+            raise InputError(
+                f"{model.header.source}: {name} of evaluation {number + 1} in the case file are no coordinates; it may "
+                f"be damaged"
+            )
         values = {key: history.outputs[key][number].ravel() for key in pressures if number in history.outputs[key]}
         fitting = {key: value for key, value in values.items() if value.size == n_wall_faces}
         shapes.append(make(model, label, history.outputs[name][number], fitting))

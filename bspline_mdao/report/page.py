@@ -23,6 +23,7 @@ from ..io.disk import replaced_file
 from ..io.formats import MODEL
 from ..model.fitted_model import FittedModel
 from ..om.drivers.case_history import FEASIBLE, CaseHistory, read_history
+from ..om.drivers.sound_cases import sound_cases
 from ..om.model_option import named_model
 from ..plotting.figures import require
 from ..wording import counted
@@ -365,10 +366,14 @@ def _cards(contents: Contents, numbers: dict[str, Any]) -> list[tuple[str, str, 
 
 def _diagram(case_file) -> tuple[str | None, tuple[str, ...]]:
     """N2 diagram of a case file, and what is missing."""
-    if not (om.CaseReader(str(case_file)).problem_metadata or {}).get("tree"):
-        text = "The N2 diagram is not in the case file: record with om.SqliteRecorder(file) and no other options."
-        return None, (text,)
-    return diagram_of(str(case_file)), ()
+    with sound_cases(case_file) as sound:
+        if not (om.CaseReader(str(sound.file)).problem_metadata or {}).get("tree"):
+            text = "The N2 diagram is not in the case file: record with om.SqliteRecorder(file) and no other options."
+            return None, (text,)
+        try:
+            return diagram_of(str(sound.file)), ()
+        except Exception as error:  # of a tree that is damaged
+            return None, (f"The N2 diagram in the case file is damaged ({type(error).__name__}): record it again.",)
 
 
 def diagram_of(source) -> str:

@@ -130,7 +130,7 @@ def _values(shape: Shape, walls: DrawnWalls, corners, first_cells) -> dict[str, 
         for name, pressures in shape.pressures.items():
             found[name] = (name, walls.of_faces(corners, pressures))
     if first_cells is not None and walls.are_walls:
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # of cells that are flat or folded
             heights = np.log10(walls.heights(first_cells, shape.nodes))
         if np.isfinite(heights).all():
             found["height"] = ("Height of first cells (log10 of m)", heights)

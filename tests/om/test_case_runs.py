@@ -9,7 +9,7 @@ import pytest
 from driver_cases import on_vectors, paraboloid, rosenbrock
 
 from bspline_mdao import NLoptDriver
-from bspline_mdao.om.drivers.case_file import distinct_cases
+from bspline_mdao.om.drivers.case_file import names_with_runs
 from bspline_mdao.om.drivers.case_history import read_history
 
 
@@ -52,31 +52,13 @@ def test_runs_of_one_problem_are_one_history_with_the_values_and_gradients_of_ea
         np.testing.assert_allclose(totals[1], 2.0 * x.values[number], rtol=1e-14)  # of the ball's constraint
 
 
-def test_a_gradient_that_no_case_follows_in_its_run_is_of_no_case_of_the_next(tmp_path):
+def test_a_gradient_that_no_case_follows_in_its_run_is_of_no_case_of_the_next():
     """The last gradient of a run has the name of a case that its run never had, and the next one may have."""
     rows = [(1, "D|0"), (2, "G|1"), (3, "D|1"), (4, "G|2"), (5, "D|0"), (6, "D|1"), (7, "G|2"), (8, "D|2"), (9, "G|3")]
-    with closing(sqlite3.connect(tmp_path / "a.sql")) as connection, connection:
-        for table, kind in (("driver_iterations", "D"), ("driver_derivatives", "G")):
-            connection.execute(
-                f"CREATE TABLE {table} (id INTEGER PRIMARY KEY, timestamp REAL, iteration_coordinate TEXT)"
-            )
-            values = [(time, f"D{name[1:]}") for time, name in rows if name[0] == kind]
-            connection.executemany(f"INSERT INTO {table}(timestamp, iteration_coordinate) VALUES (?, ?)", values)
-    with distinct_cases(tmp_path / "a.sql") as file, closing(sqlite3.connect(file)) as connection:
-        cases, gradients = (
-            [name for (name,) in connection.execute(f"SELECT iteration_coordinate FROM driver_{table} ORDER BY id")]
-            for table in ("iterations", "derivatives")
-        )
+    moments = [[(float(time), f"D{name[1:]}") for time, name in rows if name[0] == kind] for kind in "DG"]
+    cases, gradients = names_with_runs(*moments)
     assert cases == ["run0_D|0", "run0_D|1", "run1_D|0", "run1_D|1", "run1_D|2"]
     assert gradients == ["run0_D|1", "run0_D|2", "run1_D|2", "run1_D|3"]
-
-
-def test_a_file_of_one_run_is_read_as_it_is(recorder, tmp_path):
-    problem = driven_by(paraboloid(), nlopt(3), recorder)
-    problem.run_driver()
-    problem.cleanup()
-    with distinct_cases(tmp_path / "a.sql") as file:
-        assert file == tmp_path / "a.sql"
 
 
 def test_samples_and_the_search_after_them_are_one_history(recorder, tmp_path):

@@ -6,23 +6,68 @@ OpenMDAO reads these files, and writes new ones; it has no call for either.
 from __future__ import annotations
 
 import os
+import re
 import sqlite3
-import tempfile
 import time
 from bisect import bisect
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 
 from ...errors import InputError
 
-__all__ = ["count_cases", "distinct_cases", "last_run", "take_over"]
+__all__ = ["COLUMNS", "Moment", "columns_of", "count_cases", "names_with_runs", "opened_cases", "take_over"]
 
-TABLES = ("driver_iterations", "driver_derivatives")
-"""Tables of what a driver has recorded."""
+Moment = tuple[float, str]
+"""Time and name of a case or of a gradient."""
 
-_Row = tuple[float, str, int]
-"""Time, name and number of a row."""
+_CASE = ("id", "counter", "iteration_coordinate", "timestamp", "success", "msg")
+
+COLUMNS = {
+    "driver_iterations": (*_CASE, "inputs", "outputs", "residuals"),
+    "driver_derivatives": (*_CASE, "derivatives"),
+}
+"""Columns of the tables of what a driver has recorded."""
+
+_PLAIN = re.compile(r"\s*CREATE\s+(TABLE|(UNIQUE\s+)?INDEX)\s[\w\s\"'`\[\](),.]*", re.IGNORECASE)
+_COMPUTED = re.compile(r"\b(AS|CHECK|DEFAULT|WHERE)\b", re.IGNORECASE)
+
+
+@contextmanager
+def opened_cases(file: str | os.PathLike) -> Iterator[sqlite3.Connection]:
+    """Open a case file that is whole, and in which nothing is computed: it has tables and indices alone.
+
+    Yields
+    ------
+    sqlite3.Connection
+        The file, as it is; what a run that was killed has begun to write is taken back.
+
+    Raises
+    ------
+    InputError
+        If it is missing, damaged, no database, or has a view, a trigger or a column that is computed.
+    """
+    if not os.path.isfile(file):
+        raise InputError(f"{file}: there is no such case file")
+    try:
+        with closing(sqlite3.connect(file)) as connection:
+            for kind, name, text in connection.execute("SELECT type, name, sql FROM sqlite_master"):
+                is_plain = kind in ("table", "index") and (
+                    text is None or (_PLAIN.fullmatch(text) and not _COMPUTED.search(text))
+                )
+                if not is_plain:
+                    raise InputError(f"{file}: has the {kind} '{name}', which no recorder makes; it is not read")
+            (said,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+            if said != "ok":
+                raise sqlite3.DatabaseError(said)
+            yield connection
+    except sqlite3.Error as error:
+        words = " ".join(str(error).split())[:160]
+        raise InputError(f"{file}: is no case file that can be read ({words}); it may be damaged") from None
+
+
+def columns_of(connection: sqlite3.Connection, table: str) -> set[str]:
+    """Names of the columns of a table; none where it is not there."""
+    return {row[1] for row in connection.execute(f"PRAGMA table_info({table})")}
 
 
 def count_cases(file: str | os.PathLike) -> int:
@@ -35,14 +80,11 @@ def count_cases(file: str | os.PathLike) -> int:
     """
     if not os.path.isfile(file):
         return 0
-    try:
-        with closing(sqlite3.connect(file)) as connection:
-            known = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-            if TABLES[0] not in known:
-                return 0
-            return int(connection.execute(f"SELECT count(*) FROM {TABLES[0]}").fetchone()[0])
-    except (sqlite3.Error, ValueError) as error:
-        raise InputError(f"{file}: is no case file that can be read ({error}); it may be damaged") from None
+    (table, *_) = COLUMNS
+    with opened_cases(file) as connection:
+        if not columns_of(connection, table):
+            return 0
+        return int(connection.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
 
 
 def take_over(connection: sqlite3.Connection, earlier: str | os.PathLike) -> tuple[int, int]:
@@ -67,6 +109,8 @@ def take_over(connection: sqlite3.Connection, earlier: str | os.PathLike) -> tup
     InputError
         If the other file cannot be read, or is of another version of OpenMDAO.
     """
+    with opened_cases(earlier):
+        pass
     try:
         connection.execute("ATTACH ? AS earlier", (os.fspath(earlier),))
         here, there = (
@@ -75,15 +119,17 @@ def take_over(connection: sqlite3.Connection, earlier: str | os.PathLike) -> tup
         if here != there:
             raise InputError(f"{earlier}: was written by another version of OpenMDAO; begin anew, or run with that one")
         with connection:
-            for table in TABLES:
-                connection.execute(f"INSERT INTO main.{table} SELECT * FROM earlier.{table}")
+            for table, columns in COLUMNS.items():
+                listed = ", ".join(columns)
+                connection.execute(f"INSERT INTO main.{table}({listed}) SELECT {listed} FROM earlier.{table}")
             rows = "SELECT * FROM earlier.global_iterations WHERE record_type = 'driver'"
             connection.execute(f"INSERT INTO main.global_iterations {rows}")
-            (last,) = connection.execute(f"SELECT max(timestamp) FROM main.{TABLES[0]}").fetchone()
+            (table, *_) = COLUMNS
+            (last,) = connection.execute(f"SELECT max(timestamp) FROM main.{table}").fetchone()
             shift = time.perf_counter() - (last or 0.0)
-            for table in TABLES:
-                connection.execute(f"UPDATE main.{table} SET timestamp = timestamp + ?, counter = id", (shift,))
-        names = [name for (name,) in connection.execute(f"SELECT iteration_coordinate FROM main.{TABLES[0]}")]
+            for each in COLUMNS:
+                connection.execute(f"UPDATE main.{each} SET timestamp = timestamp + ?, counter = id", (shift,))
+        names = [name for (name,) in connection.execute(f"SELECT iteration_coordinate FROM main.{table}")]
         numbers = [int(name.rpartition("|")[2]) for name in names]
         connection.execute("DETACH earlier")
     except (sqlite3.Error, ValueError, TypeError, AttributeError) as error:
@@ -91,51 +137,20 @@ def take_over(connection: sqlite3.Connection, earlier: str | os.PathLike) -> tup
     return len(numbers), max(numbers, default=-1) + 1
 
 
-def last_run(file: str | os.PathLike) -> int | None:
-    """Number of the last run of which a case file has the options of systems, from 0; None where it has none.
-
-    Each ``run_model`` and ``run_driver`` of a problem is a run; a recorder that is attached later has nothing of the
-    first ones.
-    """
-    with closing(sqlite3.connect(file)) as connection:
-        names = [name for (name,) in connection.execute("SELECT id FROM system_metadata")]
-    return max((int(name.partition("!")[2] or 0) for name in names), default=None)
-
-
-@contextmanager
-def distinct_cases(file: str | os.PathLike) -> Iterator[Path]:
-    """A case file in which all cases of drivers have names of their own: the file, or else a copy of it for the while.
+def names_with_runs(cases: list[Moment], gradients: list[Moment]) -> tuple[list[str], list[str]]:
+    """Names of cases and of gradients that tell the runs apart, each in its order.
 
     Every run of a driver numbers its cases from 0, and of equal names OpenMDAO reads the first case alone.
     """
-    with closing(sqlite3.connect(file)) as connection:
-        columns = "SELECT timestamp, iteration_coordinate, id FROM"
-        cases, gradients = (connection.execute(f"{columns} {table} ORDER BY id").fetchall() for table in TABLES)
-        if len({name for _, name, _ in cases}) == len(cases):
-            yield Path(file)
-            return
-        with tempfile.TemporaryDirectory() as folder:
-            copy = Path(folder) / "cases.sql"
-            with closing(sqlite3.connect(copy)) as copied:
-                connection.backup(copied)
-                for table, names in zip(TABLES, _names_with_runs(cases, gradients)):
-                    with copied:
-                        copied.executemany(f"UPDATE {table} SET iteration_coordinate = ? WHERE id = ?", names)
-            yield copy
-
-
-def _names_with_runs(cases: list[_Row], gradients: list[_Row]) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
-    """Names of cases and of gradients that tell the runs apart, with their rows."""
     runs: list[int] = []
     seen: set[str] = set()
-    for _, name, _ in cases:
+    for _, name in cases:
         runs.append(runs[-1] + (name in seen) if runs else 0)
         seen = {name} if name in seen else seen | {name}
-    times = [moment for moment, *_ in cases]
+    times = [moment for moment, _ in cases]
     of_gradients = []
-    for moment, name, row in gradients:  # each has the name of the case that comes next, if it comes
+    for moment, name in gradients:  # each has the name of the case that comes next, if it comes
         following = bisect(times, moment)
         is_there = following < len(cases) and cases[following][1] == name
-        run = runs[following] if is_there else runs[max(following - 1, 0)]
-        of_gradients.append((f"run{run}_{name}", row))
-    return [(f"run{run}_{name}", row) for run, (_, name, row) in zip(runs, cases)], of_gradients
+        of_gradients.append(f"run{runs[following if is_there else max(following - 1, 0)]}_{name}")
+    return [f"run{run}_{name}" for run, (_, name) in zip(runs, cases)], of_gradients

@@ -18,9 +18,9 @@ import openmdao.api as om
 from openmdao.recorders.base_case_reader import BaseCaseReader
 
 from ...errors import InputError
-from .case_file import distinct_cases, last_run
 from .nlopt_problem import Limits, Point, Statement
 from .optimality import optimality
+from .sound_cases import sound_cases
 
 __all__ = ["FEASIBLE", "CaseHistory", "Convergence", "Quantity", "read_history"]
 
@@ -111,12 +111,12 @@ class CaseHistory:
     convergence : Convergence or None
         Violations and first-order residuals; None where there is no single objective.
     has_run : ndarray of bool, shape (n,)
-        Whether the model could be run, with finite objectives.
+        Whether the model could be run, with finite variables and objectives, and constraints that are numbers.
     best : int
         The feasible evaluation with the lowest objective, or that with the least violation where none is feasible; the
         last one where there is no single objective.
     outputs : mapping of str to dict
-        Other recorded outputs of the model: for each name, the values by evaluation.
+        Other recorded outputs of the model that are numbers: for each name, the values by evaluation.
     options : mapping of str to mapping
         Options of the systems of the model by their names, in the last run that is recorded.
     n_others : int
@@ -173,13 +173,15 @@ def read_history(file) -> CaseHistory:
     if not os.path.isfile(file):
         raise InputError(f"{file}: there is no such case file; a recorder writes into the problem's folder of outputs")
     try:
-        with distinct_cases(file) as distinct:
-            reader = om.CaseReader(str(distinct))
+        with sound_cases(file) as sound:
+            reader = om.CaseReader(str(sound.file))
             names = reader.list_cases("driver", recurse=False, out_stream=None)
-            found = _history(reader, names, last_run(distinct)) if names else None
+            found = _history(reader, names, sound.options) if names else None
+    except InputError:
+        raise
     except Exception as error:  # of what is unpacked from bytes that are damaged
-        words = " ".join(str(error).split())
-        raise InputError(f"{file}: is no case file of OpenMDAO that can be read ({words}); it may be damaged") from None
+        words = " ".join(str(error).split())[:160]
+        raise InputError(f"{file}: is no case file that can be read ({words}); it may be damaged") from None
     if found is None:
         raise InputError(
             f"{file}: holds no case of a driver; attach a recorder with "
@@ -188,8 +190,8 @@ def read_history(file) -> CaseHistory:
     return found
 
 
-def _history(reader: BaseCaseReader, names: list[str], run: int | None) -> CaseHistory:
-    """What a reader finds in its cases, and in the options of a run."""
+def _history(reader: BaseCaseReader, names: list[str], options: Mapping[str, Mapping[str, object]]) -> CaseHistory:
+    """What a reader finds in its cases."""
     every = [reader.get_case(name) for name in names]
     rows = [{kind: getattr(case, take)(scaled=False) for kind, take in TAKEN_BY.items()} for case in every]
     n_others = _n_others(rows)
@@ -199,9 +201,9 @@ def _history(reader: BaseCaseReader, names: list[str], run: int | None) -> CaseH
     quantities = _quantities(cases[0], rows[n_others:], settings, is_scaled=version < (3, 44))
     convergence = _convergence(quantities, cases)
     stamps = np.array([case.timestamp for case in cases])
-    objectives = [q.values for q in quantities if q.kind == "objective"]
-    are_finite = np.isfinite(np.hstack([np.zeros((len(cases), 0)), *objectives])).all(axis=1)
-    has_run = np.array([bool(case.success) for case in cases]) & are_finite
+    has_run = np.array([bool(case.success) for case in cases])
+    for q in quantities:
+        has_run &= ~np.isnan(q.values).any(axis=1) if q.kind == "constraint" else np.isfinite(q.values).all(axis=1)
     return CaseHistory(
         driver=names[-1].rpartition(":")[2].partition("|")[0],
         quantities=quantities,
@@ -210,7 +212,7 @@ def _history(reader: BaseCaseReader, names: list[str], run: int | None) -> CaseH
         has_run=has_run,
         best=_best(quantities, convergence, has_run),
         outputs=_others(cases, {quantity.name for quantity in quantities}),
-        options={} if run is None else reader.list_model_options(run, out_stream=None),
+        options=options,
         n_others=n_others,
     )
 
@@ -251,8 +253,8 @@ def _quantity(name, kind, values, meta, about, is_scaled) -> Quantity:
     if is_scaled:
         lower, upper, equals = (limit / scaler - adder for limit in (lower, upper, equals))
         lower, upper = np.minimum(lower, upper), np.maximum(lower, upper)
-    units = meta.get("units") or about.get("units") or ""
-    return Quantity(name, kind, units, about.get("desc") or "", lower, upper, equals, scaler, adder, values)
+    units, text = str(meta.get("units") or about.get("units") or ""), str(about.get("desc") or "")
+    return Quantity(name, kind, units, text, lower, upper, equals, scaler, adder, values)
 
 
 def _convergence(quantities: tuple[Quantity, ...], cases) -> Convergence | None:
@@ -309,10 +311,11 @@ def _best(quantities: tuple[Quantity, ...], convergence: Convergence | None, has
 
 
 def _others(cases, taken: set[str]) -> dict[str, dict[int, np.ndarray]]:
-    """Other recorded outputs."""
+    """Other recorded outputs that are numbers."""
     found: dict[str, dict[int, np.ndarray]] = {}
     for n, case in enumerate(cases):
         for name in case.outputs.keys() if case.outputs is not None else ():
-            if name not in taken:
-                found.setdefault(name, {})[n] = np.asarray(case.outputs[name])
+            values = np.asarray(case.outputs[name]) if name not in taken else np.array("")
+            if values.dtype.kind in "fiu":
+                found.setdefault(name, {})[n] = values
     return found
