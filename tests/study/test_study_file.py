@@ -3,15 +3,19 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from study_cases import STUDY, study_of
 
-from bspline_mdao import NLoptDriver
+from bspline_mdao import NLoptDriver, onera_m6_grid
+from bspline_mdao.design.reference_axis import StationSpline
 from bspline_mdao.errors import InputError
 from bspline_mdao.study import keys
+from bspline_mdao.study.draft import study_draft
 from bspline_mdao.study.script import study_script
 from bspline_mdao.study.study import read_study
 from bspline_mdao.study.toml_lines import key_lines, line_of
+from bspline_mdao.topology.detection import find_topology
 
 
 def test_lines_of_keys_are_those_of_the_text():
@@ -203,3 +207,15 @@ def test_the_page_of_studies_has_every_key():
     missing += [name for name in [*kinds, *keys.FLOWS] if f"``{name}``" not in page]
     assert missing == []
     assert re.search(r"\.\. code-block:: toml", page)
+
+
+def test_the_twist_that_is_drafted_of_a_wing_bends_once_at_most(tmp_path):
+    grid = onera_m6_grid((5, 5, 5))
+    draft = study_draft("@onera_m6:5x5x5", None, grid, find_topology(grid))
+    spline, random = (
+        StationSpline.of(study_of(tmp_path, draft).variables["twist"]["stations"]),
+        np.random.default_rng(3),
+    )
+    values = random.normal(size=(spline.n_values, 50))
+    slopes = np.sign(np.diff(spline.basis(np.linspace(0.0, 1.0, 201)) @ values, axis=0))
+    assert np.max(np.sum(np.diff(slopes, axis=0) != 0.0, axis=0)) == 1
