@@ -44,6 +44,7 @@ from .design.user_defined import UserVariable as UserVariable
 from .errors import DerivativeModeWarning as DerivativeModeWarning
 from .errors import FitWarning as FitWarning
 from .errors import InputError as InputError
+from .errors import MachNumberWarning as MachNumberWarning
 from .errors import MovementError as MovementError
 from .errors import SpuriousDragWarning as SpuriousDragWarning
 from .evaluation.inversion import embed_points as embed_points

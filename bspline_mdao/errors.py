@@ -1,6 +1,13 @@
 """Exceptions and warnings: unusable input, a movement that cannot be done, what to look at in fits and flows."""
 
-__all__ = ["DerivativeModeWarning", "FitWarning", "InputError", "MovementError", "SpuriousDragWarning"]
+__all__ = [
+    "DerivativeModeWarning",
+    "FitWarning",
+    "InputError",
+    "MachNumberWarning",
+    "MovementError",
+    "SpuriousDragWarning",
+]
 
 
 class InputError(ValueError):
@@ -81,4 +88,18 @@ class DerivativeModeWarning(UserWarning):
     >>> from bspline_mdao import DerivativeModeWarning
     >>> import warnings
     >>> warnings.simplefilter("error", DerivativeModeWarning)  # a script that does not go on in the slow mode
+    """
+
+
+class MachNumberWarning(UserWarning):
+    """A Mach number at which the flow was not compared with exact solutions, other codes or measurements.
+
+    `EulerFlow` and the vortex lattice give one such warning for each problem, when they first run at such a number. The
+    message is one line that says which numbers were.
+
+    Examples
+    --------
+    >>> from bspline_mdao import MachNumberWarning
+    >>> import warnings
+    >>> warnings.simplefilter("ignore", MachNumberWarning)  # of who has compared it
     """

@@ -17,6 +17,7 @@ from ..measures.volume import EnclosedVolume
 from ..mesh.boundary import wall_patches
 from ..mesh.frame import Frame, surface_frame
 from ..mesh.surface import SurfaceGrid
+from ..om.flow.mach_range import EULER, LATTICE
 from ..topology.grid import Grid
 from ..topology.topology import Topology
 
@@ -179,7 +180,8 @@ def _wing(body: _Body) -> Iterator[str]:
     else:
         yield 'kind = "lattice"  # guessed: one half of a wing; "euler" for the Euler equations on the grid itself'
     yield f"alpha = {ALPHA}  # angle of attack, degrees: set yours"
-    yield f"Mach_number = {MACH}  # set yours"
+    known = EULER if body.why_no_wing else LATTICE
+    yield f"Mach_number = {MACH}  # set yours; {known.lowest:g} to {known.highest:g} were compared with others"
     yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
     yield f"# reference_area = {body.area:.6g}  # planform area of the walls in units of the grid, taken by default"
     yield ""

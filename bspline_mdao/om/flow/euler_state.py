@@ -37,6 +37,7 @@ from ..component import (
     refuse_complex_step,
 )
 from .derivative_mode import warn_of_derivative_mode
+from .mach_range import EULER, warn_of_mach_number
 from .residual_log import ResidualLog
 
 INPUTS = (GRID, "alpha", "Mach_number")
@@ -127,7 +128,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         check_on_grid(self, flow, nodes)
         self._solution = self._converged = self._anchor = self._last_scheme = None
         self._tangent = self._tangent_point = None
-        self._is_mode_looked_at = False
+        self._is_mode_looked_at = self._is_mach_said = False
         is_shared = self.comm.size > 1
         self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared, desc="nodes")
         self._declare_angle()
@@ -155,6 +156,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     def _solve(self, inputs, outputs, tolerance: float) -> None:
         """Solve for the states at the inputs, or raise."""
         self._check(inputs)
+        if not self._is_mach_said and self.comm.rank == 0:
+            self._is_mach_said = warn_of_mach_number(self.pathname, float(inputs["Mach_number"][0]), EULER)
         areas, stream = self._at(inputs)
         self._solution, is_found_at_half = None, False
         with shown("flow") as tell:

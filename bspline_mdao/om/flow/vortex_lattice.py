@@ -14,6 +14,7 @@ from ...extras import library
 from ...flow.induced_drag import Wake
 from ..component import SMOOTH_STEP, fails_together
 from ..model_option import Copied
+from .mach_range import MachWatch
 
 STREAM = [("v", "velocity"), ("rho", "density")]
 """OpenAeroStruct's names of the stream and ours."""
@@ -198,6 +199,7 @@ class LatticeStates(Copied, om.Group):
             promotes_inputs=[(f"{_WING}_def_mesh", "camber_surface"), *STREAM, "alpha", "Mach_number"],
             promotes_outputs=["circulations", (f"{_WING}_sec_forces", "panel_forces")],
         )
+        self.add_subsystem("mach", MachWatch(), promotes_inputs=["Mach_number"])
         self.connect("panels.normals", f"lattice.{_WING}_normals")
         self.set_input_defaults("camber_surface", val=surface["mesh"], units="m")
 

@@ -1,0 +1,78 @@
+"""Mach numbers at which flows were compared with what is known, and a warning of others.
+
+The comparisons are in ``docs/validation.rst``, ``docs/flow.rst`` and ``docs/theory``.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import openmdao.api as om
+
+from ...errors import MachNumberWarning
+
+__all__ = ["EULER", "LATTICE", "MachRange", "MachWatch", "warn_of_mach_number"]
+
+
+class MachRange(NamedTuple):
+    """Mach numbers of the free stream between which a flow was compared with exact solutions, codes or measurements."""
+
+    lowest: float
+    highest: float
+
+    def fault(self, mach: float) -> str:
+        """Say that a Mach number is out of it; empty where it is not."""
+        if self.lowest <= mach <= self.highest:
+            return ""
+        return (
+            f"Mach_number is {mach:g}; results were compared with others from {self.lowest:g} to {self.highest:g} "
+            f"alone, see Validation in the documentation"
+        )
+
+
+EULER = MachRange(0.1, 0.84)
+"""Of `EulerFlow`: from potential flow about NACA 0012 (``docs/theory/euler.rst``) to what was measured about the ONERA
+M6 at 0.8395 (``docs/validation.rst``)."""
+
+LATTICE = MachRange(0.0, 0.5)
+"""Of the vortex lattice: from OpenAeroStruct's own incompressible flow to the ellipse of a wing at 0.5
+(``docs/theory/vortex_lattice.rst``). The rule of Prandtl and Glauert knows no shocks."""
+
+
+def warn_of_mach_number(path: str, mach: float, known: MachRange) -> bool:
+    """Warn where a Mach number is out of a range, and say whether it is.
+
+    Parameters
+    ----------
+    path : str
+        Path of a component of the flow.
+    mach : float
+    known : MachRange
+    """
+    fault = known.fault(mach)
+    if fault:
+        warnings.warn(f"{path.rpartition('.')[0] or 'flow'}: {fault}", MachNumberWarning, stacklevel=2)
+    return bool(fault)
+
+
+class MachWatch(om.ExplicitComponent):
+    """Looks at the Mach number of a flow whose components are those of others.
+
+    ===============  =====  =====  =====  =====================
+    name             role   shape  units  meaning
+    ===============  =====  =====  =====  =====================
+    ``Mach_number``  input  (1,)          of the free stream
+    ===============  =====  =====  =====  =====================
+    """
+
+    def setup(self):
+        """Declare the input."""
+        self._is_said = False
+        self.add_input("Mach_number", val=0.0, desc="of the free stream")
+
+    def compute(self, inputs, outputs):
+        """Warn once."""
+        if not self._is_said and self.comm.rank == 0:
+            mach = float(inputs["Mach_number"][0].real)
+            self._is_said = warn_of_mach_number(self.pathname.rpartition(".")[0], mach, LATTICE)
