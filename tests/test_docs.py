@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bspline_mdao import FittedModel, fit_grid, load_best, onera_m6_grid, read_grid, write_grid
+from bspline_mdao import FittedModel, design_summary, fit_grid, load_best, onera_m6_grid, read_grid, write_grid
 from bspline_mdao.cli.main import run as cli
+from bspline_mdao.om.drivers.case_history import read_history
 from bspline_mdao.study.study import read_study
 
 pytestmark = pytest.mark.slow
@@ -178,6 +179,10 @@ def the_optimum_of_the_tutorial_is_where_another_run_starts(printed):
     optimum = [float(word) for word in printed.splitlines()[2].split()[1:]]
     shown = np.concatenate([problem.get_val(name) for name in ("twist", "alpha", "CL", "CD_induced", "corner_ks")])
     np.testing.assert_allclose(shown, optimum, rtol=0, atol=0.005)
+    table, recorded = design_summary(problem).entries, read_history("wing.sql").quantities
+    names = {each.name: each.value_names for each in table}
+    assert names == {each.name: each.value_names for each in recorded}
+    assert names["twist"] == ("twist[1]", "twist[2]")
 
 
 def test_the_python_examples_of_the_components_run():
@@ -208,7 +213,7 @@ def test_the_study_of_the_page_on_studies_runs(tmp_path, monkeypatch, capsys):
     study, several = code_blocks("study.rst", "toml")
     Path("study.toml").write_text(study.replace("15x13x11", "9x9x7"))
     assert cli(["optimize", "study.toml", "-o", "out", "--max-iterations", "9"]) == 0
-    assert "twist[4] (deg)" in capsys.readouterr().out
+    assert "twist[3] (deg)" in capsys.readouterr().out
     Path("several.toml").write_text(several)
     assert list(read_study("several.toml").conditions) == ["cruise", "climb", "pull_up"]
 

@@ -20,6 +20,7 @@ from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..names import ALL_NAMES
 from ..shown import OneLine
+from ..wording import value_name
 from .elimination import Elimination, eliminate
 from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, Variable, ones_like
 
@@ -279,7 +280,7 @@ class Parametrization(OneLine):
             if is_idle.any():
                 value = int(np.argmax(is_idle))
                 reason = self._what_fixes(name, value) or "no point of the surface"
-                idle = f"value {value + 1} of '{name}' moves nothing ({reason})"
+                idle = f"{value_name(name, value, len(is_idle))} moves nothing ({reason})"
                 rest = np.count_nonzero(is_idle) - 1
                 more = f", nor do {rest} more of its {len(is_idle)}" if rest else ""
                 raise InputError(f"parametrization: {idle}{more}; select and direct it so as to leave them out")

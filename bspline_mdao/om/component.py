@@ -35,6 +35,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ..errors import InputError, MovementError
 from ..numerics.processes import ONE, from_all, gathered, together
+from ..wording import value_name
 from .model_option import Copied
 
 LINEAR_STEP = 1.0
@@ -73,8 +74,9 @@ def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
     points = vector.reshape(-1, 3)
     if not np.isfinite(vector).all():
         row, axis = np.argwhere(~np.isfinite(points))[0]
+        value = value_name(name, 3 * row + axis)
         raise om.AnalysisError(
-            f"{pathname}: {'xyz'[axis]} of point {row + 1} of '{name}' is {points[row, axis]}; take a smaller step"
+            f"{pathname}: {value}, {'xyz'[axis]} of point {row + 1}, is {points[row, axis]}; take a smaller step"
         )
     return points
 
@@ -114,9 +116,8 @@ def finite_values(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
     """
     if not np.isfinite(vector).all():
         entry = int(np.argmin(np.isfinite(vector).ravel()))
-        raise om.AnalysisError(
-            f"{pathname}: value {entry + 1} of '{name}' is {vector.ravel()[entry]}; take a smaller step"
-        )
+        value = value_name(name, entry, vector.size)
+        raise om.AnalysisError(f"{pathname}: {value} is {vector.ravel()[entry]}; take a smaller step")
     return vector
 
 

@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..flow.euler.error_estimate import ErrorEstimate
 from ..io.disk import replaced_file
 from ..shown import OneLine
+from ..wording import value_names
 from .flow.error_estimate import FUNCTIONALS, error_estimate
 from .flow.euler_flow import EulerFlow
 
@@ -40,8 +41,8 @@ class SummaryEntry(OneLine):
         Its units, empty where there are none.
     values, lower, upper : ndarray, shape (n,)
         Values and bounds; not a number where there is no bound.
-    places : ndarray of int, shape (n,)
-        Which values of the variable or response they are, from 1.
+    value_names : tuple of str
+        Names of the values, such as ``twist[2]``.
     """
 
     role: str
@@ -50,7 +51,7 @@ class SummaryEntry(OneLine):
     values: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
-    places: np.ndarray
+    value_names: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +121,7 @@ class DesignSummary(OneLine):
         return "\n".join(lines)
 
     def write_csv(self, path: str | os.PathLike, before: DesignSummary | None = None) -> None:
-        """Write all values to a CSV file: role, name with the number of the value from 1, values and bounds.
+        """Write all values to a CSV file: role, name of the value such as ``twist[2]``, values and bounds.
 
         Where errors are estimated, ``finer`` and ``remaining`` come last, see `ErrorEstimate`.
 
@@ -182,10 +183,8 @@ class DesignSummary(OneLine):
                 for word, extreme in (("smallest", np.min), ("largest", np.max)):
                     yield entry.role, f"{entry.name}, {word} of {n}{units}", [float(extreme(x)) for x in columns]
                 continue
-            for number in range(n):
-                place = entry.places[number]
-                label = f"{entry.name}[{place}]{units}" if n > 1 or place > 1 else f"{entry.name}{units}"
-                yield entry.role, label, [float(x[number]) for x in columns]
+            for number, label in enumerate(entry.value_names):
+                yield entry.role, f"{label}{units}", [float(x[number]) for x in columns]
 
 
 def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: float | None = None) -> DesignSummary:
@@ -248,7 +247,8 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
             values, nothing = np.ravel(problem.get_val(name)), np.full(np.size(problem.get_val(name)), np.nan)
         except KeyError:
             raise InputError(f"summary: the problem has no output '{name}'; leave it out") from None
-        entries.append(SummaryEntry("output", name, "", values.copy(), nothing, nothing, np.arange(values.size) + 1))
+        names = value_names(name, values.size)
+        entries.append(SummaryEntry("output", name, "", values.copy(), nothing, nothing, names))
         sources[name] = problem.model.get_source(name)
     return DesignSummary(tuple(entries), _estimates(problem, sources, finer) if finer is not None else {})
 
@@ -290,10 +290,9 @@ def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool) -> Summar
                 bound = factor(bound, meta[step])
         return np.where(np.abs(bound) < _UNBOUNDED, bound, np.nan)
 
-    indices = meta.get("indices")
-    places = np.arange(values.size) if indices is None else np.ravel(indices.as_array())
-    lower, upper = bound_of("lower"), bound_of("upper")
-    return SummaryEntry(role, _name(meta), meta.get("units") or "", values.copy(), lower, upper, places + 1)
+    name, indices, units = _name(meta), meta.get("indices"), meta.get("units") or ""
+    names = value_names(name, values.size, None if indices is None else indices.shaped_array(flat=True))
+    return SummaryEntry(role, name, units, values.copy(), bound_of("lower"), bound_of("upper"), names)
 
 
 def _number(value: float) -> str:

@@ -141,8 +141,7 @@ def _quantity_chart(number: int, quantity: Quantity, history: CaseHistory) -> Ch
     """History of an objective, a constraint or a variable with its limits."""
     values, n = quantity.values, np.arange(history.n_evaluations)
     if values.shape[1] <= MOST_LINES:
-        names = [quantity.name] if values.shape[1] == 1 else [f"[{k}]" for k in range(values.shape[1])]
-        lines = list(zip(names, values.T))
+        lines = list(zip(quantity.value_names, values.T))
     else:
         lines = [("smallest", values.min(axis=1)), ("largest", values.max(axis=1))]
     data = [_line(name, n, y, {"color": c, "width": 1.8}) for (name, y), c in zip(lines, SERIES)]

@@ -117,8 +117,7 @@ def history_table(history: CaseHistory) -> Table:
     """Objective and constraints at the first, the best and the last evaluation, beside their limits."""
     rows = []
     for quantity in (*history.of_kind("objective"), *history.of_kind("constraint")):
-        for k in range(min(quantity.values.shape[1], MOST_ROWS)):
-            name = quantity.name + (f"[{k}]" if quantity.values.shape[1] > 1 else "")
+        for k, name in enumerate(quantity.value_names[:MOST_ROWS]):
             values = [number(quantity.values[n, k], 6) for n in (0, history.best, -1)]
             limits = [number(side[k]) for side in (quantity.lower, quantity.upper, quantity.equals)]
             rows.append((name, quantity.kind, *values, *limits, quantity.units or "–"))
@@ -190,8 +189,7 @@ def variable_table(history: CaseHistory) -> Table:
     """Design variables with their bounds."""
     rows = []
     for quantity in history.of_kind("variable"):
-        for k in range(quantity.values.shape[1]):
-            name = quantity.name + (f"[{k}]" if quantity.values.shape[1] > 1 else "")
+        for k, name in enumerate(quantity.value_names):
             first, best = quantity.values[0, k], quantity.values[history.best, k]
             lower, upper = quantity.lower[k], quantity.upper[k]
             rows.append(

@@ -231,14 +231,14 @@ def test_one_carried_object_has_one_set_of_rows():
         (
             [Local("a", SurfaceRows([9, 12]), "y")],
             [Pinned([12], name="root")],
-            r"value 2 of 'a'.*\(root: point \(.*\) of",
+            r"a\[1\] moves nothing.*\(root: point \(.*\) of",
         ),
         (
             [Local("a", SurfaceRows([12]))],
             [Linked([9], [12], name="edge")],
-            r"value 1 of 'a'.*\(edge: .* nor do 2 more",
+            r"a\[0\] moves nothing.*\(edge: .* nor do 2 more",
         ),
-        ([Local("a", SurfaceRows([0]))], [], r"value 3 of 'a'.*\(symmetry plane: point "),
+        ([Local("a", SurfaceRows([0]))], [], r"a\[2\] moves nothing.*\(symmetry plane: point "),
         ([Local("a", SurfaceRows([9])), Local("a", SurfaceRows([7]))], [], "two variables are called 'a'"),
     ],
 )

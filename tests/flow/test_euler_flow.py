@@ -230,7 +230,7 @@ def test_an_error_tells_whether_there_is_a_flow_at_half_the_angle(rough, is_told
 def test_node_that_is_not_finite_is_refused():
     flown = problem()
     flown.set_val("grid", np.nan, indices=7)
-    with pytest.raises(om.AnalysisError, match="y of point 3 of 'grid' is nan"):
+    with pytest.raises(om.AnalysisError, match=r"grid\[7\], y of point 3, is nan"):
         flown.run_model()
 
 

@@ -68,5 +68,5 @@ def test_bad_input_is_refused():
     found = problem(decreasing=False)
     found.setup()
     found.set_val("twist", np.nan, indices=2)
-    with pytest.raises(om.AnalysisError, match="value 3 of 'twist' is nan"):
+    with pytest.raises(om.AnalysisError, match=r"twist\[2\] is nan"):
         found.run_model()

@@ -468,7 +468,7 @@ def test_the_warper_tells_how_far_control_points_alone_miss_the_nodes(wing, capl
 def test_surface_nodes_that_are_not_finite_are_an_analysis_error(wing):
     problem = om.Problem(reports=False)
     problem.model.add_subsystem("warper", VolumeWarper(model=wing.model, mover=wing.mover), promotes=["*"])
-    with pytest.raises(om.AnalysisError, match="x of point 1 of 'x_aero' is nan"):
+    with pytest.raises(om.AnalysisError, match=r"x_aero\[0\], x of point 1, is nan"):
         run(problem, x_aero=np.full(wing.surface.points.size, np.nan))
 
 

@@ -79,10 +79,10 @@ PARAMETRIZATIONS = {
     "no mesh": (lambda: Parametrization(MODEL, []), r"of type FittedModel; make it with moving_mesh\(model\)"),
     "taken": (lambda: designed(Twist("grid", AXIS)), "called 'grid', which is taken"),
     "nameless": (lambda: designed(Twist("", AXIS)), "called '', which is taken"),
-    "held": (lambda: designed(Local("b", ROOT, "z")), r"value 1 of 'b' moves nothing \(symmetry plane: .* nor do \d+"),
+    "held": (lambda: designed(Local("b", ROOT, "z")), r"b\[0\] moves nothing \(symmetry plane: .* nor do \d+"),
     "one held": (
         lambda: designed(Twist("a", AXIS), constraints=[Pinned(np.arange(len(MESH.surface_ids)))]),
-        r"value 1 of 'a' moves nothing \(pinned: [^)]*\) of block \d\); select",
+        r"a moves nothing \(pinned: [^)]*\) of block \d\); select",
     ),
 }
 

@@ -18,6 +18,7 @@ import openmdao.api as om
 from openmdao.recorders.base_case_reader import BaseCaseReader
 
 from ...errors import InputError
+from ...wording import value_names
 from .nlopt_problem import Limits, Point, Statement
 from .optimality import optimality
 from .sound_cases import sound_cases
@@ -73,6 +74,8 @@ class Quantity:
         The driver sees ``(value + adder) scaler``.
     values : ndarray, shape (n, size)
         Values of all evaluations in units of the model.
+    value_names : tuple of str
+        Names of the values, such as ``twist[2]``: places are those in the variable of the model.
     """
 
     name: str
@@ -85,6 +88,7 @@ class Quantity:
     scaler: np.ndarray
     adder: np.ndarray
     values: np.ndarray
+    value_names: tuple[str, ...]
 
     def scaled(self, values: np.ndarray) -> np.ndarray:
         """Values, or limits, as the driver sees them."""
@@ -198,7 +202,8 @@ def _history(reader: BaseCaseReader, names: list[str], options: Mapping[str, Map
     cases = every[n_others:]
     settings = (reader.problem_metadata or {}).get("variables", {})
     version = tuple(int(part) for part in reader.openmdao_version.split(".")[:2])
-    quantities = _quantities(cases[0], rows[n_others:], settings, is_scaled=version < (3, 44))
+    outputs = reader._abs2meta  # OpenMDAO has no public name for sizes of what is not recorded
+    quantities = _quantities(cases[0], rows[n_others:], settings, outputs, is_scaled=version < (3, 44))
     convergence = _convergence(quantities, cases)
     stamps = np.array([case.timestamp for case in cases])
     has_run = np.array([bool(case.success) for case in cases])
@@ -224,7 +229,7 @@ def _n_others(rows: list[dict[str, dict]]) -> int:
 
 
 def _quantities(
-    case, rows: list[dict[str, dict]], settings: Mapping[str, dict], is_scaled: bool
+    case, rows: list[dict[str, dict]], settings: Mapping[str, dict], outputs: Mapping[str, dict], is_scaled: bool
 ) -> tuple[Quantity, ...]:
     """Design variables, objectives and constraints; limits are scaled in files of older versions of OpenMDAO."""
     metas = case.list_outputs(explicit=True, implicit=True, val=False, units=True, desc=True, out_stream=None)
@@ -234,11 +239,15 @@ def _quantities(
         for name in rows[0][kind]:
             values = np.array([np.ravel(row[kind][name]) for row in rows], dtype=float)
             meta, about = settings.get(name, {}), by_name.get(name, {})
-            found.append(_quantity(name, kind, values, meta, about, is_scaled))
+            places = meta.get("indices")
+            if places is not None:  # some count from the end
+                places = [place % outputs[meta["source"]]["global_size"] for place in places]
+            names = value_names(name, values.shape[1], places)
+            found.append(_quantity(name, kind, values, names, meta, about, is_scaled))
     return tuple(found)
 
 
-def _quantity(name, kind, values, meta, about, is_scaled) -> Quantity:
+def _quantity(name, kind, values, names, meta, about, is_scaled) -> Quantity:
     """One quantity from its values and what the file says about it."""
     size = values.shape[1]
 
@@ -254,7 +263,7 @@ def _quantity(name, kind, values, meta, about, is_scaled) -> Quantity:
         lower, upper, equals = (limit / scaler - adder for limit in (lower, upper, equals))
         lower, upper = np.minimum(lower, upper), np.maximum(lower, upper)
     units, text = str(meta.get("units") or about.get("units") or ""), str(about.get("desc") or "")
-    return Quantity(name, kind, units, text, lower, upper, equals, scaler, adder, values)
+    return Quantity(name, kind, units, text, lower, upper, equals, scaler, adder, values, names)
 
 
 def _convergence(quantities: tuple[Quantity, ...], cases) -> Convergence | None:
