@@ -73,6 +73,52 @@ def test_sides_of_a_passage_about_any_axis_are_a_pair_planar_or_not(bend, seed):
     assert "17.1887 deg" in str(pair.motion)
 
 
+def test_sides_of_a_thin_sector_are_a_pair():
+    grid = Grid((Block(passage(angle=0.01), "block 1"),))
+    (pair,) = find_periodic(grid, boundary(grid))
+    assert abs(pair.motion.angle) == pytest.approx(0.01, rel=1e-9)
+
+
+def with_one_side_off(distance, places):
+    """A passage of which these nodes of jmax, of shape (n_i, n_k), are off by a distance around the axis (m)."""
+    nodes = passage()
+    radius = np.hypot(nodes[:, -1, :, 1], nodes[:, -1, :, 2])
+    turn = np.where(places, distance / radius, 0.0)
+    nodes[:, -1, :, 1:] = np.stack(_turned(nodes[:, -1, :, 1], nodes[:, -1, :, 2], turn), axis=-1)
+    return Grid((Block(nodes, "block 1"),))
+
+
+def size_of(grid):
+    """Twice the distance of the farthest node from the middle, roughly: that of a passage (m)."""
+    nodes = grid.to_vector().reshape(-1, 3)
+    return 2.0 * np.linalg.norm(nodes - nodes.mean(axis=0), axis=1).max()
+
+
+@pytest.mark.parametrize(("part", "n_pairs"), [(5e-6, 1), (2e-5, 0)])
+def test_nodes_of_both_sides_lie_on_each_other_to_a_hundred_thousandth_of_the_grid(part, n_pairs):
+    one = np.zeros((7, 5), dtype=bool)
+    one[3, 2] = True
+    grid = with_one_side_off(part * size_of(with_one_side_off(0.0, one)), one)
+    assert len(find_periodic(grid, boundary(grid))) == n_pairs
+
+
+def test_the_rotation_is_that_of_all_nodes_and_not_of_the_corners():
+    corners = np.zeros((7, 5), dtype=bool)
+    corners[[0, 0, -1, -1], [0, -1, 0, -1]] = True
+    off = 4e-6 * size_of(with_one_side_off(0.0, corners))
+    grid = with_one_side_off(off, corners)
+    (pair,) = find_periodic(grid, boundary(grid))
+    assert abs(abs(pair.motion.angle) - ANGLE) < 0.1 * off
+
+
+def test_faces_of_a_wedge_in_the_flow_are_walls():
+    """A rotation about its edge lays one onto the other, and they look away from each other on both ways around."""
+    i, j, k = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in (6, 5, 4)), indexing="ij")
+    above = np.stack([i, 0.2 * i + (2.0 - 0.2 * i) * j, 0.5 * k], axis=-1)
+    grid = Grid((Block(above, "above"), Block(above * [1.0, -1.0, 1.0], "below")))
+    assert find_periodic(grid, boundary(grid)) == ()
+
+
 def test_sides_that_are_cut_differently_are_a_pair():
     nodes = passage((9, 6, 5))
     whole = Grid((Block(nodes, "block 1"),))
@@ -145,6 +191,17 @@ def test_sides_that_drift_apart_are_found_with_the_gap_and_the_node(seed):
     assert f"{found.gap:.3g} m apart" in str(found)
     declared = replace(grid, patches=(Patch("sides", "wall", found.pair.windows),))
     assert periodic_gaps(find_topology(declared), grid, replace(grid, blocks=(Block(nodes, "block 1"),))) == ()
+
+
+def test_sides_that_were_as_far_apart_before_have_not_drifted():
+    one = np.zeros((7, 5), dtype=bool)
+    one[3, 2] = True
+    off = 0.9e-5 * size_of(with_one_side_off(0.0, one))
+    grid = with_one_side_off(off, one)
+    topology = find_topology(grid)
+    assert off > 1e-5 * np.ptp(grid.to_vector().reshape(-1, 3), axis=0).max()  # more than the size of the sides allows
+    assert periodic_gaps(topology, grid, grid) == ()
+    assert len(periodic_gaps(topology, grid, with_one_side_off(3.0 * off, one))) == 1
 
 
 @pytest.mark.slow
