@@ -11,6 +11,7 @@ import numpy as np
 from ..checks import as_finite_points
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.family import IndexScaling, refine
+from ..evaluation.transfer import NodeTransfer
 from ..io.cgns import CgnsDialect
 from ..io.plane_grids import PlaneDialect
 from ..shown import Shown
@@ -19,6 +20,7 @@ from ..topology.boundary_surface import BoundarySurface
 from ..topology.grid import Grid, Patch
 from ..topology.held_nodes import HeldNodes
 from ..topology.partition import Share
+from ..topology.sharing import node_sharing
 from ..topology.topology import Topology
 from ..walls.body_points import Body
 from ..walls.embedded_points import EmbeddedPoints
@@ -211,8 +213,8 @@ class FittedModel(Shown):
     def member(self, factor: float) -> FittedModel:
         """Model of a finer or coarser member of the grid family, section II.E, with the same control points.
 
-        The residual of the fit belongs to the nodes of the fitted grid and is not taken over; the layer at walls is
-        that of the member's own nodes.
+        What the splines miss of the grid, the residual of the fit, is interpolated in the index where it is kept, so
+        that a member of twice the cells has the nodes of the grid. The layer at walls is that of its own nodes.
 
         Parameters
         ----------
@@ -230,8 +232,12 @@ class FittedModel(Shown):
             If the factor is not a positive number.
         """
         member = refine(self.topology, self.mesh, self.parameters, factor)
+        residual = self.residual
+        if residual is not None:
+            prolonged = NodeTransfer.of(self.topology, member.topology).prolong(residual)
+            residual = prolonged[node_sharing(member.topology).source_rows()]  # blocks round what they share alike
         header = _scaled_header(self.header, IndexScaling.of(self.topology, factor))
-        return replace(self, topology=member.topology, parameters=member.parameters, residual=None, header=header)
+        return replace(self, topology=member.topology, parameters=member.parameters, residual=residual, header=header)
 
     def save(self, path, compress: bool = True) -> None:
         """Write the model to one HDF5 file, see `bspline_mdao.model.model_file.write_model`."""

@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 from topology_cases import ORIENTATIONS, o_grid, patch, smooth_box, split, turned_and_shuffled, two_block_plate
@@ -300,3 +302,30 @@ def test_every_plane_of_a_member_takes_the_blanking_of_the_nearest_plane_of_the_
         assert len(nearest) == planes[-1] + 1
         places = np.interp(np.arange(len(nearest)), planes, np.arange(len(planes)))  # of the member, in the grid
         assert np.abs(nearest - places).max() <= 0.5
+
+
+@cache
+def shuffled_model(keep_residual=True):
+    """Eight blocks turned at random, whose splines are too few for them."""
+    grid, _ = turned_and_shuffled(make_grid(*split(smooth_box(7, 8, 9), [3], [3], [4])), np.random.default_rng(6))
+    return fit_grid(grid, n_control=4, keep_residual=keep_residual)
+
+
+def test_members_have_the_nodes_of_the_grid_where_what_the_splines_miss_is_kept():
+    model, bare = shuffled_model(), shuffled_model(keep_residual=False)
+    grid, finer, same = (each.regenerate() for each in (model, model.member(2.0), model.member(1.0)))
+    assert np.abs(bare.member(2.0).regenerate().to_vector() - finer.to_vector()).max() > 1e-4
+    np.testing.assert_array_equal(same.to_vector(), grid.to_vector())
+    for block, refined in zip(grid.blocks, finer.blocks):
+        np.testing.assert_allclose(refined.nodes[::2, ::2, ::2], block.nodes, rtol=0.0, atol=1e-13)
+    coarser = model.member(2.0).member(0.5)
+    np.testing.assert_allclose(coarser.residual, model.residual, rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.5, 2.0])
+def test_blocks_share_nodes_of_members_to_the_last_bit_where_what_the_splines_miss_is_kept(factor):
+    member = shuffled_model().member(factor)
+    nodes = member.regenerate().to_vector().reshape(-1, 3)
+    copies = node_sharing(member.topology).copies
+    assert len(copies) > 50
+    np.testing.assert_array_equal(nodes[copies[:, 0]], nodes[copies[:, 1]])

@@ -87,8 +87,8 @@ class FinerMember:
         Of cells.
     factor : float
         Cells per direction, relative to those of the grid.
-    offsets : ndarray, shape (n_nodes of the finer member, 3)
-        What nodes of the finer member differ by from interpolated ones (m); zero where they are these.
+    baselines : tuple of two ndarray, each of shape (n, 3)
+        Nodes of the baseline, of the grid and of the finer member (m).
     """
 
     flow: FlowGrid
@@ -96,7 +96,7 @@ class FinerMember:
     nodes: NodeTransfer
     cells: CellTransfer
     factor: float
-    offsets: np.ndarray
+    baselines: tuple[np.ndarray, np.ndarray]
 
     @classmethod
     def of(
@@ -107,7 +107,7 @@ class FinerMember:
         nodes: np.ndarray,
         axes: str,
         factor: float,
-        splines: tuple[np.ndarray, np.ndarray] | None = None,
+        baselines: tuple[np.ndarray, np.ndarray],
     ) -> FinerMember:
         """Refine the grid of a flow.
 
@@ -125,14 +125,12 @@ class FinerMember:
             See `FlowGrid.of`.
         factor : float
             Cells per direction of the finer member, relative to those of the grid; above 1.
-        splines : tuple of two ndarray, optional
-            Nodes of the splines that the grid was fitted with, and of these on the finer member (m): what the grid
-            differs by from them is interpolated, in place of the nodes.
+        baselines : tuple of two ndarray, each of shape (n, 3)
+            Nodes of the baseline (m), and of the member of that; displacements from them are interpolated.
         """
         finer = refined_topology(topology, factor)
         to_nodes, scheme = NodeTransfer.of(topology, finer), flow.discretization
-        offsets = splines[1] - to_nodes.prolong(splines[0]) if splines else np.zeros((finer.n_nodes, 3))
-        finer_nodes = to_nodes.prolong(nodes) + offsets
+        finer_nodes = _displaced(to_nodes, baselines, nodes)
         fine_flow = FlowGrid.of(
             finer,
             finer_nodes,
@@ -143,11 +141,11 @@ class FinerMember:
         wing = forces.wing.coefficients
         references = wing.area, wing.chord, wing.reference
         fine_forces = FlowForces.of(fine_flow, finer_nodes, *references)
-        return cls(fine_flow, fine_forces, to_nodes, CellTransfer.of(topology, finer), factor, offsets)
+        return cls(fine_flow, fine_forces, to_nodes, CellTransfer.of(topology, finer), factor, baselines)
 
     def nodes_at(self, nodes: np.ndarray) -> np.ndarray:
         """Nodes of the finer member (m), for those of the grid, shape (n_nodes, 3); real or complex."""
-        return self.nodes.prolong(nodes) + self.offsets
+        return _displaced(self.nodes, self.baselines, nodes)
 
     def prolonged(self, states: np.ndarray, nodes: np.ndarray, stream: np.ndarray) -> FinerStates:
         """Prolong the states of a flow, shape (n_cells, 5), on nodes, shape (n_nodes, 3), in a stream, shape (5,)."""
@@ -206,6 +204,11 @@ class FinerMember:
         found = seen(finer.states) + change
         contributions = self.cells.restrict_sums(dots(psi, finer.residual))
         return ErrorEstimate(value, found, self.factor, contributions, abs(change) + abs(found - rough))
+
+
+def _displaced(transfer: NodeTransfer, baselines: tuple[np.ndarray, np.ndarray], nodes: np.ndarray) -> np.ndarray:
+    """Nodes of the finer member of a grid: those of its baseline, displaced as the nodes of the grid are."""
+    return baselines[1] + transfer.prolong(nodes - baselines[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,15 +6,17 @@ Theory: ``docs/theory/error_estimates.rst``.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 import openmdao.api as om
 
 from ...errors import InputError
 from ...flow.euler.error_estimate import ErrorEstimate, FinerMember
+from ...flow.euler.flow_grid import FlowGrid
+from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES, free_stream
 from ...flow.stream import RADIAN
+from ...model.fitted_model import FittedModel
 from ...names import GRID
 from .euler_flow import EulerFlow
 
@@ -89,10 +91,7 @@ def error_estimate(
     alpha, mach = RADIAN * flow.get_val("alpha", units="deg").item(), flow.get_val("Mach_number").item()
     stream = free_stream(mach, alpha, grid.axes)
     values = forces.evaluate(states, nodes, alpha, mach)
-    model = flow.options["model"]
-    fitted = replace(model, residual=None), model.member(factor)
-    splines = tuple(each.regenerate().to_vector().reshape(-1, 3) for each in fitted)
-    member = FinerMember.of(grid, forces, model.topology, nodes, flow.options["axes"], factor, splines)
+    member = finer_member(flow.options["model"], grid, forces, nodes, flow.options["axes"], factor)
     member.flow.require_volumes(member.nodes_at(nodes))
     bars = [forces.vjp(states, nodes, alpha, mach, {name: np.ones(1)})[0] for name in names]
     adjoints = [flow.state.adjoint(bar, ADJOINT_TOLERANCE) for bar in bars]
@@ -101,6 +100,14 @@ def error_estimate(
         name: member.estimate(float(np.ravel(values[name])[0]), name, psi, finer, alpha, mach)
         for name, psi in zip(names, adjoints)
     }
+
+
+def finer_member(
+    model: FittedModel, flow: FlowGrid, forces: FlowForces, nodes: np.ndarray, axes: str, factor: float
+) -> FinerMember:
+    """Finer member of the grid of a flow: that of the model, ``model.member(factor)``, displaced as the nodes are."""
+    baseline, finer = (each.regenerate().to_vector().reshape(-1, 3) for each in (model, model.member(factor)))
+    return FinerMember.of(flow, forces, model.topology, nodes, axes, factor, (baseline, finer))
 
 
 def _only_flow(problem: om.Problem) -> EulerFlow:

@@ -27,15 +27,13 @@ from ...adaptation.stiffness import StiffValues
 from ...cells.grid_quality import GridQuality, GridValues
 from ...design.interior_points import InteriorShift
 from ...errors import InputError
-from ...evaluation.family import refined_topology
-from ...evaluation.transfer import NodeTransfer
-from ...flow.euler.error_estimate import ErrorEstimate, FinerMember
+from ...flow.euler.error_estimate import ErrorEstimate
 from ...flow.euler.estimate_loss import EstimateLoss, WeightedAdjoint
 from ...flow.euler.gas import N_STATES, free_stream
 from ...flow.stream import RADIAN
 from ...model.fitted_model import FittedModel
 from ...names import GRID
-from .error_estimate import ADJOINT_TOLERANCE
+from .error_estimate import ADJOINT_TOLERANCE, finer_member
 from .euler_flow import EulerFlow
 
 __all__ = ["ErrorSearch", "flow_problem", "limits_of"]
@@ -97,8 +95,7 @@ class ErrorSearch:
         self.flow, self.forces = (self.problem.model.state.options[name] for name in ("flow", "forces"))
         self.stream = free_stream(self.mach, self.alpha, self.flow.axes)
         axes = self.problem.model.options["axes"]
-        nodes = self.nodes_at(values)
-        self.member = FinerMember.of(self.flow, self.forces, model.topology, nodes, axes, FACTOR)
+        self.member = finer_member(self.model, self.flow, self.forces, self.nodes_at(values), axes, FACTOR)
 
     def nodes_at(self, values: np.ndarray) -> np.ndarray:
         """Nodes of the grid (m): those that no control point moves keep every bit."""
@@ -205,16 +202,10 @@ def flow_problem(model: FittedModel, mach: float, alpha: float, options: Mapping
 def limits_of(
     model: FittedModel, names: Sequence[str], mach: float, alpha: float, options: Mapping
 ) -> dict[str, float]:
-    """Limits of second order, by the flows on a grid and on its finer member.
-
-    The nodes of the finer member are interpolated in the index, as those that estimates are made on.
-    """
-    nodes = model.regenerate().to_vector().reshape(-1, 3)
-    finer = NodeTransfer.of(model.topology, refined_topology(model.topology, FACTOR)).prolong(nodes)
+    """Limits of second order, by the flows on a grid and on its finer member."""
     values = []
-    for member, at in ((model, nodes), (model.member(FACTOR), finer)):
+    for member in (model, model.member(FACTOR)):
         problem = flow_problem(member, mach, alpha, options)
-        problem.set_val(GRID, at.ravel())
         problem.run_model()
         values.append([problem.get_val(name).item() for name in names])
     return {name: fine - (coarse - fine) / (FACTOR**2 - 1.0) for name, coarse, fine in zip(names, *values)}
