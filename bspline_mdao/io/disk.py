@@ -8,15 +8,21 @@ first, and no interrupt from the keyboard is lost in h5py.
 
 from __future__ import annotations
 
+import bz2
+import gzip
 import io
+import lzma
 import os
+import re
 import shutil
 import signal
 import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
 
 import h5py
 
@@ -249,16 +255,67 @@ def replaced_hdf5_file(path: str | os.PathLike) -> Iterator[h5py.File]:
         temporary.write_bytes(buffer.getvalue())
 
 
-_MAGIC = b"\x1f\x8b"
+class Compression(NamedTuple):
+    """A format that holds one compressed file.
 
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    suffix : str
+        Suffix of its files.
+    magic : re.Pattern
+        What they begin with.
+    decompressor : callable
+        Makes what decompresses a member of a file.
+    sink : callable
+        Opens what compresses into a file that is open; the same content gives the same bytes.
+    """
+
+    name: str
+    suffix: str
+    magic: re.Pattern[bytes]
+    decompressor: Callable[[], Any]
+    sink: Callable[[BinaryIO], Any]
+
+
+_XZ_MEMORY = 2**28
+"""Bytes that xz may take for its dictionary: of its presets, the strongest takes 64 MiB."""
+
+COMPRESSIONS = (
+    Compression(
+        "gzip",
+        ".gz",
+        re.compile(rb"\x1f\x8b"),
+        lambda: zlib.decompressobj(wbits=zlib.MAX_WBITS | 16),
+        lambda file: gzip.GzipFile("", "wb", 6, file, mtime=0),  # without name and time
+    ),
+    Compression(
+        "bzip2",
+        ".bz2",
+        re.compile(rb"BZh[1-9](1AY&SY|\x17rE8P\x90)"),
+        bz2.BZ2Decompressor,
+        partial(bz2.open, mode="wb"),
+    ),
+    Compression(
+        "xz",
+        ".xz",
+        re.compile(rb"\xfd7zXZ\x00"),
+        lambda: lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=_XZ_MEMORY),
+        partial(lzma.open, mode="wb"),
+    ),
+)
+"""What grids are compressed with."""
+
+_LONGEST_MAGIC = 10
 
 MAX_RATIO = 200
 MAX_SMALL = 2**26
 """What is compressed may grow to 64 MiB or 200 times its file's length; grids compress at most about 40 times."""
 
 
-def read_bytes(path: str | os.PathLike) -> tuple[bytes, bool, tuple[str, ...]]:
-    """Read a file and decompress it where its first bytes say gzip.
+def read_bytes(path: str | os.PathLike) -> tuple[bytes, str, tuple[str, ...]]:
+    """Read a file and decompress it where its first bytes say that it is compressed.
 
     Parameters
     ----------
@@ -269,8 +326,8 @@ def read_bytes(path: str | os.PathLike) -> tuple[bytes, bool, tuple[str, ...]]:
     -------
     data : bytes
         Its content, decompressed.
-    is_gzipped : bool
-        Whether it was compressed.
+    compression : str
+        Name of one of `COMPRESSIONS`; empty where it was not compressed.
     ignored : tuple of str
         What is in the file besides, one line each: bytes after the compressed data.
 
@@ -280,22 +337,28 @@ def read_bytes(path: str | os.PathLike) -> tuple[bytes, bool, tuple[str, ...]]:
         When it cannot be read, is damaged, or grows more than a grid does.
     """
     data = read_raw(path)
-    if not data.startswith(_MAGIC):
-        return data, False, ()
-    plain, n_ignored = _decompress(data, path)
+    found = _compression_of(data)
+    if found is None:
+        return data, "", ()
+    plain, n_ignored = _decompress(data, found, path)
     note = f"{path}: the {n_ignored} bytes after the compressed data are ignored; is the file whole?"
-    return plain, True, (note,) * (n_ignored > 0)
+    return plain, found.name, (note,) * (n_ignored > 0)
 
 
 def is_compressed(path: str | os.PathLike) -> bool:
-    """Whether the first bytes of a file say gzip.
+    """Whether the first bytes of a file say that it is compressed.
 
     Raises
     ------
     InputError
         When it cannot be read.
     """
-    return read_raw(path, len(_MAGIC)) == _MAGIC
+    return _compression_of(read_raw(path, _LONGEST_MAGIC)) is not None
+
+
+def _compression_of(data: bytes) -> Compression | None:
+    """What a file is compressed with, from its first bytes; None where it is not."""
+    return next((item for item in COMPRESSIONS if item.magic.match(data)), None)
 
 
 def read_raw(path: str | os.PathLike, size: int = -1) -> bytes:
@@ -315,27 +378,27 @@ def read_raw(path: str | os.PathLike, size: int = -1) -> bytes:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
-def _decompress(data: bytes, path) -> tuple[bytes, int]:
-    """Content of all members of a gzip file, and how many bytes follow that belong to none."""
+def _decompress(data: bytes, compression: Compression, path) -> tuple[bytes, int]:
+    """Content of all members of a compressed file, and how many bytes follow that belong to none."""
     limit = max(MAX_SMALL, MAX_RATIO * len(data))
     pieces, size, rest = [], 0, data
-    while rest.startswith(_MAGIC):
-        member = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)
+    while compression.magic.match(rest):
+        member = compression.decompressor()
         try:
             pieces.append(member.decompress(rest, limit + 1 - size))
-        except zlib.error as error:
-            raise _damaged(path, error) from error
+        except (zlib.error, lzma.LZMAError, OSError) as error:
+            raise _damaged(path, compression, error) from error
         size += len(pieces[-1])
         if size > limit:
             raise InputError(
                 f"{path}: grows from {len(data)} to more than {limit} bytes; decompress it yourself if it is a grid"
             )
         if not member.eof:
-            raise _damaged(path, "it ends in the middle")
+            raise _damaged(path, compression, "it ends in the middle")
         rest = member.unused_data
     return b"".join(pieces), len(rest)
 
 
-def _damaged(path, error) -> InputError:
-    """Return the error of a gzip file that cannot be decompressed."""
-    return InputError(f"{path}: damaged gzip file ({error}); transfer or compress it again")
+def _damaged(path, compression: Compression, error) -> InputError:
+    """Return the error of a compressed file that cannot be decompressed."""
+    return InputError(f"{path}: damaged {compression.name} file ({error}); transfer or compress it again")

@@ -16,7 +16,7 @@ from ..numerics.processes import ONE, on_first
 from ..topology.grid import Grid, require_grid
 from ..topology.stored_grid import StoredGrid
 from ..topology.topology import Topology
-from .formats import FORMATS, GZIP, MODEL, GridFormat, format_of_content, format_of_name
+from .formats import COMPRESSED, FORMATS, MODEL, GridFormat, format_of_content, format_of_name
 from .other_files import head_of_grid
 from .patches import read_patches
 from .plane_grids import PlaneDialect, flattened
@@ -128,7 +128,7 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     ``polyMesh`` (OpenFOAM), or a suffix of PLOT3D. Under one of these, under none, or under that which it was read
     from, a grid read from PLOT3D is written in the dialect that it was read in; other grids become PLOT3D with 8-byte
     reals and a block count: ASCII for ``.fmt``, ``.p3dfmt`` and ``.txt``, else raw little-endian binary, either
-    compressed where ``.gz`` follows.
+    compressed where ``.gz``, ``.bz2`` or ``.xz`` follows.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def _format_to_write(path: str | os.PathLike, grid: HasDialect) -> GridFormat:
         FORMATS[1:], key=lambda form: (bool(form.folder), bool(form.reader))
     )  # what is only looked at first
     names = ", ".join(str(form).removeprefix("a folder ") for form in others)
-    asked = "".join(name.suffixes[-2:]) if name.suffix.lower() == GZIP else name.suffix
+    asked = "".join(name.suffixes[-2:]) if name.suffix.lower() in COMPRESSED else name.suffix
     advice = f"name it {names}, or for {plot3d.name} {', '.join(filter(None, plot3d.suffixes))}"
     if suffix == MODEL:
         raise InputError(

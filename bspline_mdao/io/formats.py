@@ -30,8 +30,8 @@ POLYMESH = "polyMesh"
 MODEL, MODEL_FORMAT = ".h5", "bspline_mdao fitted model"
 """Suffix of fitted models, and the attribute ``format`` of their HDF5 files."""
 
-GZIP = ".gz"
-"""Suffix behind that of a format which may be compressed."""
+COMPRESSED = (".gz", ".bz2", ".xz")
+"""Suffixes behind that of a format which may be compressed."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class GridFormat:
     takes_topology : bool
         Whether the writer takes the topology of the grid as well.
     may_be_compressed : bool
-        Whether ``.gz`` may follow the suffix.
+        Whether one of `COMPRESSED` may follow the suffix.
     """
 
     name: str
@@ -77,8 +77,8 @@ class GridFormat:
     may_be_compressed: bool = False
 
     def suffix_of(self, path: Path) -> str:
-        """Return the suffix that counts, in lower case: the one before ``.gz`` where that may follow."""
-        is_compressed = self.may_be_compressed and path.suffix.lower() == GZIP
+        """Return the suffix that counts, in lower case: the one before `COMPRESSED` where that may follow."""
+        is_compressed = self.may_be_compressed and path.suffix.lower() in COMPRESSED
         return (path.with_suffix("") if is_compressed else path).suffix.lower()
 
     def __str__(self) -> str:

@@ -21,10 +21,12 @@ import numpy as np
 from ..errors import InputError
 from .stored_numbers import TEXT_PART, BinaryNumbers, StoredBytes, TextNumbers
 
-_BREAKS = (b" ", b"\t", b"\n", b"\r")
+_LINE_BREAKS = (b"\n", b"\r")
+_BREAKS = (b" ", b"\t", *_LINE_BREAKS)
 _SEPARATORS = b" \t\r\n,;\x0b\x0c"
 _NUMBERS = b"0123456789+-.eEdDqQ*" + b"nNaAiIfFtTyY"
 _PLAIN = bytes.maketrans(b",;DdQq*", b"  EEEE ")
+_COMMENT = re.compile(rb"[#!][^\n\r]*")
 _LOST_EXPONENT = re.compile(rb"([0-9.])([+-])")
 
 _FREE_EXPANSION = 2**23
@@ -41,7 +43,7 @@ def parse_numbers(data: bytes, source: str, n_lines: int = 0) -> np.ndarray:
     """Read all numbers of a list-directed text.
 
     Blanks, line ends, commas and semicolons separate; ``3*0.5`` repeats; ``1.5D-3``, ``1.5Q-3`` and ``1.5-103`` are
-    exponents.
+    exponents; what follows ``#`` or ``!`` on a line is a comment.
 
     Parameters
     ----------
@@ -63,6 +65,7 @@ def parse_numbers(data: bytes, source: str, n_lines: int = 0) -> np.ndarray:
         When something in it is not a number, a repeat has no value, or repeats ask for more than memory should hold.
     """
     data = data.rstrip(b"\x00\x1a")
+    data = _COMMENT.sub(b"", data) if _has_comments(data) else data
     if data.translate(None, _SEPARATORS + _NUMBERS):
         raise _not_a_number(data, source, n_lines)
     plain = data.translate(_PLAIN)
@@ -74,6 +77,15 @@ def parse_numbers(data: bytes, source: str, n_lines: int = 0) -> np.ndarray:
     if len(values) != len(starts):
         raise _not_a_number(data, source, n_lines)
     return _repeat(values, starts, data, source, n_lines) if b"*" in data else values
+
+
+def _has_comments(data: bytes) -> bool:
+    return b"#" in data or b"!" in data
+
+
+def count_comments(data: bytes) -> int:
+    """Count the comments of a text."""
+    return len(_COMMENT.findall(data)) if _has_comments(data) else 0
 
 
 def scan_text(data: StoredBytes, source: str) -> TextNumbers:
@@ -91,22 +103,24 @@ def scan_text(data: StoredBytes, source: str) -> TextNumbers:
     InputError
         As `parse_numbers`.
     """
-    parse, start, n_lines, n_numbers = partial(_parse_part, source), 0, 0, 0
+    parse, start, n_lines, n_numbers, n_comments = partial(_parse_part, source), 0, 0, 0, 0
     starts, lines, ends = [0], [], []
     while start < len(data):
         part = data[start : start + TEXT_PART]
         if start + len(part) < len(data):
-            length = 1 + max(map(part.rfind, _BREAKS))  # no number is cut in two
+            breaks = _LINE_BREAKS if _has_comments(part) else _BREAKS
+            length = 1 + max(map(part.rfind, breaks))  # no number and no comment is cut in two
             if not length:
                 raise InputError(f"{source}: holds text that is not a list of numbers; is this an ASCII PLOT3D grid?")
             part = part[:length]
         lines.append(n_lines)
         n_numbers += len(parse(part, n_lines))
+        n_comments += count_comments(part)
         n_lines += part.count(b"\n")
         start += len(part)
         starts.append(start)
         ends.append(n_numbers)
-    return TextNumbers(parse, data, *map(np.array, (starts, lines, ends)))
+    return TextNumbers(parse, data, np.array(starts), np.array(lines), np.array(ends), n_comments)
 
 
 def _parse_part(source: str, part: bytes, n_lines: int) -> np.ndarray:

@@ -9,8 +9,6 @@ Format: ``docs/theory/grid_files.rst``.
 
 from __future__ import annotations
 
-import gzip
-import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext
@@ -24,8 +22,7 @@ from ..errors import InputError
 from ..topology.grid import Block, Grid, find_fault
 from ..topology.index_space import Window
 from ..topology.stored_grid import StoredBlock, StoredGrid
-from .disk import read_bytes, replaced_file
-from .formats import GZIP
+from .disk import COMPRESSIONS, read_bytes, replaced_file
 from .fortran import format_numbers, join_records
 from .plot3d_dialect import Plot3dDialect, Reading, exact_readings
 from .stored_numbers import StoredBytes
@@ -48,9 +45,10 @@ _FLATTEST = 1e-6
 def read_plot3d(path: str | os.PathLike) -> Grid:
     """Read a PLOT3D grid; the dialect is detected from the file.
 
-    ASCII, Fortran records and raw binary, either byte order, 4- or 8-byte reals, one block with or without the block
-    count or many, 2-D or 3-D, with or without IBLANK, whole or plane-wise, compressed with gzip or not. A 2-D block has
-    one node in k and z = 0.
+    ASCII, Fortran records and raw binary, either byte order, 4- or 8-byte reals and integers, one block with or without
+    the block count or many, node counts of all blocks before the first or each before its own, 2-D or 3-D, with or
+    without IBLANK, whole or plane-wise, compressed with gzip, bzip2 or xz or not. A 2-D block has one node in k and
+    z = 0.
 
     Parameters
     ----------
@@ -67,9 +65,9 @@ def read_plot3d(path: str | os.PathLike) -> Grid:
     InputError
         When no dialect, or more than one, makes sense of the file, or a node is not finite.
     """
-    data, is_gzipped, ignored = read_bytes(path)
+    data, compression, ignored = read_bytes(path)
     reading, blocks = _most_plausible(exact_readings(data, str(path)), str(path), _read_blocks)
-    dialect = replace(reading.dialect, is_gzipped=is_gzipped, ignored=ignored)
+    dialect = replace(reading.dialect, compression=compression, ignored=(*reading.dialect.ignored, *ignored))
     return Grid(blocks, source=str(path), dialect=dialect)
 
 
@@ -96,13 +94,12 @@ def open_plot3d(path: str | os.PathLike) -> StoredGrid:
     """
     source, data = str(path), StoredBytes(path)
     reading, _ = _most_plausible(exact_readings(data, source), source, _leading_blocks)
-    sizes = reading.dialect.node_bytes * np.prod(reading.shapes, axis=1)
-    starts = reading.dialect.header_bytes(len(reading.shapes)) + np.cumsum([0, *sizes])
+    starts = reading.dialect.block_starts(reading.shapes)
     blocks = (
         StoredBlock(tuple(shape), f"block {number}", partial(_read_part, reading, source, number, int(start)))
         for number, (shape, start) in enumerate(zip(reading.shapes.tolist(), starts), 1)
     )
-    dialect = replace(reading.dialect, is_gzipped=data.is_gzipped, ignored=data.ignored)
+    dialect = replace(reading.dialect, compression=data.compression, ignored=(*reading.dialect.ignored, *data.ignored))
     return StoredGrid(tuple(blocks), source=source, dialect=dialect)
 
 
@@ -160,25 +157,23 @@ def _by_blanking(rivals: list) -> list:
 
 def _read_blocks(reading: Reading) -> tuple[Block, ...]:
     """Read the blocks of one way to read a file."""
-    start = reading.dialect.header_bytes(len(reading.shapes))
+    starts = reading.dialect.block_starts(reading.shapes)
     blocks = []
-    for number, shape in enumerate(reading.shapes.tolist(), 1):
-        nodes, iblank = _read_block(reading, shape, start, Window.whole(number - 1, shape))
+    for number, (shape, start) in enumerate(zip(reading.shapes.tolist(), starts), 1):
+        nodes, iblank = _read_block(reading, shape, int(start), Window.whole(number - 1, shape))
         blocks.append(Block(nodes, f"block {number}", iblank))
-        start += math.prod(shape) * reading.dialect.node_bytes
     return tuple(blocks)
 
 
 def _leading_blocks(reading: Reading) -> tuple[Block, ...]:
     """Read what `_roughness` looks at, and no more."""
-    start, n_judged = reading.dialect.header_bytes(len(reading.shapes)), 0
+    starts, n_judged = reading.dialect.block_starts(reading.shapes), 0
     blocks = []
-    for number, shape in enumerate(reading.shapes.tolist(), 1):
+    for number, (shape, start) in enumerate(zip(reading.shapes.tolist(), starts), 1):
         n_planes = min(_planes_judged(shape), shape[2])
         window = Window(number - 1, (0, 0, 0), (shape[0] - 1, shape[1] - 1, n_planes - 1))
-        nodes, iblank = _read_block(reading, shape, start, window)
+        nodes, iblank = _read_block(reading, shape, int(start), window)
         blocks.append(Block(nodes, f"block {number}", iblank))
-        start += math.prod(shape) * reading.dialect.node_bytes
         n_judged += nodes.size
         if n_judged > 3 * _NODES_JUDGED:
             break
@@ -218,8 +213,8 @@ def _read_block(
 
 
 def _as_int32(values: np.ndarray) -> np.ndarray:
-    """Whole numbers; what is none becomes the lowest integer, which `find_fault` reports."""
-    if values.dtype.kind == "i":
+    """Whole numbers; what is none, or too large, becomes the lowest integer, which `find_fault` reports."""
+    if values.dtype.kind == "i" and values.dtype.itemsize == 4:
         return values
     lowest = np.iinfo(np.int32).min
     is_integer = (np.floor(values) == values) & (np.abs(values) < -float(lowest))
@@ -292,9 +287,8 @@ def write_plot3d(path: str | os.PathLike, grid: Grid, dialect: Plot3dDialect | N
         dialect = grid.dialect if isinstance(grid.dialect, Plot3dDialect) else Plot3dDialect()
     _check_fits(grid, dialect)
     with replaced_file(path) as temporary, open(temporary, "wb") as file:
-        # no name and no time in the gzip header: the same grid gives the same bytes
-        stream = gzip.GzipFile("", "wb", 6, file, mtime=0) if dialect.is_gzipped else nullcontext(file)
-        with stream as sink:
+        sinks = {item.name: item.sink for item in COMPRESSIONS}
+        with sinks[dialect.compression](file) if dialect.compression else nullcontext(file) as sink:
             for piece in _encode(grid, dialect):
                 sink.write(piece)
 
@@ -331,10 +325,15 @@ def _encode(grid: Grid, dialect: Plot3dDialect) -> Iterator[bytes]:
 def _records(grid: Grid, dialect: Plot3dDialect) -> Iterator[list[np.ndarray]]:
     """Arrays of the file in order, the arrays of a record in one list."""
     integer = np.dtype(np.int64) if dialect.encoding == "ascii" else dialect.integer_dtype
-    if dialect.has_block_count:
-        yield [np.array([len(grid.blocks)], integer)]
-    yield [np.array([shape[: dialect.n_dimensions] for shape in grid.shapes], integer).reshape(-1)]
-    for block in grid.blocks:
+    count = [np.array([len(grid.blocks)], integer)] * dialect.has_block_count
+    rows = [np.array(shape[: dialect.n_dimensions], integer) for shape in grid.shapes]
+    if dialect.header == "joined":
+        yield [*count, *rows]
+    else:
+        yield from [count] * bool(count)
+        yield from {"apart": [rows], "rows": [[row] for row in rows], "spread": []}[dialect.header]
+    for block, row in zip(grid.blocks, rows):
+        yield from [[row]] * (dialect.header == "spread")
         pieces = [_piece_arrays(block, lo, hi, dialect, integer) for lo, hi in dialect.pieces(block.shape)]
         if dialect.records == "array":
             yield from ([array] for piece in pieces for array in piece)
@@ -372,6 +371,6 @@ def write_plot3d_as_named(path: str | os.PathLike, grid: Grid) -> None:
     if isinstance(grid.dialect, Plot3dDialect):
         return write_plot3d(path, grid)
     name = Path(path)
-    is_gzipped = name.suffix.lower() == GZIP
-    suffix = (name.with_suffix("") if is_gzipped else name).suffix.lower()
-    write_plot3d(path, grid, Plot3dDialect("ascii" if suffix in _ASCII_SUFFIXES else "raw", is_gzipped=is_gzipped))
+    compression = next((item.name for item in COMPRESSIONS if item.suffix == name.suffix.lower()), "")
+    suffix = (name.with_suffix("") if compression else name).suffix.lower()
+    write_plot3d(path, grid, Plot3dDialect("ascii" if suffix in _ASCII_SUFFIXES else "raw", compression=compression))

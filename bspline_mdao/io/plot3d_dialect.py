@@ -8,6 +8,7 @@ Format: ``docs/theory/grid_files.rst``.
 
 from __future__ import annotations
 
+import math
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,8 +17,22 @@ from itertools import product
 import numpy as np
 
 from ..errors import InputError
-from .fortran import is_text, parse_numbers, scan_text, split_records
-from .stored_numbers import BinaryNumbers, Numbers, StoredBytes
+from ..wording import counted
+from .fortran import count_comments, is_text, parse_numbers, scan_text, split_records
+from .stored_numbers import BinaryNumbers, Numbers, StoredBytes, TextNumbers
+
+_HEADER_WORDS = {
+    "apart": [],
+    "joined": ["header in one record"],
+    "rows": ["a record of dimensions for each block"],
+    "spread": ["dimensions before each block"],
+}
+
+HEADERS = (
+    (("apart", 4),),
+    tuple(pair for pair in product(("apart", "joined", "rows", "spread"), (4, 8)) if pair != ("apart", 4)),
+)
+"""Headers and lengths of integers, those that are common first: others count where none of these fits."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +55,19 @@ class Plot3dDialect:
     layout : str
         ``"whole"``: x of all nodes of a block, then y, z and IBLANK; ``"planes"``: the same for one plane of constant k
         after the other.
+    header : str
+        Where the node counts of the blocks stand: all of them ``"apart"`` from the number of blocks, ``"joined"`` with
+        it in one Fortran record, in ``"rows"`` of a record for each block, or ``"spread"``, each before its block.
+    integer_bytes : int
+        Length of an integer, 4 or 8; binary only.
     has_block_count : bool
         Whether the file begins with the number of blocks; without it there is one block.
     n_dimensions : int
         3, or 2 for files of x and y alone.
     has_iblank : bool
         Whether an integer per node follows the coordinates.
-    is_gzipped : bool
-        Whether the file is compressed with gzip.
+    compression : str
+        What the file is compressed with: ``"gzip"``, ``"bzip2"``, ``"xz"`` or nothing.
     ignored : tuple of str
         What the file holds besides, one line each.
     """
@@ -58,10 +78,12 @@ class Plot3dDialect:
     marker_bytes: int = 4
     records: str = "block"
     layout: str = "whole"
+    header: str = "apart"
+    integer_bytes: int = 4
     has_block_count: bool = True
     n_dimensions: int = 3
     has_iblank: bool = False
-    is_gzipped: bool = False
+    compression: str = ""
     ignored: tuple[str, ...] = field(default=(), compare=False)
 
     @property
@@ -72,16 +94,27 @@ class Plot3dDialect:
     @property
     def integer_dtype(self) -> np.dtype:
         """Type of a count or IBLANK in the bytes of a `Reading`; all numbers of a text are reals."""
-        return np.dtype(np.float64) if self.encoding == "ascii" else np.dtype(f"{self.byte_order}i4")
+        return np.dtype(np.float64) if self.encoding == "ascii" else np.dtype(f"{self.byte_order}i{self.integer_bytes}")
 
     @property
     def node_bytes(self) -> int:
         """Number of bytes per node: its coordinates, and IBLANK where there is one."""
         return self.n_dimensions * self.real_dtype.itemsize + self.has_iblank * self.integer_dtype.itemsize
 
-    def header_bytes(self, n_blocks: int) -> int:
-        """Return the number of bytes of the header of a file of so many blocks."""
-        return self.integer_dtype.itemsize * (self.has_block_count + n_blocks * self.n_dimensions)
+    @property
+    def dimension_bytes(self) -> int:
+        """Number of bytes of the node counts of a block."""
+        return self.n_dimensions * self.integer_dtype.itemsize
+
+    def block_starts(self, shapes: np.ndarray) -> np.ndarray:
+        """Byte at which the coordinates of each block begin, and the end of the last one, shape (n_blocks + 1,).
+
+        In float64: the product of three corrupt counts overflows an integer, and sizes below 2**53 are exact.
+        """
+        sizes, n_blocks = np.prod(shapes.astype(float), axis=1) * self.node_bytes, len(shapes)
+        n_counts = np.minimum(np.arange(1, n_blocks + 2), n_blocks) if self.header == "spread" else n_blocks
+        count = self.has_block_count * self.integer_dtype.itemsize
+        return count + np.cumsum([0.0, *sizes]) + n_counts * self.dimension_bytes
 
     def pieces(self, shape: Sequence[int]) -> Iterator[tuple[int, int]]:
         """Ranges of k whose coordinates follow each other: the whole block or its planes one by one."""
@@ -98,8 +131,9 @@ class Plot3dDialect:
         if self.encoding != "ascii":
             words += ["little endian" if self.byte_order == "<" else "big endian", f"{self.real_bytes}-byte reals"]
         words += [f"{self.n_dimensions}-D"]
+        words += [f"{self.integer_bytes}-byte integers"] * (self.integer_bytes != 4) + _HEADER_WORDS[self.header]
         words += ["IBLANK"] * self.has_iblank + ["plane-wise"] * (self.layout == "planes")
-        words += ["without block count"] * (not self.has_block_count) + ["gzip"] * self.is_gzipped
+        words += ["without block count"] * (not self.has_block_count) + [self.compression] * bool(self.compression)
         return ", ".join(words)
 
 
@@ -142,27 +176,50 @@ def exact_readings(data: bytes | StoredBytes, source: str) -> list[Reading]:
     InputError
         When there is none; the message says what the likeliest header announces.
     """
-    exact, near = [], []
-    for dialect, content, lengths in _containers(data, source):
-        for has_count, n_dimensions in product((True, False), (3, 2)):
-            headed = replace(dialect, has_block_count=has_count, n_dimensions=n_dimensions)
-            shapes = _read_header(headed, content)
-            if shapes is not None:
-                readings = [Reading(full, content, shapes) for full in _node_formats(headed)]
+    containers, near = list(_containers(data, source)), []
+    for headers in HEADERS:
+        exact = []
+        for (dialect, content, lengths), (header, size) in product(containers, headers):
+            for readings in _readings(replace(dialect, header=header, integer_bytes=size), content):
                 exact += [layout for r in readings if _misfit(r) == 0 for layout in _layouts(r, lengths)]
                 near += readings
-    if not exact:
-        raise _no_reading(near, len(data), source)
-    return exact
+        if exact:
+            return exact
+    raise _no_reading([r for r in near if (r.dialect.header, r.dialect.integer_bytes) in HEADERS[0]], len(data), source)
+
+
+def _readings(dialect: Plot3dDialect, content: Numbers) -> Iterator[list[Reading]]:
+    """Ways to read plain numbers whose header makes sense, with all lengths of reals, with and without IBLANK."""
+    if dialect.encoding != "fortran" and dialect.header in ("joined", "rows"):
+        return  # there are no records
+    if dialect.encoding == "ascii" and dialect.integer_bytes != 4:
+        return
+    for has_count, n_dimensions in product((True, False), (3, 2)):
+        headed = replace(dialect, has_block_count=has_count, n_dimensions=n_dimensions)
+        if headed.header == "spread":
+            found = [(full, _read_spread_header(full, content)) for full in _node_formats(headed) if has_count]
+        else:
+            shapes = _read_header(headed, content)
+            found = [(full, shapes) for full in _node_formats(headed)]
+        known = [Reading(full, content, shapes) for full, shapes in found if shapes is not None]
+        if known and (
+            dialect.header == "apart" or (has_count and (dialect.header == "joined" or len(known[0].shapes) > 1))
+        ):
+            yield known  # of one block, and without a number of blocks, the others are no different
 
 
 def _containers(data: bytes | StoredBytes, source: str) -> Iterator[tuple[Plot3dDialect, Numbers, list[int] | None]]:
     """Ways to get at the plain numbers: dialect so far, content, and lengths of the records where there are any."""
     if is_text(data[:1024].removeprefix(BOM_UTF8)):  # which editors on Windows put first
+        content: TextNumbers | BinaryNumbers
         if isinstance(data, StoredBytes):
-            yield Plot3dDialect("ascii"), scan_text(data, source), None
+            content = scanned = scan_text(data, source)
+            n_comments = scanned.n_comments
         else:
-            yield Plot3dDialect("ascii"), BinaryNumbers.whole(parse_numbers(data.removeprefix(BOM_UTF8), source)), None
+            text = data.removeprefix(BOM_UTF8)
+            content, n_comments = BinaryNumbers.whole(parse_numbers(text, source)), count_comments(text)
+        note = f"{source}: {counted(n_comments, 'comment')} in the text, not kept when the grid is written"
+        yield Plot3dDialect("ascii", ignored=(note,) * (n_comments > 0)), content, None
         return
     found = False
     for byte_order, marker_bytes in product("<>", (4, 8)):
@@ -198,22 +255,39 @@ def _read_header(dialect: Plot3dDialect, content: Numbers) -> np.ndarray | None:
     return shapes
 
 
+def _read_spread_header(dialect: Plot3dDialect, content: Numbers) -> np.ndarray | None:
+    """Node counts of blocks, each in front of its coordinates, or None where they make no sense."""
+    counts = _integers(dialect, content, 0, 1)
+    least = dialect.dimension_bytes + dialect.node_bytes
+    if counts is None or not 1 < int(counts[0]) <= content.nbytes // least:
+        return None
+    shapes, start = np.ones((int(counts[0]), 3), np.int64), dialect.integer_dtype.itemsize
+    for shape in shapes:
+        dims = _integers_at(dialect, content, start, dialect.n_dimensions)
+        if dims is None:
+            return None
+        shape[: dialect.n_dimensions] = dims
+        start += dialect.dimension_bytes + math.prod(shape.tolist()) * dialect.node_bytes
+    return shapes
+
+
 def _integers(dialect: Plot3dDialect, content: Numbers, start: int, count: int) -> np.ndarray | None:
     """Positive whole numbers from number ``start`` on, or None where they are not."""
-    size = dialect.integer_dtype.itemsize
-    if (start + count) * size > content.nbytes:
+    return _integers_at(dialect, content, start * dialect.integer_dtype.itemsize, count)
+
+
+def _integers_at(dialect: Plot3dDialect, content: Numbers, start: int, count: int) -> np.ndarray | None:
+    """Positive whole numbers from byte ``start`` on, or None where they are not."""
+    if start + count * dialect.integer_dtype.itemsize > content.nbytes:
         return None
-    values = content.take(dialect.integer_dtype, count, start * size)
+    values = content.take(dialect.integer_dtype, count, start)
     is_count = (values >= 1) & (values < 2**31) & (values == np.floor(values))
     return values.astype(np.int64) if is_count.all() else None
 
 
 def _misfit(reading: Reading) -> float:
     """Bytes that the file has too many; negative where it has too few."""
-    # in float64: the product of three corrupt counts overflows an integer, and sizes below 2**53 are exact
-    n_nodes = float(np.prod(reading.shapes.astype(float), axis=1).sum())
-    expected = reading.dialect.header_bytes(len(reading.shapes)) + n_nodes * reading.dialect.node_bytes
-    return reading.content.nbytes - expected
+    return reading.content.nbytes - float(reading.dialect.block_starts(reading.shapes)[-1])
 
 
 def _layouts(reading: Reading, lengths: list[int] | None) -> Iterator[Reading]:
@@ -229,12 +303,20 @@ def _layouts(reading: Reading, lengths: list[int] | None) -> Iterator[Reading]:
                 break
 
 
+def header_lengths(dialect: Plot3dDialect, n_blocks: int) -> Iterator[int]:
+    """Length in bytes of every Fortran record before the first block."""
+    count, dims = dialect.has_block_count * dialect.integer_dtype.itemsize, dialect.dimension_bytes
+    of_header = {"apart": [count, n_blocks * dims], "joined": [count + n_blocks * dims]}
+    of_header |= {"rows": [count, *[dims] * n_blocks], "spread": [count]}
+    yield from (length for length in of_header[dialect.header] if length)
+
+
 def record_lengths(dialect: Plot3dDialect, shapes) -> Iterator[int]:
     """Length in bytes of every Fortran record of a grid of these shapes."""
-    if dialect.has_block_count:
-        yield dialect.integer_dtype.itemsize
-    yield dialect.integer_dtype.itemsize * dialect.n_dimensions * len(shapes)
+    yield from header_lengths(dialect, len(shapes))
     for shape in np.asarray(shapes).tolist():
+        if dialect.header == "spread":
+            yield dialect.dimension_bytes
         n_plane = shape[0] * shape[1]
         if dialect.records == "block":
             yield n_plane * shape[2] * dialect.node_bytes

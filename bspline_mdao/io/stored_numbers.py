@@ -52,11 +52,11 @@ class StoredBytes:
 
     def __init__(self, path: str | os.PathLike):
         self.path = os.fspath(path)
-        self.is_gzipped = False
+        self.compression = ""
         self.ignored: tuple[str, ...] = ()
         self._held: bytes | None = None
         if is_compressed(path):
-            self._held, self.is_gzipped, self.ignored = read_bytes(path)
+            self._held, self.compression, self.ignored = read_bytes(path)
         self._size = os.path.getsize(path) if self._held is None else len(self._held)
 
     def __getstate__(self) -> dict:
@@ -67,7 +67,7 @@ class StoredBytes:
 
     def __getitem__(self, part: slice) -> bytes:
         start, stop, _ = part.indices(self._size)
-        if self.is_gzipped and self._held is None:
+        if self.compression and self._held is None:
             self._held = read_bytes(self.path)[0]
         if self._held is not None:
             return self._held[start:stop]
@@ -142,6 +142,8 @@ class TextNumbers:
         Lines before each part.
     ends : ndarray of int, shape (n,)
         Numbers up to the end of each part.
+    n_comments : int
+        Comments in the text.
     """
 
     parse: Any
@@ -149,6 +151,7 @@ class TextNumbers:
     starts: np.ndarray
     lines: np.ndarray
     ends: np.ndarray
+    n_comments: int = 0
 
     @property
     def nbytes(self) -> int:

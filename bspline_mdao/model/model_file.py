@@ -462,5 +462,7 @@ def _decode(value):
         return tuple(_decode(item) for item in value)
     if isinstance(value, dict):
         items = {name: _decode(item) for name, item in value.items() if name != "record"}
+        if "is_gzipped" in items:  # before there were other compressions
+            items["compression"] = "gzip" if items.pop("is_gzipped") else ""
         return _RECORDS[value["record"]](**items) if "record" in value else items
     return value

@@ -32,7 +32,10 @@ DIALECTS = [
     Plot3dDialect("fortran", marker_bytes=8, records="plane", layout="planes"),
     Plot3dDialect("raw"),
     Plot3dDialect("raw", ">", 4, has_block_count=False),
-    Plot3dDialect("raw", is_gzipped=True),
+    Plot3dDialect("raw", compression="gzip"),
+    Plot3dDialect("raw", compression="xz"),
+    Plot3dDialect("fortran", header="joined", has_iblank=True),
+    Plot3dDialect("raw", header="spread", integer_bytes=8),
 ]
 
 NMF = b"""2

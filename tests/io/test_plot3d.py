@@ -1,6 +1,8 @@
 """PLOT3D grids in every dialect."""
 
+import bz2
 import gzip
+import lzma
 import os
 import struct
 import tracemalloc
@@ -11,8 +13,9 @@ import pytest
 from grid_cases import assert_same_grid, smooth_grid, smooth_nodes
 
 from bspline_mdao.errors import InputError
+from bspline_mdao.io.files import read_grid, write_grid
 from bspline_mdao.io.fortran import parse_numbers
-from bspline_mdao.io.plot3d import read_plot3d, write_plot3d
+from bspline_mdao.io.plot3d import open_plot3d, read_plot3d, write_plot3d
 from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.topology.grid import Block, Grid
 
@@ -25,12 +28,14 @@ CONTAINERS = (
     ]
 )
 CONTENTS = [
-    {"has_block_count": count, "n_dimensions": n, "has_iblank": blank, "layout": layout, "is_gzipped": zipped}
-    for count, n, blank, layout, zipped in product((True, False), (3, 2), (False, True), ("whole", "planes"), (0, 1))
+    {"has_block_count": count, "n_dimensions": n, "has_iblank": blank, "layout": layout, "compression": zipped}
+    for count, n, blank, layout, zipped in product(
+        (True, False), (3, 2), (False, True), ("whole", "planes"), ("", "gzip")
+    )
     if not (n == 2 and layout == "planes")
 ]
 DIALECTS = [
-    Plot3dDialect(**container, **{**content, "is_gzipped": bool(content["is_gzipped"])})
+    Plot3dDialect(**container, **content)
     for container, content in product(CONTAINERS, CONTENTS)
     if not (container.get("records") == "plane" and content["layout"] == "whole")
 ]
@@ -53,6 +58,104 @@ def test_every_dialect_is_detected_and_comes_back_byte_for_byte(tmp_path):
         assert_same_grid(read, grid)
         write_plot3d(second, read)
         assert second.read_bytes() == first.read_bytes()
+
+
+RARE_HEADERS = [
+    ("fortran", header, size)
+    for header, size in product(("apart", "joined", "rows", "spread"), (4, 8))
+    if (header, size) != ("apart", 4)
+] + [("raw", "apart", 8), ("raw", "spread", 4), ("raw", "spread", 8), ("ascii", "spread", 4)]
+
+
+@pytest.mark.parametrize(("encoding", "header", "size"), RARE_HEADERS)
+def test_every_header_met_in_the_wild_is_detected_and_comes_back_byte_for_byte(tmp_path, encoding, header, size):
+    first, second = tmp_path / "first", tmp_path / "second"
+    contents = product(
+        "<>", (4, 8), (3, 2), (False, True), ("whole", "planes") if encoding != "fortran" else ("whole",)
+    )
+    for order, real, n_dimensions, blank, layout in contents:
+        if n_dimensions == 2 and layout == "planes":
+            continue
+        binary = {} if encoding == "ascii" else {"byte_order": order, "real_bytes": real, "integer_bytes": size}
+        dialect = Plot3dDialect(
+            encoding, header=header, n_dimensions=n_dimensions, has_iblank=blank, layout=layout, **binary
+        )
+        grid = grid_for(dialect)
+        write_plot3d(first, grid, dialect)
+        for read in (read_plot3d(first), open_plot3d(first).grid()):
+            assert read.dialect == dialect
+            assert_same_grid(read, grid)
+        write_plot3d(second, read)
+        assert second.read_bytes() == first.read_bytes()
+
+
+def record(*arrays):
+    """Bytes of a Fortran record."""
+    payload = b"".join(array.tobytes() for array in arrays)
+    return struct.pack("<i", len(payload)) + payload + struct.pack("<i", len(payload))
+
+
+def test_headers_as_others_write_them_are_read(tmp_path):
+    """The bytes are put together here, block by block."""
+    grid, path = smooth_grid(((4, 5, 6), (6, 4, 5), (3, 3, 4))), tmp_path / "grid"
+    for kind in (np.int32, np.int64):
+        count, rows = kind(len(grid.blocks)), [np.array(shape, kind) for shape in grid.shapes]
+        data = [block.nodes.transpose(3, 2, 1, 0).astype(np.float32) for block in grid.blocks]
+        one_of_each = [piece for row, nodes in zip(rows, data) for piece in (row, nodes)]
+        files = {
+            "joined": record(count, *rows) + b"".join(map(record, data)),
+            "rows": record(count) + b"".join(map(record, rows)) + b"".join(map(record, data)),
+            "spread": record(count) + b"".join(map(record, one_of_each)),
+            "raw": b"".join(array.tobytes() for array in (count, *one_of_each)),
+        }
+        for content in files.values():
+            path.write_bytes(content)
+            assert_same_grid(read_plot3d(path), grid)
+    path.write_bytes(record(np.int32(1), np.int32([4, 5, 6])) + record(data[0]))  # one block, in one record
+    assert read_plot3d(path).dialect.header == "joined"
+
+
+def test_counts_that_are_no_sizes_of_the_file_are_refused_in_no_time(tmp_path):
+    path = tmp_path / "grid"
+    for kind in (np.int32, np.int64):
+        for counts in ([2**31 - 1, 1, 1, 1], [3, 2**20, 2**20, 2**20], [2, 4, 5, 0]):
+            path.write_bytes(np.array(counts, kind).tobytes() + bytes(5000))
+            assert "PLOT3D" in refusal(path)
+
+
+def test_comments_in_a_text_are_passed_over_and_said(tmp_path, monkeypatch):
+    grid, path = smooth_grid(), tmp_path / "grid.fmt"
+    write_plot3d(path, grid, Plot3dDialect("ascii"))
+    plain = path.read_text()
+    path.write_text("# wing, 12*4 nodes; x = 1.5\n" + plain.replace("\n", " ! 1 2 3\n", 40) + "# end")
+    monkeypatch.setattr("bspline_mdao.io.fortran.TEXT_PART", 200)  # parts end anywhere
+    for read in (read_plot3d(path), open_plot3d(path).grid()):
+        assert_same_grid(read, grid)
+        assert read.dialect.ignored == (f"{path}: 42 comments in the text, not kept when the grid is written",)
+    write_plot3d(path, read)
+    assert path.read_text() == plain
+
+
+@pytest.mark.parametrize(
+    ("name", "suffix", "compress"), [("gzip", ".gz", gzip), ("bzip2", ".bz2", bz2), ("xz", ".xz", lzma)]
+)
+def test_compressed_grids_are_read_and_written_as_named(tmp_path, name, suffix, compress):
+    grid, path = smooth_grid(), tmp_path / f"grid.fmt{suffix}"
+    write_grid(path, grid)
+    assert_same_grid(read_grid(path), grid)
+    assert read_grid(path).dialect == Plot3dDialect("ascii", compression=name)
+    first = path.read_bytes()
+    assert compress.decompress(first).startswith(b"2\n4 5 6")
+    write_grid(path, read_grid(path))
+    assert path.read_bytes() == first
+    path.write_bytes(first + compress.compress(b" "))  # two members, one after the other
+    assert_same_grid(open_plot3d(path).grid(), grid)
+    path.write_bytes(first[:-20])
+    assert f"damaged {name} file (it ends in the middle)" in refusal(path)
+    path.write_bytes(first[:200] + bytes(200) + first[400:])
+    assert f"damaged {name} file" in refusal(path)
+    path.write_bytes(compress.compress(bytes(2**26 + 1)))
+    assert "grows from" in refusal(path)
 
 
 def test_a_large_grid_is_not_taken_for_a_flat_one_in_another_layout(tmp_path, monkeypatch):
@@ -244,7 +347,7 @@ def test_real_grid_is_read_whole_and_written_back_alike(real_grids, tmp_path, na
         assert_same_grid(read_plot3d(tmp_path / "grid"), grid)
         return
     written, original = (tmp_path / "grid").read_bytes(), (real_grids / name).read_bytes()
-    if grid.dialect.is_gzipped:
+    if grid.dialect.compression == "gzip":
         written, original = gzip.decompress(written), gzip.decompress(original)
     assert written == original
 

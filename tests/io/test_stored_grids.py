@@ -17,14 +17,14 @@ from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
 
 DIALECTS = [
-    Plot3dDialect(encoding, layout=layout, has_iblank=blank, is_gzipped=zipped, **rest)
+    Plot3dDialect(encoding, layout=layout, has_iblank=blank, compression=zipped, **rest)
     for encoding, rest in (
         ("ascii", {}),
         ("raw", {"byte_order": ">", "real_bytes": 4}),
         ("fortran", {"records": "array"}),
         ("fortran", {"byte_order": ">", "marker_bytes": 8}),
     )
-    for layout, blank, zipped in product(("whole", "planes"), (False, True), (False, True))
+    for layout, blank, zipped in product(("whole", "planes"), (False, True), ("", "gzip"))
 ]
 WINDOWS = [Window(0, (0, 0, 0), (3, 4, 5)), Window(1, (1, 0, 2), (1, 3, 4)), Window(1, (2, 1, 0), (5, 3, 0))]
 

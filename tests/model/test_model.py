@@ -142,6 +142,13 @@ def test_a_file_of_version_1_is_read(saved):
     assert again.settings.parametrization == "chord_length"
 
 
+@pytest.mark.parametrize(("was", "is_now"), [(True, "gzip"), (False, "")])
+def test_a_file_from_before_there_were_other_compressions_is_read(saved, was, is_now):
+    dialect = {"record": "Plot3dDialect", "encoding": "ascii", "is_gzipped": was}
+    as_version(saved, 4, lambda document: document["header"].update(dialect=dialect))
+    assert FittedModel.load(saved).header.dialect == Plot3dDialect("ascii", compression=is_now)
+
+
 def test_a_file_of_version_2_is_read_if_its_fit_is_still_known(saved):
     as_version(saved, 2, lambda document: smoothed(document, float("inf")))
     model = FittedModel.load(saved)

@@ -65,8 +65,8 @@ class FoamFile:
         """
         path, packed = folder / name, folder / f"{name}.gz"
         path = packed if packed.is_file() and not path.is_file() else path
-        data, is_compressed, _ = read_bytes(path)
-        return cls(path, data, is_compressed)
+        data, compression, _ = read_bytes(path)
+        return cls(path, data, bool(compression))
 
     @cached_property
     def head(self) -> dict[str, str]:
