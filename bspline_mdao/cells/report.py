@@ -9,7 +9,8 @@ Theory: ``docs/theory/quality.rst``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ import numpy as np
 from ..errors import InputError
 from ..numerics.processes import from_all, together
 from ..shown import InNotebook
-from ..topology.grid import PATCH_KINDS
+from ..topology.grid import PATCH_KINDS, Patch
 from .block_cells import BlockCells
 from .cell_fields import cell_middle
 from .grid_quality import GridQuality
@@ -36,6 +37,7 @@ __all__ = [
     "distribution",
     "inverted_cells",
     "judge_move",
+    "patches_of",
     "report_quality",
 ]
 
@@ -96,9 +98,12 @@ class InvertedCell(NamedCell):
         See `NamedCell`.
     corner : float
         Smallest corner triple product of unit edges, relative to the handedness of the block.
+    patches : tuple of str
+        Patches on which it has a face.
     """
 
     corner: float
+    patches: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -274,7 +279,7 @@ def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) ->
     with together(comm):
         for block, measures in zip(quality.blocks, cells):
             own.append(_Summary.of(measures, n_bins))
-            worst += _worst(block, measures, newly=False)
+            worst += _worst(block, measures, False, quality.pieces)
             lowest += _lowest(block, measures, nodes, quality.pieces)
     whole = _Summary.join(from_all(comm, _Summary.join(own, n_bins)), n_bins)
     q_min, min_corner, min_jacobian, min_volume = whole.least.tolist()
@@ -356,11 +361,22 @@ def inverted_cells(quality: GridQuality, cells: Iterable[CellQuality], newly: bo
     worst = []
     with together(quality.pieces.comm):
         for block, measures in zip(quality.blocks, cells):
-            worst += _worst(block, measures, newly)
+            worst += _worst(block, measures, newly, quality.pieces)
     return _worst_of_all(quality.pieces.comm, worst)
 
 
-def _worst(block: BlockCells, measures: CellQuality, newly: bool) -> list[tuple]:
+def patches_of(cells: Iterable[InvertedCell]) -> tuple[str, ...]:
+    """Patches on which inverted cells have faces, those of the most cells first.
+
+    Examples
+    --------
+    >>> patches_of([InvertedCell("block 1", 1, 1, n, -0.1, at) for n, at in enumerate([("a", "b"), ("b",), ()])])
+    ('b', 'a')
+    """
+    return tuple(name for name, _ in Counter(name for cell in cells for name in cell.patches).most_common())
+
+
+def _worst(block: BlockCells, measures: CellQuality, newly: bool, pieces: Pieces) -> list[tuple]:
     """Worst inverted cells of a block, each with what sorts it: its corner measure, its block and its number there."""
     ids = np.flatnonzero(~measures.is_valid)
     if newly:
@@ -370,7 +386,8 @@ def _worst(block: BlockCells, measures: CellQuality, newly: bool) -> list[tuple]
     for n in np.argsort(corners, kind="stable")[:MOST_NAMED]:
         corner, (i, j, k) = float(corners[n]), block.number(ids[n])
         order = np.inf if math.isnan(corner) else corner
-        found.append((order, block.window.block, (i, j, k), InvertedCell(block.name, i, j, k, corner)))
+        at = tuple(sorted({patch.name for patch in _patches_at((i - 1, j - 1, k - 1), block.window.block, pieces)}))
+        found.append((order, block.window.block, (i, j, k), InvertedCell(block.name, i, j, k, corner, at)))
     return found
 
 
@@ -396,12 +413,18 @@ def _lowest(block: BlockCells, measures: CellQuality, nodes: np.ndarray, pieces:
 def _patch_of(cell: tuple[int, ...], block: int, pieces: Pieces) -> str:
     """Patch that a cell of a block is at, the most important one; empty where it is at none."""
     at: dict[str, str] = {}
+    for patch in _patches_at(cell, block, pieces):
+        at.setdefault(patch.kind, patch.name)
+    return next((at[kind] for kind in PATCH_KINDS if kind in at), "")
+
+
+def _patches_at(cell: tuple[int, ...], block: int, pieces: Pieces) -> Iterator[Patch]:
+    """Patches on which a cell of a block has a face; one that is on two windows of a patch gives it twice."""
     for patch in pieces.patches:
         for window in (window for window in patch.windows if window.block == block):
             ends = zip(cell, window.lo, window.hi, pieces.shapes[block])
             if all((lo <= c < hi) if lo < hi else c == min(lo, max(n - 2, 0)) for c, lo, hi, n in ends):
-                at.setdefault(patch.kind, patch.name)
-    return next((at[kind] for kind in PATCH_KINDS if kind in at), "")
+                yield patch
 
 
 def _worst_of_all(comm, worst: Sequence[tuple], most: int = MOST_NAMED) -> tuple:

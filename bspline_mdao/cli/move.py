@@ -2,12 +2,13 @@
 
 The causes of inverted cells are looked for in this order: a control mesh that is folded before anything moves; what the
 splines miss of the grid, where the splines' own grid stays valid; a control mesh that tangles; splines that fold over a
-valid one.
+valid one. Cures are named where they were tried, see `.cures`.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from ..cad.opencascade import require_opencascade
 from ..cad.write_cad import write_cad
 from ..cells.certificate import Certificate, certify_cells
 from ..cells.grid_quality import GridQuality
-from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_quality
+from ..cells.report import InvertedCell, QualityReport, inverted_cells, judge_move, patches_of, report_quality
 from ..design.deformation import Deformation
 from ..design.named_deformations import PrescribedPoints, parse_deformation
 from ..errors import InputError, MovementError
@@ -29,7 +30,7 @@ from ..mesh.boundary import moving_mesh
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
-from ..movement.mover import MEND, IncrementReport, Movement, MovementReport
+from ..movement.mover import MEND, IncrementReport, Movement
 from ..numerics.progress import within
 from ..topology.grid import Grid
 from ..topology.periodic_gap import PeriodicGap, periodic_gaps
@@ -37,6 +38,7 @@ from ..topology.sharing import node_sharing
 from ..walls.wall_correction import WallCorrection
 from ..wording import counted
 from .cad import show_cad
+from .cures import Trial, try_cures, verdict
 from .movers import MoverOptions
 from .output import (
     MEANING_OF_INVALID,
@@ -68,9 +70,6 @@ INCREMENT_COLUMNS = ("number", "invalid", "new", "corner", "time (s)", "residual
 
 FEW_DIGITS = 8.0
 """A warning is due where fewer digits of the displacements are right."""
-
-MANY = 10
-"""Increments that a control mesh which tangles with fewer may need."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +153,15 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
         check_grid_name(output, model.header)
         moved = _move(model, model_file, options, progress)
         if moved.newly_inverted and not options.allow_invalid:
-            raise MovementError(complaint(model, moved, options.mover))
+            progress(0.85, "looking for what cures it")
+            trials = try_cures(
+                options,
+                model.topology,
+                moved.mesh,
+                patches_of(moved.newly_inverted),
+                lambda other: _n_inverted(model, model_file, other),
+            )
+            raise MovementError(complaint(model, moved, trials))
         progress(0.9, "writing")
         with written_json(json, move_numbers(model_file, output, moved, options)):
             if is_cad:
@@ -385,7 +392,7 @@ def _warnings(moved: Moved) -> list[str]:
     return warnings
 
 
-def complaint(model: FittedModel, moved: Moved, options: MoverOptions) -> str:
+def complaint(model: FittedModel, moved: Moved, trials: Sequence[Trial]) -> str:
     """Say which cells are inverted, why, and what cures it.
 
     Parameters
@@ -394,59 +401,50 @@ def complaint(model: FittedModel, moved: Moved, options: MoverOptions) -> str:
         What was moved.
     moved : Moved
         The move, which leaves cells inverted.
-    options : MoverOptions
-        How it was made.
+    trials : sequence of Trial
+        Other options that were tried.
 
     Returns
     -------
     str
     """
-    cause, cure = _cause_and_cure(model, moved, options)
+    beside = ", ".join(f"'{name}'" for name in patches_of(moved.newly_inverted))
+    where = f"the worst {moved.newly_inverted[0]}{f', and they lie on {beside}' if beside else ''}"
     return (
-        f"the move leaves {counted(moved.after.n_inverted, 'cell')} inverted, the worst {moved.newly_inverted[0]}; "
-        f"{cause}; nothing was written; {cure}, or --allow-invalid to see it"
+        f"the move leaves {counted(moved.after.n_inverted, 'cell')} inverted, {where}; {_cause(model, moved)}; nothing "
+        f"was written; {verdict(trials)}, or --allow-invalid to see it"
     )
 
 
-def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> tuple[str, str]:
-    """Find the first cause that applies, and what cures it."""
+def _n_inverted(model: FittedModel, model_file: Path, options: MoveOptions) -> int:
+    """Make a move with other options, and count the cells that it inverts."""
+    _, deformation, _, movement = moved_control_mesh(model, model_file, options)
+    baseline = model.regenerate()
+    grid = _grid(model, options, deformation, movement.points, baseline)[0]
+    return judge_move(GridQuality.of_baseline(baseline), grid.to_vector().reshape(-1, 3)).n_inverted
+
+
+def _cause(model: FittedModel, moved: Moved) -> str:
+    """Find the first cause that applies, and what of fits may help and is not tried."""
     mesh, report = moved.mesh, moved.movement.report
     if mesh.n_invalid:
         n = f"{mesh.n_invalid:,} of {counted(len(mesh.elements), 'element')}"
         is_mended = model.settings.method == "valid"
-        cure = "mend the grid, or fit with fewer control points (fit --n-control)" if is_mended else MEND
-        return f"{n} of the control mesh invalid before the move", cure
+        other = "fewer control points (fit --n-control)" if is_mended else MEND
+        return f"{n} of the control mesh invalid before the move; not tried here: {other}"
     missed = None if model.residual is None else np.linalg.norm(model.residual, axis=1).max()
     if missed and _is_the_residual(model, moved):
         worst = model.report.worst_local
         widths = f" (by the width of the cells {worst})" if worst else ""
-        what = f"what they miss of the grid, up to {missed:.2g} m{widths}, is in the way"
-        cause = f"the splines' own grid is valid there, {what}"
-        more = [f"take {option}" for option in _more(report, options)]
-        return cause, " or ".join(["fit with more control points (fit --n-control)", *more, "deform it less"])
+        return (
+            f"the splines' own grid is valid there, what they miss of the grid, up to {missed:.2g} m{widths}, is in "
+            f"the way; not tried here: more control points (fit --n-control)"
+        )
     first = report.first_tangled()
     if not first:
-        return "the splines fold between control points, whose mesh stays valid", "take a smaller deformation"
+        return "the splines fold between control points, whose mesh stays valid"
     number, increment = first
-    cause = f"the control mesh tangles in increment {number} of {report.n_increments}, {increment.place}"
-    fixed = [what for what, _ in mesh.obstacles if what not in cause]
-    if fixed:
-        cause += f"; {fixed[0]} is fixed where the surface ends on it: --slide or --release it if the cells are there"
-    return cause, _cure_of_tangling(report, options)
-
-
-def _cure_of_tangling(report: MovementReport, options: MoverOptions) -> str:
-    """Say what to do about a control mesh that tangles, what is most likely to help first."""
-    last = ["--mover torsional"] if options.mover == "elasticity" else []
-    return "take " + " or ".join([*_more(report, options), "a smaller deformation", *last])
-
-
-def _more(report: MovementReport, options: MoverOptions) -> list[str]:
-    """Many increments of elasticity, where elements tangle without: they tangle fewer elements as a rule."""
-    if not report.first_tangled() or (options.mover == "elasticity" and report.n_increments >= MANY):
-        return []
-    mover = "" if options.mover == "elasticity" else "--mover elasticity "
-    return [f"{mover}--increments {MANY}"]
+    return f"the control mesh tangles in increment {number} of {report.n_increments}, {increment.place}"
 
 
 def _is_the_residual(model: FittedModel, moved: Moved) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +17,7 @@ from ..design.deformation import Deformation
 from ..design.named_deformations import PrescribedPoints, read_points
 from ..errors import InputError, MovementError
 from ..io.meshes.files import check_same_format, read_mesh
-from ..mesh.boundary import wall_patches
+from ..mesh.boundary import boundary_points, moving_mesh, wall_patches
 from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS
@@ -26,6 +27,7 @@ from ..riding.wall_faces import GridBoundary
 from ..topology.grid import MAX_COORDINATE
 from ..topology.periodic_gap import PeriodicGap, periodic_gaps
 from ..wording import counted
+from .cures import Trial, try_cures, verdict
 from .move import MoveOptions, gap_numbers, moved_control_mesh
 from .movers import MoverOptions
 from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
@@ -121,7 +123,8 @@ def ride_along(model_file: Path, mesh_file: Path, output: Path, json: Path | Non
         progress(0.6, "moving")
         found = _measured(model, *_state(model, model_file, riding, options), start)
         if len(found.newly_inverted) and not options.allow_invalid:
-            raise MovementError(_complaint(found))
+            trials = _trials(model, model_file, riding, options) if options.to is None else []
+            raise MovementError(_complaint(found, trials))
         progress(0.9, "writing")
         with written_json(json, ride_numbers(model_file, mesh_file, output, found, options)):
             file.write(output, found.mesh.points)
@@ -276,14 +279,27 @@ def show_ride(output: Path, found: _Ridden) -> None:
     print_lines([f"{output} written, {found.seconds:.2f} s"])
 
 
-def _complaint(found: _Ridden) -> str:
+def _trials(model: FittedModel, model_file: Path, riding: RidingMesh, options: RideOptions) -> list[Trial]:
+    """Try what may cure a move, letting go of the patches that the design surface ends on first."""
+
+    def n_inverted(other: RideOptions) -> int:
+        state, _ = _state(model, model_file, riding, other)
+        return int((riding.mesh.quality(state.points).is_inverted & ~before).sum())
+
+    before = riding.mesh.quality().is_inverted
+    mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
+    parts = boundary_points(model.topology, mesh.blocks)
+    beside = {face.patch: None for face, ids in parts if face.patch and (mesh.surface_rows[ids] >= 0).any()}
+    return try_cures(options, model.topology, mesh, list(beside), n_inverted)
+
+
+def _complaint(found: _Ridden, trials: Sequence[Trial]) -> str:
     """Say which cells are inverted, and what cures it."""
     new = found.newly_inverted
     worst = new[np.argmin(found.after.volumes[new])]
     return (
         f"the move inverts {counted(len(new), 'cell')} of the mesh, the worst is number {worst + 1}, of volume "
-        f"{found.after.volumes[worst]:.3g} m^3; nothing was written; take --increments 10 or a smaller deformation, "
-        f"fit the grid with more control points (fit --n-control), or --allow-invalid to see it"
+        f"{found.after.volumes[worst]:.3g} m^3; nothing was written; {verdict(trials)}, or --allow-invalid to see it"
     )
 
 

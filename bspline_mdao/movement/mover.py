@@ -157,7 +157,7 @@ class MovementReport(OneLine):
         (number, first), cause = tangled, ""
         if self.n_invalid:
             others = f"{self.n_invalid:,} {'other is' if self.n_invalid == 1 else 'others are'}"
-            cause = f"; {others} invalid before the move, which is the likely cause: {MEND}"
+            cause = f"; {others} invalid before the move"
         return (
             f"increment {number} of {self.n_increments} inverts {first.place} (corner triple product "
             f"{first.min_corner:.2g}); {counted(self.increments[-1].n_tangled, 'element')} newly "
@@ -293,8 +293,8 @@ def check_reach(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray, poin
         return
     if mesh.n_invalid:
         cause = (
-            f"{mesh.n_invalid:,} of {len(mesh.elements):,} elements invalid before the move; {MEND}, or with fewer "
-            f"control points (n_control, --n-control)"
+            f"{mesh.n_invalid:,} of {len(mesh.elements):,} elements invalid before the move; {MEND} if it was "
+            f"fitted otherwise, or with fewer control points (n_control, --n-control)"
         )
     else:
         cause = "see by 'bspline-mdao inspect' whether all blocks are joined; if they are, take another mover"

@@ -7,7 +7,7 @@ import openmdao.api as om
 from ..cells.aggregates import AGGREGATES
 from ..cells.grid_quality import GridQuality, GridValues
 from ..cells.pieces import Pieces
-from ..cells.report import QualityReport, inverted_cells, report_quality
+from ..cells.report import QualityReport, inverted_cells, patches_of, report_quality
 from ..errors import InputError
 from ..model.model_share import nodes_at
 from ..names import GRID
@@ -187,7 +187,8 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
     def _refuse_inverted(self, nodes):
         inverted = inverted_cells(self._quality, self._quality.cells_in_turn(nodes), newly=True)
         if inverted:
+            beside = ", ".join(f"'{name}'" for name in patches_of(inverted))
             raise om.AnalysisError(
                 f"{self.msginfo}: {inverted[0]} is inverted, with corner triple product {inverted[0].corner:.2g}; "
-                f"take a smaller step"
+                f"{f'the worst of such cells lie on {beside}; ' if beside else ''}take a smaller step"
             )

@@ -1,10 +1,11 @@
 """A report says where the worst cells are, also when none is inverted."""
 
 import numpy as np
+from mover_cases import flare_grid
 
 from bspline_mdao import onera_m6_grid
 from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.cells.report import MOST_WORST, report_quality
+from bspline_mdao.cells.report import MOST_WORST, inverted_cells, patches_of, report_quality
 
 
 def test_the_worst_cells_are_those_with_the_smallest_corners():
@@ -61,3 +62,16 @@ def test_cells_that_are_all_alike_are_the_first_ones():
 def _touches(cell, window) -> bool:
     """Whether a cell is behind a face window."""
     return all((lo <= c < hi) if lo < hi else c in (lo, lo - 1) for c, lo, hi in zip(cell, window.lo, window.hi))
+
+
+def test_an_inverted_cell_names_every_patch_on_which_it_has_a_face():
+    grid = flare_grid((4, 5, 4))
+    quality, nodes = GridQuality.of_baseline(grid), grid.blocks[0].nodes.copy()
+    nodes[-1, 2, 1] = nodes[-3, 2, 1]  # behind the cells at the cone
+    found = inverted_cells(quality, quality.cells(nodes.reshape(-1, 3)))
+    first, last = ("symmetry", "side 2", "wall"), ("cone", "side 3", "farfield")
+    assert found
+    for cell in found:
+        ends = zip((cell.i, cell.j, cell.k), (3, 4, 3), first, last)
+        assert set(cell.patches) == {name for n, end, *sides in ends for name, at in zip(sides, (1, end)) if n == at}
+    assert patches_of(found)[0] == "cone"

@@ -24,9 +24,10 @@ from bspline_mdao import (
 )
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import inverted_cells, report_quality
+from bspline_mdao.cli.cures import Trial
 from bspline_mdao.cli.main import run
 from bspline_mdao.cli.move import complaint
-from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS, MoverOptions
+from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS
 from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.surface_fit import SurfaceFollower
 from bspline_mdao.mesh.boundary import moving_mesh
@@ -309,7 +310,9 @@ def test_fit_and_move_count_invalid_elements_alike_and_say_what_it_means(tmp_pat
 
 def test_a_plane_that_is_fixed_beside_the_surface_is_named_as_the_cause(strip, capsys):
     reason = "on patch 'sides', which is fixed where the surface ends on it"
-    fails_as_expected([*strip[:-1], "pitch=20deg", "--fix", "sides"], capsys, "cells inverted", reason)
+    cure = "tried, and no cell is inverted: no --fix si*"
+    fails_as_expected([*strip[:-1], "pitch=20deg", "--fix", "si*"], capsys, "cells inverted", reason, cure)
+    assert run([*strip[:-1], "pitch=20deg"]) == 0
     assert run([*strip, "--slide", "si*"]) == 0
     assert numbers("m.json")["after"]["n_inverted"] == 0
     assert run([*strip, "--release", "sides"]) == 0
@@ -340,13 +343,13 @@ def test_a_move_that_inverts_cells_is_refused_and_writes_nothing(workplace, caps
             "valid",
             ["--mover", "idw"],
             "tangles in increment 1 of 1, element (",
-            "take --mover elasticity --increments 10 or",
+            "tried, and no cell is inverted: --mover elasticity --increments 10",
         ),
         (
             "valid",
             ["--mover", "elasticity", "--increments", "1"],
             "tangles in increment 1 of 1, element (",
-            "take --increments 10 or a smaller",
+            "tried, and no cell is inverted: --increments 10",
         ),
     ],
 )
@@ -372,20 +375,22 @@ def test_a_move_that_the_residual_folds_is_reported_from_one_that_the_splines_do
     moved = SimpleNamespace(mesh=mesh, movement=movement, grid=folded, newly_inverted=cells)
     moved.after = report_quality(quality, nodes)
     assert cells
-    text = complaint(model, moved, MoverOptions())
+    text = complaint(model, moved, [Trial("--comoving", 3)])
     assert "the splines' own grid is valid there, what they miss of the grid, up to " in text
-    assert "fit with more control points (fit --n-control) or deform it less" in text
+    assert "is in the way; not tried here: more control points (fit --n-control)" in text
+    assert "nothing that was tried helps: --comoving (3 cells); deform it less" in text
     assert f"(by the width of the cells {model.report.worst_local})" in text
     moved.mesh = SimpleNamespace(n_invalid=3, elements=range(7))
     fitted = {
         name: replace(model, settings=replace(model.settings, method=name)) for name in ("valid", "least_squares")
     }
-    cures = {name: complaint(one, moved, MoverOptions()) for name, one in fitted.items()}
-    assert "mend the grid, or fit with fewer control points (fit --n-control), or" in cures["valid"]
-    assert "(fit --method valid), or" in cures["least_squares"]
+    cures = {name: complaint(one, moved, []) for name, one in fitted.items()}
+    assert "before the move; not tried here: fewer control points (fit --n-control);" in cures["valid"]
+    assert "--method valid" not in cures["valid"]
+    assert "(fit --method valid);" in cures["least_squares"]
     moved.mesh = mesh
     bare = replace(model, residual=None)
-    assert "the splines fold between control points" in complaint(bare, moved, MoverOptions())
+    assert "the splines fold between control points" in complaint(bare, moved, [])
 
 
 def test_a_grid_with_inverted_cells_is_written_where_that_is_wanted(workplace, capsys):

@@ -1,6 +1,5 @@
 """The number of increments: a setting, chosen for the most extreme designs before anything runs."""
 
-import re
 from dataclasses import dataclass, replace
 from functools import cache
 from types import SimpleNamespace
@@ -99,10 +98,10 @@ def test_where_no_number_keeps_the_mesh_good_the_best_is_taken():
     assert ratios[chosen(mesh, 170)] == max(ratios.values())
 
 
-def test_elements_that_were_folded_before_the_move_are_named_as_the_likely_cause():
+def test_elements_that_were_folded_before_the_move_are_counted_and_no_cure_is_guessed():
     tangled = IncrementReport(None, 3, "element (1, 2, 3) of block 4", -0.1, -2.0, 5)
     told = MovementReport((tangled,), 0.1, n_invalid=7).tangling
-    assert re.search(r"3 elements .* at the end; 7 others are .* before the move.*--method valid", told)
+    assert told.endswith("3 elements newly invalid at the end; 7 others are invalid before the move")
     assert MovementReport((tangled,), 0.1).tangling.endswith("3 elements newly invalid at the end")
 
 
