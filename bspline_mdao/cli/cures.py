@@ -87,8 +87,8 @@ def _boundary(options: Any, topology: Topology, beside: Sequence[str]) -> Iterat
     left = [name for name in beside if name not in taken]
     fixing = [pattern for pattern in options.fix if any(fnmatchcase(name, pattern) for name in left)]
     left = [name for name in left if not any(fnmatchcase(name, pattern) for pattern in fixing)]
-    sliding = [pattern for pattern in options.slide if any(fnmatchcase(name, pattern) for name in left)]
     released = [name for name in left if kinds[name] in LET_GO]
+    sliding = [pattern for pattern in options.slide if any(fnmatchcase(name, pattern) for name in released)]
     if fixing or released:
         kept = {
             "fix": tuple(pattern for pattern in options.fix if pattern not in fixing),
@@ -98,7 +98,8 @@ def _boundary(options: Any, topology: Topology, beside: Sequence[str]) -> Iterat
         words = [f"--release {name}" for name in released]
         words += [f"no --fix {pattern}" for pattern in fixing] + [f"no --slide {pattern}" for pattern in sliding]
         yield " ".join(words), replace(options, **kept)
-    walls = [name for name in left if kinds[name] == "wall" and not sliding]
+    slides = matching_patches(topology, options.slide)
+    walls = [name for name in left if kinds[name] == "wall" and name not in slides]
     if walls:
         yield " ".join(f"--slide {name}" for name in walls), replace(options, slide=(*options.slide, *walls))
 

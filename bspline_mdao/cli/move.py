@@ -299,6 +299,7 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "n_increments": report.n_increments,
         "n_elements": len(moved.mesh.elements),
         "n_invalid_before": moved.mesh.n_invalid,
+        "following": [what for what, _ in moved.mesh.following],
         "digits": report.digits,
         "seconds": report.seconds,
         "miss": vars(moved.miss) if moved.miss else None,
@@ -331,6 +332,9 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     how = f"mover {options.mover.mover}{f', solver {solve.solver}' if solve else ''}"
     made = counted(report.n_increments, "increment")
     print_lines([f"surface moved by up to {moved.largest_displacement:.3g} m; {how}", made])
+    if moved.mesh.following:
+        names = ", ".join(what for what, _ in moved.mesh.following)
+        print_lines([f"the surface ends on curved faces, which follow it unless they are fixed (--fix): {names}"])
     print_lines(_of_elements(moved))
     print_table(INCREMENT_COLUMNS[: len(rows[0])], rows)
     print_table(

@@ -9,6 +9,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 from component_cases import movable_model, small_model
+from mover_cases import flare_grid
 from test_cli import fails_as_expected, numbers
 from topology_cases import box, c_grid, grid_of
 
@@ -319,6 +320,16 @@ def test_a_plane_that_is_fixed_beside_the_surface_is_named_as_the_cause(strip, c
     assert numbers("m.json")["after"]["n_inverted"] == 0
     fails_as_expected([*strip, "--slide", "rim"], capsys, "patch rim is to slide, but leaves its plane", "release it")
     fails_as_expected([*strip, "--slide", "sides", "--fix", "sides"], capsys, "both fixed and sliding")
+
+
+def test_curved_faces_that_follow_are_told(workplace, capsys):
+    fit_grid(flare_grid()).save("floor.h5")
+    assert run(move("--deform", "translate=0/1e-3/1e-3", "--fix", "side*")) == 0
+    assert numbers("m.json")["following"] == ["patch 'cone'"]
+    told = " ".join(capsys.readouterr().out.split())
+    assert "curved faces, which follow it unless they are fixed (--fix): patch 'cone'" in told
+    assert run(move("--deform", "translate=0/1e-3/1e-3", "--fix", "side*", "--fix", "cone", "--allow-invalid")) == 0
+    assert "follow it" not in capsys.readouterr().out
 
 
 def test_a_move_that_inverts_cells_is_refused_and_writes_nothing(workplace, capsys):
