@@ -149,6 +149,23 @@ class InducedDrag:
         alpha_bar = np.sum(turn_bar * _turn_slope(self.strips.axes, alpha))
         return self.strips.face_weights.T @ (force_bar @ turn), self.strips.trailing.T @ (trace_bar @ turn), alpha_bar
 
+    def least(self, nodes: np.ndarray, alpha: float, lift: float) -> float:
+        """Least induced drag of any load along the span, of an elliptical one where the wake is plane (Munk).
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes of the grid (m), from which the wake trails.
+        alpha : float
+            Angle of attack (rad).
+        lift : float
+            Lift of what is there, divided by the dynamic pressure (m^2), as the drag is.
+        """
+        if not self.loads.any():  # from wall to wall
+            return 0.0
+        points = self.points @ _trace(self.strips, nodes, alpha)[0]
+        return self._factor * least_drag(points, lift / self._factor, self.strips.is_symmetric, self.places).drag
+
     @property
     def _factor(self) -> float:
         """Drag divided by the dynamic pressure, relative to that of the whole wake at unit speed and density."""
@@ -311,7 +328,7 @@ class Wake:
         return [(sign, mirror, places[:, None] - mirror * self.points) for sign, mirror in images]
 
 
-def least_drag(points: np.ndarray, lift: float, is_symmetric: bool = True) -> Wake:
+def least_drag(points: np.ndarray, lift: float, is_symmetric: bool = True, places: float | np.ndarray = 0.5) -> Wake:
     """Find the circulations of least induced drag for a lift and a trace of the wake (Munk).
 
     Parameters
@@ -320,7 +337,7 @@ def least_drag(points: np.ndarray, lift: float, is_symmetric: bool = True) -> Wa
         Where the vortices cross the Trefftz plane (m), see `Wake`.
     lift : float
         Lift divided by density and speed (m^3/s).
-    is_symmetric : bool
+    is_symmetric, places : bool, and float or ndarray of shape (n,)
         As for `Wake`.
 
     Returns
@@ -333,10 +350,10 @@ def least_drag(points: np.ndarray, lift: float, is_symmetric: bool = True) -> Wa
     With n strips of one width across a whole flat wing of span b the least drag divided by density is
     ``2 lift^2 / (pi b^2) n / (n + 1)``: the discrete span efficiency is ``1 + 1/n``, not 1.
     """
-    still = Wake(points, np.zeros(len(points) - 1), is_symmetric)
+    still = Wake(points, np.zeros(len(points) - 1), is_symmetric, places)
     _, lift_gradient = still.lift_gradients()
     circulations = np.linalg.solve(still.influence + still.influence.T, lift_gradient)
-    return Wake(points, lift / (lift_gradient @ circulations) * circulations, is_symmetric)
+    return Wake(points, lift / (lift_gradient @ circulations) * circulations, is_symmetric, places)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

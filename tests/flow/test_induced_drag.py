@@ -252,6 +252,21 @@ def test_no_load_on_the_strips_of_a_flat_wing_beats_the_ellipse(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("options", [{}, {"is_symmetric": False}])
+def test_least_drag_of_a_lift_is_that_of_the_ellipse_and_no_load_has_less(options):
+    corners, nodes = wall_of("plate")
+    drag, rng = drag_of(corners, nodes, **options), np.random.default_rng(6)
+    points, _ = trace(drag, nodes)
+    span = np.ptp(points[:, 0]) * (2.0 if drag.strips.is_symmetric else 1.0)
+    both = 2.0 if drag.strips.is_symmetric else 1.0  # halves that lift
+    assert drag.least(nodes, ALPHA, 0.3) == pytest.approx((both * 0.3) ** 2 / (np.pi * span**2) / both, rel=2e-4)
+    for _ in range(3):
+        load = rng.uniform(0.5, 1.5, drag.strips.n_strips)
+        _, area = drag.evaluate(forces_of(drag, nodes, load), nodes, ALPHA)
+        assert drag.least(nodes, ALPHA, load @ np.diff(points[:, 0])) < area
+
+
+@pytest.mark.slow
 def test_pressures_of_a_tip_vortex_on_a_narrow_strip_hardly_count():
     grid = hh_wing_grid(rectangular_wing(), (5, 5, 17), Spacing(0.01, 0.02, 0.02, 0.02))
     corners, nodes = wall(grid)
