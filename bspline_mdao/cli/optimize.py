@@ -23,6 +23,7 @@ from ..numerics.processes import on_first, world
 from ..om.design_summary import DesignSummary
 from ..om.drivers.case_file import count_cases
 from ..om.drivers.nlopt_driver import NLoptDriver
+from ..om.induced_gain import InducedGain, induced_gains
 from ..study.same_problem import problem_of
 from ..study.script import SCRIPT, study_script
 from ..study.study import CASES, Study, read_study
@@ -90,9 +91,11 @@ def optimize_study(
         problem, names = _run(run, folder, comm, f"{study}: {output / SCRIPT} runs")
         numbers, seconds = _numbers(problem, names["before"], names["after"]), time.perf_counter() - start
         numbers |= {"evaluations_before": run.n_earlier, "seconds": seconds}
+        numbers |= {"gains": {gain.name: _parts(gain) for gain in _gains(names)}}
         with written_json(json, {"study": str(study), "folder": str(output), **numbers}, comm):
             pass
         print_warnings(on_first(comm, lambda: _gaps(names["model"], problem)))
+        print_warnings([gain.warning for gain in _gains(names) if gain.warning])
         _tell(folder, problem, numbers)
 
 
@@ -145,6 +148,16 @@ def _gaps(model: FittedModel, problem: om.Problem) -> list[str]:
     """Say which periodic faces have drifted apart in the design that was found."""
     moved = model.regenerate(problem.get_val("control_points").reshape(-1, 3))
     return [str(gap) for gap in periodic_gaps(model.topology, model.regenerate(), moved)]
+
+
+def _gains(names: dict[str, Any]) -> tuple[InducedGain, ...]:
+    """What was gained in induced drag, on the grid and on a finer one."""
+    return induced_gains(names["before"].estimates, names["after"].estimates)
+
+
+def _parts(gain: InducedGain) -> dict[str, float]:
+    """Numbers of a gain for JSON."""
+    return {"gain": gain.gain, "finer": gain.finer, "doubt": gain.doubt}
 
 
 def _is_reported(study: Study) -> bool:

@@ -17,6 +17,8 @@ from ..shown import OneLine
 from ..wording import value_names
 from .flow.error_estimate import FUNCTIONALS, error_estimate
 from .flow.euler_flow import EulerFlow
+from .flow.spurious_drag import induced_and_least, warn_below_the_ellipse
+from .induced_gain import induced_gains
 
 __all__ = ["DesignSummary", "SummaryEntry", "design_summary"]
 
@@ -94,7 +96,8 @@ class DesignSummary(OneLine):
     def table(self, before: DesignSummary | None = None) -> str:
         """Write a table of the values, beside those of another summary of the problem.
 
-        Where errors are estimated, the value on the finer member comes last, with the uncertainty of that.
+        Where errors are estimated, the value on the finer member comes last, with the uncertainty of that. Where they
+        are in both summaries, a line for each induced drag says what was gained on either grid.
 
         Parameters
         ----------
@@ -118,6 +121,7 @@ class DesignSummary(OneLine):
             title = f"{role}s" if label == "" and role != "objective" else role if label == "" else f"  {label}"
             padded = (cell.rjust(width) for cell, width in zip(cells, widths[1:]))
             lines.append(f"{title:<{max(widths[0] + 2, 12)}}  {'  '.join(padded)}".rstrip())
+        lines += [gain.words for gain in induced_gains(before.estimates if before else {}, self.estimates)]
         return "\n".join(lines)
 
     def write_csv(self, path: str | os.PathLike, before: DesignSummary | None = None) -> None:
@@ -199,7 +203,7 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
     finer : float, optional
         Cells per direction of a finer member of the grid's family, relative to those of the grid: what lift, drag and
         bending moment of every `EulerFlow` among them would be there is estimated, see `error_estimate`. Where that
-        cannot be done, the reason is a warning.
+        cannot be done, the reason is a warning; so is an induced drag below that of the ellipse.
 
     Returns
     -------
@@ -268,6 +272,8 @@ def _estimates(problem: om.Problem, sources: Mapping[str, str], factor: float) -
             om.issue_warning(f"summary: the errors of {', '.join(of)} are not estimated: {error}")
             continue
         estimates |= {name: found[coefficient] for name, coefficient in of.items()}
+        if "CD_induced" in found:
+            warn_below_the_ellipse(flow.pathname, *induced_and_least(flow))
     return estimates
 
 

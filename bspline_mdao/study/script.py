@@ -242,7 +242,7 @@ class _Script:
         yield _done(call("problem.setup", **({"mode": mode} if mode else {})))
         yield from self._values()
         yield statement("problem.run_model()")
-        yield statement("before = bm.design_summary(problem, outputs)")
+        yield statement("before = made", made=self._summary())
         yield statement(
             "with together(problem.comm):\n"
             "    if IS_FIRST:\n"
@@ -257,9 +257,7 @@ class _Script:
         if self.earlier:
             yield _done(call("bm.load_best", expression("problem"), *self.earlier.values()))
         yield statement("problem.run_driver()")
-        finer = {"finer": expression("finer if problem.comm.size == 1 else None", finer=FINER)}
-        outputs, finer = (expression("problem"), expression("outputs")), finer if self._is_estimated else {}
-        yield statement("after = made", made=call("bm.design_summary", *outputs, **finer))
+        yield statement("after = made", made=self._summary())
         report = ""
         if study.output["report"]:
             estimates = ", estimates=after.estimates" if self._is_estimated else ""
@@ -274,6 +272,12 @@ class _Script:
             f"        print(after.table(before)){report}",
             file=f"grid_after.{study.suffix}",
         )
+
+    def _summary(self) -> ast.Call:
+        """Summary of the design as it is, with what lift and drag would be on a finer grid."""
+        finer = {"finer": expression("finer if problem.comm.size == 1 else None", finer=FINER)}
+        outputs, finer = (expression("problem"), expression("outputs")), finer if self._is_estimated else {}
+        return call("bm.design_summary", *outputs, **finer)
 
     @property
     def _is_estimated(self) -> bool:

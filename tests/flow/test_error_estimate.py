@@ -1,5 +1,7 @@
 """Errors of coefficients by the adjoint, against flows that are solved on the finer member."""
 
+import warnings
+
 import numpy as np
 import openmdao.api as om
 import pytest
@@ -8,6 +10,7 @@ from bspline_mdao import (
     EulerFlow,
     InputError,
     Spacing,
+    SpuriousDragWarning,
     design_summary,
     error_estimate,
     fit_grid,
@@ -23,6 +26,7 @@ from bspline_mdao.evaluation.transfer import NodeTransfer
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.flow.induced_drag import InducedDrag
 from bspline_mdao.om.flow.error_estimate import finer_member
 
 NAMES = "CL", "CD", "CD_entropy"
@@ -160,6 +164,15 @@ def test_a_summary_without_a_solution_has_its_values_and_a_warning(model):
         summary = design_summary(problem, ["CL"], finer=2.0)
     assert (summary.estimates, len(summary.entries)) == ({}, 1)
     assert "finer grid" not in str(summary)
+
+
+def test_a_summary_warns_where_the_induced_drag_is_below_the_least_of_its_lift(coarse, monkeypatch):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SpuriousDragWarning)
+        design_summary(coarse, ["CD_induced"], finer=1.5)  # a section has none, and there is none below it
+    monkeypatch.setattr(InducedDrag, "least", lambda self, nodes, alpha, lift: 0.01 * lift)
+    with pytest.warns(SpuriousDragWarning, match=rf"{0.01 * coarse.get_val('CL').item():.6f}, which no wing"):
+        design_summary(coarse, ["CD_induced"], finer=1.5)
 
 
 def test_the_limit_is_that_of_second_order(estimates):

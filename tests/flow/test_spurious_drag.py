@@ -15,7 +15,12 @@ from bspline_mdao.flow.euler.drag_sources import DragSources, wave_drag
 from bspline_mdao.flow.euler.forces import entropy_scale
 from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.stream import RADIAN
-from bspline_mdao.om.flow.spurious_drag import drag_sources, is_optimised, warn_of_spurious_drag
+from bspline_mdao.om.flow.spurious_drag import (
+    drag_sources,
+    is_optimised,
+    warn_below_the_ellipse,
+    warn_of_spurious_drag,
+)
 
 
 @cache
@@ -114,3 +119,13 @@ def test_drag_of_shocks_is_no_reason_for_a_warning(monkeypatch):
     monkeypatch.setattr(kernel, "SONIC", -np.inf)
     monkeypatch.setattr(kernel, "SMEARED", 40)
     np.testing.assert_allclose(sources_of(run).wave, run.get_val("CD_entropy"), rtol=1e-9)  # the face fluxes telescope
+
+
+def test_induced_drag_below_that_of_the_ellipse_is_told_and_what_rounding_leaves_is_not():
+    with pytest.warns(
+        SpuriousDragWarning, match=r"cruise: CD_induced is 0\.004048, 0\.11 % below that of an elliptical"
+    ):
+        warn_below_the_ellipse("cruise", 0.0040483, 0.0040529)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SpuriousDragWarning)
+        warn_below_the_ellipse("cruise", 0.0074600, 0.0074604)
