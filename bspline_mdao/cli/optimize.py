@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError, MovementError
@@ -32,13 +31,10 @@ from .earlier_run import earlier_cases, killed_cases
 from .lasting_stdout import lasting_stdout
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
 
-STOPPED = "all bounds hold but for 1e-4, and this may be no optimum: see max_iterations and tolerance in [driver]"
+STOPPED = "all bounds hold, and this may be no optimum: see max_iterations and tolerance in [driver]"
 """What is said of a feasible design at which the driver did not converge."""
 
 REPORT_ADVICE = INSTALL.format(extra="report")
-
-SLACK = 1e-4
-"""Violation of a bound, relative to its size or 1, up to which a design counts as feasible."""
 
 
 def optimize_study(
@@ -96,7 +92,7 @@ def optimize_study(
             pass
         print_warnings(on_first(comm, lambda: _gaps(names["model"], problem)))
         print_warnings([gain.warning for gain in _gains(names) if gain.warning])
-        _tell(folder, problem, numbers)
+        _tell(folder, problem, numbers, names["after"].infeasible)
 
 
 @dataclass(frozen=True)
@@ -236,7 +232,8 @@ def _numbers(problem: om.Problem, before: DesignSummary, after: DesignSummary) -
         "optimizer": problem.driver.options["optimizer"],
         "success": bool(result.success),
         "status": _status(problem),
-        "is_feasible": _is_feasible(after),
+        "was_feasible": not before.infeasible,
+        "is_feasible": not after.infeasible,
         "evaluations": result.model_evals,
         "gradients": result.deriv_evals,
         "before": before.numbers(),
@@ -252,27 +249,16 @@ def _status(problem: om.Problem) -> str:
     return f"{driver.options['optimizer']} {'converged' if driver.result.success else 'did not converge'}"
 
 
-def _is_feasible(summary: DesignSummary) -> bool:
-    """Whether no bound is violated by more than `SLACK`."""
-    bounded = [entry for entry in summary.entries if entry.role in ("variable", "constraint")]
-    for entry in bounded:
-        for excess in (entry.lower - entry.values, entry.values - entry.upper):
-            bound = np.maximum(1.0, np.abs(np.where(np.isnan(entry.lower), entry.upper, entry.lower)))
-            if np.any(excess > SLACK * bound):  # not a number, where there is no bound, is not larger
-                return False
-    return True
-
-
-def _tell(folder: RunFolder, problem: om.Problem, numbers: dict[str, Any]) -> None:
+def _tell(folder: RunFolder, problem: om.Problem, numbers: dict[str, Any], infeasible: str) -> None:
     """Say how it ended and what was written; raise where it failed."""
     driver = problem.driver
     counts = f"{numbers['evaluations']} evaluations, {numbers['gradients']} gradients"
     if driver.is_interrupted:
         raise KeyboardInterrupt(f"interrupted after {counts}; {folder.path} keeps the best design so far")
-    if not numbers["is_feasible"]:
+    if infeasible:
         raise click.ClickException(
-            f"{folder.path}: no design that satisfies all constraints was found ({numbers['status']}); the results are "
-            f"kept. Give wider bounds, other constraints or more iterations"
+            f"{folder.path}: no design that satisfies all constraints was found ({numbers['status']}); the best is "
+            f"{infeasible}. The results are kept; give wider bounds, other constraints or more iterations"
         )
     if not numbers["success"]:
         print_warnings([f"{numbers['status']}; {STOPPED}"])

@@ -44,5 +44,5 @@ def report_on(
     if numbers["triangles"] < numbers["triangles_of_walls"]:
         drawn, walls = numbers["triangles"], numbers["triangles_of_walls"]
         print_lines([f"{drawn:,} of {walls:,} triangles of the walls are drawn"])
-    print_warnings([f"not shown: {text}" for text in numbers["missing"]])
+    print_warnings([*numbers["notes"], *(f"not shown: {text}" for text in numbers["missing"])])
     print_lines([f"{output} written"])

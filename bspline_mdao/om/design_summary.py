@@ -15,6 +15,7 @@ from ..flow.euler.error_estimate import ErrorEstimate
 from ..io.disk import replaced_file
 from ..shown import OneLine
 from ..wording import value_names
+from .drivers.violations import Violation, in_words, violations_of
 from .flow.error_estimate import FUNCTIONALS, error_estimate
 from .flow.euler_flow import EulerFlow
 from .flow.spurious_drag import induced_and_least, warn_below_the_ellipse
@@ -45,6 +46,8 @@ class SummaryEntry(OneLine):
         Values and bounds; not a number where there is no bound.
     value_names : tuple of str
         Names of the values, such as ``twist[2]``.
+    unit : ndarray, shape () or (n,)
+        What the driver sees as 1.
     """
 
     role: str
@@ -54,6 +57,12 @@ class SummaryEntry(OneLine):
     lower: np.ndarray
     upper: np.ndarray
     value_names: tuple[str, ...]
+    unit: np.ndarray
+
+    @property
+    def violations(self) -> list[Violation]:
+        """The values that are beyond their bounds."""
+        return violations_of(self.value_names, self.values, self.lower, self.upper, self.unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +102,21 @@ class DesignSummary(OneLine):
         """Write the table of its values."""
         return self.table()
 
+    @property
+    def infeasible(self) -> str:
+        """Which bounds the design violates, and by how much, in words; empty where it satisfies all.
+
+        A bound counts as met to a ten-thousandth of it, or of what the driver sees as 1 where it is zero.
+        """
+        return in_words([violation for entry in self.entries for violation in entry.violations])
+
     def table(self, before: DesignSummary | None = None) -> str:
         """Write a table of the values, beside those of another summary of the problem.
 
         Where errors are estimated, the value on the finer member comes last, with the uncertainty of that. Where they
         are in both summaries, a line for each induced drag says what was gained on either grid.
+        Where errors are estimated, the value on the finer member comes last, with the uncertainty of that. Below it
+        stands whether a design is infeasible, by what, and by how much.
 
         Parameters
         ----------
@@ -122,12 +141,16 @@ class DesignSummary(OneLine):
             padded = (cell.rjust(width) for cell, width in zip(cells, widths[1:]))
             lines.append(f"{title:<{max(widths[0] + 2, 12)}}  {'  '.join(padded)}".rstrip())
         lines += [gain.words for gain in induced_gains(before.estimates if before else {}, self.estimates)]
+        designs = (("before: ", before), ("after: ", self)) if before else (("", self),)
+        lines += [f"{label}{summary.infeasible}" for label, summary in designs if summary.infeasible]
         return "\n".join(lines)
 
     def write_csv(self, path: str | os.PathLike, before: DesignSummary | None = None) -> None:
         """Write all values to a CSV file: role, name of the value such as ``twist[2]``, values and bounds.
 
-        Where errors are estimated, ``finer`` and ``remaining`` come last, see `ErrorEstimate`.
+        Where errors are estimated, ``finer`` and ``remaining`` come next, see `ErrorEstimate`. Last comes
+        ``infeasible``, of two designs ``infeasible_before`` and ``infeasible_after``: by how much a value is beyond its
+        bound, where it is.
 
         Parameters
         ----------
@@ -141,15 +164,25 @@ class DesignSummary(OneLine):
         InputError
             If the file cannot be written.
         """
-        heads = ("role", "name", *self._heads(before, "finer", "remaining"))
-        rows = self._rows(before, None)
+        designs = (before, self) if before else (self,)
+        beyond = [{v.name: v.excess for entry in each.entries for v in entry.violations} for each in designs]
+        last = ("infeasible_before", "infeasible_after") if before else ("infeasible",)
+        heads = ("role", "name", *self._heads(before, "finer", "remaining"), *last)
+        names = [name for entry in self.entries for name in entry.value_names]
+        rows = zip(self._rows(before, None), names)
         with replaced_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(heads)
-            writer.writerows([role, label, *map(_exact, columns)] for role, label, columns in rows)
+            for (role, label, columns), name in rows:
+                columns += [excess.get(name, np.nan) for excess in beyond]
+                writer.writerow([role, label, *map(_exact, columns)])
 
     def numbers(self) -> dict[str, dict]:
-        """Values and bounds by name, as lists, for JSON; ``finer`` and ``remaining`` where errors are estimated."""
+        """Values and bounds by name, as lists, for JSON.
+
+        ``infeasible`` says by how much values are beyond their bounds; there are ``finer`` and ``remaining`` where
+        errors are estimated.
+        """
         found = {
             entry.name: {
                 "role": entry.role,
@@ -157,6 +190,7 @@ class DesignSummary(OneLine):
                 "values": entry.values.tolist(),
                 "lower": entry.lower.tolist(),
                 "upper": entry.upper.tolist(),
+                "infeasible": {violation.name: violation.excess for violation in entry.violations},
             }
             for entry in self.entries
         }
@@ -252,7 +286,7 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
         except KeyError:
             raise InputError(f"summary: the problem has no output '{name}'; leave it out") from None
         names = value_names(name, values.size)
-        entries.append(SummaryEntry("output", name, "", values.copy(), nothing, nothing, names))
+        entries.append(SummaryEntry("output", name, "", values.copy(), nothing, nothing, names, np.ones(())))
         sources[name] = problem.model.get_source(name)
     return DesignSummary(tuple(entries), _estimates(problem, sources, finer) if finer is not None else {})
 
@@ -298,7 +332,9 @@ def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool) -> Summar
 
     name, indices, units = _name(meta), meta.get("indices"), meta.get("units") or ""
     names = value_names(name, values.size, None if indices is None else indices.shaped_array(flat=True))
-    return SummaryEntry(role, name, units, values.copy(), bound_of("lower"), bound_of("upper"), names)
+    scaler = meta.get("total_scaler")
+    unit = np.ones(()) if scaler is None else 1.0 / np.abs(scaler)
+    return SummaryEntry(role, name, units, values.copy(), bound_of("lower"), bound_of("upper"), names, unit)
 
 
 def _number(value: float) -> str:

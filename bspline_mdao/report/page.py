@@ -22,7 +22,7 @@ from ..flow.euler.error_estimate import ErrorEstimate
 from ..io.disk import replaced_file
 from ..io.formats import MODEL
 from ..model.fitted_model import FittedModel
-from ..om.drivers.case_history import FEASIBLE, CaseHistory, read_history
+from ..om.drivers.case_history import CaseHistory, read_history
 from ..om.drivers.sound_cases import sound_cases
 from ..om.model_option import named_model
 from ..plotting.figures import require
@@ -30,6 +30,7 @@ from ..wording import counted
 from .charts import Chart, height_chart, history_charts, lattice_charts, pressure_chart, quality_chart, section_chart
 from .contents import Contents, axes_of, shapes_of
 from .model_file import find_model
+from .notes import notes_on
 from .space import LAYERS, SHOWN, camera, space_traces
 from .tables import (
     Table,
@@ -119,8 +120,8 @@ def write_report(
     Returns
     -------
     dict
-        ``report``, ``bytes``, ``triangles`` drawn and ``triangles_of_walls``, and ``missing``, what the page says is
-        not shown.
+        ``report``, ``bytes``, ``triangles`` drawn and ``triangles_of_walls``, ``missing``, what the page says is not
+        shown, and ``notes``, what it says of infeasible designs and of Mach numbers without a comparison.
 
     Raises
     ------
@@ -208,6 +209,7 @@ def write_contents(path, contents: Contents, most_triangles: int = MOST_TRIANGLE
         "triangles": numbers.get("triangles", 0),
         "triangles_of_walls": numbers.get("of_all", 0),
         "missing": list(contents.missing),
+        "notes": notes_on(contents.history) if contents.history else [],
     }
 
 
@@ -286,6 +288,7 @@ def _of_grid(contents: Contents, model: FittedModel, most_triangles: int):
 def _of_history(history: CaseHistory, estimates: Mapping[str, ErrorEstimate]) -> list[Section]:
     """Sections on an optimisation."""
     lines = [f"{history.n_evaluations} evaluations by {history.driver} in {_time_text(history.seconds[-1])}."]
+    lines += notes_on(history)
     if history.n_others:
         lines.append(f"{history.n_others} evaluations before are not shown: they are of other variables or responses.")
     if history.convergence is not None and not history.convergence.residuals.size:
@@ -331,9 +334,10 @@ def _cards(contents: Contents, numbers: dict[str, Any]) -> list[tuple[str, str, 
         for q in history.of_kind("objective"):
             first, last = q.values[0, 0], q.values[best, 0]
             change = f", {100.0 * (last / first - 1.0):+.1f} %" if first else ""
-            if history.convergence is not None and history.convergence.violations[0] > FEASIBLE:
+            if history.infeasible(0):
                 change = ", infeasible"
-            cards.append((q.name, number(last), f"from {number(first)}{change}"))
+            word = "infeasible, " if history.infeasible(best) else ""
+            cards.append((q.name, number(last), f"{word}from {number(first)}{change}"))
         if history.convergence is not None:
             found = history.convergence
             cards.append(

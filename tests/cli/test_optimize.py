@@ -146,10 +146,21 @@ def test_the_report_is_written_where_its_packages_are_there(workplace, capsys, m
 def test_constraints_that_nothing_satisfies_fail_and_say_so(workplace, capsys):
     text = Path("area.toml").read_text().replace("lower = 1.0", "lower = 100.0")
     Path("big.toml").write_text(text)
-    assert run(["optimize", "big.toml", "-o", "out", "--max-iterations", "3"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    assert run(["optimize", "big.toml", "-o", "out", "--max-iterations", "3", "--json", "out.json"]) == 2
+    shown, error = capsys.readouterr()
+    (line,) = error.splitlines()
     assert line.startswith("bspline-mdao: out: no design that satisfies all constraints was found (")
+    assert "; the best is infeasible: volume is 9" in line
+    assert " below 100. The results are kept; " in line
     assert names_in("out") == RESULTS
+    assert "before: infeasible: volume is 99 below 100" in shown
+    assert "after: infeasible: volume is 9" in shown
+    found, numbers = summary("out"), json.loads(Path("out.json").read_text())
+    for when, key in (("before", "was_feasible"), ("after", "is_feasible")):
+        excess = 100.0 - float(found["volume"][when])
+        assert float(found["volume"][f"infeasible_{when}"]) == numbers[when]["volume"]["infeasible"]["volume"] == excess
+        assert found["surface_area"][f"infeasible_{when}"] == ""
+        assert not numbers[key]
 
 
 def test_a_wrong_study_or_grid_leaves_nothing(workplace, capsys):

@@ -99,6 +99,16 @@ def test_the_tables_hold_the_numbers_of_the_case_file(page, case_file):
     assert f"{history.n_evaluations} evaluations by ScipyOptimize_SLSQP" in page.text
 
 
+def test_the_page_says_which_design_is_infeasible_and_by_how_much(page, case_file):
+    history = read_history(case_file)
+    words = history.infeasible(0)
+    assert words.startswith("infeasible: CL is ")
+    assert words.endswith(" 0.25")
+    assert f"The first design is {words}." in page.text
+    is_said = "infeasible, from" in page.text and f"The best design is {history.infeasible(history.best)}." in page.text
+    assert is_said == bool(history.infeasible(history.best))
+
+
 def test_both_shapes_and_their_pressures_are_drawn(page, model):
     traces = page.charts["space"]["data"]
     meshes = [t for t in traces if t["type"] == "mesh3d"]

@@ -22,6 +22,7 @@ from ...wording import value_names
 from .nlopt_problem import Limits, Point, Statement
 from .optimality import optimality
 from .sound_cases import sound_cases
+from .violations import Violation, in_words, violations_of
 
 __all__ = ["FEASIBLE", "CaseHistory", "Convergence", "Quantity", "read_history"]
 
@@ -94,6 +95,12 @@ class Quantity:
         """Values, or limits, as the driver sees them."""
         return (values + self.adder) * self.scaler
 
+    def violations(self, number: int) -> list[Violation]:
+        """The values of an evaluation that are beyond their limits."""
+        is_open = np.isnan(self.equals)
+        lower, upper = (np.where(is_open, limits, self.equals) for limits in (self.lower, self.upper))
+        return violations_of(self.value_names, self.values[number], lower, upper, 1.0 / np.abs(self.scaler))
+
     def limits(self) -> Limits:
         """Limits as the driver sees them."""
         lower, upper = self.scaled(self.lower), self.scaled(self.upper)  # a negative scaler turns them around
@@ -145,6 +152,10 @@ class CaseHistory:
     def of_kind(self, kind: str) -> tuple[Quantity, ...]:
         """Quantities of one kind."""
         return tuple(quantity for quantity in self.quantities if quantity.kind == kind)
+
+    def infeasible(self, number: int) -> str:
+        """Which limits an evaluation violates, and by how much, in words; empty where it satisfies all."""
+        return in_words([violation for quantity in self.quantities for violation in quantity.violations(number)])
 
     def statement(self) -> Statement:
         """Bounds and constraints as the driver sees them."""

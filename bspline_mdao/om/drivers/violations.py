@@ -1,0 +1,90 @@
+"""Which values of a design are beyond their limits, and by how much: one rule for tables, reports and commands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ["Violation", "in_words", "violations_of"]
+
+TOLERATED = 1e-4
+"""Part of a limit, or of the driver's unit where that is zero, by which a value may be beyond it: NLopt and SciPy end
+within 1e-6 of their unit, which is the limit where scaling is as it should be."""
+
+LEAST = 1e-6
+"""Part of the driver's unit below which nothing counts: the default tolerance of `NLoptDriver`."""
+
+MOST_NAMED = 3
+"""Values that are named, the worst ones first; of more it is said how many there are."""
+
+
+class Violation(NamedTuple):
+    """A value beyond its limit.
+
+    Parameters
+    ----------
+    name : str
+        Name of the value, such as ``thickness[4]``.
+    excess : float
+        Distance from the limit; not a number where the value is none.
+    side : str
+        ``"below"`` or ``"above"``.
+    limit : float
+        The limit.
+    tolerated : float
+        Distance up to which it counts as met.
+    """
+
+    name: str
+    excess: float
+    side: str
+    limit: float
+    tolerated: float
+
+    def __str__(self) -> str:
+        """Say how far beyond which limit it is."""
+        if np.isnan(self.excess):
+            return f"{self.name} is no number"
+        return f"{self.name} is {self.excess:.3g} {self.side} {self.limit:.6g}"
+
+    @property
+    def size(self) -> float:
+        """Distance from the limit by what counts as met; infinite for what is no number."""
+        return np.inf if np.isnan(self.excess) else self.excess / self.tolerated
+
+
+def violations_of(
+    names: Sequence[str], values: np.ndarray, lower: np.ndarray, upper: np.ndarray, unit: np.ndarray | float
+) -> list[Violation]:
+    """Find the values, shape (n,), that are beyond their limits.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the values.
+    values, lower, upper : ndarray, shape (n,)
+        Values and limits, infinite or not a number where there is none.
+    unit : ndarray or float
+        What the driver sees as 1.
+    """
+    found = []
+    for side, excess, limits in (("below", lower - values, lower), ("above", values - upper, upper)):
+        sizes = np.where(limits == 0.0, unit, np.abs(limits))
+        tolerated = np.maximum(TOLERATED * sizes, LEAST * np.abs(unit))
+        is_beyond = np.isfinite(limits) & ~(excess <= tolerated)  # what is no number is beyond
+        found += [
+            Violation(names[n], float(excess[n]), side, float(limits[n]), float(tolerated[n]))
+            for n in np.flatnonzero(is_beyond).tolist()
+        ]
+    return found
+
+
+def in_words(violations: Sequence[Violation]) -> str:
+    """Say that a design is infeasible, by the worst values and how much these are beyond; empty where none is."""
+    if not violations:
+        return ""
+    worst = sorted(violations, key=lambda each: each.size, reverse=True)
+    rest = len(worst) - MOST_NAMED
+    return f"infeasible: {', '.join(map(str, worst[:MOST_NAMED]))}{f', and {rest} more' if rest > 0 else ''}"
