@@ -128,7 +128,7 @@ def assert_known_points_match(mesh, initial, surface, points):
     np.testing.assert_allclose((change - mesh.slide(change))[inner], 0.0, atol=1e-15 * mesh.size)
 
 
-def assert_derivative_is_transposed(movement, seed=2):
+def assert_derivative_is_transposed(movement, seed=2, tolerance=1e-11):
     """Dot test of the products with the derivative of a move and with its transpose."""
     random = np.random.default_rng(seed)
     n_surface = len(movement.surface_ids)
@@ -138,7 +138,7 @@ def assert_derivative_is_transposed(movement, seed=2):
     initial_bar, surface_bar = movement.vjp(bar)
     forward, reverse = (bar * d_points).sum(), (initial_bar * d_initial).sum() + (surface_bar * d_surface).sum()
     scale = np.linalg.norm(bar) * np.linalg.norm(d_points)
-    assert abs(forward - reverse) <= 1e-11 * scale
+    assert abs(forward - reverse) <= tolerance * scale
 
 
 @dataclass(frozen=True)
@@ -186,16 +186,17 @@ def spacings(mesh):
 
 
 def assert_derivative_is_exact(mover, initial, surface, tolerance=1e-8, seed=1, scale=1.0, changes=random_changes):
-    """Central difference of fourth order at its best step, with respect to initial points and surface in turn.
+    """Central difference of eighth order at its best step, with respect to initial points and surface in turn.
 
-    The changes are random numbers times ``scale``, a number or one for each point.
+    The changes are random numbers times ``scale``, a number or one for each point. Rounding by the step is what limits
+    a difference, and depends on the processor: the first step is the widest one whose own error is small for most.
     """
     movement, (d_initial, d_surface) = mover.move(initial, surface), changes(mover.mesh, seed)
     scale = np.broadcast_to(scale, (mover.mesh.n_points, 1))
     d_initial, d_surface = scale * d_initial, scale[mover.mesh.surface_ids] * d_surface
     for d_i, d_s in ((d_initial, 0.0 * d_surface), (0.0 * d_initial, d_surface)):
         exact = movement.jvp(d_i, d_s)
-        steps = (3e-5, 1e-4, 1e-5, 3e-6)
+        steps = (1e-4, 3e-5, 1e-5, 3e-6, 2e-4)
         errors = (np.abs(_difference(mover, initial, surface, d_i, d_s, h) - exact).max() for h in steps)
         assert any(error <= tolerance * np.abs(exact).max() for error in errors)
 
@@ -204,7 +205,7 @@ def _difference(mover, initial, surface, d_initial, d_surface, h):
     def points(t):
         return mover.move(initial + t * d_initial, surface + t * d_surface).points
 
-    return central_difference(points, 2.0 * h, levels=2)
+    return central_difference(points, 8.0 * h, levels=4)
 
 
 def both_sides(mesh):
@@ -272,7 +273,7 @@ class MoverCase:
 
 MOVERS = {
     LinearElasticity: MoverCase(slope_bend=0.05, default=5),
-    Rotations: MoverCase(default=None),
+    Rotations: MoverCase(slope_bend=0.03, default=None),  # with more, some points turn by half a turn, either way
     LinealSprings: MoverCase(bend=0.05, slope_bend=0.05, default=5),
     TorsionalSprings: MoverCase(bend=0.05, slope_bend=0.05, default=5),
     Transfinite: MoverCase(),
