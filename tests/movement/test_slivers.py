@@ -108,7 +108,7 @@ def test_products_of_slivers_are_transposed_to_round_off(mover, n_increments):
     assert volumes.max() / volumes.min() > 1e12
     movement = mover(mesh, n_increments=n_increments).move(mesh.points, pitched(mesh))
     lost = [lost_in_products(mesh, movement, seed) for seed in range(5)]  # which differ by chance, by a factor of ten
-    assert np.median(lost, axis=0).max() < 1e-12
+    assert np.median(lost, axis=0).max() < 1e-11
     assert movement.report.digits > 11.0
 
 
@@ -160,6 +160,6 @@ def test_products_and_differences_on_viscous_sections_are_exact(real_grids, name
     mesh, surface = section(real_grids, name, method)
     mover = LinearElasticity(mesh, n_increments=2, keep_factors=True)
     movement = mover.move(mesh.points, surface)
-    assert max(lost_in_products(mesh, movement)) < 1e-12
+    assert max(lost_in_products(mesh, movement)) < 1e-11
     assert lost_in_differences(mover, surface, surface - mesh.points[mesh.surface_ids], h=3e-3) < 1e-7
     assert noise(mover, surface) < 1e-13
