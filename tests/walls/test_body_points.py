@@ -89,16 +89,16 @@ def test_the_ride_is_smooth_from_the_middle_to_the_wall(body):
 
 def test_nodes_that_are_dropped_from_a_point_have_faded_so_that_it_does_not_jump(body, monkeypatch):
     """Along a line on which the nodes that a point rides on change, its slope is bounded whatever the step."""
-    monkeypatch.setattr(body_points, "MOST", 16)
+    monkeypatch.setattr(body_points, "MOST", 8)
     front, chord = chord_line(0.5 * SPAN)
     ends = np.array([[front + 0.3 * chord, 0.0, 0.3 * SPAN], [front + 0.5 * chord, 0.02 * chord, 0.6 * SPAN]])
-    bumps = body.points + 0.02 * np.sin(9.0 * body.points[:, [2, 0, 1]])
+    bumps = body.points + 0.02 * np.random.default_rng(3).standard_normal(body.points.shape)
     largest = []
     for n_steps in (200, 800):
         ride = BodyPoints.of(body, np.linspace(*ends, n_steps + 1))
         largest.append(np.linalg.norm(np.diff(ride.at(bumps), axis=0), axis=1).max())
     assert (np.diff((ride.weights != 0.0).toarray().astype(int), axis=0) != 0).sum() > 20
-    assert largest[1] == pytest.approx(0.25 * largest[0], rel=0.2)
+    assert largest[1] == pytest.approx(0.25 * largest[0], rel=0.02)
 
 
 def test_products_of_the_ride_are_transposes_and_those_of_a_linear_map(body):
