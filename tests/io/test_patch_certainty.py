@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bspline_mdao import find_topology, read_grid
-from bspline_mdao.io.patch_certainty import FaceGuess, how_sure
+from bspline_mdao.io.patch_certainty import FaceGuess, how_sure, judge_place, judge_symmetry
 from bspline_mdao.io.patch_guess import guess_faces
 from bspline_mdao.topology.grid import Block, Grid
 from bspline_mdao.topology.index_space import Window
@@ -36,6 +36,33 @@ def test_a_guess_is_likely_where_the_cells_say_nothing():
 
 def test_a_guess_is_unsure_where_the_cells_contradict_it():
     assert levels(shell(31.0 - np.geomspace(1, 30, 15)[::-1]))["farfield"] == "unsure"
+
+
+@pytest.mark.parametrize(
+    ("distance", "part", "expected"),
+    [
+        (0.29, 0.49, ("wall", "likely")),  # the place says nothing within 1.5 times the limit, 0.3
+        (0.31, 2.1, ("farfield", "likely")),
+        (0.29, 0.51, ("wall", "unsure")),
+        (0.31, 1.9, ("farfield", "unsure")),
+        (0.21, 1.0, ("wall", "unsure")),
+        (0.19, 1.0, ("wall", "likely")),
+        (0.44, None, ("farfield", "unsure")),
+        (0.46, None, ("farfield", "likely")),
+        (0.19, 0.49, ("wall", "sure")),
+        (0.19, 2.1, ("wall", "unsure")),
+        (0.46, 2.1, ("farfield", "sure")),
+        (0.46, 0.49, ("farfield", "unsure")),
+    ],
+)
+def test_place_and_cells_say_what_is_wall_and_far_field_and_how_sure(distance, part, expected):
+    guess = judge_place(Window.whole(0, (4, 5, 6)).face(2), distance, part)
+    assert (guess.kind, guess.level) == expected
+
+
+@pytest.mark.parametrize(("part", "level"), [(None, "sure"), (0.21, "likely"), (1.0, "likely"), (0.19, "unsure")])
+def test_a_plane_of_symmetry_is_unsure_where_its_first_cells_are_a_fifth_of_the_others(part, level):
+    assert judge_symmetry(Window.whole(0, (4, 5, 6)).face(2), "symmetry_y", part).level == level
 
 
 def test_planes_of_a_grid_one_cell_deep_are_sure_and_finely_resolved_ones_are_not():
