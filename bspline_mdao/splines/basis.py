@@ -33,18 +33,14 @@ arrays."""
 
 
 @njit(cache=True, error_model="numpy")
-def find_span(T, order, n_control, xi):
-    """Span ``s`` that holds ``xi``: the last one of ``p-1 .. N-1`` with ``T[s] <= xi``, or ``p-1``.
-
-    Parameters
-    ----------
-    T : ndarray, shape (N + p,)
-        Knots, non-decreasing.
-    order, n_control : int
-        Order p and number of control points N.
-    xi : float
-        Parameter.
-    """
+def find_span(
+    T,  # (N + p,), knots, non-decreasing
+    # order p and number of control points N
+    order,  # int
+    n_control,  # int
+    xi,  # parameter
+):
+    """Span ``s`` that holds ``xi``: the last one of ``p-1 .. N-1`` with ``T[s] <= xi``, or ``p-1``."""
     low, high = order - 1, n_control - 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -56,20 +52,15 @@ def find_span(T, order, n_control, xi):
 
 
 @njit(cache=True, error_model="numpy")
-def basis_values(T, order, s, xi, out):
-    """Write the ``p`` basis functions that differ from zero on span ``s`` to ``out``, Eq. (2).
-
-    Parameters
-    ----------
-    T : ndarray, shape (N + p,)
-        Knots.
-    order, s : int
-        Order p and span.
-    xi : float
-        Parameter.
-    out : ndarray, shape (>= p,)
-        Receives ``N_{s-p+1} .. N_s``.
-    """
+def basis_values(
+    T,  # (N + p,), knots
+    # order p and span
+    order,  # int
+    s,  # int
+    xi,  # parameter
+    out,  # (>= p,), receives ``N_{s-p+1} .. N_s``
+):
+    """Write the ``p`` basis functions that differ from zero on span ``s`` to ``out``, Eq. (2)."""
     out[0] = 1.0
     for r in range(1, order):
         raise_order(T, s, r, xi, out)
@@ -88,27 +79,20 @@ def raise_order(T, s, r, xi, values):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def basis_derivatives(T, d_T, order, s, xi, d_xi, out):
-    """Write the ``p`` functions on span ``s`` and their derivatives in any number of variables to ``out``, Eq. (4).
-
-    The triangle of `basis_values`, differentiated step by step: the parameter and the knots may depend on the
-    variables. With ``d_T`` one in one entry of each column they are the derivatives in single knots.
-
-    Parameters
-    ----------
-    T : ndarray, shape (N + p,)
-        Knots.
-    d_T : ndarray, shape (N + p, n)
-        Derivatives of the knots in the variables; only those of the local knots are read.
-    order, s : int
-        Order p and span.
-    xi : float
-        Parameter.
-    d_xi : tuple of n floats, or ndarray, shape (n,)
-        Derivatives of the parameter in the variables; as a tuple its length is known to the compiler.
-    out : ndarray, shape (>= p, 1 + n)
-        Receives the functions (column 0) and their derivatives.
-    """
+def basis_derivatives(
+    T,  # (N + p,), knots
+    d_T,  # (N + p, n), derivatives of the knots in the variables; only those of the local knots are read
+    # order p and span
+    order,  # int
+    s,  # int
+    xi,  # parameter
+    # derivatives of the parameter in the variables; as a tuple its length is known to the compiler
+    d_xi,  # tuple of n floats, or ndarray (n,)
+    out,  # (>= p, 1 + n), receives the functions (column 0) and their derivatives
+):
+    """Write the ``p`` functions on span ``s`` and their derivatives in any number of variables to ``out``, Eq. (4)."""
+    # The triangle of `basis_values`, differentiated step by step: the parameter and the knots may depend on the
+    # variables. With ``d_T`` one in one entry of each column they are the derivatives in single knots.
     out[0, 0], out[0, 1:] = 1.0, 0.0
     for r in range(1, order):
         out[r] = 0.0
@@ -157,20 +141,16 @@ def jet_quotient(a, b, out):
 
 
 @njit(cache=True, error_model="numpy")
-def basis_jets_at(T, order, s, xi, out, work):
-    """Write the jets of the ``p`` functions on span ``s`` to ``out``: the triangle of `basis_values` in jet arithmetic.
-
-    Parameters
-    ----------
-    T : ndarray, shape (N + p, n)
-        Jets of the knots in ``(xi, s, t)``, see `JET_SIZES`; n = 1, 4 or 10 sets the degree.
-    order, s, xi
-        As for `basis_values`.
-    out : ndarray, shape (>= p, n)
-        Receives the jets of ``N_{s-p+1} .. N_s``, Eq. (4).
-    work : ndarray, shape (3, n)
-        Scratch.
-    """
+def basis_jets_at(
+    T,  # (N + p, n), jets of the knots in ``(xi, s, t)``, see `JET_SIZES`; n = 1, 4 or 10 sets the degree
+    order,
+    s,
+    xi,
+    out,  # (>= p, n), receives the jets of ``N_{s-p+1} .. N_s``, Eq. (4)
+    work,  # (3, n), scratch
+):
+    """Write the jets of the ``p`` functions on span ``s`` to ``out``: `basis_values` in jet arithmetic."""
+    # order, s, xi: as for `basis_values`
     passed, width, received = work[0], work[1], work[2]
     out[0] = 0.0
     out[0, 0] = 1.0
@@ -236,27 +216,21 @@ def _gradients_at_points_bilinear(corners, order, direction, xi, s, t, spans, ou
 
 
 @njit(cache=True, error_model="numpy")
-def bilinear_gradients(corners, order, direction, xi, s, t, knots, d_T, out):
-    """Write functions of bilinear knots and their gradients at one point, for use inside numba kernels.
-
-    Parameters
-    ----------
-    corners : ndarray, shape (2, 2, N + p)
-        Knots on the four edges, Eq. (5).
-    order, direction : int
-        Order p, and the direction of the knots: 0, 1 or 2.
-    xi, s, t : float
-        Parameters of this direction and of the next two in cyclic order.
-    knots, d_T : ndarray, shapes (>= N + p,) and (>= N + p, 3)
-        Scratch.
-    out : ndarray, shape (>= p, 4)
-        Receives the functions and their derivatives in (xi, eta, zeta).
-
-    Returns
-    -------
-    int
-        Span.
-    """
+def bilinear_gradients(
+    corners,  # (2, 2, N + p), knots on the four edges, Eq. (5)
+    # order p, and the direction of the knots: 0, 1 or 2
+    order,  # int
+    direction,  # int
+    # parameters of this direction and of the next two in cyclic order
+    xi,
+    s,
+    t,
+    # scratch
+    knots,  # (>= N + p,)
+    d_T,  # (>= N + p, 3)
+    out,  # (>= p, 4), receives the functions and their derivatives in (xi, eta, zeta)
+):  # int, span
+    """Write functions of bilinear knots and their gradients at one point, for use inside numba kernels."""
     second, third = (direction + 1) % 3, (direction + 2) % 3
     bilinear_knots(corners, s, t, knots)
     span = find_span(knots, order, corners.shape[2] - order, xi)
@@ -283,24 +257,14 @@ def _as_points(*parameters) -> list[np.ndarray]:
     return [np.ascontiguousarray(a) for a in arrays]
 
 
-def basis(knots, xi, s=0.0, t=0.0) -> tuple[np.ndarray, np.ndarray]:
+def basis(
+    knots,  # Knots, knots of this direction, see `bspline_mdao.splines.knots`
+    xi,  # array_like (n,), parameter of this direction
+    # the other two parameters, in cyclic order. Constant knots do not look at them
+    s=0.0,  # array_like (n,)
+    t=0.0,  # array_like (n,)
+) -> tuple[np.ndarray, np.ndarray]:
     """Basis functions at points, Eq. (4).
-
-    Parameters
-    ----------
-    knots : Knots
-        Knots of this direction, see `bspline_mdao.splines.knots`.
-    xi : array_like, shape (n,)
-        Parameter of this direction.
-    s, t : array_like, shape (n,), optional
-        The other two parameters, in cyclic order. Constant knots do not look at them.
-
-    Returns
-    -------
-    spans : ndarray of int, shape (n,)
-        Span of each point; the functions that differ from zero are ``span - p + 1 .. span``.
-    values : ndarray, shape (n, p)
-        Their values.
 
     Examples
     --------
@@ -312,6 +276,8 @@ def basis(knots, xi, s=0.0, t=0.0) -> tuple[np.ndarray, np.ndarray]:
     array([[1.   , 0.   , 0.   ],
            [0.125, 0.75 , 0.125]])
     """
+    # returns spans int (n,): span of each point; the functions that differ from zero are ``span - p + 1 .. span``
+    # returns values (n, p): their values
     xi, s, t = _as_points(xi, s, t)
     spans, values = np.empty(xi.size, dtype=np.int64), np.empty((xi.size, knots.order))
     if isinstance(knots, BilinearKnots):
@@ -324,25 +290,14 @@ def basis(knots, xi, s=0.0, t=0.0) -> tuple[np.ndarray, np.ndarray]:
     return spans, values
 
 
-def basis_gradients(knots, direction: int, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Basis functions of one direction with their derivatives in all three parameters, through curved knots, Eq. (4).
-
-    Parameters
-    ----------
-    knots : Knots
-        Knots of the direction.
-    direction : int
-        0, 1 or 2.
-    parameters : ndarray, shape (n, 3)
-        Parameters of the points.
-
-    Returns
-    -------
-    spans : ndarray of int, shape (n,)
-        Span of each point.
-    gradients : ndarray, shape (n, p, 4)
-        Values, and derivatives in xi, eta and zeta.
-    """
+def basis_gradients(
+    knots,  # Knots, knots of the direction
+    direction: int,  # 0, 1 or 2
+    parameters: np.ndarray,  # (n, 3), parameters of the points
+) -> tuple[np.ndarray, np.ndarray]:
+    """Basis functions of one direction and their derivatives in all parameters, through curved knots, Eq. (4)."""
+    # returns spans int (n,): span of each point
+    # returns gradients (n, p, 4): values, and derivatives in xi, eta and zeta
     xi, s, t = _as_points(*(parameters[:, (direction + offset) % 3] for offset in range(3)))
     p, spans, gradients = knots.order, np.empty(xi.size, dtype=np.int64), np.empty((xi.size, knots.order, 4))
     if isinstance(knots, BilinearKnots):
@@ -362,23 +317,17 @@ def _chunks(n: int) -> list[slice]:
     return [slice(start, start + 4096) for start in range(0, n, 4096)]
 
 
-def basis_jets(knots, xi, s=0.0, t=0.0, degree: int = 2) -> tuple[np.ndarray, np.ndarray]:
-    """Basis functions with their derivatives in ``(xi, s, t)``, through the knots as well.
-
-    Parameters
-    ----------
-    knots, xi, s, t
-        As for `basis`.
-    degree : int
-        Highest derivative: 0, 1 or 2.
-
-    Returns
-    -------
-    spans : ndarray of int, shape (n,)
-        Span of each point.
-    jets : ndarray, shape (n, p, 1 or 4 or 10)
-        Jets of the functions, see `JET_SIZES`.
-    """
+def basis_jets(
+    knots,
+    xi,
+    s=0.0,
+    t=0.0,
+    degree: int = 2,  # highest derivative: 0, 1 or 2
+) -> tuple[np.ndarray, np.ndarray]:
+    """Basis functions with their derivatives in ``(xi, s, t)``, through the knots as well."""
+    # knots, xi, s, t: as for `basis`
+    # returns spans int (n,): span of each point
+    # returns jets (n, p, 1 or 4 or 10): jets of the functions, see `JET_SIZES`
     xi, s, t = _as_points(xi, s, t)
     spans, jets = np.empty(xi.size, dtype=np.int64), np.empty((xi.size, knots.order, JET_SIZES[degree]))
     _jets_at_points(_knot_jets(knots, s, t, degree), knots.order, xi, spans, jets)

@@ -18,18 +18,6 @@ from .volume import Volume, evaluate, evaluate_gradients
 class Curve:
     """A B-spline curve; a mapping of [0, 1] to an interval where its control points have one coordinate.
 
-    Parameters
-    ----------
-    control_points : array_like, shape (N, d)
-        Control points.
-    knots : ConstantKnots
-        Knots, which carry the order.
-
-    Raises
-    ------
-    InputError
-        If there are not as many control points as the knots ask for.
-
     Examples
     --------
     >>> curve = Curve.uniform([[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]], order=3)
@@ -38,8 +26,8 @@ class Curve:
            [1., 1.]])
     """
 
-    control_points: np.ndarray
-    knots: ConstantKnots
+    control_points: np.ndarray  # (N, d)
+    knots: ConstantKnots  # knots, which carry the order
 
     def __post_init__(self):
         points = np.array(self.control_points, dtype=float)
@@ -69,28 +57,11 @@ def _on_the_curve(xi) -> np.ndarray:
     return np.asarray(xi, dtype=float)[:, None] * [1.0, 0.0, 0.0]
 
 
-def uniform_parameters(curve: Curve, n: int) -> np.ndarray:
+def uniform_parameters(
+    curve: Curve,  # a curve with one coordinate and strictly monotone control points, hence itself strictly monotone
+    n: int,  # number of mesh points, at least 2
+) -> np.ndarray:  # (n,), increasing from 0 to 1
     """Parameters of which the image is a uniform one-dimensional mesh, section II.B.
-
-    Uniform control points, knots and parameters do not give a uniform mesh, because the basis functions near the ends
-    are not symmetric. This is the change of parameter that does.
-
-    Parameters
-    ----------
-    curve : Curve
-        A curve with one coordinate and strictly monotone control points, hence itself strictly monotone.
-    n : int
-        Number of mesh points, at least 2.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Increasing from 0 to 1.
-
-    Raises
-    ------
-    InputError
-        If the control points are not of this kind, or there are fewer than two mesh points.
 
     Examples
     --------
@@ -98,6 +69,8 @@ def uniform_parameters(curve: Curve, n: int) -> np.ndarray:
     >>> curve(uniform_parameters(curve, 5)).ravel().round(12)
     array([0., 1., 2., 3., 4.])
     """
+    # Uniform control points, knots and parameters do not give a uniform mesh, because the basis functions near the ends
+    # are not symmetric. This is the change of parameter that does.
     steps = np.diff(curve.control_points, axis=0)
     if steps.shape[1] != 1 or not (np.all(steps > 0) or np.all(steps < 0)):
         raise InputError("uniform parameters: a curve that is not monotone; give one increasing coordinate")

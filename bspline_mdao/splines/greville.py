@@ -18,22 +18,8 @@ CONVERGED = 1e-15
 MOST_ITERATIONS = 200
 
 
-def greville_abscissae(volume: Volume) -> np.ndarray:
+def greville_abscissae(volume: Volume) -> np.ndarray:  # (N0, N1, N2, 3), parameters xi, eta, zeta in [0, 1]
     """Give every control point of a volume its place in parameter space.
-
-    In a direction of order p, control point i is at the mean of the p - 1 knots ``T_{i+1} .. T_{i+p-1}``: with these
-    coefficients the spline is the parameter itself. Curved knots depend on the other two parameters, which are those of
-    the control point, so that all three are found together by fixed-point iteration.
-
-    Parameters
-    ----------
-    volume : Volume
-        The volume.
-
-    Returns
-    -------
-    ndarray, shape (N0, N1, N2, 3)
-        Parameters xi, eta, zeta in [0, 1].
 
     Examples
     --------
@@ -42,33 +28,25 @@ def greville_abscissae(volume: Volume) -> np.ndarray:
     >>> greville_abscissae(volume)[:, 0, 0, 0].round(3).tolist()
     [0.0, 0.167, 0.5, 0.833, 1.0]
     """
+    # In a direction of order p, control point i is at the mean of the p - 1 knots ``T_{i+1} .. T_{i+p-1}``: with these
+    # coefficients the spline is the parameter itself. Curved knots depend on the other two parameters, which are those
+    # of the control point, so that all three are found together by fixed-point iteration.
     return _fixed_point(volume, volume.n_control, _own_means)
 
 
 def span_breaks(knots: Knots) -> np.ndarray:
-    """Numbers (from 0) of the knots at which the spans of a direction begin, and of the one at which the last ends.
-
-    Of equal knots it is the last, so that a break is the number of the span that begins there.
-    """
+    """Numbers (from 0) of the knots at which the spans of a direction begin, and of the one at which the last ends."""
+    # Of equal knots it is the last, so that a break is the number of the span that begins there.
     numbers = np.arange(knots.order - 1, knots.n_control + 1)
     if not isinstance(knots, ConstantKnots):
         return numbers  # inner knots that vary increase strictly
     return np.append(numbers[:-1][np.diff(knots.knots[numbers]) > 0], knots.n_control)
 
 
-def span_corners(volume: Volume) -> np.ndarray:
-    """Give every corner of the spans of a volume its place in parameter space.
-
-    Parameters
-    ----------
-    volume : Volume
-        The volume.
-
-    Returns
-    -------
-    ndarray, shape (M0, M1, M2, 3)
-        Parameters at which the knots ``span_breaks`` of all three directions meet.
-    """
+def span_corners(
+    volume: Volume,
+) -> np.ndarray:  # (M0, M1, M2, 3), parameters at which the knots ``span_breaks`` of all three directions meet
+    """Give every corner of the spans of a volume its place in parameter space."""
     shape = tuple(len(span_breaks(knots)) for knots in volume.knots)
     return _fixed_point(volume, shape, _own_breaks)
 

@@ -32,34 +32,15 @@ EDGES = ((0, 0), (0, 1), (1, 0), (1, 1))
 """The four edges of a direction, as they are numbered in `BilinearKnots`."""
 
 
-def insert_knots(volume: Volume, control_points: np.ndarray, direction: int, new_knots):
+def insert_knots(
+    volume: Volume,  # a volume with constant or bilinear knots in this direction; the others may be curved
+    control_points: np.ndarray,  # (N0, N1, N2, d)
+    direction: int,  # 0, 1 or 2
+    # values to add, repeated for a higher multiplicity. Into bilinear knots also curved ones, by their values on the
+    # four edges, numbered as those of `BilinearKnots`
+    new_knots,  # array_like (m,) or (2, 2, m)
+):  # volume Volume: the volume with ``m`` more knots; control_points: its control points, ``m`` more in this direction
     """Insert knots in one direction of a volume, whose geometry does not change.
-
-    Parameters
-    ----------
-    volume : Volume
-        A volume with constant or bilinear knots in this direction; the others may be curved.
-    control_points : ndarray, shape (N0, N1, N2, d)
-        Its control points.
-    direction : int
-        0, 1 or 2.
-    new_knots : array_like, shape (m,) or (2, 2, m)
-        Values to add, repeated for a higher multiplicity. Into bilinear knots also curved ones, by their values on the
-        four edges, numbered as those of `BilinearKnots`.
-
-    Returns
-    -------
-    volume : Volume
-        The volume with ``m`` more knots.
-    control_points : ndarray
-        Its control points, ``m`` more in this direction.
-
-    Raises
-    ------
-    InputError
-        If the new knots are outside (0, 1) or would be too many of one value, or the knots are curved so that no
-        control points keep the geometry: the ``2 p - 2`` knots around a new one, and itself, have to be an affine image
-        of the same numbers everywhere.
 
     Examples
     --------
@@ -69,6 +50,9 @@ def insert_knots(volume: Volume, control_points: np.ndarray, direction: int, new
     >>> points.ravel()
     array([0., 2., 8.])
     """
+    # `InputError` if the new knots are outside (0, 1) or would be too many of one value, or the knots are curved so
+    # that no control points keep the geometry: the ``2 p - 2`` knots around a new one, and itself, have to be an affine
+    # image of the same numbers everywhere
     if isinstance(volume.knots[direction], BilinearKnots):
         for new_knot in np.moveaxis(_on_edges(new_knots), 2, 0):
             volume, control_points = _insert_curved(volume, control_points, direction, new_knot)
@@ -81,23 +65,6 @@ def insert_knots(volume: Volume, control_points: np.ndarray, direction: int, new
 def elevate_order(volume: Volume, control_points: np.ndarray, direction: int):
     """Raise the order in one direction of a volume by one; geometry and continuity do not change.
 
-    Parameters
-    ----------
-    volume, control_points, direction
-        As for `insert_knots`.
-
-    Returns
-    -------
-    volume : Volume
-        The volume of higher order; each distinct knot is repeated once more.
-    control_points : ndarray
-        Its control points.
-
-    Raises
-    ------
-    InputError
-        If the knots are not constant, or the order is 1 with inner knots (jumps cannot be kept).
-
     Examples
     --------
     >>> import numpy as np
@@ -106,43 +73,32 @@ def elevate_order(volume: Volume, control_points: np.ndarray, direction: int):
     >>> points.ravel()
     array([0., 4., 8.])
     """
+    # `InputError` if the knots are not constant, or the order is 1 with inner knots (jumps cannot be kept)
+    # volume, control_points, direction: as for `insert_knots`
+    # returns volume Volume: the volume of higher order; each distinct knot is repeated once more
+    # returns control_points: its control points
     old = _constant_knots(volume, direction)
     new = ConstantKnots(np.sort(np.concatenate([old.knots, np.unique(old.knots)])), old.order + 1)
     return _on_new_knots(volume, control_points, direction, new, elevation_matrix(old, new))
 
 
-def insertion_matrix(old: ConstantKnots, new: ConstantKnots) -> np.ndarray:
-    """Matrix that takes control points to those on a finer knot vector of the same order.
-
-    Parameters
-    ----------
-    old, new : ConstantKnots
-        Every knot of the old ones is one of the new ones.
-
-    Returns
-    -------
-    ndarray, shape (new N, old N)
-        Its rows are non-negative and sum to one: control points are only ever averaged.
-    """
+def insertion_matrix(
+    # every knot of the old ones is one of the new ones
+    old: ConstantKnots,
+    new: ConstantKnots,
+) -> np.ndarray:  # (new N, old N), its rows are non-negative and sum to one: control points are only ever averaged
+    """Matrix that takes control points to those on a finer knot vector of the same order."""
     p = old.order
     return np.array([_blossom(old, new.knots[i], new.knots[i + 1 : i + p]) for i in range(new.n_control)])
 
 
-def elevation_matrix(old: ConstantKnots, new: ConstantKnots) -> np.ndarray:
-    """Matrix that takes control points to those of the order above.
-
-    The blossom of the higher order is the mean of the lower one over all ways to leave out one argument.
-
-    Parameters
-    ----------
-    old, new : ConstantKnots
-        The new ones hold each distinct knot of the old ones once more, and are one order higher.
-
-    Returns
-    -------
-    ndarray, shape (new N, old N)
-        Its rows sum to one.
-    """
+def elevation_matrix(
+    # the new ones hold each distinct knot of the old ones once more, and are one order higher
+    old: ConstantKnots,
+    new: ConstantKnots,
+) -> np.ndarray:  # (new N, old N), its rows sum to one
+    """Matrix that takes control points to those of the order above."""
+    # The blossom of the higher order is the mean of the lower one over all ways to leave out one argument.
     p = old.order
     rows = np.zeros((new.n_control, old.n_control))
     for i, row in enumerate(rows):

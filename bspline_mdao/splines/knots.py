@@ -19,10 +19,9 @@ from ..shown import OneLine
 
 
 class Knots(Protocol):
-    """Knots of one parameter direction.
+    """Knots of one parameter direction."""
 
-    All methods take the other two parameters as arrays of shape (n,) and return new C-contiguous arrays.
-    """
+    # All methods take the other two parameters as arrays of shape (n,) and return new C-contiguous arrays.
 
     @property
     def order(self) -> int:
@@ -42,24 +41,11 @@ class Knots(Protocol):
         """Second derivatives of the knots in ss, st and tt, shape (n, N + p, 3)."""
 
 
-def open_uniform_knots(n_control: int, order: int) -> np.ndarray:
+def open_uniform_knots(
+    n_control: int,  # number of control points N
+    order: int,  # order p, at most N
+) -> np.ndarray:  # (N + p,)
     """Open knots with evenly spaced inner knots.
-
-    Parameters
-    ----------
-    n_control : int
-        Number of control points N.
-    order : int
-        Order p, at most N.
-
-    Returns
-    -------
-    ndarray, shape (N + p,)
-
-    Raises
-    ------
-    InputError
-        If there are fewer control points than the order.
 
     Examples
     --------
@@ -67,6 +53,7 @@ def open_uniform_knots(n_control: int, order: int) -> np.ndarray:
     array([0.        , 0.        , 0.        , 0.33333333, 0.66666667,
            1.        , 1.        , 1.        ])
     """
+    # `InputError` if there are fewer control points than the order
     _check_counts(n_control, order)
     inner = np.arange(1, n_control - order + 1) / (n_control - order + 1)
     return _with_ends(inner, order)
@@ -186,20 +173,15 @@ class BilinearKnots(OneLine):
 
 
 @njit(cache=True, error_model="numpy")
-def bilinear_knots(corners, s, t, out):
-    """Write the knots of Eq. (5) at one point to ``out``, for use inside numba kernels.
-
-    Nested linear interpolation keeps the end knots at exactly 0 and 1 and reproduces the edges to the last bit.
-
-    Parameters
-    ----------
-    corners : ndarray, shape (2, 2, N + p)
-        Knots on the four edges.
-    s, t : float
-        The other two parameters.
-    out : ndarray, shape (N + p,)
-        Receives the knots.
-    """
+def bilinear_knots(
+    corners,  # (2, 2, N + p), knots on the four edges
+    # the other two parameters
+    s,
+    t,
+    out,  # (N + p,), receives the knots
+):
+    """Write the knots of Eq. (5) at one point to ``out``, for use inside numba kernels."""
+    # Nested linear interpolation keeps the end knots at exactly 0 and 1 and reproduces the edges to the last bit.
     for i in range(corners.shape[2]):
         low = (1.0 - s) * corners[0, 0, i] + s * corners[1, 0, i]
         high = (1.0 - s) * corners[0, 1, i] + s * corners[1, 1, i]
@@ -311,13 +293,7 @@ class FunctionKnots(OneLine):
 
 
 def knots_to_array(knots: Knots) -> np.ndarray:
-    """Return the array that stores constant (1-D) or bilinear (3-D) knots in a file.
-
-    Raises
-    ------
-    InputError
-        For any other knots: the code of a user's function cannot be stored.
-    """
+    """Return the array that stores constant (1-D) or bilinear (3-D) knots in a file."""
     if isinstance(knots, ConstantKnots):
         return knots.knots
     if isinstance(knots, BilinearKnots):
@@ -326,13 +302,7 @@ def knots_to_array(knots: Knots) -> np.ndarray:
 
 
 def knots_from_array(array: np.ndarray, order: int) -> Knots:
-    """Return the knots that `knots_to_array` stored.
-
-    Raises
-    ------
-    InputError
-        If the array holds no knots of this order.
-    """
+    """Return the knots that `knots_to_array` stored. `InputError` if the array holds no knots of this order."""
     return (BilinearKnots if np.ndim(array) == 3 else ConstantKnots)(array, order)
 
 
@@ -350,20 +320,13 @@ def _check_counts(n_control: int, order: int) -> None:
         raise InputError(f"knots: {n_control} control points for order {order}; use at least {order} or a lower order")
 
 
-def _check_open(knots: np.ndarray, order: int, n_dimensions: int, multiplicity: int) -> None:
-    """Raise `InputError` unless the knots are open.
-
-    Parameters
-    ----------
-    knots : ndarray, shape (N + p,) or (2, 2, N + p)
-        Knots along the last axis.
-    order : int
-        Order p.
-    n_dimensions : int
-        Dimensions that the array must have, 1 or 3.
-    multiplicity : int
-        How often an inner knot may be repeated.
-    """
+def _check_open(
+    knots: np.ndarray,  # (N + p,) or (2, 2, N + p), knots along the last axis
+    order: int,  # order p
+    n_dimensions: int,  # dimensions that the array must have, 1 or 3
+    multiplicity: int,  # how often an inner knot may be repeated
+) -> None:
+    """Raise `InputError` unless the knots are open."""
     if knots.ndim != n_dimensions or knots.shape[:-1] not in ((), (2, 2)):
         expected = "(N + p,)" if n_dimensions == 1 else "(2, 2, N + p)"
         raise InputError(f"knots: an array of shape {knots.shape}; give shape {expected}")

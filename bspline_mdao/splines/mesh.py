@@ -16,26 +16,12 @@ from .volume import Volume
 
 @dataclass(frozen=True, eq=False)
 class BSplineMesh(OneLine):
-    """Volumes whose control points come from one list, each shared point being in it once.
+    """Volumes whose control points come from one list, each shared point being in it once."""
 
-    Parameters
-    ----------
-    volumes : tuple of Volume
-        One volume per block.
-    control_ids : tuple of ndarray of int, each of shape (N0, N1, N2)
-        For each volume, the number of each of its control points in the list.
-    n_control_points : int
-        Length of the list; every point in it belongs to a volume.
-
-    Raises
-    ------
-    InputError
-        If the parts do not fit together.
-    """
-
-    volumes: tuple[Volume, ...]
-    control_ids: tuple[np.ndarray, ...]
-    n_control_points: int
+    volumes: tuple[Volume, ...]  # one volume per block
+    # for each volume, the number of each of its control points in the list
+    control_ids: tuple[np.ndarray, ...]  # int each (N0, N1, N2)
+    n_control_points: int  # length of the list; every point in it belongs to a volume
 
     def __post_init__(self):
         object.__setattr__(self, "volumes", tuple(self.volumes))
@@ -59,18 +45,11 @@ class BSplineMesh(OneLine):
                 f"volume; number the control points without gaps"
             )
 
-    def nets(self, control_points: np.ndarray) -> list[np.ndarray]:
-        """Cut the list of control points into those of each volume.
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, ...)
-            The list of control points.
-
-        Returns
-        -------
-        list of ndarray, each of shape (N0, N1, N2, ...)
-        """
+    def nets(
+        self,
+        control_points: np.ndarray,  # (n_control_points, ...), the list of control points
+    ) -> list[np.ndarray]:  # each (N0, N1, N2, ...)
+        """Cut the list of control points into those of each volume."""
         return [control_points[ids] for ids in self.control_ids]
 
 

@@ -25,25 +25,14 @@ HESSIAN = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 
 @dataclass(frozen=True, eq=False)
 class VolumeSide(OneLine):
-    """A side of a volume, as a surface of two parameters (u, v).
-
-    Parameters
-    ----------
-    volume : Volume
-        The volume.
-    net : ndarray, shape (N0, N1, N2, d)
-        Its control points (m).
-    direction, end : int
-        The side is where this direction of the volume, 0 to 2, has this parameter, 0 or 1.
-    axes : tuple of int
-        Directions of the volume that are u and v.
-    """
+    """A side of a volume, as a surface of two parameters (u, v)."""
 
     volume: Volume
-    net: np.ndarray
+    net: np.ndarray  # (N0, N1, N2, d), its control points (m)
+    # the side is where this direction of the volume, 0 to 2, has this parameter, 0 or 1
     direction: int
     end: int
-    axes: tuple[int, int]
+    axes: tuple[int, int]  # directions of the volume that are u and v
 
     @property
     def control_points(self) -> np.ndarray:

@@ -24,15 +24,9 @@ _CHUNK = 2048  # points at a time, so that their basis functions stay in the cac
 
 @dataclass(frozen=True, eq=False)
 class Volume(OneLine):
-    """A B-spline volume without its control points.
+    """A B-spline volume without its control points."""
 
-    Parameters
-    ----------
-    knots : tuple of three Knots
-        Knots of the directions xi, eta and zeta; they carry order and number of control points.
-    """
-
-    knots: tuple[Knots, ...]
+    knots: tuple[Knots, ...]  # knots of the directions xi, eta and zeta; they carry order and number of control points
 
     def __post_init__(self):
         if len(self.knots) != 3:
@@ -57,26 +51,12 @@ class Volume(OneLine):
         return int(xi.n_control), int(eta.n_control), int(zeta.n_control)
 
 
-def evaluate(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+def evaluate(
+    volume: Volume,  # orders and knots
+    control_points: np.ndarray,  # (N0, N1, N2, d), control points, of any dimension d
+    parameters: np.ndarray,  # (n, 3), parameters in [0, 1]; beyond, the polynomials of the nearest span continue
+) -> np.ndarray:  # (n, d)
     """Points of the volume, Eq. (3).
-
-    Parameters
-    ----------
-    volume : Volume
-        Orders and knots.
-    control_points : ndarray, shape (N0, N1, N2, d)
-        Control points, of any dimension d.
-    parameters : ndarray, shape (n, 3)
-        Parameters in [0, 1]; beyond, the polynomials of the nearest span continue.
-
-    Returns
-    -------
-    ndarray, shape (n, d)
-
-    Raises
-    ------
-    InputError
-        If an array has the wrong shape.
 
     Examples
     --------
@@ -85,6 +65,7 @@ def evaluate(volume: Volume, control_points: np.ndarray, parameters: np.ndarray)
     >>> evaluate(bezier, np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]])[:, None, None], np.array([[0.5, 0.0, 0.0]]))
     array([[1., 1.]])
     """
+    # `InputError` if an array has the wrong shape
     control_points, parameters = _as_arrays(volume, control_points, parameters)
     points = np.empty((len(parameters), control_points.shape[3]))
     for at in _chunks(parameters):
@@ -93,23 +74,10 @@ def evaluate(volume: Volume, control_points: np.ndarray, parameters: np.ndarray)
     return points
 
 
-def evaluate_gradients(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    """First derivatives of the points in xi, eta and zeta, the grid metrics, through curved knots as well.
-
-    Parameters
-    ----------
-    volume, control_points, parameters
-        As for `evaluate`.
-
-    Returns
-    -------
-    ndarray, shape (n, d, 3)
-
-    Raises
-    ------
-    InputError
-        If an array has the wrong shape.
-    """
+def evaluate_gradients(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:  # (n, d, 3)
+    """First derivatives of the points in xi, eta and zeta, the grid metrics, through curved knots as well."""
+    # `InputError` if an array has the wrong shape
+    # volume, control_points, parameters: as for `evaluate`
     control_points, parameters = _as_arrays(volume, control_points, parameters)
     gradients = np.empty((len(parameters), control_points.shape[3], 3))
     for at in _chunks(parameters):
@@ -117,24 +85,14 @@ def evaluate_gradients(volume: Volume, control_points: np.ndarray, parameters: n
     return gradients
 
 
-def evaluate_hessians(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    """Second derivatives of the points, through curved knots as well.
-
-    Parameters
-    ----------
-    volume, control_points, parameters
-        As for `evaluate`.
-
-    Returns
-    -------
-    ndarray, shape (n, d, 6)
-        Derivatives in (0, 0), (0, 1), (0, 2), (1, 1), (1, 2) and (2, 2).
-
-    Raises
-    ------
-    InputError
-        If an array has the wrong shape, or knots come without second derivatives.
-    """
+def evaluate_hessians(
+    volume: Volume,
+    control_points: np.ndarray,
+    parameters: np.ndarray,
+) -> np.ndarray:  # (n, d, 6), derivatives in (0, 0), (0, 1), (0, 2), (1, 1), (1, 2) and (2, 2)
+    """Second derivatives of the points, through curved knots as well."""
+    # `InputError` if an array has the wrong shape, or knots come without second derivatives
+    # volume, control_points, parameters: as for `evaluate`
     control_points, parameters = _as_arrays(volume, control_points, parameters)
     hessians = np.empty((len(parameters), control_points.shape[3], 6))
     for at in _chunks(parameters):
@@ -145,23 +103,13 @@ def evaluate_hessians(volume: Volume, control_points: np.ndarray, parameters: np
     return hessians
 
 
-def volume_basis(volume: Volume, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Basis functions of all three directions at points.
-
-    Parameters
-    ----------
-    volume : Volume
-        Orders and knots.
-    parameters : ndarray, shape (n, 3)
-        Parameters of the points.
-
-    Returns
-    -------
-    firsts : ndarray of int, shape (n, 3)
-        First control point that each point depends on, in each direction.
-    values : ndarray, shape (n, p0 + p1 + p2)
-        The functions that differ from zero: those of xi, then eta, then zeta.
-    """
+def volume_basis(
+    volume: Volume,  # orders and knots
+    parameters: np.ndarray,  # (n, 3), parameters of the points
+) -> tuple[np.ndarray, np.ndarray]:
+    """Basis functions of all three directions at points."""
+    # returns firsts int (n, 3): first control point that each point depends on, in each direction
+    # returns values (n, p0 + p1 + p2): the functions that differ from zero: those of xi, then eta, then zeta
     cyclic = [[parameters[:, (d + offset) % 3] for offset in range(3)] for d in range(3)]
     spans, values = zip(*[basis(knots, *own) for knots, own in zip(volume.knots, cyclic)])
     return np.stack([s - p + 1 for s, p in zip(spans, volume.orders)], axis=1), np.concatenate(values, axis=1)
@@ -173,25 +121,14 @@ def volume_basis_gradients(volume: Volume, parameters: np.ndarray) -> tuple[np.n
     return np.stack([s - p + 1 for s, p in zip(spans, volume.orders)], axis=1), np.concatenate(gradients, axis=1)
 
 
-def sort_by_key(keys: np.ndarray, n_keys: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sort points by the sub-net of control points that they depend on, those of one sub-net in their old order.
-
-    Parameters
-    ----------
-    keys : ndarray of int, shape (n,)
-        A number below ``n_keys`` that tells the sub-net of each point.
-    n_keys : int
-        Number of keys.
-
-    Returns
-    -------
-    used : ndarray of int, shape (m,)
-        The keys that occur, ascending.
-    starts : ndarray of int, shape (m + 1,)
-        First sorted point of each.
-    order : ndarray of int, shape (n,)
-        Number of each sorted point.
-    """
+def sort_by_key(
+    keys: np.ndarray,  # int (n,), a number below ``n_keys`` that tells the sub-net of each point
+    n_keys: int,  # number of keys
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sort points by the sub-net of control points that they depend on, those of one sub-net in their old order."""
+    # returns used int (m,): the keys that occur, ascending
+    # returns starts int (m + 1,): first sorted point of each
+    # returns order int (n,): number of each sorted point
     starts, order = _counting_sort(keys, n_keys)
     used = np.flatnonzero(np.diff(starts))
     return used, np.append(starts[used], keys.size), order
@@ -213,20 +150,13 @@ def _counting_sort(keys, n_keys):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def sub_net_ids(orders, corner, steps, ids):
-    """Write the numbers of the control points of a sub-net to ``ids``, in the order of `basis_products`.
-
-    Parameters
-    ----------
-    orders : tuple of three int
-        Orders.
-    corner : int
-        Number of the first of them among those of the volume.
-    steps : tuple of three int
-        From one to the next in each direction.
-    ids : ndarray of int, shape (p0 * p1 * p2,)
-        Receives the numbers.
-    """
+def sub_net_ids(
+    orders,  # tuple of three int
+    corner,  # int, number of the first of them among those of the volume
+    steps,  # tuple of three int, from one to the next in each direction
+    ids,  # int (p0 * p1 * p2,), receives the numbers
+):
+    """Write the numbers of the control points of a sub-net to ``ids``, in the order of `basis_products`."""
     m = 0
     for a in range(orders[0]):
         for b in range(orders[1]):
@@ -236,18 +166,12 @@ def sub_net_ids(orders, corner, steps, ids):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def basis_products(orders, values, products):
-    """Write the factors of the control points of a sub-net in Eq. (3): products of the functions of three directions.
-
-    Parameters
-    ----------
-    orders : tuple of three int
-        Orders.
-    values : ndarray, shape (p0 + p1 + p2,)
-        Functions of one point, see `volume_basis`.
-    products : ndarray, shape (p0 * p1 * p2,)
-        Receives the products, those of the last direction next to each other.
-    """
+def basis_products(
+    orders,  # tuple of three int
+    values,  # (p0 + p1 + p2,), functions of one point, see `volume_basis`
+    products,  # (p0 * p1 * p2,), receives the products, those of the last direction next to each other
+):
+    """Write the factors of the control points of a sub-net in Eq. (3): products of functions of three directions."""
     p_0, p_1, p_2 = orders
     for a in range(p_0):
         for b in range(p_1):
@@ -258,25 +182,16 @@ def basis_products(orders, values, products):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def partial_sums(B, first, orders, values, sums):
-    """Write the derivatives of the triple sum of Eq. (3) in the basis functions to ``sums``.
-
-    They are the control points summed with the functions of two directions. All derivatives of a point follow: with
-    derivatives of the functions in a variable as factors, they add up to that of the point in the variable.
-
-    Parameters
-    ----------
-    B : ndarray, shape (N0, N1, N2, d)
-        Control points.
-    first : sequence of three int
-        First control point of the sub-net in each direction.
-    orders : tuple of three int
-        Orders.
-    values : ndarray, shape (p0 + p1 + p2,)
-        Functions of one point, see `volume_basis`.
-    sums : ndarray, shape (p0 + p1 + p2, d)
-        Receives the sums.
-    """
+def partial_sums(
+    B,  # (N0, N1, N2, d), control points
+    first,  # sequence of three int, first control point of the sub-net in each direction
+    orders,  # tuple of three int
+    values,  # (p0 + p1 + p2,), functions of one point, see `volume_basis`
+    sums,  # (p0 + p1 + p2, d), receives the sums
+):
+    """Write the derivatives of the triple sum of Eq. (3) in the basis functions to ``sums``."""
+    # They are the control points summed with the functions of two directions. All derivatives of a point follow: with
+    # derivatives of the functions in a variable as factors, they add up to that of the point in the variable.
     p_0, p_1, p_2 = orders
     sums[:] = 0.0
     for a in range(p_0):
@@ -320,20 +235,18 @@ def _sum_gradients(B, orders, firsts, gradients, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def point_and_gradient(B, first, orders, gradients, sums, point, gradient):
-    """Write one point of Eq. (3) and its derivatives in xi, eta and zeta, for use inside numba kernels.
-
-    Parameters
-    ----------
-    B, first, orders
-        As for `partial_sums`.
-    gradients : ndarray, shape (p0 + p1 + p2, 4)
-        Functions of the point and their derivatives, see `volume_basis_gradients`.
-    sums : ndarray, shape (p0 + p1 + p2, d)
-        Scratch.
-    point, gradient : ndarray, shapes (d,) and (d, 3)
-        Receive the point and its derivatives.
-    """
+def point_and_gradient(
+    B,
+    first,
+    orders,
+    gradients,  # (p0 + p1 + p2, 4), functions of the point and their derivatives, see `volume_basis_gradients`
+    sums,  # (p0 + p1 + p2, d), scratch
+    # receive the point and its derivatives
+    point,  # (d,)
+    gradient,  # (d, 3)
+):
+    """Write one point of Eq. (3) and its derivatives in xi, eta and zeta, for use inside numba kernels."""
+    # B, first, orders: as for `partial_sums`
     partial_sums(B, first, orders, gradients[:, 0], sums)
     for x in range(sums.shape[1]):
         value, d_0, d_1, d_2 = 0.0, 0.0, 0.0, 0.0
@@ -348,11 +261,9 @@ def point_and_gradient(B, first, orders, gradients, sums, point, gradient):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sum_hessians(B, orders, firsts, jets, out):
-    """Write the second derivatives of Eq. (3) to ``out``, shape (n, d, 6).
-
-    Each has a part in which two directions are differentiated once, and one in which one is, twice. Jets of direction
-    ``d`` are in the parameters ``d, d + 1, d + 2`` modulo 3.
-    """
+    """Write the second derivatives of Eq. (3) to ``out``, shape (n, d, 6)."""
+    # Each has a part in which two directions are differentiated once, and one in which one is, twice. Jets of direction
+    # ``d`` are in the parameters ``d, d + 1, d + 2`` modulo 3.
     n_functions, n_0, n_01 = jets.shape[1], orders[0], orders[0] + orders[1]
     sums, values = np.empty((n_functions, B.shape[3])), np.empty(n_functions)
     number = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # of the derivative in two parameters
