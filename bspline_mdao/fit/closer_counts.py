@@ -50,17 +50,11 @@ STEP = 12
 
 @dataclass(frozen=True)
 class CloserCounts:
-    """Numbers of control points that come closer to a grid.
+    """Numbers of control points that come closer to a grid."""
 
-    Parameters
-    ----------
-    counts : ControlCounts
-        The numbers.
-    factor_bytes : int or None
-        See `bspline_mdao.fit.control_counts.predict_factor_bytes`.
-    """
+    # factor_bytes: see `bspline_mdao.fit.control_counts.predict_factor_bytes`
 
-    counts: ControlCounts
+    counts: ControlCounts  # the numbers
     factor_bytes: int | None
 
     @property
@@ -72,33 +66,15 @@ class CloserCounts:
 
 
 def closer_counts(
-    topology: Topology,
-    requested: RequestedCounts,
-    counts: ControlCounts,
-    sharing: FitNodes,
-    nodes: np.ndarray,
-    parameters: Sequence[np.ndarray],
-    most_per_node: float,
+    topology: Topology,  # segments and their links
+    requested: RequestedCounts,  # directions of which numbers are asked for are left as they are
+    counts: ControlCounts,  # numbers that are chosen from the grid alone
+    sharing: FitNodes,  # nodes of the segments of this process; all processes call this
+    nodes: np.ndarray,  # (n_rows, 3), its nodes (m)
+    parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
+    most_per_node: float,  # see `MOST_PER_NODE`
 ) -> CloserCounts:
-    """Raise numbers of control points where lines of the grid are missed.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and their links.
-    requested : RequestedCounts
-        Directions of which numbers are asked for are left as they are.
-    counts : ControlCounts
-        Numbers that are chosen from the grid alone.
-    sharing : FitNodes
-        Nodes of the segments of this process; all processes call this.
-    nodes : ndarray, shape (n_rows, 3)
-        Its nodes (m).
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    most_per_node : float
-        See `MOST_PER_NODE`.
-    """
+    """Raise numbers of control points where lines of the grid are missed."""
     classes = direction_classes(topology)
     first, lengths = _of_classes(classes, counts.n_control), _of_classes(classes, _lengths(topology))
     limit = np.where(lengths < LONG, min(most_per_node, MOST_PER_SHORT_NODE), most_per_node)
@@ -134,24 +110,13 @@ def _of_classes(classes: np.ndarray, values: np.ndarray) -> np.ndarray:
     return result
 
 
-def warn_of_misses(topology: Topology, counts: ControlCounts, found: CloserCounts | None, missed: float) -> str:
-    """Say that a grid is still missed by several cells, and what can be asked for.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and their links.
-    counts : ControlCounts
-        Numbers that are taken.
-    found : CloserCounts or None
-        Those that a mover could not take, if any.
-    missed : float
-        Largest error by the width of the cells.
-
-    Returns
-    -------
-    str
-    """
+def warn_of_misses(
+    topology: Topology,  # segments and their links
+    counts: ControlCounts,  # numbers that are taken
+    found: CloserCounts | None,  # those that a mover could not take, if any
+    missed: float,  # largest error by the width of the cells
+) -> str:
+    """Say that a grid is still missed by several cells, and what can be asked for."""
     what = f"the splines miss the grid by up to {missed:.3g} widths of its cells, which moves may fold"
     if found is None:
         return f"{what}; no more control points along the lines that they miss come closer"
@@ -163,18 +128,12 @@ def warn_of_misses(topology: Topology, counts: ControlCounts, found: CloserCount
     )
 
 
-def request_for(topology: Topology, counts: ControlCounts, wanted: np.ndarray) -> dict[int, tuple[int, ...]]:
-    """What to ask of blocks, by number from 1, for wanted numbers in all directions; of as few blocks as cover them.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and their links.
-    counts : ControlCounts
-        Numbers so far.
-    wanted : ndarray of int, shape (n_segments, 3)
-        Numbers that are no smaller.
-    """
+def request_for(
+    topology: Topology,  # segments and their links
+    counts: ControlCounts,  # numbers so far
+    wanted: np.ndarray,  # int (n_segments, 3), numbers that are no smaller
+) -> dict[int, tuple[int, ...]]:
+    """What to ask of blocks, by number from 1, for wanted numbers in all directions; of as few blocks as cover them."""
     classes, lengths = direction_classes(topology), _lengths(topology)
     is_met = np.zeros(classes.max() + 1, dtype=bool)
     request: dict[int, tuple[int, ...]] = {}

@@ -66,43 +66,23 @@ SHORT_ORDER, LONG_ORDER, LONG = 3, 4, 13
 
 @dataclass(frozen=True)
 class ControlCounts:
-    """Numbers of control points and orders.
+    """Numbers of control points and orders."""
 
-    Parameters
-    ----------
-    n_control, orders : ndarray of int, shape (n_segments, 3)
-        Of each direction of each segment.
-    warnings : tuple of str
-        Where an order was lowered.
-    """
-
-    n_control: np.ndarray
-    orders: np.ndarray
-    warnings: tuple[str, ...] = ()
+    # of each direction of each segment
+    n_control: np.ndarray  # int (n_segments, 3)
+    orders: np.ndarray  # int (n_segments, 3)
+    warnings: tuple[str, ...] = ()  # where an order was lowered
 
 
-def choose_affordable_counts(topology: Topology, n_control=None, order=None) -> tuple[ControlCounts, int | None]:
-    """Numbers of control points and orders, and the memory of a factor of the mover's matrix.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and their links.
-    n_control, order
-        See `choose_counts`. Where numbers are not given, spans are widened until a
-        factor takes no more than `LARGEST_FACTOR`.
-
-    Returns
-    -------
-    counts : ControlCounts
-    factor_bytes : int or None
-        See `predict_factor_bytes`.
-
-    Raises
-    ------
-    InputError
-        As `choose_counts`.
-    """
+def choose_affordable_counts(
+    topology: Topology,  # segments and their links
+    # see `choose_counts`. Where numbers are not given, spans are widened until a factor takes no more than
+    # `LARGEST_FACTOR`
+    n_control=None,
+    order=None,
+) -> tuple[ControlCounts, int | None]:  # factor_bytes: see `predict_factor_bytes`
+    """Numbers of control points and orders, and the memory of a factor of the mover's matrix."""
+    # `InputError` as `choose_counts`
     cells, requested = NODES_PER_SPAN, RequestedCounts.of(n_control, topology)
     counts = choose_counts(topology, requested, order)
     n_bytes = predict_factor_bytes(topology, counts.n_control)
@@ -113,21 +93,12 @@ def choose_affordable_counts(topology: Topology, n_control=None, order=None) -> 
     return counts, n_bytes
 
 
-def predict_factor_bytes(topology: Topology, n_control: np.ndarray) -> int | None:
-    """Memory of one factor of the matrix with which linear elasticity moves a control mesh.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments, links and boundary. All of it is taken as given or fixed, but for planes of symmetry.
-    n_control : ndarray of int, shape (n_segments, 3)
-        Control points of every segment.
-
-    Returns
-    -------
-    int or None
-        Bytes; None for fewer than `SMALL_MESH` control points, and for planar grids, which do not move.
-    """
+def predict_factor_bytes(
+    # segments, links and boundary. All of it is taken as given or fixed, but for planes of symmetry
+    topology: Topology,
+    n_control: np.ndarray,  # int (n_segments, 3), control points of every segment
+) -> int | None:  # bytes; None for fewer than `SMALL_MESH` control points, and for planar grids, which do not move
+    """Memory of one factor of the matrix with which linear elasticity moves a control mesh."""
     shapes = [(int(n_0), int(n_1), int(n_2)) for n_0, n_1, n_2 in n_control]
     ids = tuple(shared_ids(shapes, topology.links, topology.collapses, topology.segment_names))
     n_points = 1 + max(int(block.max()) for block in ids)
@@ -142,35 +113,22 @@ def predict_factor_bytes(topology: Topology, n_control: np.ndarray) -> int | Non
     return Cholesky().analyze(unknowns.pattern, nowhere[unknowns.point_ids]).factor_bytes
 
 
-def choose_counts(topology: Topology, n_control=None, order=None, cells=NODES_PER_SPAN) -> ControlCounts:
-    """Numbers of control points and orders of all segments, equal on both sides of every interface.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and their links.
-    n_control : optional
-        Control points of blocks, see `RequestedCounts.of`; no more than nodes are taken. What is asked of a block by
-        itself goes before what is asked of all. Segments of a cut block share the block's number in proportion to their
-        cells. Blocks that nothing is asked of follow those that they are joined to; the rest get about one span to four
-        cells, fewer in blocks of millions of nodes; up to six nodes get two control points less, but three where they
-        are, or all where an order is asked for.
-    order : None, int, triple of int or sequence of triples, optional
-        Order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered
-        where a direction has fewer control points. None: 4, or 3 in directions of fewer than `LONG` nodes where the
-        number of control points is chosen, too.
-    cells : float
-        Cells along a knot span where numbers are chosen.
-
-    Returns
-    -------
-    ControlCounts
-
-    Raises
-    ------
-    InputError
-        If numbers do not fit the blocks or each other.
-    """
+def choose_counts(
+    topology: Topology,  # segments and their links
+    # control points of blocks, see `RequestedCounts.of`; no more than nodes are taken. What is asked of a block by
+    # itself goes before what is asked of all. Segments of a cut block share the block's number in proportion to their
+    # cells. Blocks that nothing is asked of follow those that they are joined to; the rest get about one span to four
+    # cells, fewer in blocks of millions of nodes; up to six nodes get two control points less, but three where they
+    # are, or all where an order is asked for
+    n_control=None,  # optional
+    # order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered where a
+    # direction has fewer control points. None: 4, or 3 in directions of fewer than `LONG` nodes where the number of
+    # control points is chosen, too
+    order=None,  # None, int, triple of int or sequence of triples
+    cells=NODES_PER_SPAN,  # cells along a knot span where numbers are chosen
+) -> ControlCounts:
+    """Numbers of control points and orders of all segments, equal on both sides of every interface."""
+    # `InputError` if numbers do not fit the blocks or each other
     requested = RequestedCounts.of(n_control, topology)
     if order is None:
         orders = np.where(requested.counts > 0, LONG_ORDER, 0)

@@ -45,46 +45,21 @@ CYCLE_COST = 6
 
 def correct_parameters(
     problem: FitProblem,
-    parameters: Sequence[np.ndarray],
-    nodes: np.ndarray,
-    solution: FitSolution,
-    cycles: int,
-    progress: Progress,
+    parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
+    nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
+    solution: FitSolution,  # the fit for these parameters
+    cycles: int,  # number of cycles, at least 1
+    progress: Progress,  # see `bspline_mdao.fit.fitting.fit_grid`
+    # fit for given parameters: called with the problem, parameters and nodes
     solve: Callable[..., FitSolution] = solve_fit,
-) -> tuple[list[np.ndarray], FitSolution]:
-    """Correct the parameters of a fit; knots stay as they are.
-
-    A cycle, after Hoschek:
-
-    1. Move the parameters of edges, faces and interiors towards the closest points of the spline, control points fixed.
-    2. A node that segments share is moved by the one that fits it; the others take over its parameters.
-    3. Solve the least squares anew, so that the control points are those that the nodes have for these parameters.
-    4. Drop a cycle that does not lower the RMS error, and end with it.
-
-    Parameters
-    ----------
-    problem : FitProblem
-        The fit.
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
-    solution : FitSolution
-        The fit for these parameters.
-    cycles : int
-        Number of cycles, at least 1.
-    progress : callable
-        See `bspline_mdao.fit.fitting.fit_grid`.
-    solve : callable
-        Fit for given parameters: called with the problem, parameters and nodes.
-
-    Returns
-    -------
-    parameters : list of ndarray
-        The new parameters.
-    solution : FitSolution
-        The fit for them.
-    """
+) -> tuple[list[np.ndarray], FitSolution]:  # parameters: the new parameters; solution: the fit for them
+    """Correct the parameters of a fit; knots stay as they are."""
+    # A cycle, after Hoschek:
+    # 1. Move the parameters of edges, faces and interiors towards the closest points of the spline, control points
+    #    fixed.
+    # 2. A node that segments share is moved by the one that fits it; the others take over its parameters.
+    # 3. Solve the least squares anew, so that the control points are those that the nodes have for these parameters.
+    # 4. Drop a cycle that does not lower the RMS error, and end with it.
     followers = _find_followers(problem)
     for cycle in range(cycles):
         moving = part_of(progress, cycle / cycles, (cycle + 1) / cycles)
@@ -120,41 +95,23 @@ def _move(problem: FitProblem, followers, parameters, nodes, control_points, pro
 
 
 def project(
-    volume: Volume, control_points, parameters, is_free, nodes, n_steps: int, close: float = CLOSE
+    volume: Volume,  # orders and knots
+    control_points,  # (N0, N1, N2, 3), control points (m)
+    # parameters of the nodes of a whole section, its boundary included; the boundary stays
+    parameters,  # (m0, m1, m2, 3)
+    is_free,  # sequence of three bool, directions in which the section extends
+    nodes,  # (n, 3), inner nodes of the section, in C order (m)
+    n_steps: int,  # largest number of steps
+    close: float = CLOSE,  # a node closer than this fraction of the initial RMS distance is left alone
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Move parameters so that the mapping comes closer to the nodes, by damped Gauss-Newton steps.
-
-    A node of an edge has one parameter to move, of a face two, of an interior three. One round:
-
-    1. Shorten the steps so that parameters stay strictly increasing along grid lines.
-    2. Try them where nodes are not close enough yet.
-    3. Take those that reduce the distance, with the steps from there.
-    4. Halve the others for the next round, so that no distance ever grows.
-
-    Parameters
-    ----------
-    volume : Volume
-        Orders and knots.
-    control_points : ndarray, shape (N0, N1, N2, 3)
-        Control points (m).
-    parameters : ndarray, shape (m0, m1, m2, 3)
-        Parameters of the nodes of a whole section, its boundary included; the boundary stays.
-    is_free : sequence of three bool
-        Directions in which the section extends.
-    nodes : ndarray, shape (n, 3)
-        Inner nodes of the section, in C order (m).
-    n_steps : int
-        Largest number of steps.
-    close : float
-        A node closer than this fraction of the initial RMS distance is left alone.
-
-    Returns
-    -------
-    parameters : ndarray, shape (m0, m1, m2, 3)
-        New parameters.
-    points : ndarray, shape (n, 3)
-        The mapping at the inner ones (m).
-    """
+    """Move parameters so that the mapping comes closer to the nodes, by damped Gauss-Newton steps."""
+    # A node of an edge has one parameter to move, of a face two, of an interior three. One round:
+    # 1. Shorten the steps so that parameters stay strictly increasing along grid lines.
+    # 2. Try them where nodes are not close enough yet.
+    # 3. Take those that reduce the distance, with the steps from there.
+    # 4. Halve the others for the next round, so that no distance ever grows.
+    # returns parameters (m0, m1, m2, 3): new parameters
+    # returns points (n, 3): the mapping at the inner ones (m)
     inner = tuple(slice(1, -1) if free else slice(None) for free in is_free)
     parameters, free = parameters.copy(), np.flatnonzero(is_free)
     current = parameters[inner].reshape(-1, 3).copy()

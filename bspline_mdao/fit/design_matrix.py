@@ -31,28 +31,15 @@ _ROWS = 256
 
 @dataclass(frozen=True, eq=False)
 class DesignMatrix:
-    """Basis values of nodes, sorted by span.
+    """Basis values of nodes, sorted by span."""
 
-    Parameters
-    ----------
-    n_control, orders : tuple of int
-        Control points and orders of the three directions; 1 and 1 across a face or edge.
-    node_order : ndarray of int, shape (n,)
-        Number of each sorted node in the order in which the nodes were given.
-    values : ndarray, shape (n, p0 + p1 + p2)
-        Basis values of the three directions of each sorted node.
-    starts : ndarray of int, shape (n_groups + 1,)
-        First sorted node of each group.
-    firsts : ndarray of int, shape (n_groups, 3)
-        First control point of each group in each direction.
-    """
-
+    # control points and orders of the three directions; 1 and 1 across a face or edge
     n_control: tuple[int, int, int]
     orders: tuple[int, int, int]
-    node_order: np.ndarray
-    values: np.ndarray
-    starts: np.ndarray
-    firsts: np.ndarray
+    node_order: np.ndarray  # int (n,), number of each sorted node in the order in which the nodes were given
+    values: np.ndarray  # (n, p0 + p1 + p2), basis values of the three directions of each sorted node
+    starts: np.ndarray  # int (n_groups + 1,), first sorted node of each group
+    firsts: np.ndarray  # int (n_groups, 3), first control point of each group in each direction
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -75,23 +62,15 @@ class DesignMatrix:
         """Largest distance of two columns that meet in one node; ``columns`` as in `gram`."""
         return _bandwidth(self.n_control, self.orders, self.starts, self.firsts, columns)
 
-    def gram(self, columns: np.ndarray, n_columns: int, bandwidth: int | None) -> np.ndarray:
-        """Gram matrix ``A^T A`` of the unknown control points.
-
-        Parameters
-        ----------
-        columns : ndarray of int, shape (N0 N1 N2,)
-            Column of each control point; -1 where it is no unknown.
-        n_columns : int
-            Number of columns.
-        bandwidth : int or None
-            None for a dense result.
-
-        Returns
-        -------
-        ndarray, shape (n_columns, n_columns) or (n_columns, bandwidth + 1)
-            Entry [j, i] (dense) or [j, i - j] (band) holds element (i, j), for i >= j alone.
-        """
+    def gram(
+        self,
+        columns: np.ndarray,  # int (N0 N1 N2,), column of each control point; -1 where it is no unknown
+        n_columns: int,  # number of columns
+        bandwidth: int | None,  # none for a dense result
+    ) -> np.ndarray:
+        """Gram matrix ``A^T A`` of the unknown control points."""
+        # returns (n_columns, n_columns) or (n_columns, bandwidth + 1), entry [j, i] (dense) or [j, i - j] (band) holds
+        # element (i, j), for i >= j alone
         gram = np.zeros((n_columns, n_columns if bandwidth is None else bandwidth + 1))
         _add_gram(self.n_control, self.orders, *self._basis_values(), columns, bandwidth is not None, gram)
         return gram
@@ -103,22 +82,13 @@ class DesignMatrix:
         return self.n_control, self.orders, *self._basis_values(), self.node_order
 
 
-def build_design_matrix(volume: Volume, parameters: np.ndarray, is_free=(True, True, True)) -> DesignMatrix:
-    """Sort nodes by span and evaluate the basis functions of Eq. (4).
-
-    Parameters
-    ----------
-    volume : Volume
-        Orders and knots.
-    parameters : ndarray, shape (n, 3)
-        Parameters of the nodes.
-    is_free : sequence of three bool
-        False across a face or edge, where all nodes have the parameter 0 or all have 1.
-
-    Returns
-    -------
-    DesignMatrix
-    """
+def build_design_matrix(
+    volume: Volume,  # orders and knots
+    parameters: np.ndarray,  # (n, 3), parameters of the nodes
+    # false across a face or edge, where all nodes have the parameter 0 or all have 1
+    is_free=(True, True, True),  # sequence of three bool
+) -> DesignMatrix:
+    """Sort nodes by span and evaluate the basis functions of Eq. (4)."""
     section = Volume(tuple(knots if free else ACROSS for knots, free in zip(volume.knots, is_free)))
     firsts, values = volume_basis(section, parameters)
     keys = np.ravel_multi_index(firsts.T, section.n_control)
@@ -131,24 +101,12 @@ def build_design_matrix(volume: Volume, parameters: np.ndarray, is_free=(True, T
 
 @dataclass(frozen=True, eq=False)
 class LiveMatrix:
-    """A design matrix that knows how it depends on parameters and knots.
-
-    Parameters
-    ----------
-    matrix : DesignMatrix
-        The matrix.
-    parameters : ndarray, shape (n, 3)
-        Parameters of the nodes, in sorted order.
-    corners : tuple of three ndarray, each of shape (2, 2, N + p)
-        Knots on the edges.
-    free : tuple of int
-        Directions in which the section extends.
-    """
+    """A design matrix that knows how it depends on parameters and knots."""
 
     matrix: DesignMatrix
-    parameters: np.ndarray
-    corners: tuple[np.ndarray, ...]
-    free: tuple[int, ...]
+    parameters: np.ndarray  # (n, 3), parameters of the nodes, in sorted order
+    corners: tuple[np.ndarray, ...]  # each (2, 2, N + p), knots on the edges
+    free: tuple[int, ...]  # directions in which the section extends
 
     @classmethod
     def of(cls, matrix: DesignMatrix, volume: Volume, parameters: np.ndarray, is_free) -> LiveMatrix:
@@ -156,20 +114,12 @@ class LiveMatrix:
         corners = tuple(edge_corners(knots) for knots in volume.knots)
         return cls(matrix, parameters[matrix.node_order], corners, tuple(np.flatnonzero(is_free).tolist()))
 
-    def jvp(self, d_parameters: np.ndarray, d_corners) -> list[DesignMatrix]:
-        """Differentiate the matrix; the result is a sum of design matrices: one for each free direction.
-
-        Parameters
-        ----------
-        d_parameters : ndarray, shape (n, 3)
-            Direction in the parameters, in the order in which the nodes were given.
-        d_corners : sequence of three ndarray, each of shape (2, 2, N + p)
-            Direction in the edge knots.
-
-        Returns
-        -------
-        list of DesignMatrix
-        """
+    def jvp(
+        self,
+        d_parameters: np.ndarray,  # (n, 3), direction in the parameters, in the order in which the nodes were given
+        d_corners,  # sequence of three ndarray each (2, 2, N + p), direction in the edge knots
+    ) -> list[DesignMatrix]:
+        """Differentiate the matrix; the result is a sum of design matrices: one for each free direction."""
         d_parameters, terms = d_parameters[self.matrix.node_order], []
         for d in self.free:
             values = self.matrix.values.copy()
@@ -179,20 +129,14 @@ class LiveMatrix:
             terms.append(replace(self.matrix, values=values))
         return terms
 
-    def vjp(self, pairs) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Cotangents of parameters and edge knots of the sum of ``bar . (A b)`` over pairs of bar and b.
-
-        Parameters
-        ----------
-        pairs : sequence of (ndarray of shape (n, 3), ndarray of shape (N0 N1 N2, 3))
-            Cotangents at the nodes and the control points that they multiply.
-
-        Returns
-        -------
-        parameters_bar : ndarray, shape (n, 3)
-            In the order in which the nodes were given.
-        corners_bar : list of three ndarray, each of shape (2, 2, N + p)
-        """
+    def vjp(
+        self,
+        # cotangents at the nodes and the control points that they multiply
+        pairs,  # sequence of (ndarray of shape (n, 3), ndarray of shape (N0 N1 N2, 3))
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Cotangents of parameters and edge knots of the sum of ``bar . (A b)`` over pairs of bar and b."""
+        # returns parameters_bar (n, 3): in the order in which the nodes were given
+        # returns corners_bar each (2, 2, N + p)
         matrix, values_bar = self.matrix, np.zeros_like(self.matrix.values)
         for bar, points in pairs:
             _add_values_bar(

@@ -39,28 +39,21 @@ LEANING = 1e-3
 """Weight of the uniform knots where an edge's own knots coincide."""
 
 
-def edge_knots(parameters: np.ndarray, n_control: int, order: int) -> np.ndarray:
+def edge_knots(
+    parameters: np.ndarray,  # (L,), parameters of the nodes of the edge, from 0 to 1
+    # number of control points N and order p
+    n_control: int,
+    order: int,
+) -> np.ndarray:  # (N + p,)
     """Open knots with about the same number of nodes in every span, section II.D.
-
-    Inner knot ``T_i`` (i = p + 1 .. N) lies at the real node number ``q_i = (L - 1) (i - p) / (N + 1 - p)``, counted
-    from 0, between the parameters of the two nodes around it.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (L,)
-        Parameters of the nodes of the edge, from 0 to 1.
-    n_control, order : int
-        Number of control points N and order p.
-
-    Returns
-    -------
-    ndarray, shape (N + p,)
 
     Examples
     --------
     >>> edge_knots(np.array([0.0, 0.1, 0.3, 0.6, 1.0]), n_control=4, order=3)
     array([0. , 0. , 0. , 0.3, 1. , 1. , 1. ])
     """
+    # Inner knot ``T_i`` (i = p + 1 .. N) lies at the real node number ``q_i = (L - 1) (i - p) / (N + 1 - p)``, counted
+    # from 0, between the parameters of the two nodes around it.
     breaks = _interpolate(parameters, n_control + 1 - order)
     if _is_narrow(breaks):
         breaks = (1 - LEANING) * breaks + LEANING * np.linspace(0, 1, breaks.size)
@@ -106,32 +99,15 @@ def _is_narrow(breaks: np.ndarray) -> bool:
 
 
 def knots_of_segments(
-    topology: Topology, parameters, n_control, orders, kind: str = "curved", sharing: FitNodes | None = None
+    topology: Topology,  # segments and links
+    parameters,  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
+    # number of control points and order in each direction
+    n_control,  # sequence of three int for every segment
+    orders,  # sequence of three int for every segment
+    kind: str = "curved",  # one of `KNOT_KINDS`
+    sharing: FitNodes | None = None,  # which segments this process has parameters of; all by default
 ) -> list[tuple[Knots, ...]]:
-    """Knots of all segments, the same on both sides of every interface.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and links.
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    n_control, orders : sequence of three int for every segment
-        Number of control points and order in each direction.
-    kind : str
-        One of `KNOT_KINDS`.
-    sharing : FitNodes, optional
-        Which segments this process has parameters of; all by default.
-
-    Returns
-    -------
-    list of tuples of three Knots
-
-    Raises
-    ------
-    InputError
-        If the kind is unknown.
-    """
+    """Knots of all segments, the same on both sides of every interface. `InputError` if the kind is unknown."""
     here = range(len(topology.segments)) if sharing is None else sharing.here
     knots = [knots_of_segment(parameters[s], n_control[s], orders[s], kind) for s in here]
     if sharing is not None:
@@ -147,23 +123,11 @@ def knots_of_segments(
 
 
 def joined_corners(
-    topology: Topology, corners: list[list[np.ndarray]], is_change: bool = True
+    topology: Topology,  # segments and links
+    corners: list[list[np.ndarray]],  # each (2, 2, N + p), edge knots of every segment
+    is_change: bool = True,  # whether they are changes, or cotangents, of knots; the map is symmetric
 ) -> list[list[np.ndarray]]:
-    """Replace edge knots by their mean over all edges that interfaces join, turned round where directions are.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and links.
-    corners : list of lists of three ndarray, each of shape (2, 2, N + p)
-        Edge knots of every segment.
-    is_change : bool
-        Whether they are changes, or cotangents, of knots; the map is symmetric.
-
-    Returns
-    -------
-    list of lists of three ndarray, of the same shapes
-    """
+    """Replace edge knots by their mean over all edges that interfaces join, turned round where directions are."""
     classes, members = directed_classes(topology), defaultdict(list)
     for (segment, d), (forwards, backwards) in zip(np.ndindex(classes.shape[:2]), classes.reshape(-1, 2)):
         mean = corners[segment][d].mean(axis=(0, 1))
@@ -176,27 +140,14 @@ def joined_corners(
     ]
 
 
-def knots_of_segment(parameters: np.ndarray, n_control, orders, kind: str = "curved") -> tuple[Knots, ...]:
-    """Knots of the three directions of a segment by itself from the parameters on its twelve edges.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (L0, L1, L2, 3)
-        Parameters of the nodes.
-    n_control, orders : sequence of three int
-        Number of control points and order in each direction.
-    kind : str
-        One of `KNOT_KINDS`.
-
-    Returns
-    -------
-    tuple of three Knots
-
-    Raises
-    ------
-    InputError
-        If the kind is unknown.
-    """
+def knots_of_segment(
+    parameters: np.ndarray,  # (L0, L1, L2, 3), parameters of the nodes
+    # number of control points and order in each direction
+    n_control,  # sequence of three int
+    orders,  # sequence of three int
+    kind: str = "curved",  # one of `KNOT_KINDS`
+) -> tuple[Knots, ...]:
+    """Knots of the three directions of a segment by itself from the parameters on its twelve edges."""
     if kind not in KNOT_KINDS:
         raise InputError(f'knots: "{kind}" is unknown; use one of {", ".join(KNOT_KINDS)} or give knots')
     return tuple(_direction_knots(parameters, d, int(n_control[d]), int(orders[d]), kind) for d in range(3))
@@ -241,21 +192,11 @@ def _direction_knots(parameters: np.ndarray, d: int, n_control: int, order: int,
     return BilinearKnots(corners, order) if kind == "curved" else ConstantKnots(corners.mean(axis=(0, 1)), order)
 
 
-def require_agreement(topology: Topology, volumes: Sequence[Volume]) -> None:
-    """Refuse volumes that do not agree along the faces and edges that they share.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and their links.
-    volumes : sequence of Volume
-        One for each segment.
-
-    Raises
-    ------
-    InputError
-        If orders, numbers of control points or knots differ: names two blocks with their faces and directions.
-    """
+def require_agreement(
+    topology: Topology,  # segments and their links
+    volumes: Sequence[Volume],  # one for each segment
+) -> None:
+    """Refuse volumes that do not agree along the faces and edges that they share."""
     for link in topology.links:
         for d in (d for d in range(3) if link.a_section[d] is None):
             difference = _difference(link, d, volumes)

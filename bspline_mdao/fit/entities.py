@@ -22,30 +22,16 @@ _KINDS = ("corner", "edge", "face", "interior")
 
 @dataclass(frozen=True, eq=False)
 class Entity:
-    """A corner, edge, face or interior with the nodes and control points that it owns.
+    """A corner, edge, face or interior with the nodes and control points that it owns."""
 
-    Parameters
-    ----------
-    segment : int
-        Number of the segment.
-    section : tuple of (int or None)
-        Ends at which it lies; None in its free directions.
-    rows : ndarray of int, shape (n,)
-        Numbers of its inner nodes, in C order; none where another process holds the segment.
-    control_ids : ndarray of int, shape (M0, M1, M2)
-        Ids of all control points of the section, its boundary included; ``M = 1`` in a direction that is not free.
-    unknown_ids : ndarray of int, shape (n_columns,)
-        Ids of the control points that it solves for.
-    columns : ndarray of int, shape (M0 M1 M2,)
-        Place in ``unknown_ids`` of each control point of the section; -1 for those that earlier entities solve for.
-    """
-
-    segment: int
-    section: Section
-    rows: np.ndarray
-    control_ids: np.ndarray
-    unknown_ids: np.ndarray
-    columns: np.ndarray
+    segment: int  # number of the segment
+    section: Section  # ends at which it lies; None in its free directions
+    rows: np.ndarray  # int (n,), numbers of its inner nodes, in C order; none where another process holds the segment
+    # ids of all control points of the section, its boundary included; ``M = 1`` in a direction that is not free
+    control_ids: np.ndarray  # int (M0, M1, M2)
+    unknown_ids: np.ndarray  # int (n_columns,), ids of the control points that it solves for
+    # place in ``unknown_ids`` of each control point of the section; -1 for those that earlier entities solve for
+    columns: np.ndarray  # int (M0 M1 M2,)
 
     @property
     def is_free(self) -> tuple[bool, ...]:
@@ -72,22 +58,12 @@ class Entity:
         return " ".join([names[self.segment], self.kind, *ends])
 
 
-def entities_in_order(control_ids, sharing: FitNodes, n_control_points: int) -> Iterator[Entity]:
-    """Corners, then edges, faces and interiors of all segments, each with what belongs to no earlier entity.
-
-    Parameters
-    ----------
-    control_ids : sequence of ndarray of int
-        Control point ids of every segment.
-    sharing : FitNodes
-        Nodes of this process, and which of them are one.
-    n_control_points : int
-        Number of unique control points.
-
-    Yields
-    ------
-    Entity
-    """
+def entities_in_order(
+    control_ids,  # sequence of ndarray of int, control point ids of every segment
+    sharing: FitNodes,  # nodes of this process, and which of them are one
+    n_control_points: int,  # number of unique control points
+) -> Iterator[Entity]:
+    """Corners, then edges, faces and interiors of all segments, each with what belongs to no earlier entity."""
     source, points = sharing.source_rows(), _sample_points(sharing.topology)
     is_solved, is_seen = np.zeros(n_control_points, dtype=bool), np.zeros(1 + max(map(np.max, points)), dtype=bool)
     for n_free in range(4):
@@ -104,10 +80,8 @@ def entities_in_order(control_ids, sharing: FitNodes, n_control_points: int) -> 
 
 
 def _sample_points(topology: Topology) -> list[np.ndarray]:
-    """Number points that stand for the nodes of each section: up to three a direction, those that are one alike.
-
-    Links and collapses join whole sections, so that one inner node tells of all.
-    """
+    """Number points that stand for the nodes of each section: up to three a direction, those that are one alike."""
+    # Links and collapses join whole sections, so that one inner node tells of all.
     shapes = [tuple(min(n, 3) for n in segment.shape) for segment in topology.segments]
     return shared_ids(shapes, topology.links, topology.collapses, topology.segment_names)
 

@@ -31,32 +31,13 @@ MOST_NAMED = 50
 
 
 def report_errors(
-    problem: FitProblem,
-    block_names: Sequence[str],
-    parameters: Sequence[np.ndarray],
-    nodes: np.ndarray,
+    problem: FitProblem,  # what was fitted with what
+    block_names: Sequence[str],  # name of every block
+    parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
+    nodes: np.ndarray,  # (n_rows, 3), the nodes of this process (m); the report is of the nodes of all
     solution: FitSolution,
-) -> FitReport:
-    """Report errors, invalid control elements and the fallback of a fit.
-
-    Parameters
-    ----------
-    problem : FitProblem
-        What was fitted with what.
-    block_names : sequence of str
-        Name of every block.
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    nodes : ndarray, shape (n_rows, 3)
-        The nodes of this process (m); the report is of the nodes of all.
-    solution : FitSolution
-        The fit.
-
-    Returns
-    -------
-    FitReport
-        Its warnings are those of the solution and one, the last, where the control mesh is invalid.
-    """
+) -> FitReport:  # its warnings are those of the solution and one, the last, where the control mesh is invalid
+    """Report errors, invalid control elements and the fallback of a fit."""
     topology, sharing = problem.topology, problem.sharing
     nodes, fitted = nodes[: sharing.n_own], solution.fitted[: sharing.n_own]
     residual = nodes - fitted
@@ -120,23 +101,12 @@ def _mean(comm, values: np.ndarray) -> float:
     return float(total / count)
 
 
-def mean_edge(shapes, nodes: np.ndarray, comm=ONE) -> float:
-    """Mean length of the cell edges of a grid that have a length.
-
-    Parameters
-    ----------
-    shapes : sequence of (ni, nj, nk)
-        Shapes of the blocks.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of all blocks (m).
-    comm : communicator
-        Processes that have some blocks each.
-
-    Returns
-    -------
-    float
-        0 where no edge has a length.
-    """
+def mean_edge(
+    shapes,  # sequence of (ni, nj, nk), shapes of the blocks
+    nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+    comm=ONE,  # communicator, processes that have some blocks each
+) -> float:  # 0 where no edge has a length
+    """Mean length of the cell edges of a grid that have a length."""
     total, count, start = 0.0, 0, 0
     for shape in shapes:
         size = int(np.prod(shape))

@@ -33,58 +33,34 @@ def whole_blocks(topology: Topology, n_ranks: int) -> Partition:
 
 @dataclass(frozen=True, eq=False)
 class FitNodes:
-    """Nodes of the blocks of a process, in the order of its partition, and then those that it needs from others.
+    """Nodes of the blocks of a process, in the order of its partition, and then those that it needs from others."""
 
-    Parameters
-    ----------
-    topology : Topology
-        Topology of the grid.
-    comm : communicator
-        The processes.
-    blocks : tuple of int
-        Blocks of this process, in the order of its nodes.
-    here : tuple of int
-        Segments of these blocks.
-    rows : tuple of ndarray of int, each of the segment's shape
-        Of every segment of this process, the numbers of its nodes; of others, of shape (0, 0, 0).
-    is_evaluated : tuple of ndarray of bool, each of the segment's shape
-        True where the segment is the first of the grid to hold the node.
-    copies : ndarray of int, shape (n_copies, 2)
-        Numbers of nodes that are copies, and of those that they copy, by ascending first ones.
-    n_own, n_rows : int
-        Numbers of nodes of the blocks, and of all, those from elsewhere included.
-    homes : tuple of int
-        Process of every block.
-    wanted, given : tuple of ndarray of int
-        Per process, the numbers of the nodes from there, and of the nodes that it needs from here.
-    """
-
-    topology: Topology
-    comm: Any
-    blocks: tuple[int, ...]
-    here: tuple[int, ...]
+    topology: Topology  # topology of the grid
+    comm: Any  # the processes
+    blocks: tuple[int, ...]  # blocks of this process, in the order of its nodes
+    here: tuple[int, ...]  # segments of these blocks
+    # of every segment of this process, the numbers of its nodes; of others, of shape (0, 0, 0)
     rows: tuple[np.ndarray, ...]
-    is_evaluated: tuple[np.ndarray, ...]
-    copies: np.ndarray
+    is_evaluated: tuple[np.ndarray, ...]  # true where the segment is the first of the grid to hold the node
+    # numbers of nodes that are copies, and of those that they copy, by ascending first ones
+    copies: np.ndarray  # int (n_copies, 2)
+    # numbers of nodes of the blocks, and of all, those from elsewhere included
     n_own: int
     n_rows: int
-    homes: tuple[int, ...]
+    homes: tuple[int, ...]  # process of every block
+    # per process, the numbers of the nodes from there, and of the nodes that it needs from here
     wanted: tuple[np.ndarray, ...] = ()
     given: tuple[np.ndarray, ...] = ()
 
     @classmethod
-    def of(cls, topology: Topology, comm: Any = ONE, partition: Partition | None = None) -> FitNodes:
-        """Deal the blocks of a grid out to processes, all of which call this.
-
-        Parameters
-        ----------
-        topology : Topology
-            Topology of the grid.
-        comm : communicator
-            The processes.
-        partition : Partition, optional
-            Which blocks each of them has, none of them cut; by default those that `whole_blocks` gives it.
-        """
+    def of(
+        cls,
+        topology: Topology,  # topology of the grid
+        comm: Any = ONE,  # the processes
+        # which blocks each of them has, none of them cut; by default those that `whole_blocks` gives it
+        partition: Partition | None = None,
+    ) -> FitNodes:
+        """Deal the blocks of a grid out to processes, all of which call this."""
         if comm.size == 1:
             sharing, n_blocks, n = node_sharing(topology), len(topology.shapes), topology.n_nodes
             blocks, segments = tuple(range(n_blocks)), tuple(range(len(topology.segments)))

@@ -371,32 +371,16 @@ def _parameters_of_blocks(blocks: Mapping[int, np.ndarray], topology: Topology, 
 
 
 def set_up_fit(
-    topology: Topology, parameters, n_control, orders, knots="curved", sharing: FitNodes | None = None
+    topology: Topology,  # segments and links
+    parameters,  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
+    # control points and orders; not looked at where ``knots`` has them
+    n_control,  # int (n_segments, 3)
+    orders,  # int (n_segments, 3)
+    knots="curved",
+    sharing: FitNodes | None = None,  # nodes of this process; all by default
 ) -> FitProblem:
-    """Make volumes, shared control points and entities.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and links.
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    n_control, orders : array of int, shape (n_segments, 3)
-        Control points and orders; not looked at where ``knots`` has them.
-    knots
-        As for `fit_grid`.
-    sharing : FitNodes, optional
-        Nodes of this process; all by default.
-
-    Returns
-    -------
-    FitProblem
-
-    Raises
-    ------
-    InputError
-        If the kind of knots is unknown, or the user's own do not agree where segments meet.
-    """
+    """Make volumes, shared control points and entities."""
+    # knots: as for `fit_grid`
     is_given = not isinstance(knots, str)
     if not is_given:
         knots = knots_of_segments(topology, parameters, n_control, orders, knots, sharing)

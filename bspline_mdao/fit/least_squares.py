@@ -46,52 +46,31 @@ SHIFT = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class FitStep:
-    """The least squares of one entity, factored.
+    """The least squares of one entity, factored."""
 
-    Parameters
-    ----------
-    entity : Entity
-        Its nodes and control points.
-    matrix : DesignMatrix
-        A, of all control points of its section.
-    factor : GramFactor or None
-        Of the normal equations; None where earlier entities solve for all control points.
-    reference : ReferenceNet
-        Net that the control points are drawn to where the factor has a shift.
-    """
+    entity: Entity  # its nodes and control points
+    matrix: DesignMatrix  # A, of all control points of its section
+    factor: GramFactor | None  # of the normal equations; None where earlier entities solve for all control points
+    reference: ReferenceNet  # net that the control points are drawn to where the factor has a shift
 
-    entity: Entity
-    matrix: DesignMatrix
-    factor: GramFactor | None
-    reference: ReferenceNet
-
-    def solve(self, nodes: np.ndarray, control_points: np.ndarray) -> None:
-        """Write the entity's control points, from the nodes and the control points of its boundary.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_rows, 3)
-            All nodes of the grid.
-        control_points : ndarray, shape (n_control_points, 3)
-            All control points.
-        """
+    def solve(
+        self,
+        nodes: np.ndarray,  # (n_rows, 3), all nodes of the grid
+        control_points: np.ndarray,  # (n_control_points, 3), all control points
+    ) -> None:
+        """Write the entity's control points, from the nodes and the control points of its boundary."""
         if self.factor is not None:
             self.solve_residual(nodes[self.entity.rows], 0.0, nodes, control_points)
 
-    def solve_residual(self, points: np.ndarray, right, nodes: np.ndarray, control_points: np.ndarray) -> None:
-        """Solve ``(A_u^T A_u + shift I) d = A_u^T (points - A b_reference) + right_u`` and write ``b_reference + d``.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n, 3)
-            Values at the entity's nodes.
-        right : ndarray, shape (N0 N1 N2, 3), or 0
-            What is added on the right, for all control points of the section.
-        nodes : ndarray, shape (n_rows, 3)
-            All nodes of the grid, for the reference.
-        control_points : ndarray, shape (n_control_points, 3)
-            Those of the boundary are read, those of the entity written.
-        """
+    def solve_residual(
+        self,
+        points: np.ndarray,  # (n, 3), values at the entity's nodes
+        right,  # (N0 N1 N2, 3), or 0, what is added on the right, for all control points of the section
+        nodes: np.ndarray,  # (n_rows, 3), all nodes of the grid, for the reference
+        # those of the boundary are read, those of the entity written
+        control_points: np.ndarray,  # (n_control_points, 3)
+    ) -> None:
+        """Solve ``(A_u^T A_u + shift I) d = A_u^T (points - A b_reference) + right_u``; write ``b_reference + d``."""
         assert self.factor is not None, "this entity has no control points of its own"
         net = self.reference.net(nodes, self.entity.net(control_points))
         reference = net[self._places]
@@ -99,16 +78,13 @@ class FitStep:
         right = right + self.matrix.apply_transpose(points - self.matrix.apply(net))
         control_points[self.entity.unknown_ids] = reference + self.factor.solve(self._sum_columns(right))
 
-    def solve_transpose(self, control_bar: np.ndarray, nodes_bar: np.ndarray) -> None:
-        """Reverse of `solve`: move ``control_bar`` of the entity to its nodes and to its boundary.
-
-        Parameters
-        ----------
-        control_bar : ndarray, shape (n_control_points, 3)
-            Cotangent of the control points; the entity's own entries are used up.
-        nodes_bar : ndarray, shape (n_rows, 3)
-            Cotangent of the nodes, added to.
-        """
+    def solve_transpose(
+        self,
+        # cotangent of the control points; the entity's own entries are used up
+        control_bar: np.ndarray,  # (n_control_points, 3)
+        nodes_bar: np.ndarray,  # (n_rows, 3), cotangent of the nodes, added to
+    ) -> None:
+        """Reverse of `solve`: move ``control_bar`` of the entity to its nodes and to its boundary."""
         if self.factor is not None:
             points_bar, _ = self.solve_residual_transpose(control_bar, nodes_bar)
             np.add.at(nodes_bar, self.entity.rows, points_bar)
@@ -154,22 +130,13 @@ class FitStep:
 
 @dataclass(frozen=True, eq=False)
 class FitOperator:
-    """The linear map from the nodes of a grid to the control points, for given parameters and knots.
+    """The linear map from the nodes of a grid to the control points, for given parameters and knots."""
 
-    Parameters
-    ----------
-    steps : tuple of FitStep
-        In the order of section II.D; none where least squares have no weight in the mixture.
-    n_nodes, n_control_points : int
-        Sizes of the two sides.
-    mixture : Mixture
-        What control points are where least squares fold.
-    """
-
-    steps: tuple[FitStep, ...]
+    steps: tuple[FitStep, ...]  # in the order of section II.D; none where least squares have no weight in the mixture
+    # sizes of the two sides
     n_nodes: int
     n_control_points: int
-    mixture: Mixture = LEAST_SQUARES
+    mixture: Mixture = LEAST_SQUARES  # what control points are where least squares fold
 
     def forward(self, nodes: np.ndarray) -> np.ndarray:
         """Control points, shape (n_control_points, 3), fitted to the nodes, shape (n_nodes, 3)."""
@@ -189,42 +156,15 @@ class FitOperator:
 
 
 def build_step(
-    entity: Entity,
-    volume: Volume,
-    parameters: np.ndarray,
-    rows: np.ndarray,
-    edge_places,
-    n_rows: int,
-    name: str = "entity",
+    entity: Entity,  # its nodes and control points
+    volume: Volume,  # orders and knots of its segment
+    parameters: np.ndarray,  # (L0, L1, L2, 3), parameters of the nodes of its segment
+    rows: np.ndarray,  # int (L0, L1, L2), rows of these nodes in the grid vector
+    edge_places,  # sequence of three ndarray each (N_d,), for the reference, see `places_on_edges`
+    n_rows: int,  # length of the grid vector
+    name: str = "entity",  # name of the entity for messages
 ) -> FitStep:
-    """Set up and factor the normal equations of an entity.
-
-    Parameters
-    ----------
-    entity : Entity
-        Its nodes and control points.
-    volume : Volume
-        Orders and knots of its segment.
-    parameters : ndarray, shape (L0, L1, L2, 3)
-        Parameters of the nodes of its segment.
-    rows : ndarray of int, shape (L0, L1, L2)
-        Rows of these nodes in the grid vector.
-    edge_places : sequence of three ndarray, each of shape (N_d,)
-        For the reference, see `places_on_edges`.
-    n_rows : int
-        Length of the grid vector.
-    name : str
-        Name of the entity for messages.
-
-    Returns
-    -------
-    FitStep
-
-    Raises
-    ------
-    InputError
-        If the Gram matrix would be too large.
-    """
+    """Set up and factor the normal equations of an entity. `InputError` if the Gram matrix would be too large."""
     matrix = build_design_matrix(volume, parameters[entity.inner].reshape(-1, 3), entity.is_free)
     n_columns = len(entity.unknown_ids)
     places = tuple(along if free else np.zeros(1) for along, free in zip(edge_places, entity.is_free))
@@ -252,38 +192,26 @@ def _gram(matrix: DesignMatrix, entity: Entity, name: str) -> tuple[np.ndarray, 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceNet:
-    """Linear map from the grid and the control points of a boundary to a whole control net: a coarse copy of the grid.
+    """Linear map from the grid and the control points of a boundary to a control net: a coarse copy of the grid."""
 
-    A control mesh mimics a coarse grid, so least squares are drawn to the grid itself, sampled at the Greville nodes
-    (`bspline_mdao.fit.quasi_interpolant.greville_places`). What the boundary's control points differ from their samples
-    is spread over the inside by transfinite interpolation, in proportion to lengths along the edges, so that thin
-    layers of cells stay layers. Both are fixed linear maps.
+    # A control mesh mimics a coarse grid, so least squares are drawn to the grid itself, sampled at the Greville nodes
+    # (`bspline_mdao.fit.quasi_interpolant.greville_places`). What the boundary's control points differ from their
+    # samples is spread over the inside by transfinite interpolation, in proportion to lengths along the edges, so that
+    # thin layers of cells stay layers. Both are fixed linear maps.
 
-    Parameters
-    ----------
-    inner : ndarray of int, shape (n_inner,)
-        Numbers of the inner control points of a net, in C order.
-    interpolation : csr_array, shape (n_inner, N0 N1 N2)
-        Weights with which they follow the boundary.
-    sampling : csr_array, shape (N0 N1 N2, n_rows), or None
-        Samples of the grid at the Greville nodes; None for zero, where the factor has no shift.
-    """
-
-    inner: np.ndarray
-    interpolation: csr_array
-    sampling: csr_array | None = None
+    inner: np.ndarray  # int (n_inner,), numbers of the inner control points of a net, in C order
+    interpolation: csr_array  # (n_inner, N0 N1 N2), weights with which they follow the boundary
+    # samples of the grid at the Greville nodes; None for zero, where the factor has no shift
+    sampling: csr_array | None = None  # (N0 N1 N2, n_rows), or None
 
     @classmethod
-    def of(cls, places, sampling: csr_array | None = None) -> ReferenceNet:
-        """Set up the interpolation of a net whose control points stand at given places along its edges.
-
-        Parameters
-        ----------
-        places : sequence of three ndarray, each of shape (N_d,)
-            Where each control point stands between the ends of its direction, from 0 to 1.
-        sampling : csr_array, optional
-            See the class.
-        """
+    def of(
+        cls,
+        # where each control point stands between the ends of its direction, from 0 to 1
+        places,  # sequence of three ndarray each (N_d,)
+        sampling: csr_array | None = None,  # see the class
+    ) -> ReferenceNet:
+        """Set up the interpolation of a net whose control points stand at given places along its edges."""
         shape = tuple(map(len, places))
         numbers = np.arange(np.prod(shape)).reshape(shape)
         columns, values = boolean_sum(np.stack(np.meshgrid(*places, indexing="ij"), axis=-1))
@@ -308,22 +236,14 @@ class ReferenceNet:
         return net_bar
 
 
-def greville_sampling(rows: np.ndarray, n_control, orders, n_rows: int) -> csr_array:
-    """Sample the nodes of a section at the Greville nodes, linearly between them.
-
-    Parameters
-    ----------
-    rows : ndarray of int, shape (m0, m1, m2)
-        Rows in the grid vector of all nodes of the section.
-    n_control, orders : sequence of three int
-        Control points and orders of its directions.
-    n_rows : int
-        Length of the grid vector.
-
-    Returns
-    -------
-    csr_array, shape (N0 N1 N2, n_rows)
-    """
+def greville_sampling(
+    rows: np.ndarray,  # int (m0, m1, m2), rows in the grid vector of all nodes of the section
+    # control points and orders of its directions
+    n_control,  # sequence of three int
+    orders,  # sequence of three int
+    n_rows: int,  # length of the grid vector
+) -> csr_array:  # (N0 N1 N2, n_rows)
+    """Sample the nodes of a section at the Greville nodes, linearly between them."""
     weights = [_line_weights(*line) for line in zip(rows.shape, n_control, orders)]
     local = kron(kron(weights[0], weights[1]), weights[2], format="csr")
     return csr_array((local.data, rows.ravel()[local.indices], local.indptr), shape=(local.shape[0], n_rows))
@@ -346,21 +266,11 @@ def places_on_edges(volume: Volume) -> tuple[np.ndarray, ...]:
 
 @dataclass(frozen=True, eq=False)
 class GramFactor:
-    """Cholesky factor of a Gram matrix, ``G + shift I``.
+    """Cholesky factor of a Gram matrix, ``G + shift I``."""
 
-    Parameters
-    ----------
-    lower : ndarray
-        The factor as LAPACK left it.
-    is_banded : bool
-        Whether the storage is banded.
-    shift : float
-        What was added to the diagonal: 0 unless the matrix is singular.
-    """
-
-    lower: np.ndarray
-    is_banded: bool
-    shift: float
+    lower: np.ndarray  # the factor as LAPACK left it
+    is_banded: bool  # whether the storage is banded
+    shift: float  # what was added to the diagonal: 0 unless the matrix is singular
 
     @property
     def is_singular(self) -> bool:
@@ -373,22 +283,12 @@ class GramFactor:
         return routine(self.lower, right, lower=1)[0]
 
 
-def factorize(gram: np.ndarray, is_banded: bool, unit: float) -> GramFactor:
-    """Factor a Gram matrix, with a shift where it is singular.
-
-    Parameters
-    ----------
-    gram : ndarray
-        Lower half, stored as `bspline_mdao.fit.design_matrix.DesignMatrix.gram` returns it.
-    is_banded : bool
-        Whether it is stored by bands.
-    unit : float
-        Unit of the shift. It must not depend on the matrix, so that a shift has no derivative.
-
-    Returns
-    -------
-    GramFactor
-    """
+def factorize(
+    gram: np.ndarray,  # lower half, stored as `bspline_mdao.fit.design_matrix.DesignMatrix.gram` returns it
+    is_banded: bool,  # whether it is stored by bands
+    unit: float,  # unit of the shift. It must not depend on the matrix, so that a shift has no derivative
+) -> GramFactor:
+    """Factor a Gram matrix, with a shift where it is singular."""
     factor = _factor(gram, is_banded, 0.0)
     if factor is not None:
         return GramFactor(factor, is_banded, 0.0)

@@ -24,36 +24,16 @@ SHIFT = 1e-11
 
 
 def class_errors(
-    classes: np.ndarray,
-    wanted: Collection[int],
-    sharing: FitNodes,
-    nodes: np.ndarray,
-    parameters: Sequence[np.ndarray],
-    n_control: np.ndarray,
-    orders: np.ndarray,
-) -> np.ndarray:
-    """Largest error of the grid lines of each class of directions, by the width of the cells.
-
-    Parameters
-    ----------
-    classes : ndarray of int, shape (n_segments, 3)
-        See `bspline_mdao.topology.sharing.direction_classes`.
-    wanted : collection of int
-        Classes that are wanted.
-    sharing : FitNodes
-        Nodes of the segments of this process; all processes call this.
-    nodes : ndarray, shape (n_rows, 3)
-        Its nodes (m).
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    n_control, orders : ndarray of int, shape (n_segments, 3)
-        Control points and orders.
-
-    Returns
-    -------
-    ndarray, shape (n_classes,)
-        0 for others. See `bspline_mdao.fit.local_errors` for the width.
-    """
+    classes: np.ndarray,  # int (n_segments, 3), see `bspline_mdao.topology.sharing.direction_classes`
+    wanted: Collection[int],  # classes that are wanted
+    sharing: FitNodes,  # nodes of the segments of this process; all processes call this
+    nodes: np.ndarray,  # (n_rows, 3), its nodes (m)
+    parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
+    # control points and orders
+    n_control: np.ndarray,  # int (n_segments, 3)
+    orders: np.ndarray,  # int (n_segments, 3)
+) -> np.ndarray:  # (n_classes,), 0 for others. See `bspline_mdao.fit.local_errors` for the width
+    """Largest error of the grid lines of each class of directions, by the width of the cells."""
     errors = np.zeros(classes.max() + 1)
     for s in sharing.here:
         directions = [d for d in range(3) if classes[s, d] in wanted and n_control[s, d] > 1]
@@ -72,20 +52,16 @@ def _direction_error(nodes: np.ndarray, parameters: np.ndarray, d: int, n_contro
 
 
 @njit(cache=True)
-def worst_of_lines(lines, first, second, along, corners, order):
-    """Largest error of the grid lines at the rim of a bundle, by the width of the cells.
-
-    Parameters
-    ----------
-    lines : ndarray, shape (n_0, n_1, L, 3)
-        Nodes (m), a line in each of ``lines[a, b]``.
-    first, second, along : ndarray, shape (n_0, n_1, L)
-        Their parameters across the lines, and along them.
-    corners : ndarray, shape (2, 2, N + p)
-        Knots of the four lines at the corners.
-    order : int
-        Order p.
-    """
+def worst_of_lines(
+    lines,  # (n_0, n_1, L, 3), nodes (m), a line in each of ``lines[a, b]``
+    # their parameters across the lines, and along them
+    first,  # (n_0, n_1, L)
+    second,  # (n_0, n_1, L)
+    along,  # (n_0, n_1, L)
+    corners,  # (2, 2, N + p), knots of the four lines at the corners
+    order,  # int, order p
+):
+    """Largest error of the grid lines at the rim of a bundle, by the width of the cells."""
     n_0, n_1 = lines.shape[:2]
     worst = 0.0
     for a in range(n_0):
@@ -102,24 +78,13 @@ def worst_of_lines(lines, first, second, along, corners, order):
 
 
 @njit(cache=True)
-def squared_errors(nodes, parameters, knots, order):
-    """Squares of the distances of nodes from the curve that is fitted to them by least squares, its ends fixed.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (L, 3)
-        Nodes of a line (m).
-    parameters : ndarray, shape (L,)
-        Their parameters.
-    knots : ndarray, shape (N + p,)
-        Knots.
-    order : int
-        Order p.
-
-    Returns
-    -------
-    ndarray, shape (L,)
-    """
+def squared_errors(
+    nodes,  # (L, 3), nodes of a line (m)
+    parameters,  # (L,), their parameters
+    knots,  # (N + p,)
+    order,  # int, order p
+):  # (L,)
+    """Squares of the distances of nodes from the curve that is fitted to them by least squares, its ends fixed."""
     n_control, n_nodes = knots.size - order, len(nodes)
     values, firsts = np.empty((n_nodes, order)), np.empty(n_nodes, dtype=np.int64)
     gram, points = np.zeros((n_control, order)), np.zeros((n_control, 3))  # gram[i, m] couples i and i - m

@@ -47,25 +47,14 @@ from .problem import FitProblem, problem_of_mesh
 from .quasi_interpolant import Mixture
 
 
-def live_fit(model: FittedModel, nodes: np.ndarray) -> LiveFit:
-    """Fit another baseline grid exactly as a model was fitted, with parameters, knots and derivatives of its own.
-
-    Parameters
-    ----------
-    model : FittedModel
-        Gives topology, numbers of control points, orders, kind of knots, and the fallback of control points.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
-
-    Returns
-    -------
-    LiveFit
-
-    Raises
-    ------
-    InputError
-        If the model has corrected parameters or the user's own parameters or knots, which are no functions of the grid.
-    """
+def live_fit(
+    # gives topology, numbers of control points, orders, kind of knots, and the fallback of control points
+    model: FittedModel,
+    nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
+) -> LiveFit:
+    """Fit another baseline grid exactly as a model was fitted, with parameters, knots and derivatives of its own."""
+    # `InputError` if the model has corrected parameters or the user's own parameters or knots, which are no functions
+    # of the grid
     mixture = problem_of_mesh(model.topology, model.mesh).mixture(model.parameters, model.candidate_weights)
     if not mixture.has_least_squares:
         return LiveFit(live_mapping(model, nodes), (), np.zeros_like(model.control_points), mixture)
@@ -79,24 +68,12 @@ def live_fit(model: FittedModel, nodes: np.ndarray) -> LiveFit:
 
 @dataclass(frozen=True, eq=False)
 class LiveFit:
-    """A fit at one baseline grid with its first derivatives.
+    """A fit at one baseline grid with its first derivatives."""
 
-    Parameters
-    ----------
-    mapping : LiveMapping
-        Parameters, knots and matrices of this grid.
-    steps : tuple of FitStep
-        Factored least squares; none where they have no weight in any control point.
-    least_squares : ndarray, shape (n_control_points, 3)
-        Control points by least squares (m).
-    mixture : Mixture
-        What control points are where least squares fold.
-    """
-
-    mapping: LiveMapping
-    steps: tuple[FitStep, ...]
-    least_squares: np.ndarray
-    mixture: Mixture
+    mapping: LiveMapping  # parameters, knots and matrices of this grid
+    steps: tuple[FitStep, ...]  # factored least squares; none where they have no weight in any control point
+    least_squares: np.ndarray  # (n_control_points, 3), control points by least squares (m)
+    mixture: Mixture  # what control points are where least squares fold
 
     @property
     def control_points(self) -> np.ndarray:
@@ -149,25 +126,13 @@ class LiveFit:
         return net, self.nodes[step.entity.rows] - step.matrix.apply(net)
 
 
-def live_mapping(model: FittedModel, nodes: np.ndarray) -> LiveMapping:
-    """Regenerate with the parameters and knots that another baseline grid has.
-
-    Parameters
-    ----------
-    model : FittedModel
-        Gives topology, numbers of control points, orders and kind of knots.
-    nodes : ndarray, shape (n_nodes, 3)
-        The baseline grid (m).
-
-    Returns
-    -------
-    LiveMapping
-
-    Raises
-    ------
-    InputError
-        If the model has corrected parameters or the user's own parameters or knots, which are no functions of the grid.
-    """
+def live_mapping(
+    model: FittedModel,  # gives topology, numbers of control points, orders and kind of knots
+    nodes: np.ndarray,  # (n_nodes, 3), the baseline grid (m)
+) -> LiveMapping:
+    """Regenerate with the parameters and knots that another baseline grid has."""
+    # `InputError` if the model has corrected parameters or the user's own parameters or knots, which are no functions
+    # of the grid
     problem, parameters = live_problem(model, nodes)
     matrices = tuple(
         build_design_matrix(problem.mesh.volumes[e.segment], parameters[e.segment][e.inner].reshape(-1, 3), e.is_free)
@@ -196,30 +161,14 @@ def live_problem(model: FittedModel, nodes: np.ndarray) -> tuple[FitProblem, tup
 
 @dataclass(frozen=True, eq=False)
 class LiveMapping:
-    """Regeneration of a grid with the parameters and knots of one baseline grid.
+    """Regeneration of a grid with the parameters and knots of one baseline grid."""
 
-    Parameters
-    ----------
-    problem : FitProblem
-        Entities and shared nodes, the knots of the mesh being those of this grid.
-    kind : str
-        Kind of knots.
-    exponent : float
-        Power of the chords that parameters are made of, see `bspline_mdao.fit.options.EXPONENTS`.
-    nodes : ndarray, shape (n_nodes, 3)
-        The baseline grid (m).
-    parameters : tuple of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of every segment.
-    matrices : tuple of DesignMatrix
-        Of every entity of the problem.
-    """
-
-    problem: FitProblem
-    kind: str
-    exponent: float
-    nodes: np.ndarray
-    parameters: tuple[np.ndarray, ...]
-    matrices: tuple[DesignMatrix, ...]
+    problem: FitProblem  # entities and shared nodes, the knots of the mesh being those of this grid
+    kind: str  # kind of knots
+    exponent: float  # power of the chords that parameters are made of, see `bspline_mdao.fit.options.EXPONENTS`
+    nodes: np.ndarray  # (n_nodes, 3), the baseline grid (m)
+    parameters: tuple[np.ndarray, ...]  # each (L0, L1, L2, 3), parameters of every segment
+    matrices: tuple[DesignMatrix, ...]  # of every entity of the problem
 
     def evaluate(self, control_points: np.ndarray) -> np.ndarray:
         """Grid, shape (n_nodes, 3), of control points, shape (n_control_points, 3)."""
@@ -228,20 +177,14 @@ class LiveMapping:
             points[entity.rows] = matrix.apply(entity.net(control_points))
         return self._copy_shared(points)
 
-    def jvp(self, control_points: np.ndarray, d_nodes: np.ndarray, d_control: np.ndarray) -> np.ndarray:
-        """Differentiate `evaluate`, through the parameters and knots as well.
-
-        Parameters
-        ----------
-        control_points, d_control : ndarray, shape (n_control_points, 3)
-            Control points and direction in them.
-        d_nodes : ndarray, shape (n_nodes, 3)
-            Direction in the baseline grid.
-
-        Returns
-        -------
-        ndarray, shape (n_nodes, 3)
-        """
+    def jvp(
+        self,
+        # control points and direction in them
+        control_points: np.ndarray,  # (n_control_points, 3)
+        d_nodes: np.ndarray,  # (n_nodes, 3), direction in the baseline grid
+        d_control: np.ndarray,  # (n_control_points, 3)
+    ) -> np.ndarray:  # (n_nodes, 3)
+        """Differentiate `evaluate`, through the parameters and knots as well."""
         change, d_points = self.change(d_nodes), np.empty_like(self.nodes)
         for entity, matrix in zip(self.problem.entities, self.matrices):
             d_matrix = self.matrix_jvp(entity, matrix, change)
@@ -249,22 +192,14 @@ class LiveMapping:
             d_points[entity.rows] = matrix.apply(entity.net(d_control)) + moved
         return self._copy_shared(d_points)
 
-    def vjp(self, control_points: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Transpose of `jvp`.
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, 3)
-            Control points.
-        bar : ndarray, shape (n_nodes, 3)
-            Cotangent of the regenerated grid.
-
-        Returns
-        -------
-        nodes_bar : ndarray, shape (n_nodes, 3)
-            Cotangent of the baseline grid.
-        control_bar : ndarray, shape (n_control_points, 3)
-        """
+    def vjp(
+        self,
+        control_points: np.ndarray,  # (n_control_points, 3)
+        bar: np.ndarray,  # (n_nodes, 3), cotangent of the regenerated grid
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`."""
+        # returns nodes_bar (n_nodes, 3): cotangent of the baseline grid
+        # returns control_bar (n_control_points, 3)
         bar, copies = bar.copy(), self.problem.sharing.copies
         np.add.at(bar, copies[:, 1], bar[copies[:, 0]])
         nodes_bar, control_bar, bars = np.zeros_like(self.nodes), np.zeros_like(control_points), self.no_change()
@@ -328,18 +263,10 @@ class LiveMapping:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Derivatives, or cotangents, of what the matrices depend on.
+    """Derivatives, or cotangents, of what the matrices depend on."""
 
-    Parameters
-    ----------
-    parameters : list of ndarray, each of shape (L0, L1, L2, 3)
-        Of every segment.
-    corners : list of lists of three ndarray, each of shape (2, 2, N + p)
-        Edge knots of every segment.
-    """
-
-    parameters: list[np.ndarray]
-    corners: list[list[np.ndarray]]
+    parameters: list[np.ndarray]  # each (L0, L1, L2, 3), of every segment
+    corners: list[list[np.ndarray]]  # each (2, 2, N + p), edge knots of every segment
 
 
 def sum_apply(terms, net: np.ndarray):
@@ -347,41 +274,21 @@ def sum_apply(terms, net: np.ndarray):
     return sum(term.apply(net) for term in terms)
 
 
-def live_grid(model: FittedModel, nodes: np.ndarray) -> LiveGrid:
-    """Regenerate with all that another baseline grid has.
-
-    Parameters
-    ----------
-    model : FittedModel
-        Gives topology, numbers of control points, orders, kind of knots, and what is near which wall.
-    nodes : ndarray, shape (n_nodes, 3)
-        The baseline grid (m).
-
-    Raises
-    ------
-    InputError
-        As `live_mapping`.
-    """
+def live_grid(
+    model: FittedModel,  # gives topology, numbers of control points, orders, kind of knots, and what is near which wall
+    nodes: np.ndarray,  # (n_nodes, 3), the baseline grid (m)
+) -> LiveGrid:
+    """Regenerate with all that another baseline grid has. `InputError` as `live_mapping`."""
     return LiveGrid(live_mapping(model, nodes), model.grid_map(), model.residual is not None)
 
 
 @dataclass(frozen=True, eq=False)
 class LiveGrid:
-    """Regeneration of a grid with all that depends on one baseline. Made by `live_grid`.
+    """Regeneration of a grid with all that depends on one baseline. Made by `live_grid`."""
 
-    Parameters
-    ----------
-    mapping : LiveMapping
-        A(x0), and the baseline.
-    grid_map : GridMap
-        What does not change with the baseline.
-    has_residual : bool
-        Whether the model has a residual.
-    """
-
-    mapping: LiveMapping
-    grid_map: GridMap
-    has_residual: bool
+    mapping: LiveMapping  # A(x0), and the baseline
+    grid_map: GridMap  # what does not change with the baseline
+    has_residual: bool  # whether the model has a residual
 
     @property
     def nodes(self) -> np.ndarray:
@@ -394,13 +301,8 @@ class LiveGrid:
         return self.has_residual or self.grid_map.layer is not None
 
     def at(self, initial: np.ndarray, control_points: np.ndarray) -> LiveGridState:
-        """Grid and its derivative at control points of the baseline, and moved ones, shape (n_control_points, 3).
-
-        Raises
-        ------
-        MovementError
-            If the surroundings of a point are turned inside out.
-        """
+        """Grid and its derivative at control points of the baseline, and moved ones, shape (n_control_points, 3)."""
+        # `MovementError` if the surroundings of a point are turned inside out
         grid_map, nodes = self.grid_map, self.mapping.evaluate(control_points)
         turn = vectors = layered = None
         start = self.mapping.evaluate(initial) if self.needs_initial else nodes
@@ -420,34 +322,17 @@ class LiveGrid:
 
 @dataclass(frozen=True, eq=False)
 class LiveGridState:
-    """A grid and its derivative.
+    """A grid and its derivative."""
 
-    Parameters
-    ----------
-    of : LiveGrid
-        The map.
-    initial, control_points : ndarray, shape (n_control_points, 3)
-        Control points of the baseline (anything where the grid does not depend on them), and now (m).
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
-    turn : Turn or None
-        Rotations of the residual.
-    vectors : Vectors or None
-        The residual that turns.
-    layered : Layered or None
-        Nodes that followed walls.
-    plane_points : ndarray, shape (n_plane, 3)
-        Nodes on the boundary edges of planes before that (m).
-    """
-
-    of: LiveGrid
-    initial: np.ndarray
-    control_points: np.ndarray
-    nodes: np.ndarray
-    turn: Turn | None
-    vectors: Vectors | None
-    layered: Layered | None
-    plane_points: np.ndarray
+    of: LiveGrid  # the map
+    # control points of the baseline (anything where the grid does not depend on them), and now (m)
+    initial: np.ndarray  # (n_control_points, 3)
+    control_points: np.ndarray  # (n_control_points, 3)
+    nodes: np.ndarray  # (n_nodes, 3), the grid (m)
+    turn: Turn | None  # rotations of the residual
+    vectors: Vectors | None  # the residual that turns
+    layered: Layered | None  # nodes that followed walls
+    plane_points: np.ndarray  # (n_plane, 3), nodes on the boundary edges of planes before that (m)
 
     def jvp(self, d_nodes: np.ndarray, d_initial: np.ndarray, d_control_points: np.ndarray) -> np.ndarray:
         """Change of the grid, shape (n_nodes, 3), with those of the baseline and of both sets of control points."""

@@ -28,24 +28,15 @@ NO_DIRECTION = -1
 
 
 def worst_local_errors(
-    sharing: FitNodes, nodes: np.ndarray, residual: np.ndarray
+    sharing: FitNodes,  # nodes of the segments of this process; all processes call this
+    # nodes of its blocks, and what the splines miss of them (m)
+    nodes: np.ndarray,  # (n_own, 3)
+    residual: np.ndarray,  # (n_own, 3)
 ) -> tuple[LocalError | None, LocalError | None]:
-    """Where the residual is largest by the width of the cells, anywhere and on walls.
-
-    Nothing is made that is of the size of the grid.
-
-    Parameters
-    ----------
-    sharing : FitNodes
-        Nodes of the segments of this process; all processes call this.
-    nodes, residual : ndarray, shape (n_own, 3)
-        Nodes of its blocks, and what the splines miss of them (m).
-
-    Returns
-    -------
-    anywhere, on_walls : LocalError or None
-        The first of those that are equally bad; None where no cell has a width, and where there are no walls.
-    """
+    """Where the residual is largest by the width of the cells, anywhere and on walls."""
+    # Nothing is made that is of the size of the grid.
+    # returns anywhere, on_walls: the first of those that are equally bad; None where no cell has a width, and where
+    # there are no walls
     anywhere: list[LocalError] = []
     on_walls: list[LocalError] = []
     residuals = sharing.by_blocks(residual)
@@ -58,16 +49,11 @@ def worst_local_errors(
     return _worst(sharing.comm, anywhere), _worst(sharing.comm, on_walls)
 
 
-def flattest_cell(sharing: FitNodes, nodes: np.ndarray) -> float:
-    """Smallest height of a cell by its width, of the edges at a node: the shortest by the middle one.
-
-    Parameters
-    ----------
-    sharing : FitNodes
-        Nodes of the segments of this process; all processes call this.
-    nodes : ndarray, shape (n_own, 3)
-        Nodes of its blocks (m).
-    """
+def flattest_cell(
+    sharing: FitNodes,  # nodes of the segments of this process; all processes call this
+    nodes: np.ndarray,  # (n_own, 3), nodes of its blocks (m)
+) -> float:
+    """Smallest height of a cell by its width, of the edges at a node: the shortest by the middle one."""
     shapes, parts = sharing.topology.shapes, sharing.by_blocks(nodes).items()
     flattest = min((flattest_at_node(part.reshape(*shapes[block], 3)) for block, part in parts), default=np.inf)
     return flattest if sharing.comm.size == 1 else min(sharing.comm.allgather(flattest))
@@ -95,23 +81,16 @@ def _worst(comm, found: list[LocalError]) -> LocalError | None:
 
 
 @njit(cache=True)
-def find_worst(nodes, residual, low, high, across):
-    """Find the node of a window whose residual is largest by the width of its cells.
-
-    Parameters
-    ----------
-    nodes, residual : ndarray, shape (L0, L1, L2, 3)
-        Of a block (m).
-    low, high : ndarray of int, shape (3,)
-        Ends of the window, inclusive.
-    across : int
-        Direction whose edges do not count, that off a wall; -1 counts all, and takes the middle one.
-
-    Returns
-    -------
-    tuple
-        Square of the residual (m^2), width (m), and i, j, k from 0. A width of 0 says that no node has one.
-    """
+def find_worst(
+    # of a block (m)
+    nodes,  # (L0, L1, L2, 3)
+    residual,  # (L0, L1, L2, 3)
+    # ends of the window, inclusive
+    low,  # int (3,)
+    high,  # int (3,)
+    across,  # int, direction whose edges do not count, that off a wall; -1 counts all, and takes the middle one
+):  # tuple, square of the residual (m^2), width (m), and i, j, k from 0. A width of 0 says that no node has one
+    """Find the node of a window whose residual is largest by the width of its cells."""
     worst, result = -1.0, (0.0, 0.0, 0, 0, 0)
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):

@@ -22,23 +22,11 @@ COLLAPSED = 1e-12
 """A grid line shorter than this fraction of the block's size has no length; its parameters are uniform."""
 
 
-def chord_length_parameters(nodes: np.ndarray, exponent: float = 1.0) -> np.ndarray:
+def chord_length_parameters(
+    nodes: np.ndarray,  # (L0, L1, L2, 3), nodes, in metres
+    exponent: float = 1.0,  # power of the chords, see `bspline_mdao.fit.options.EXPONENTS`
+) -> np.ndarray:  # (L0, L1, L2, 3), parameters xi, eta and zeta, exactly 0 and 1 at the two ends of every line
     """Parameters of all nodes from powers of chord lengths, section II.D.
-
-    Each grid line is parametrized on its own: ``xi_q`` is the sum of the powers of its chords up to node q divided by
-    that of all. A line without length gets uniform parameters, a direction of one node the parameter 0.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (L0, L1, L2, 3)
-        Nodes, in metres.
-    exponent : float
-        Power of the chords, see `bspline_mdao.fit.options.EXPONENTS`.
-
-    Returns
-    -------
-    ndarray, shape (L0, L1, L2, 3)
-        Parameters xi, eta and zeta, exactly 0 and 1 at the two ends of every line.
 
     Examples
     --------
@@ -49,6 +37,8 @@ def chord_length_parameters(nodes: np.ndarray, exponent: float = 1.0) -> np.ndar
            [0.25, 0.  , 0.  ],
            [1.  , 0.  , 0.  ]])
     """
+    # Each grid line is parametrized on its own: ``xi_q`` is the sum of the powers of its chords up to node q divided by
+    # that of all. A line without length gets uniform parameters, a direction of one node the parameter 0.
     parameters = np.zeros(nodes.shape)
     smallest = _smallest_length(nodes, exponent)
     for d in range(3):
@@ -58,24 +48,15 @@ def chord_length_parameters(nodes: np.ndarray, exponent: float = 1.0) -> np.ndar
 
 
 def chord_length_parameters_jvp(
-    nodes: np.ndarray, parameters: np.ndarray, d_nodes: np.ndarray, exponent: float = 1.0
+    # nodes and their parameters
+    nodes: np.ndarray,  # (L0, L1, L2, 3)
+    parameters: np.ndarray,  # (L0, L1, L2, 3)
+    d_nodes: np.ndarray,  # (L0, L1, L2, 3), direction
+    exponent: float = 1.0,  # power of the chords
 ) -> np.ndarray:
-    """Differentiate `chord_length_parameters` along a direction.
-
-    Parameters
-    ----------
-    nodes, parameters : ndarray, shape (L0, L1, L2, 3)
-        Nodes and their parameters.
-    d_nodes : ndarray, shape (L0, L1, L2, 3)
-        Direction.
-    exponent : float
-        Power of the chords.
-
-    Returns
-    -------
-    ndarray, shape (L0, L1, L2, 3)
-        Zero at the ends of all lines and on lines without length; chords without length count as constant.
-    """
+    """Differentiate `chord_length_parameters` along a direction."""
+    # returns (L0, L1, L2, 3), zero at the ends of all lines and on lines without length; chords without length count as
+    # constant
     smallest, d_parameters = _smallest_length(nodes, exponent), np.zeros(nodes.shape)
     for d in range(3):
         if nodes.shape[d] > 1:
@@ -96,27 +77,12 @@ def chord_length_parameters_vjp(
     return nodes_bar
 
 
-def as_parameters(topology: Topology, values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Check the user's own parameters, and cut them up where blocks are cut.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and links.
-    values : sequence of array_like, each of shape (L0, L1, L2, 3)
-        Parameters xi, eta and zeta of the nodes of every block, or of every segment.
-
-    Returns
-    -------
-    list of ndarray, each of shape (L0, L1, L2, 3)
-        Of every segment, from 0 to 1 in each.
-
-    Raises
-    ------
-    InputError
-        If they do not fit the grid, do not rise from exactly 0 to exactly 1 along every grid line, or differ at a node
-        that segments share: names block and place.
-    """
+def as_parameters(
+    topology: Topology,  # segments and links
+    # parameters xi, eta and zeta of the nodes of every block, or of every segment
+    values: Sequence[np.ndarray],  # each (L0, L1, L2, 3)
+) -> list[np.ndarray]:  # each (L0, L1, L2, 3), of every segment, from 0 to 1 in each
+    """Check the user's own parameters, and cut them up where blocks are cut."""
     try:
         arrays = [np.array(array, dtype=float) for array in values]
     except (TypeError, ValueError):

@@ -26,26 +26,15 @@ from .quasi_interpolant import Mixture
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """A fit that is set up: everything except control points.
+    """A fit that is set up: everything except control points."""
 
-    Parameters
-    ----------
-    topology : Topology
-        Segments and links.
-    sharing : FitNodes
-        Nodes of the segments of this process.
-    mesh : BSplineMesh
-        One volume per segment.
-    entities : tuple of Entity
-        In the order of section II.D.
-    edge_places : tuple of tuples of three ndarray
-        See `bspline_mdao.fit.least_squares.places_on_edges`, of every segment; they stay when the knots change.
-    """
+    # edge_places: see `bspline_mdao.fit.least_squares.places_on_edges`, of every segment; they stay when the knots
+    # change
 
-    topology: Topology
-    sharing: FitNodes
-    mesh: BSplineMesh
-    entities: tuple[Entity, ...]
+    topology: Topology  # segments and links
+    sharing: FitNodes  # nodes of the segments of this process
+    mesh: BSplineMesh  # one volume per segment
+    entities: tuple[Entity, ...]  # in the order of section II.D
     edge_places: tuple[tuple[np.ndarray, ...], ...]
 
     def step(self, parameters: Sequence[np.ndarray], entity: Entity) -> FitStep:
@@ -77,21 +66,12 @@ class FitProblem:
 
     def operator(
         self,
-        parameters: Sequence[np.ndarray],
-        weights: np.ndarray | None = None,
-        entities: Sequence[Entity] | None = None,
+        parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
+        # weights of the candidates, see `Mixture`; least squares alone by default
+        weights: np.ndarray | None = None,  # (n_control_points, 6)
+        entities: Sequence[Entity] | None = None,  # those whose control points are wanted, in order; all by default
     ) -> FitOperator:
-        """Linear map from nodes to control points for these parameters, with all factors kept.
-
-        Parameters
-        ----------
-        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-            Parameters of the nodes of every segment.
-        weights : ndarray, shape (n_control_points, 6), optional
-            Weights of the candidates, see `Mixture`; least squares alone by default.
-        entities : sequence of Entity, optional
-            Those whose control points are wanted, in order; all by default.
-        """
+        """Linear map from nodes to control points for these parameters, with all factors kept."""
         mixture, steps = self.mixture(parameters, weights), ()
         if mixture.has_least_squares:
             entities = self.entities if entities is None else entities
@@ -102,67 +82,38 @@ class FitProblem:
 
 @dataclass(frozen=True, eq=False)
 class FitSolution:
-    """Control points and fitted nodes of a fit.
+    """Control points and fitted nodes of a fit."""
 
-    Parameters
-    ----------
-    control_points : ndarray, shape (n_control_points, 3)
-        Control points (m).
-    fitted : ndarray, shape (n_nodes, 3)
-        Points of the spline at the nodes (m).
-    warnings : tuple of str
-        Entities whose data do not determine all control points.
-    weights : ndarray, shape (n_control_points, 6), or None
-        See `Mixture`; None for least squares alone.
-    least_squares : FitSolution or None
-        Least squares for the same parameters, where these were solved and are something else.
-    """
+    # weights: see `Mixture`; None for least squares alone
 
-    control_points: np.ndarray
-    fitted: np.ndarray
-    warnings: tuple[str, ...] = ()
+    control_points: np.ndarray  # (n_control_points, 3), control points (m)
+    fitted: np.ndarray  # (n_nodes, 3), points of the spline at the nodes (m)
+    warnings: tuple[str, ...] = ()  # entities whose data do not determine all control points
     weights: np.ndarray | None = None
+    # least squares for the same parameters, where these were solved and are something else
     least_squares: FitSolution | None = None
 
 
-def problem_of_mesh(topology: Topology, mesh: BSplineMesh, sharing: FitNodes | None = None) -> FitProblem:
-    """Set up the fit of a mesh that exists already, for example that of a fitted model.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and links.
-    mesh : BSplineMesh
-        One volume per segment.
-    sharing : FitNodes, optional
-        Nodes of this process; all by default.
-    """
+def problem_of_mesh(
+    topology: Topology,  # segments and links
+    mesh: BSplineMesh,  # one volume per segment
+    sharing: FitNodes | None = None,  # nodes of this process; all by default
+) -> FitProblem:
+    """Set up the fit of a mesh that exists already, for example that of a fitted model."""
     sharing = FitNodes.of(topology) if sharing is None else sharing
     entities = tuple(entities_in_order(mesh.control_ids, sharing, mesh.n_control_points))
     edge_places = tuple(places_on_edges(volume) for volume in mesh.volumes)
     return FitProblem(topology, sharing, mesh, entities, edge_places)
 
 
-def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress | None = None) -> FitSolution:
-    """Solve the least squares of all entities, those of a round on several threads, keeping no factor.
-
-    The result has the same bits for any number of threads.
-
-    Parameters
-    ----------
-    problem : FitProblem
-        The fit.
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    nodes : ndarray, shape (n_rows, 3)
-        The nodes of this process (m), those of others that it needs as well.
-    progress : callable, optional
-        As for `fit_grid`.
-
-    Returns
-    -------
-    FitSolution
-    """
+def solve_fit(
+    problem: FitProblem,
+    parameters,  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
+    nodes: np.ndarray,  # (n_rows, 3), the nodes of this process (m), those of others that it needs as well
+    progress: Progress | None = None,  # as for `fit_grid`
+) -> FitSolution:
+    """Solve the least squares of all entities, those of a round on several threads, keeping no factor."""
+    # The result has the same bits for any number of threads.
     progress, sharing = progress or no_progress, problem.sharing
     control_points, fitted = np.zeros((problem.mesh.n_control_points, 3)), np.empty_like(nodes)
     is_fitted, here = np.zeros(len(nodes), dtype=bool), set(sharing.here)

@@ -40,51 +40,29 @@ MOST_ROUNDS = 100
 
 @dataclass(frozen=True, eq=False)
 class QuasiInterpolant:
-    """Linear maps from the nodes of a grid to control points, for given parameters and knots.
+    """Linear maps from the nodes of a grid to control points, for given parameters and knots."""
 
-    There is one map for each of `bspline_mdao.model.records.CANDIDATES` but the first: Q with 8, 4, 2 and no
-    iterations, and the grid at its Greville nodes.
+    # There is one map for each of `bspline_mdao.model.records.CANDIDATES` but the first: Q with 8, 4, 2 and no
+    # iterations, and the grid at its Greville nodes.
 
-    Parameters
-    ----------
-    sampling : csr_array, shape (n_control_points, n_sampled)
-        Q, as weights of the nodes that it needs.
-    sampled : ndarray of int, shape (n_sampled,)
-        Numbers of these nodes.
-    coarse : csr_array, shape (n_control_points, n_nodes)
-        Weights of the nodes next to the Greville nodes.
-    evaluator : Evaluator
-        A of the nodes of this process that any process samples.
-    places : tuple of ndarray, each of shape (N0, N1, N2, 3)
-        Real node numbers, from 0, of the Greville parameters of the control points of every segment of this process; of
-        others, of shape (0, 0, 0, 3).
-    sharing : FitNodes
-        The nodes: of several processes, each has the rows of the maps that its own segments give.
-    evaluated : ndarray of int
-        Numbers of the nodes that the evaluator evaluates.
-    """
-
-    sampling: csr_array
-    sampled: np.ndarray
-    coarse: csr_array
-    evaluator: Evaluator
-    places: tuple[np.ndarray, ...]
-    sharing: FitNodes
-    evaluated: np.ndarray
+    sampling: csr_array  # (n_control_points, n_sampled), Q, as weights of the nodes that it needs
+    sampled: np.ndarray  # int (n_sampled,), numbers of these nodes
+    coarse: csr_array  # (n_control_points, n_nodes), weights of the nodes next to the Greville nodes
+    evaluator: Evaluator  # a of the nodes of this process that any process samples
+    # real node numbers, from 0, of the Greville parameters of the control points of every segment of this process; of
+    # others, of shape (0, 0, 0, 3)
+    places: tuple[np.ndarray, ...]  # each (N0, N1, N2, 3)
+    sharing: FitNodes  # the nodes: of several processes, each has the rows of the maps that its own segments give
+    evaluated: np.ndarray  # int, numbers of the nodes that the evaluator evaluates
 
     @classmethod
-    def of(cls, mesh: BSplineMesh, sharing: FitNodes, parameters: Sequence[np.ndarray]) -> QuasiInterpolant:
-        """Find the places of all control points.
-
-        Parameters
-        ----------
-        mesh : BSplineMesh
-            Knots, and the control points that volumes share.
-        sharing : FitNodes
-            The nodes of this process.
-        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-            Parameters of the nodes of every segment.
-        """
+    def of(
+        cls,
+        mesh: BSplineMesh,  # knots, and the control points that volumes share
+        sharing: FitNodes,  # the nodes of this process
+        parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
+    ) -> QuasiInterpolant:
+        """Find the places of all control points."""
         greville, nodal = ([np.empty((0, 0, 0, 3))] * len(mesh.volumes) for _ in range(2))
         for s in sharing.here:
             greville[s] = parametric_places(mesh.volumes[s], parameters[s])
@@ -105,21 +83,14 @@ class QuasiInterpolant:
         coarse = sampling_matrix(mesh, sharing, nodal)
         return cls(sampling, sampled, coarse, evaluator, tuple(greville), sharing, evaluated)
 
-    def forward(self, nodes: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Control points that mix the candidates.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            The grid (m).
-        weights : ndarray, shape (n_control_points, 6)
-            Weight of each of `bspline_mdao.model.records.CANDIDATES` in each control point; that of least
-            squares is not looked at.
-
-        Returns
-        -------
-        ndarray, shape (n_control_points, 3)
-        """
+    def forward(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
+        # weight of each of `bspline_mdao.model.records.CANDIDATES` in each control point; that of least squares is not
+        # looked at
+        weights: np.ndarray,  # (n_control_points, 6)
+    ) -> np.ndarray:  # (n_control_points, 3)
+        """Control points that mix the candidates."""
         result = weights[:, -1:] * self._joined(self.coarse @ nodes)
         samples = points = self._joined(self.sampling @ nodes[self.sampled])
         for number in range(ITERATIONS[0] + 1):
@@ -175,30 +146,18 @@ class QuasiInterpolant:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceQuasiInterpolant:
-    """Q with some iterations for the control points of a surface, which depend on the surface's nodes alone.
+    """Q with some iterations for the control points of a surface, which depend on the surface's nodes alone."""
 
-    Parameters
-    ----------
-    sampling : csr_array, shape (n_surface, n)
-        Q.
-    resampling : csr_array, shape (n_surface, n_surface)
-        Q A.
-    n_iterations : int
-        Iterations.
-    """
-
-    sampling: csr_array
-    resampling: csr_array
+    sampling: csr_array  # (n_surface, n), Q
+    resampling: csr_array  # (n_surface, n_surface), Q A
     n_iterations: int
 
     @classmethod
     def of(
         cls, quasi: QuasiInterpolant, surface_ids: np.ndarray, numbers: np.ndarray, n_iterations: int
     ) -> SurfaceQuasiInterpolant:
-        """Take the control points of a surface, shape (n_surface,), out of one process' whole grid.
-
-        Of the nodes, ``numbers`` has for each row of the grid vector the node of the surface that it is, or -1.
-        """
+        """Take the control points of a surface, shape (n_surface,), out of one process' whole grid."""
+        # Of the nodes, ``numbers`` has for each row of the grid vector the node of the surface that it is, or -1.
         sampling = csr_array(quasi.sampling[surface_ids])
         used = np.unique(sampling.indices)
         used = used[numbers[quasi.sampled[used]] >= 0]
@@ -225,18 +184,11 @@ class SurfaceQuasiInterpolant:
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Control points that are in part least squares, in part the other candidates; by default least squares alone.
+    """Control points that are in part least squares, in part the other candidates; by default least squares alone."""
 
-    Parameters
-    ----------
-    weights : ndarray, shape (n_control_points, 6), optional
-        Weight of each of `bspline_mdao.model.records.CANDIDATES` in each control point.
-    quasi : QuasiInterpolant, optional
-        The candidates; needed where there are weights.
-    """
-
-    weights: np.ndarray | None = None
-    quasi: QuasiInterpolant | None = None
+    # weight of each of `bspline_mdao.model.records.CANDIDATES` in each control point
+    weights: np.ndarray | None = None  # (n_control_points, 6)
+    quasi: QuasiInterpolant | None = None  # the candidates; needed where there are weights
 
     @classmethod
     def of(cls, weights: np.ndarray | None, mesh: BSplineMesh, sharing: FitNodes, parameters) -> Mixture:
@@ -265,21 +217,13 @@ LEAST_SQUARES = Mixture()
 """Least squares alone."""
 
 
-def parametric_places(volume: Volume, parameters: np.ndarray) -> np.ndarray:
-    """Real node numbers, from 0, at which a grid has the Greville parameters of each control point.
-
-    Parameters
-    ----------
-    volume : Volume
-        Orders and knots.
-    parameters : ndarray, shape (L0, L1, L2, 3)
-        Parameters of the nodes.
-
-    Returns
-    -------
-    ndarray, shape (N0, N1, N2, 3)
-        Between the nodes the parameters are trilinear. Ends are exact: a control point of a face is on that face.
-    """
+def parametric_places(
+    volume: Volume,  # orders and knots
+    parameters: np.ndarray,  # (L0, L1, L2, 3), parameters of the nodes
+) -> np.ndarray:
+    """Real node numbers, from 0, at which a grid has the Greville parameters of each control point."""
+    # returns (N0, N1, N2, 3), between the nodes the parameters are trilinear. Ends are exact: a control point of a face
+    # is on that face
     places = nodal_places(volume, parameters.shape[:3])
     _find_places(parameters, greville_abscissae(volume).reshape(-1, 3), places.reshape(-1, 3))
     return places
@@ -288,13 +232,12 @@ def parametric_places(volume: Volume, parameters: np.ndarray) -> np.ndarray:
 def greville_places(n_nodes: int, n_control: int, order: int) -> np.ndarray:
     """Real node numbers, from 0, of the Greville nodes of an edge: means of the node numbers of p - 1 inner knots.
 
-    The edge-knot formula of section II.D fixes them before any parameter.
-
     Examples
     --------
     >>> greville_places(n_nodes=9, n_control=6, order=3)
     array([0., 1., 3., 5., 7., 8.])
     """
+    # The edge-knot formula of section II.D fixes them before any parameter.
     breaks = np.linspace(0, n_nodes - 1, n_control + 2 - order)
     knots = np.concatenate([np.repeat(breaks[0], order - 1), breaks, np.repeat(breaks[-1], order - 1)])
     return greville_means(knots, n_control, order)
@@ -313,23 +256,14 @@ def nodal_places(volume: Volume, shape: Sequence[int]) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def sampling_matrix(mesh: BSplineMesh, sharing: FitNodes, places: Sequence[np.ndarray]) -> csr_array:
-    """Trilinear interpolation of the grid at one place for each control point.
-
-    Parameters
-    ----------
-    mesh : BSplineMesh
-        A control point that segments share is sampled in the first of them.
-    sharing : FitNodes
-        A node that several rows hold is taken from the first of them.
-    places : sequence of ndarray, each of shape (N0, N1, N2, 3)
-        Real node numbers, from 0, of the control points of every segment of this process.
-
-    Returns
-    -------
-    csr_array, shape (n_control_points, n_rows)
-        Rows of control points that segments of other processes hold first are zero.
-    """
+def sampling_matrix(
+    mesh: BSplineMesh,  # a control point that segments share is sampled in the first of them
+    sharing: FitNodes,  # a node that several rows hold is taken from the first of them
+    # real node numbers, from 0, of the control points of every segment of this process
+    places: Sequence[np.ndarray],  # each (N0, N1, N2, 3)
+) -> csr_array:
+    """Trilinear interpolation of the grid at one place for each control point."""
+    # returns (n_control_points, n_rows), rows of control points that segments of other processes hold first are zero
     source = sharing.source_rows()
     ids = np.concatenate([a.ravel() for a in mesh.control_ids])
     _, first = np.unique(ids, return_index=True)

@@ -16,18 +16,10 @@ from ..topology.topology import Topology
 
 @dataclass(frozen=True, eq=False)
 class RequestedCounts:
-    """What is asked for of every block.
+    """What is asked for of every block."""
 
-    Parameters
-    ----------
-    counts : ndarray of int, shape (n_blocks, 3)
-        Control points per direction; 0 where they are to be chosen.
-    is_named : ndarray of bool, shape (n_blocks,)
-        Whether the block was asked for by itself, and not with all others.
-    """
-
-    counts: np.ndarray
-    is_named: np.ndarray
+    counts: np.ndarray  # int (n_blocks, 3), control points per direction; 0 where they are to be chosen
+    is_named: np.ndarray  # bool (n_blocks,), whether the block was asked for by itself, and not with all others
 
     @property
     def is_complete(self) -> bool:
@@ -35,24 +27,15 @@ class RequestedCounts:
         return bool(self.counts.all())
 
     @classmethod
-    def of(cls, n_control, topology: Topology, names: Sequence[str] = ()) -> RequestedCounts:
-        """Find out what is asked for.
-
-        Parameters
-        ----------
-        n_control : None, int, triple of int, sequence of (triple or None), mapping, or RequestedCounts
-            Of all blocks; of each, where None leaves a block to be chosen; or by numbers from 1 or names of blocks,
-            where the key None stands for all others. None chooses all.
-        topology : Topology
-            Segments and links.
-        names : sequence of str
-            Names of the blocks, if these may be used.
-
-        Raises
-        ------
-        InputError
-            If there is no such block, or what is asked for is not numbers.
-        """
+    def of(
+        cls,
+        # of all blocks; of each, where None leaves a block to be chosen; or by numbers from 1 or names of blocks, where
+        # the key None stands for all others. None chooses all
+        n_control,  # None, int, triple of int, sequence of (triple or None), mapping, or RequestedCounts
+        topology: Topology,  # segments and links
+        names: Sequence[str] = (),  # names of the blocks, if these may be used
+    ) -> RequestedCounts:
+        """Find out what is asked for. `InputError` if there is no such block, or what is asked for is not numbers."""
         if isinstance(n_control, RequestedCounts):
             return n_control
         n_blocks = len(topology.shapes)
@@ -83,13 +66,7 @@ class RequestedCounts:
 
 
 def per_block(value, topology: Topology, name: str) -> np.ndarray:
-    """Spread a number, a triple or one triple per block to an array of shape (n_blocks, 3).
-
-    Raises
-    ------
-    InputError
-        If it is none of these.
-    """
+    """Spread a number, a triple or one triple per block to an array of shape (n_blocks, 3)."""
     n_blocks = len(topology.shapes)
     try:
         array = np.asarray(value)

@@ -28,41 +28,23 @@ __all__ = ["SharedFitOperator"]
 
 @dataclass(frozen=True, eq=False)
 class SharedFitOperator:
-    """The linear map from the nodes that processes hold to all control points, for given parameters and knots.
+    """The linear map from the nodes that processes hold to all control points, for given parameters and knots."""
 
-    Parameters
-    ----------
-    sharing : FitNodes
-        Nodes of this process.
-    unknown_ids : tuple of ndarray of int
-        Of every round, numbers of the control points that any process solves for.
-    steps : tuple of tuple of FitStep
-        Of every round, the least squares of this process.
-    n_control_points : int
-        Number of control points.
-    mixture : Mixture
-        What control points are where least squares fold.
-    """
-
-    sharing: FitNodes
-    unknown_ids: tuple[np.ndarray, ...]
-    steps: tuple[tuple[FitStep, ...], ...]
-    n_control_points: int
-    mixture: Mixture
+    sharing: FitNodes  # nodes of this process
+    unknown_ids: tuple[np.ndarray, ...]  # of every round, numbers of the control points that any process solves for
+    steps: tuple[tuple[FitStep, ...], ...]  # of every round, the least squares of this process
+    n_control_points: int  # number of control points
+    mixture: Mixture  # what control points are where least squares fold
 
     @classmethod
-    def of(cls, problem: FitProblem, parameters: Sequence[np.ndarray], weights: np.ndarray | None) -> SharedFitOperator:
-        """Factor all least squares of this process; all processes call this.
-
-        Parameters
-        ----------
-        problem : FitProblem
-            The fit on the nodes of this process.
-        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-            Parameters of the nodes of every segment of this process; of shape (0, 0, 0, 3) of others.
-        weights : ndarray, shape (n_control_points, 6), or None
-            Weights of the candidates, see `Mixture`.
-        """
+    def of(
+        cls,
+        problem: FitProblem,  # the fit on the nodes of this process
+        # parameters of the nodes of every segment of this process; of shape (0, 0, 0, 3) of others
+        parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3)
+        weights: np.ndarray | None,  # (n_control_points, 6), or None, weights of the candidates, see `Mixture`
+    ) -> SharedFitOperator:
+        """Factor all least squares of this process; all processes call this."""
         mixture, here = problem.mixture(parameters, weights), set(problem.sharing.here)
         ids, steps = [], []
         with together(problem.sharing.comm), threadpool_limits(1, "blas"):

@@ -54,48 +54,29 @@ H-H wing leaves 107, 86 and 51 folded control elements with 8, 4 and 2), with no
 
 @dataclass(frozen=True)
 class SurfaceMiss(OneLine):
-    """Distance of the nodes of a surface from those that its control points were fitted to.
+    """Distance of the nodes of a surface from those that its control points were fitted to."""
 
-    Parameters
-    ----------
-    largest, rms : float
-        Largest distance, and the root mean square over all nodes (m).
-    size : float
-        Diagonal of the target's box (m).
-    n_nodes : int
-        Nodes of the surface, each counted once.
-    patch, block : str
-        Patch and block of the node that is farthest off; empty where no patch is declared there.
-    node : tuple of three int
-        Its place in the block, from 1.
-    """
-
+    # largest distance, and the root mean square over all nodes (m)
     largest: float
     rms: float
-    size: float
-    n_nodes: int
+    size: float  # diagonal of the target's box (m)
+    n_nodes: int  # nodes of the surface, each counted once
+    # patch and block of the node that is farthest off; empty where no patch is declared there
     patch: str
     block: str
-    node: tuple[int, int, int]
+    node: tuple[int, int, int]  # its place in the block, from 1
 
     @classmethod
     def of(
-        cls, topology: Topology, source: np.ndarray, rows: np.ndarray, nodes: np.ndarray, target: np.ndarray
+        cls,
+        topology: Topology,
+        # row that stands for each row of the grid vector, see `NodeSharing.source_rows`
+        source: np.ndarray,  # int (n_nodes,)
+        rows: np.ndarray,  # int (n,), row of each node in the grid vector
+        nodes: np.ndarray,  # (n, 3), where the nodes are (m)
+        target: np.ndarray,  # (n, 3), where they were to be (m)
     ) -> SurfaceMiss:
-        """Compare nodes of a surface with their target.
-
-        Parameters
-        ----------
-        topology : Topology
-            Topology of the grid.
-        source : ndarray of int, shape (n_nodes,)
-            Row that stands for each row of the grid vector, see
-        `bspline_mdao.topology.sharing.NodeSharing.source_rows`.
-        rows : ndarray of int, shape (n,)
-            Row of each node in the grid vector.
-        nodes, target : ndarray, shape (n, 3)
-            Where the nodes are, and where they were to be (m).
-        """
+        """Compare nodes of a surface with their target."""
         distances = np.linalg.norm(nodes - target, axis=1)
         worst = int(np.argmax(distances))
         place = _place_on_patch(topology, source, source[rows[worst]])
@@ -118,18 +99,10 @@ class SurfaceMiss(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceFit(OneLine):
-    """Surface control points for another surface, and how far that is missed.
+    """Surface control points for another surface, and how far that is missed."""
 
-    Parameters
-    ----------
-    control_points : ndarray, shape (n_surface, 3)
-        The surface control points (m).
-    miss : SurfaceMiss
-        Distance of the regenerated surface nodes to those that were asked for.
-    """
-
-    control_points: np.ndarray
-    miss: SurfaceMiss
+    control_points: np.ndarray  # (n_surface, 3), the surface control points (m)
+    miss: SurfaceMiss  # distance of the regenerated surface nodes to those that were asked for
 
 
 def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) -> SurfaceFit:
@@ -199,56 +172,29 @@ def _fit_of_surface(model: FittedModel, surface_ids: np.ndarray) -> tuple[FitOpe
 
 @dataclass(frozen=True, eq=False)
 class SurfaceFollower:
-    """Surface control points that follow surface nodes smoothly. Made by `SurfaceFollower.of`.
+    """Surface control points that follow surface nodes smoothly. Made by `SurfaceFollower.of`."""
 
-    Parameters
-    ----------
-    quasi : SurfaceQuasiInterpolant
-        From the nodes of the surface to its control points.
-    mesh : MovingMesh
-        Its surface points are those that follow; those in planes of symmetry stay in them.
-    baseline : ndarray, shape (n, 3)
-        The nodes that are given, on the baseline (m).
-    means : csr_array, shape (n_points, n)
-        Nodes of the surface from those that are given: the mean where one is given more than once.
-    springs : SpringNetwork or None
-        Moves of nodes that are not given, between those of their neighbours; None where all are.
-    rigid : RigidPart
-        The rigid motion nearest to that of the nodes.
-    offsets : ndarray, shape (n_surface, 3)
-        Control points less what the quasi-interpolant makes of the nodes, on the baseline (m).
-    """
-
-    quasi: SurfaceQuasiInterpolant
-    mesh: MovingMesh
-    baseline: np.ndarray
-    means: csr_array
+    quasi: SurfaceQuasiInterpolant  # from the nodes of the surface to its control points
+    mesh: MovingMesh  # its surface points are those that follow; those in planes of symmetry stay in them
+    baseline: np.ndarray  # (n, 3), the nodes that are given, on the baseline (m)
+    # nodes of the surface from those that are given: the mean where one is given more than once
+    means: csr_array  # (n_points, n)
+    # moves of nodes that are not given, between those of their neighbours; None where all are
     springs: SpringNetwork | None
-    rigid: RigidPart
-    offsets: np.ndarray
+    rigid: RigidPart  # the rigid motion nearest to that of the nodes
+    # control points less what the quasi-interpolant makes of the nodes, on the baseline (m)
+    offsets: np.ndarray  # (n_surface, 3)
 
     @classmethod
     def of(
-        cls, model: FittedModel, mesh: MovingMesh, surface: SurfaceGrid, numbers: np.ndarray | None = None
+        cls,
+        model: FittedModel,  # the fitted grid
+        mesh: MovingMesh,  # its control mesh
+        surface: SurfaceGrid,  # the nodes of the design surface
+        # which nodes are given, in which order; all of the surface in its own by default
+        numbers: np.ndarray | None = None,  # int (n,)
     ) -> SurfaceFollower:
-        """Prepare the control points of a surface.
-
-        Parameters
-        ----------
-        model : FittedModel
-            The fitted grid.
-        mesh : MovingMesh
-            Its control mesh.
-        surface : SurfaceGrid
-            The nodes of the design surface.
-        numbers : ndarray of int, shape (n,), optional
-            Which nodes are given, in which order; all of the surface in its own by default.
-
-        Raises
-        ------
-        InputError
-            If fewer nodes are given than there are control points, or none of some patch.
-        """
+        """Prepare the control points of a surface."""
         n = surface.n_points
         numbers = np.arange(n) if numbers is None else np.asarray(numbers)
         counts = np.bincount(numbers, minlength=n)
@@ -272,13 +218,8 @@ class SurfaceFollower:
         return cls(quasi, mesh, surface.points[numbers], means, springs, RigidPart(mesh.plane_normals), offsets)
 
     def at(self, nodes: np.ndarray) -> FollowedSurface:
-        """Control points at nodes, shape (n, 3), in metres, and their derivative.
-
-        Raises
-        ------
-        MovementError
-            If the nodes are turned inside out as a whole.
-        """
+        """Control points at nodes, shape (n, 3), in metres, and their derivative."""
+        # `MovementError` if the nodes are turned inside out as a whole
         motion = self.rigid.at(self.baseline, nodes)
         turned = self.offsets @ (motion.rotation - np.eye(3)).T
         moves = self._slide(self._forward(nodes - self.baseline) + turned)
@@ -309,21 +250,11 @@ class SurfaceFollower:
 
 @dataclass(frozen=True, eq=False)
 class FollowedSurface:
-    """Control points that followed nodes, and their derivative.
+    """Control points that followed nodes, and their derivative."""
 
-    Parameters
-    ----------
-    of : SurfaceFollower
-        What made them.
-    motion : RigidMotion
-        The rigid motion nearest to that of the nodes.
-    control_points : ndarray, shape (n_surface, 3)
-        The surface control points (m).
-    """
-
-    of: SurfaceFollower
-    motion: RigidMotion
-    control_points: np.ndarray
+    of: SurfaceFollower  # what made them
+    motion: RigidMotion  # the rigid motion nearest to that of the nodes
+    control_points: np.ndarray  # (n_surface, 3), the surface control points (m)
 
     def jvp(self, change: np.ndarray) -> np.ndarray:
         """Change of the control points, shape (n_surface, 3), with that of the nodes, shape (n, 3)."""
@@ -346,23 +277,12 @@ def _springs(surface: SurfaceGrid, given: np.ndarray) -> SpringNetwork:
     return SpringNetwork.of(surface.n_points, of_pair, given, nothing, lambda ids: eye_array(3 * len(ids)).tocsr())
 
 
-def replace_nodes(topology: Topology, nodes: np.ndarray, pieces: Sequence[tuple[Window, np.ndarray]]) -> np.ndarray:
-    """Replace nodes of some windows, wherever a block holds them.
-
-    Parameters
-    ----------
-    topology : Topology
-        Topology of the grid.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
-    pieces : sequence of (Window, ndarray of the window's shape and 3)
-        New nodes (m). Where windows share nodes the last one counts.
-
-    Returns
-    -------
-    ndarray, shape (n_nodes, 3)
-        The grid with the new nodes, and everything else as it was.
-    """
+def replace_nodes(
+    topology: Topology,  # topology of the grid
+    nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
+    pieces: Sequence[tuple[Window, np.ndarray]],  # new nodes (m). Where windows share nodes the last one counts
+) -> np.ndarray:  # (n_nodes, 3), the grid with the new nodes, and everything else as it was
+    """Replace nodes of some windows, wherever a block holds them."""
     rows, ids = block_rows(topology.shapes), np.empty(topology.n_nodes, dtype=np.int64)
     for segment, segment_ids in zip(topology.segments, topology.node_ids()):
         ids[rows[segment.block][segment.slices]] = segment_ids

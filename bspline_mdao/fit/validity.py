@@ -43,19 +43,12 @@ FADE = 0.25
 """How much less far their neighbours move."""
 
 
-def corner_measures(nets: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Smallest corner triple product of unit edges of every element, or cell.
-
-    Parameters
-    ----------
-    nets : sequence of ndarray, each of shape (N0, N1, N2, 3)
-        Control meshes, or blocks (m).
-
-    Returns
-    -------
-    list of ndarray, each of shape (max(N0 - 1, 1), max(N1 - 1, 1), max(N2 - 1, 1))
-        Positive in valid elements; 1 everywhere where fewer than two directions extend.
-    """
+def corner_measures(
+    nets: Sequence[np.ndarray],  # each (N0, N1, N2, 3), control meshes, or blocks (m)
+) -> list[np.ndarray]:
+    """Smallest corner triple product of unit edges of every element, or cell."""
+    # returns each (max(N0 - 1, 1), max(N1 - 1, 1), max(N2 - 1, 1)), positive in valid elements; 1 everywhere where
+    # fewer than two directions extend
     measures = []
     for net in nets:
         is_line = sum(n > 1 for n in net.shape[:3]) < 2
@@ -63,25 +56,13 @@ def corner_measures(nets: Sequence[np.ndarray]) -> list[np.ndarray]:
     return measures
 
 
-def make_valid(problem: FitProblem, parameters, nodes: np.ndarray, least_squares: FitSolution | None) -> FitSolution:
-    """Keep least squares where their control mesh is valid, and mix candidates where it is not.
-
-    Parameters
-    ----------
-    problem : FitProblem
-        The fit.
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
-    least_squares : FitSolution or None
-        The fit by least squares; None leaves them out.
-
-    Returns
-    -------
-    FitSolution
-        The least squares themselves where they are valid.
-    """
+def make_valid(
+    problem: FitProblem,
+    parameters,  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
+    nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
+    least_squares: FitSolution | None,  # the fit by least squares; None leaves them out
+) -> FitSolution:  # the least squares themselves where they are valid
+    """Keep least squares where their control mesh is valid, and mix candidates where it is not."""
     if least_squares is not None and is_valid(problem.mesh.nets(least_squares.control_points)):
         return least_squares
     points, said = (None, ()) if least_squares is None else (least_squares.control_points, least_squares.warnings)
@@ -105,31 +86,19 @@ def is_valid(nets: Sequence[np.ndarray]) -> bool:
     return all((measure > 0.0).all() for measure in corner_measures(nets))
 
 
-def choose_weights(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_squares: np.ndarray | None) -> np.ndarray:
-    """Mix candidates so that the control mesh is valid wherever the grid is.
-
-    1. Start from the most robust candidate, the coarse grid, as the base.
-    2. Take the next closer candidate, and the least measure of each of its elements from that in the base.
-    3. Where the grid itself is folded, ask for nothing: no coarse grid mends that.
-    4. Move its points to the base until all elements have their least measure (`_retreat`).
-    5. What comes of it is the base of the next candidate; go on with step 2.
-
-    Parameters
-    ----------
-    problem : FitProblem
-        The fit.
-    quasi : QuasiInterpolant
-        The candidates.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
-    least_squares : ndarray, shape (n_control_points, 3), or None
-        Control points by least squares (m); None leaves them out.
-
-    Returns
-    -------
-    ndarray, shape (n_control_points, 6)
-        Weights of `CANDIDATES` in each control point; their sum is 1.
-    """
+def choose_weights(
+    problem: FitProblem,
+    quasi: QuasiInterpolant,  # the candidates
+    nodes,  # (n_nodes, 3), the grid (m)
+    # control points by least squares (m); None leaves them out
+    least_squares: np.ndarray | None,  # (n_control_points, 3), or None
+) -> np.ndarray:  # (n_control_points, 6), weights of `CANDIDATES` in each control point; their sum is 1
+    """Mix candidates so that the control mesh is valid wherever the grid is."""
+    # 1. Start from the most robust candidate, the coarse grid, as the base.
+    # 2. Take the next closer candidate, and the least measure of each of its elements from that in the base.
+    # 3. Where the grid itself is folded, ask for nothing: no coarse grid mends that.
+    # 4. Move its points to the base until all elements have their least measure (`_retreat`).
+    # 5. What comes of it is the base of the next candidate; go on with step 2.
     mesh = problem.mesh
     candidates = [least_squares, *quasi.candidates(nodes)]
     # step 1
@@ -159,20 +128,11 @@ def folded_cells(problem: FitProblem, nodes: np.ndarray) -> list[np.ndarray]:
     return [measure <= FLAT for measure in corner_measures([nodes[rows] for rows in here])]
 
 
-def elements_with(places: Sequence[np.ndarray], is_marked: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Mark the elements that cover a marked cell.
-
-    Parameters
-    ----------
-    places : sequence of ndarray, each of shape (N0, N1, N2, 3)
-        Real node numbers of the control points.
-    is_marked : sequence of ndarray of bool
-        Of the cells of every segment.
-
-    Returns
-    -------
-    list of ndarray of bool, of the shapes of `corner_measures`
-    """
+def elements_with(
+    places: Sequence[np.ndarray],  # each (N0, N1, N2, 3), real node numbers of the control points
+    is_marked: Sequence[np.ndarray],  # of the cells of every segment
+) -> list[np.ndarray]:
+    """Mark the elements that cover a marked cell."""
     return [_covers_any(*segment) for segment in zip(places, is_marked)]
 
 
@@ -190,16 +150,12 @@ def _covers_any(places: np.ndarray, is_marked: np.ndarray) -> np.ndarray:
     return count > 0
 
 
-def first_marked(corners: np.ndarray, is_marked: np.ndarray) -> tuple[int, ...] | None:
-    """First marked cell that an element covers, from 0, or None.
-
-    Parameters
-    ----------
-    corners : ndarray, shape (2, 2, 2, 3)
-        Real node numbers of the corners of the element; one of them across a direction without extent.
-    is_marked : ndarray of bool
-        Of the cells of the segment.
-    """
+def first_marked(
+    # real node numbers of the corners of the element; one of them across a direction without extent
+    corners: np.ndarray,  # (2, 2, 2, 3)
+    is_marked: np.ndarray,  # bool, of the cells of the segment
+) -> tuple[int, ...] | None:
+    """First marked cell that an element covers, from 0, or None."""
     low, high = _box(corners.reshape(-1, 3), is_marked.shape)
     found = np.argwhere(is_marked[tuple(map(slice, low, high))])
     return tuple(int(n) for n in found[0] + low) if len(found) else None
