@@ -36,23 +36,10 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class BlockPattern:
-    """Pattern of a symmetric matrix of 3 x 3 blocks: its lower triangle, by rows.
+    """Pattern of a symmetric matrix of 3 x 3 blocks: its lower triangle, by rows."""
 
-    Parameters
-    ----------
-    indptr : ndarray of int64, shape (n + 1,)
-        Where each row starts.
-    indices : ndarray of int32, shape (n_blocks,)
-        Columns, ascending within a row; the last of every row is the diagonal.
-
-    Raises
-    ------
-    InputError
-        If a row does not end with its diagonal.
-    """
-
-    indptr: np.ndarray
-    indices: np.ndarray
+    indptr: np.ndarray  # int64 (n + 1,), where each row starts
+    indices: np.ndarray  # int32 (n_blocks,), columns, ascending within a row; the last of every row is the diagonal
 
     def __post_init__(self):
         is_short = np.diff(self.indptr) < 1
@@ -71,16 +58,13 @@ class BlockPattern:
         return len(self.indices)
 
     @classmethod
-    def of_elements(cls, element_points: np.ndarray, n: int) -> BlockPattern:
-        """Pattern of a matrix that couples all points of an element with each other.
-
-        Parameters
-        ----------
-        element_points : ndarray of int32, shape (n_elements, m)
-            Block row of every corner; -1 where a point is fixed. A number may occur twice in an element.
-        n : int
-            Block rows. A row without an element holds its diagonal alone.
-        """
+    def of_elements(
+        cls,
+        # block row of every corner; -1 where a point is fixed. A number may occur twice in an element
+        element_points: np.ndarray,  # int32 (n_elements, m)
+        n: int,  # block rows. A row without an element holds its diagonal alone
+    ) -> BlockPattern:
+        """Pattern of a matrix that couples all points of an element with each other."""
         elements, corners = np.nonzero(element_points >= 0)
         points = np.asarray(element_points, np.int32)[elements, corners]
         shape = (len(element_points), n)
@@ -92,23 +76,10 @@ class BlockPattern:
 
 @dataclass(frozen=True, eq=False)
 class BlockMatrix:
-    """Symmetric matrix of 3 x 3 blocks.
+    """Symmetric matrix of 3 x 3 blocks."""
 
-    Parameters
-    ----------
-    pattern : BlockPattern
-        Where the blocks are.
-    data : ndarray, shape (n_blocks, 3, 3)
-        The blocks. Diagonal ones hold both halves.
-
-    Raises
-    ------
-    InputError
-        If the data are not of the pattern's shape.
-    """
-
-    pattern: BlockPattern
-    data: np.ndarray
+    pattern: BlockPattern  # where the blocks are
+    data: np.ndarray  # (n_blocks, 3, 3), the blocks. Diagonal ones hold both halves
 
     def __post_init__(self):
         if self.data.shape != (self.pattern.n_blocks, 3, 3):
@@ -145,26 +116,18 @@ class BlockMatrix:
         return scipy.sparse.csc_array((values, rows, indptr), shape=(size, size))
 
 
-def slots(pattern: BlockPattern, element_points: np.ndarray) -> np.ndarray:
-    """Places of the blocks of element matrices in the data of a `BlockMatrix`.
-
-    Parameters
-    ----------
-    pattern : BlockPattern
-        Pattern that holds all pairs of an element's points, as `BlockPattern.of_elements` makes it.
-    element_points : ndarray of int32, shape (n_elements, m)
-        Block row of every corner; -1 where a point is fixed.
-
-    Returns
-    -------
-    ndarray of int32, shape (n_elements, m (m + 1) / 2)
-        Place in ``data`` of the pair of corners (a, b), b <= a, in column ``a (a + 1) / 2 + b``; -1 where one of them
-        is fixed. With p = ``element_points[e]`` and the element's block ``K_ab``, what is to be added there is
-
-        - ``K_ab`` where ``p[a] > p[b]`` or a = b,
-        - ``K_ab^T`` where ``p[a] < p[b]``, because only the lower triangle is stored,
-        - ``K_ab + K_ab^T`` where ``p[a] == p[b]`` but a > b, in an element with a collapsed edge.
-    """
+def slots(
+    # pattern that holds all pairs of an element's points, as `BlockPattern.of_elements` makes it
+    pattern: BlockPattern,
+    element_points: np.ndarray,  # int32 (n_elements, m), block row of every corner; -1 where a point is fixed
+) -> np.ndarray:
+    """Places of the blocks of element matrices in the data of a `BlockMatrix`."""
+    # returns int32 (n_elements, m (m + 1) / 2), place in ``data`` of the pair of corners (a, b), b <= a, in column ``a
+    # (a + 1) / 2 + b``; -1 where one of them is fixed. With p = ``element_points[e]`` and the element's block ``K_ab``,
+    # what is to be added there is
+    # - ``K_ab`` where ``p[a] > p[b]`` or a = b,
+    # - ``K_ab^T`` where ``p[a] < p[b]``, because only the lower triangle is stored,
+    # - ``K_ab + K_ab^T`` where ``p[a] == p[b]`` but a > b, in an element with a collapsed edge
     points = np.asarray(element_points, np.int64)
     a, b = np.tril_indices(points.shape[1])
     rows, columns = np.maximum(points[:, a], points[:, b]), np.minimum(points[:, a], points[:, b])
@@ -174,18 +137,11 @@ def slots(pattern: BlockPattern, element_points: np.ndarray) -> np.ndarray:
 
 
 class Graph(NamedTuple):
-    """The graph of a block pattern: who couples with whom, both ways, without the diagonal; in compressed rows.
+    """The graph of a block pattern: who couples with whom, both ways, without the diagonal; in compressed rows."""
 
-    Parameters
-    ----------
-    starts : ndarray of int64, shape (n + 1,)
-        Where the neighbours of each point start.
-    neighbours : ndarray of int32, shape (n_edges,)
-        Neighbours of every point, each edge at both ends, no point its own neighbour.
-    """
-
-    starts: np.ndarray
-    neighbours: np.ndarray
+    starts: np.ndarray  # int64 (n + 1,), where the neighbours of each point start
+    # neighbours of every point, each edge at both ends, no point its own neighbour
+    neighbours: np.ndarray  # int32 (n_edges,)
 
 
 def graph_of(pattern: BlockPattern) -> Graph:
@@ -201,24 +157,12 @@ def graph_of(pattern: BlockPattern) -> Graph:
 
 @dataclass(frozen=True, eq=False)
 class LinearSolution:
-    """LinearSolution of a linear system and how it was found.
+    """LinearSolution of a linear system and how it was found."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (n, 3) or (n, 3, m)
-        The solution, or those of m right-hand sides.
-    iterations : int
-        Iterations, or steps of refinement.
-    residual : float
-        Residual in the 2-norm, relative to the right-hand side (the largest, where there are several).
-    seconds : float
-        Time that it took by the wall clock (s).
-    """
-
-    x: np.ndarray
-    iterations: int
-    residual: float
-    seconds: float
+    x: np.ndarray  # (n, 3) or (n, 3, m), the solution, or those of m right-hand sides
+    iterations: int  # iterations, or steps of refinement
+    residual: float  # residual in the 2-norm, relative to the right-hand side (the largest, where there are several)
+    seconds: float  # time that it took by the wall clock (s)
 
 
 def check_right(right: np.ndarray, n: int) -> np.ndarray:

@@ -75,12 +75,11 @@ class Cholesky(OneLine):
 
 
 class Memory:
-    """Memory that has served and serves again: fresh memory can take as long as the arithmetic that fills it.
+    """Memory that has served and serves again: fresh memory can take as long as the arithmetic that fills it."""
 
-    What is lent comes back by itself, when nothing refers to it any more; then it waits, as long as this object lives,
-    for the next request of its size. What served the first factorisation does not wait: most are the last, too. Threads
-    may share one. Copies of one, and what is pickled, start empty.
-    """
+    # What is lent comes back by itself, when nothing refers to it any more; then it waits, as long as this object
+    # lives, for the next request of its size. What served the first factorisation does not wait: most are the last,
+    # too. Threads may share one. Copies of one, and what is pickled, start empty.
 
     def __init__(self):
         self._idle: dict[int, list[np.ndarray]] = {}
@@ -118,24 +117,14 @@ class _Loan:
 
 @dataclass(frozen=True, eq=False)
 class CholeskyAnalysis(OneLine):
-    """The factorisation of a pattern: everything about it that does not depend on numbers.
-
-    Parameters
-    ----------
-    settings : Cholesky
-    pattern : BlockPattern
-    supernodes : Supernodes
-    stages : Stages
-    fronts : Fronts
-    memory : Memory
-        Of factors and factorisations that are no more, for the next ones.
-    """
+    """The factorisation of a pattern: everything about it that does not depend on numbers."""
 
     settings: Cholesky
     pattern: BlockPattern
     supernodes: Supernodes
     stages: Stages
     fronts: Fronts
+    # of factors and factorisations that are no more, for the next ones
     memory: Memory = field(default_factory=Memory, repr=False)
 
     @property
@@ -158,13 +147,7 @@ class CholeskyAnalysis(OneLine):
         return np.dtype(np.float32 if self.settings.single else np.float64).itemsize
 
     def factorize(self, matrix: BlockMatrix) -> CholeskyFactor:
-        """Factor a matrix of the pattern.
-
-        Raises
-        ------
-        MovementError
-            If the matrix is not positive definite.
-        """
+        """Factor a matrix of the pattern. `MovementError` if the matrix is not positive definite."""
         if matrix.pattern is not self.pattern:
             raise InputError("Cholesky: the matrix has another pattern; analyze its own")
         try:
@@ -216,23 +199,13 @@ class CholeskyAnalysis(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class CholeskyFactor:
-    """Cholesky factor of a matrix.
-
-    Parameters
-    ----------
-    analysis : CholeskyAnalysis
-    matrix : BlockMatrix
-        What was factored.
-    panels : ndarray, shape (n_factor,)
-        The factor, in double or in single precision.
-    scale : ndarray, shape (n, 3), or None
-        What the rows and columns of the matrix were multiplied by before they were factored in single precision.
-    """
+    """Cholesky factor of a matrix."""
 
     analysis: CholeskyAnalysis
-    matrix: BlockMatrix
-    panels: np.ndarray
-    scale: np.ndarray | None = None
+    matrix: BlockMatrix  # what was factored
+    panels: np.ndarray  # (n_factor,), the factor, in double or in single precision
+    # what the rows and columns of the matrix were multiplied by before they were factored in single precision
+    scale: np.ndarray | None = None  # (n, 3), or None
 
     @property
     def n_bytes(self) -> int:
@@ -241,10 +214,8 @@ class CholeskyFactor:
 
     @cached_property
     def cancellation(self) -> float:
-        """Largest ratio of a diagonal entry of the matrix to what elimination leaves of it.
-
-        Times the unit round-off it is about the relative error of a solution: no scaling of the matrix changes it.
-        """
+        """Largest ratio of a diagonal entry of the matrix to what elimination leaves of it."""
+        # Times the unit round-off it is about the relative error of a solution: no scaling of the matrix changes it.
         pattern, supernodes = self.matrix.pattern, self.analysis.supernodes
         pivots = multifrontal.pivots(supernodes, self.analysis.fronts, self.panels)
         diagonal = np.einsum("ncc->nc", self.matrix.data[pattern.indptr[1:] - 1])[supernodes.order]
@@ -287,21 +258,14 @@ class CholeskyFactor:
                 crew.run(backward, len(tasks))
         return x.reshape(right.shape)[supernodes.rank].astype(np.float64)
 
-    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
-        """Solve for a right-hand side. `cancellation` tells how many digits the solution has; refine it for more.
-
-        Parameters
-        ----------
-        right : ndarray, shape (n, 3) or (n, 3, m)
-            Right-hand side, or m of them.
-        matrix : BlockMatrix, optional
-            Matrix to solve with in place of the one that was factored: by conjugate gradients, with this factor as
-            the preconditioner. A factor in single precision is always used in that way.
-
-        Returns
-        -------
-        LinearSolution
-        """
+    def solve(
+        self,
+        right: np.ndarray,  # (n, 3) or (n, 3, m), right-hand side, or m of them
+        # matrix to solve with in place of the one that was factored: by conjugate gradients, with this factor as the
+        # preconditioner. A factor in single precision is always used in that way
+        matrix: BlockMatrix | None = None,
+    ) -> LinearSolution:
+        """Solve for a right-hand side. `cancellation` tells how many digits the solution has; refine it for more."""
         return solve_with_factor(self, right, matrix, is_exact=self.panels.dtype == np.float64)
 
 

@@ -124,13 +124,7 @@ class ConjugateGradients(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class ConjugateGradientsAnalysis(OneLine):
-    """The pattern of an incomplete factor, with the settings of the solver.
-
-    Parameters
-    ----------
-    settings : ConjugateGradients
-    pattern : IncompletePattern
-    """
+    """The pattern of an incomplete factor, with the settings of the solver."""
 
     settings: ConjugateGradients
     pattern: IncompletePattern
@@ -145,15 +139,7 @@ class ConjugateGradientsAnalysis(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class PreconditionedMatrix:
-    """A matrix with its preconditioner and the tolerance of the iteration.
-
-    Parameters
-    ----------
-    matrix : BlockMatrix
-    preconditioner : StoredFactor
-    tolerance : float
-    max_iterations : int
-    """
+    """A matrix with its preconditioner and the tolerance of the iteration."""
 
     matrix: BlockMatrix
     preconditioner: StoredFactor
@@ -183,48 +169,24 @@ class PreconditionedMatrix:
 
 
 def preconditioned_solve(
-    matrix: System,
-    factor: Preconditioner,
-    right: np.ndarray,
+    matrix: System,  # symmetric positive definite matrix. Of a distributed one each process gives and gets its own rows
+    factor: Preconditioner,  # factor of any solver, such as that of an earlier increment
+    right: np.ndarray,  # (n, 3) or (n, 3, m), right-hand side, or m of them
+    # residual to reach in the 2-norm, relative to the right-hand side, or that of rounding if it is more
     tolerance: float = 1e-12,
-    start: np.ndarray | None = None,
-    max_iterations: int = 20_000,
+    start: np.ndarray | None = None,  # where to start; zero by default
+    max_iterations: int = 20_000,  # iterations after which to give up
 ) -> LinearSolution:
-    """Solve with conjugate gradients and the factor of this matrix or one like it.
-
-    The iteration's own residual drifts from the true one by rounding. So the true one is computed when the former is
-    small enough, and the iteration starts again from there if need be.
-
-    The residual of the very solution, its numbers rounded to double precision, is of the size of ``eps |A| |x|``, with
-    absolute values of all entries. Where the solution is large beside the right-hand side, as for one without pattern
-    on a soft matrix, that is more than any small tolerance, and the iteration ends there, as accurate as a direct
-    solver.
-
-    Parameters
-    ----------
-    matrix : System
-        Symmetric positive definite matrix. Of a distributed one each process gives and gets its own rows.
-    factor : Preconditioner
-        Factor of any solver, such as that of an earlier increment.
-    right : ndarray, shape (n, 3) or (n, 3, m)
-        Right-hand side, or m of them.
-    tolerance : float, optional
-        Residual to reach in the 2-norm, relative to the right-hand side, or that of rounding if it is more.
-    start : ndarray, shape as ``right``, optional
-        Where to start; zero by default.
-    max_iterations : int, optional
-        Iterations after which to give up.
-
-    Returns
-    -------
-    LinearSolution
-        With the true residual, and the largest number of iterations where there are several right-hand sides.
-
-    Raises
-    ------
-    MovementError
-        If the residual is not reached, by how much, or if matrix or factor is not positive definite or not finite.
-    """
+    """Solve with conjugate gradients and the factor of this matrix or one like it."""
+    # The iteration's own residual drifts from the true one by rounding. So the true one is computed when the former is
+    # small enough, and the iteration starts again from there if need be.
+    # The residual of the very solution, its numbers rounded to double precision, is of the size of ``eps |A| |x|``,
+    # with absolute values of all entries. Where the solution is large beside the right-hand side, as for one without
+    # pattern on a soft matrix, that is more than any small tolerance, and the iteration ends there, as accurate as a
+    # direct solver.
+    # `MovementError` if the residual is not reached, by how much, or if matrix or factor is not positive definite or
+    # not finite
+    # returns with the true residual, and the largest number of iterations where there are several right-hand sides
     clock = time.perf_counter()
     right = check_right(right, matrix.n)
     start = np.zeros_like(right) if start is None else check_right(start, matrix.n)
@@ -238,26 +200,15 @@ def preconditioned_solve(
 
 
 def solve_with_factor(
-    factor: DirectFactor, right: np.ndarray, matrix: BlockMatrix | None = None, is_exact: bool = True
+    factor: DirectFactor,
+    right: np.ndarray,  # (n, 3) or (n, 3, m), right-hand side, or m of them
+    # matrix to solve with in place of the one that was factored: by conjugate gradients, with this factor as the
+    # preconditioner
+    matrix: BlockMatrix | None = None,
+    # the factor is that of its matrix to double precision; otherwise it is always used as a preconditioner
+    is_exact: bool = True,
 ) -> LinearSolution:
-    """Solve with the factor of a direct solver, or, where it is not that of the matrix, by conjugate gradients.
-
-    Parameters
-    ----------
-    factor : DirectFactor
-        The factor.
-    right : ndarray, shape (n, 3) or (n, 3, m)
-        Right-hand side, or m of them.
-    matrix : BlockMatrix, optional
-        Matrix to solve with in place of the one that was factored: by conjugate gradients, with this factor as the
-        preconditioner.
-    is_exact : bool
-        The factor is that of its matrix to double precision; otherwise it is always used as a preconditioner.
-
-    Returns
-    -------
-    LinearSolution
-    """
+    """Solve with the factor of a direct solver, or, where it is not that of the matrix, by conjugate gradients."""
     start = time.perf_counter()
     right = check_right(right, factor.matrix.pattern.n)
     if not is_exact or (matrix is not None and matrix is not factor.matrix):
@@ -312,10 +263,8 @@ def _inner(matrix, a, b):
 
 
 def _iterate(matrix, factor, right, target, max_iterations):
-    """Iterate from zero until the recurrence's residual is at most ``target``: solution and number of iterations.
-
-    Line numbers are those of Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., Algorithm 9.1.
-    """
+    """Iterate from zero until the recurrence's residual is at most ``target``: solution and number of iterations."""
+    # Line numbers are those of Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., Algorithm 9.1.
     x, residual = np.zeros_like(right), right.copy()
     z = factor.apply(residual)
     direction, energy = z, _inner(matrix, residual, z)  # line 1

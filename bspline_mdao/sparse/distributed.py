@@ -29,23 +29,14 @@ __all__ = ["DistributedMatrix", "DistributedPattern", "FullRows"]
 
 @dataclass(frozen=True, eq=False)
 class DistributedPattern(BlockPattern):
-    """What one process holds of a symmetric pattern.
+    """What one process holds of a symmetric pattern."""
 
-    Parameters
-    ----------
-    indptr, indices : ndarray
-        Pattern in the numbers of this process, see `BlockPattern`.
-    starts : ndarray of int64, shape (comm.size + 1,)
-        First row of every process in the whole matrix, and the number of its rows.
-    others : ndarray of int32, shape (n - n_own,)
-        Rows of the whole matrix, ascending, that follow its own ones here.
-    comm : communicator
-        The processes.
-    """
+    # indptr, indices: pattern in the numbers of this process, see `BlockPattern`
 
-    starts: np.ndarray
-    others: np.ndarray
-    comm: Any = field(default=ONE, repr=False)
+    # first row of every process in the whole matrix, and the number of its rows
+    starts: np.ndarray  # int64 (comm.size + 1,)
+    others: np.ndarray  # int32 (n - n_own,), rows of the whole matrix, ascending, that follow its own ones here
+    comm: Any = field(default=ONE, repr=False)  # the processes
 
     @classmethod
     def whole(cls, pattern: BlockPattern) -> DistributedPattern:
@@ -56,29 +47,16 @@ class DistributedPattern(BlockPattern):
 
     @classmethod
     def of_own_elements(
-        cls, element_rows: np.ndarray, n: int, comm
+        cls,
+        # row of the whole matrix of every corner of all elements; -1 where a point is fixed
+        element_rows: np.ndarray,  # int32 (n_elements, m)
+        n: int,  # rows of the whole matrix
+        comm,  # communicator, its rank and size count; nothing is sent
     ) -> tuple[DistributedPattern, np.ndarray, np.ndarray]:
-        """Pattern of the rows that a process owns, of a matrix that couples all points of an element with each other.
-
-        Rows are dealt out in their order, so many to each process as to any other.
-
-        Parameters
-        ----------
-        element_rows : ndarray of int32, shape (n_elements, m)
-            Row of the whole matrix of every corner of all elements; -1 where a point is fixed.
-        n : int
-            Rows of the whole matrix.
-        comm : communicator
-            Its rank and size count; nothing is sent.
-
-        Returns
-        -------
-        pattern : DistributedPattern
-        element_ids : ndarray of int, shape (n_own_elements,)
-            Elements that touch an own row.
-        rows : ndarray of int32, shape (n_own_elements, m)
-            Row here of each of their corners.
-        """
+        """Pattern of the rows that a process owns, of a matrix that couples all points of an element."""
+        # Rows are dealt out in their order, so many to each process as to any other.
+        # returns element_ids int (n_own_elements,): elements that touch an own row
+        # returns rows int32 (n_own_elements, m): row here of each of their corners
         starts = np.arange(comm.size + 1) * n // comm.size
         first, end = starts[comm.rank], starts[comm.rank + 1]
         element_ids = np.flatnonzero(((element_rows >= first) & (element_rows < end)).any(axis=1))
@@ -118,21 +96,12 @@ class DistributedPattern(BlockPattern):
 
 @dataclass(frozen=True, eq=False)
 class FullRows:
-    """Own rows of a pattern with both of their halves, in compressed rows.
+    """Own rows of a pattern with both of their halves, in compressed rows."""
 
-    Parameters
-    ----------
-    indptr : ndarray of int64, shape (n_own + 1,)
-        Where each row starts.
-    columns : ndarray of int32, shape (n_entries,)
-        Columns in the whole matrix.
-    places : ndarray of int32, shape (n_entries,)
-        Place of the block in the data of the matrix; ``-1 - place`` where it is the transposed one.
-    """
-
-    indptr: np.ndarray
-    columns: np.ndarray
-    places: np.ndarray
+    indptr: np.ndarray  # int64 (n_own + 1,), where each row starts
+    columns: np.ndarray  # int32 (n_entries,), columns in the whole matrix
+    # place of the block in the data of the matrix; ``-1 - place`` where it is the transposed one
+    places: np.ndarray  # int32 (n_entries,)
 
     @classmethod
     def of(cls, pattern: DistributedPattern) -> FullRows:
@@ -142,19 +111,11 @@ class FullRows:
 
 @dataclass(frozen=True, eq=False)
 class DistributedMatrix:
-    """Matrix of several processes, each of which multiplies its own rows.
-
-    Parameters
-    ----------
-    pattern : DistributedPattern
-    matrix : BlockMatrix
-        What this process holds, of this pattern.
-    exchange : callable
-        Values of the rows of others, shape (n - n_own, 3), from those of its own ones: collective.
-    """
+    """Matrix of several processes, each of which multiplies its own rows."""
 
     pattern: DistributedPattern
-    matrix: BlockMatrix
+    matrix: BlockMatrix  # what this process holds, of this pattern
+    # values of the rows of others, shape (n - n_own, 3), from those of its own ones: collective
     exchange: Callable[[np.ndarray], np.ndarray]
 
     @property

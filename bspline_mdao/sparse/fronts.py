@@ -30,23 +30,17 @@ LEAST_WORK = 0.02
 
 
 class Stages(NamedTuple):
-    """Schedule of a factorisation on several threads: a stage can start when the one before it has ended.
+    """Schedule of a factorisation on several threads: a stage can start when the one before it has ended."""
 
-    The large fronts near the roots, the *trunk*, are tasks of their own, whose tiles threads share. The subtrees below
-    them are cut into *branches*: sets of whole subtrees of about equal work, each for one thread. Branches come first;
-    a front of the trunk comes when all below it is done. The cut depends on the pattern alone, and so do all sums:
-    results are the same for any number of threads.
+    # The large fronts near the roots, the *trunk*, are tasks of their own, whose tiles threads share. The subtrees
+    # below them are cut into *branches*: sets of whole subtrees of about equal work, each for one thread. Branches come
+    # first; a front of the trunk comes when all below it is done. The cut depends on the pattern alone, and so do all
+    # sums: results are the same for any number of threads.
 
-    Parameters
-    ----------
-    ranges : ndarray of int64, shape (n_tasks, 2)
-        First supernode of every task, and the one behind its last; the larger tasks of a stage come first.
-    starts : ndarray of int64, shape (n_stages + 1,)
-        Where each stage starts: the branches, if any, then the fronts of the trunk, by height.
-    """
-
-    ranges: np.ndarray
-    starts: np.ndarray
+    # first supernode of every task, and the one behind its last; the larger tasks of a stage come first
+    ranges: np.ndarray  # int64 (n_tasks, 2)
+    # where each stage starts: the branches, if any, then the fronts of the trunk, by height
+    starts: np.ndarray  # int64 (n_stages + 1,)
 
 
 def find_stages(supernodes: Supernodes) -> Stages:
@@ -93,41 +87,23 @@ def _cut(sizes, n_rows, parents):
 
 
 class Fronts(NamedTuple):
-    """Storage of the fronts of a forest of supernodes.
+    """Storage of the fronts of a forest of supernodes."""
 
-    Parameters
-    ----------
-    panel_starts : ndarray of int64, shape (n_supernodes + 1,)
-        Where the panels are in the factor, in scalars.
-    update_starts : ndarray of int64, shape (n_supernodes,)
-        Where the updates are, in scalars: among those kept from task to task, or, inverted bitwise, in the scratch of
-        the task. The same place serves many, one after the other.
-    n_kept, n_scratch : int
-        Scalars of the updates that are kept, and of the scratch of a task.
-    positions : ndarray of int32, shape (n_rows,)
-        For every row of a supernode, its position in the front of the parent, in points.
-    child_starts : ndarray of int32, shape (n_supernodes + 1,)
-        Where the children of each supernode start.
-    children : ndarray of int32
-        Children of every supernode, ascending.
-    block_starts : ndarray of int64, shape (n_supernodes + 1,)
-        Where the blocks of the matrix that go to each panel start.
-    blocks : ndarray of int32, shape (n_blocks,)
-        Those blocks.
-    block_places : ndarray of int64, shape (n_blocks,)
-        Where their first scalar goes in the factor; bitwise inverted where the block is to be transposed.
-    """
-
-    panel_starts: np.ndarray
-    update_starts: np.ndarray
+    panel_starts: np.ndarray  # int64 (n_supernodes + 1,), where the panels are in the factor, in scalars
+    # where the updates are, in scalars: among those kept from task to task, or, inverted bitwise, in the scratch of the
+    # task. The same place serves many, one after the other
+    update_starts: np.ndarray  # int64 (n_supernodes,)
+    # scalars of the updates that are kept, and of the scratch of a task
     n_kept: int
     n_scratch: int
-    positions: np.ndarray
-    child_starts: np.ndarray
-    children: np.ndarray
-    block_starts: np.ndarray
-    blocks: np.ndarray
-    block_places: np.ndarray
+    # for every row of a supernode, its position in the front of the parent, in points
+    positions: np.ndarray  # int32 (n_rows,)
+    child_starts: np.ndarray  # int32 (n_supernodes + 1,), where the children of each supernode start
+    children: np.ndarray  # children of every supernode, ascending
+    block_starts: np.ndarray  # int64 (n_supernodes + 1,), where the blocks of the matrix that go to each panel start
+    blocks: np.ndarray  # int32 (n_blocks,), those blocks
+    # where their first scalar goes in the factor; bitwise inverted where the block is to be transposed
+    block_places: np.ndarray  # int64 (n_blocks,)
 
 
 def lay_out(supernodes: Supernodes, stages: Stages, indptr: np.ndarray, indices: np.ndarray) -> Fronts:
@@ -161,11 +137,9 @@ def _positions_in(fronts, places, supernodes: Supernodes):
 
 @njit(cache=True)
 def _allocate(n_scalars, child_starts, children, ranges, stage_starts):
-    """Place of every update, and the sizes of what is kept and of the scratch.
-
-    Within a task an update is in the scratch until its parent has used it. The last ones of a task are kept until the
-    stage of their parents has ended, since other tasks work at the same time.
-    """
+    """Place of every update, and the sizes of what is kept and of the scratch."""
+    # Within a task an update is in the scratch until its parent has used it. The last ones of a task are kept until the
+    # stage of their parents has ended, since other tasks work at the same time.
     n = len(n_scalars)
     starts, alive = np.zeros(n, np.int64), np.empty(n, np.int32)
     n_alive = n_kept = n_scratch = np.int64(0)

@@ -34,45 +34,24 @@ SMALLEST_SHIFT, SHIFT_GROWTH = 1e-3, 4.0
 
 @dataclass(frozen=True, eq=False)
 class IncompletePattern:
-    """Pattern of an incomplete factor.
+    """Pattern of an incomplete factor."""
 
-    Parameters
-    ----------
-    order, rank : ndarray of int32, shape (n,)
-        Points in the order of elimination, and the place of every point in it.
-    starts : ndarray of int64, shape (n + 1,)
-        Where each row of the strict lower triangle starts.
-    columns : ndarray of int32, shape (n_blocks,)
-        Columns, ascending within a row.
-    """
-
-    order: np.ndarray
-    rank: np.ndarray
-    starts: np.ndarray
-    columns: np.ndarray
+    # points in the order of elimination, and the place of every point in it
+    order: np.ndarray  # int32 (n,)
+    rank: np.ndarray  # int32 (n,)
+    starts: np.ndarray  # int64 (n + 1,), where each row of the strict lower triangle starts
+    columns: np.ndarray  # int32 (n_blocks,), columns, ascending within a row
 
 
 @dataclass(frozen=True, eq=False)
 class IncompleteFactor:
-    """Incomplete factor L D L^T.
-
-    Parameters
-    ----------
-    pattern : IncompletePattern
-    lower : ndarray, shape (n_blocks, 3, 3)
-        Blocks of L below its unit diagonal.
-    inverse_diagonal : ndarray, shape (n, 3, 3)
-        Inverses of the blocks of D.
-    shift : float
-        Part of the diagonal blocks that was added to them.
-    breakdowns : tuple of (float, int)
-        Smaller shifts that were tried first, and the number of pivots that were not positive with each.
-    """
+    """Incomplete factor L D L^T."""
 
     pattern: IncompletePattern
-    lower: np.ndarray
-    inverse_diagonal: np.ndarray
-    shift: float
+    lower: np.ndarray  # (n_blocks, 3, 3), blocks of L below its unit diagonal
+    inverse_diagonal: np.ndarray  # (n, 3, 3), inverses of the blocks of D
+    shift: float  # part of the diagonal blocks that was added to them
+    # smaller shifts that were tried first, and the number of pivots that were not positive with each
     breakdowns: tuple[tuple[float, int], ...]
 
     @property
@@ -104,38 +83,24 @@ def incomplete_pattern(graph: Graph, order: np.ndarray, fill: int) -> Incomplete
     return IncompletePattern(order, rank, *fill_pattern(*graph, order, fill))
 
 
-def fill_pattern(neighbour_starts, neighbours, order, fill: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find the strict lower triangle of the incomplete factor with level of fill p, by rows [1].
-
-    Block (i, j) of the factor, j < i, is kept where a path of at most p + 1 edges leads from i to j in the graph of the
-    matrix through points that are all eliminated before j. For every j:
-
-    1. Search in breadth from j, p + 1 edges far.
-    2. Go on from points only that are eliminated before j.
-    3. Every later point that is reached is a row of column j.
-
-    No levels are stored.
-
-    Parameters
-    ----------
-    neighbour_starts, neighbours : ndarray
-        The graph of the matrix: neighbours of every point, in compressed rows, without the point itself.
-    order : ndarray of int, shape (n,)
-        Points in the order of elimination.
-    fill : int
-        Level of fill p; 0 keeps the pattern of the matrix.
-
-    Returns
-    -------
-    starts : ndarray of int64, shape (n + 1,)
-    columns : ndarray of int32
-        Columns of each row, ascending; rows and columns are places in the order of elimination.
-
-    References
-    ----------
-    - [1] D. Hysom, A. Pothen, "Level-based incomplete LU factorization: graph model and algorithms", UCRL-JC-150789,
-      2002.
-    """
+def fill_pattern(
+    # the graph of the matrix: neighbours of every point, in compressed rows, without the point itself
+    neighbour_starts,
+    neighbours,
+    order,  # int (n,), points in the order of elimination
+    fill: int,  # level of fill p; 0 keeps the pattern of the matrix
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the strict lower triangle of the incomplete factor with level of fill p, by rows [1]."""
+    # Block (i, j) of the factor, j < i, is kept where a path of at most p + 1 edges leads from i to j in the graph of
+    # the matrix through points that are all eliminated before j. For every j:
+    # 1. Search in breadth from j, p + 1 edges far.
+    # 2. Go on from points only that are eliminated before j.
+    # 3. Every later point that is reached is a row of column j.
+    # No levels are stored.
+    # - [1] D. Hysom, A. Pothen, "Level-based incomplete LU factorization: graph model and algorithms", UCRL-JC-150789,
+    #   2002.
+    # returns starts int64 (n + 1,)
+    # returns columns: columns of each row, ascending; rows and columns are places in the order of elimination
     rank = np.empty(len(order), np.int32)
     rank[order] = np.arange(len(order), dtype=np.int32)
     starts = _count(neighbour_starts, neighbours, order, rank, fill)
@@ -171,10 +136,8 @@ def _columns(neighbour_starts, neighbours, order, rank, fill, starts):
 
 @njit(cache=True)
 def _reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue):
-    """Write the ranks that at most ``fill`` points of lower rank separate from ``column`` to ``queue``; their number.
-
-    The search goes on from ranks below ``column`` only.
-    """
+    """Write the ranks that at most ``fill`` points of lower rank separate from ``column`` to ``queue``; how many."""
+    # The search goes on from ranks below ``column`` only.
     seen[column], queue[0] = column, column
     first, last = 0, 1
     for _ in range(fill + 1):  # step 1
@@ -194,16 +157,9 @@ def _reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue)
 def incomplete_factor(
     matrix: BlockMatrix, pattern: IncompletePattern, shift: float, dtype=np.float32
 ) -> IncompleteFactor:
-    """Factor a matrix incompletely on a pattern.
-
-    The diagonal blocks are taken 1 + ``shift`` times. If a pivot is not positive in spite of that, all is done again
-    with a larger shift.
-
-    Raises
-    ------
-    MovementError
-        If no sensible shift is enough.
-    """
+    """Factor a matrix incompletely on a pattern."""
+    # The diagonal blocks are taken 1 + ``shift`` times. If a pivot is not positive in spite of that, all is done again
+    # with a larger shift.
     lower, diagonal = np.empty((len(pattern.columns), 3, 3), dtype), np.empty((len(pattern.order), 3, 3))
     source = matrix.pattern.indptr, matrix.pattern.indices, matrix.data
     breakdowns: list[tuple[float, int]] = []
@@ -239,15 +195,12 @@ def _place_blocks(indptr, indices, data, rank, starts, columns, scale, lower, di
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _factorize(starts, columns, lower, diagonal):
-    """Factor row by row in place, diagonal blocks into their inverses: how many pivots are not positive, first row.
-
-    With S = L D, row i of an incomplete factorisation by rows (the order that Saad, Iterative Methods for Sparse Linear
-    Systems, 2nd ed., section 10.3, calls IKJ), for every entry j of its pattern, ascending:
-
-    1. ``S_ij = A_ij - sum_k S_ik L_jk^T``, over the k < j where both rows have an entry: fill elsewhere is dropped.
-    2. ``L_ij = S_ij D_j^-1``.
-    3. ``D_i = A_ii - sum_j L_ij S_ij^T``.
-    """
+    """Factor row by row in place, diagonal blocks into their inverses: how many pivots are not positive, first row."""
+    # With S = L D, row i of an incomplete factorisation by rows (the order that Saad, Iterative Methods for Sparse
+    # Linear Systems, 2nd ed., section 10.3, calls IKJ), for every entry j of its pattern, ascending:
+    # 1. ``S_ij = A_ij - sum_k S_ik L_jk^T``, over the k < j where both rows have an entry: fill elsewhere is dropped.
+    # 2. ``L_ij = S_ij D_j^-1``.
+    # 3. ``D_i = A_ii - sum_j L_ij S_ij^T``.
     n, n_failed, first_failed = len(starts) - 1, 0, -1
     place_of = np.full(n, -1, np.int32)
     scaled = np.empty((max(1, np.max(np.diff(starts))), 3, 3))  # blocks of the row times D
@@ -295,10 +248,8 @@ def _divide(scaled, inverse, block, diagonal):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _invert(block):
-    """Invert a symmetric block in place from its lower triangle; count pivots that are not positive.
-
-    A block with such pivots is replaced, so that the others can still be counted.
-    """
+    """Invert a symmetric block in place from its lower triangle; count pivots that are not positive."""
+    # A block with such pivots is replaced, so that the others can still be counted.
     d_0 = block[0, 0]
     l_10, l_20 = block[1, 0] / d_0, block[2, 0] / d_0
     d_1 = block[1, 1] - l_10 * block[1, 0]

@@ -55,11 +55,9 @@ def routines(dtype) -> Routines:
 
 @intrinsic
 def call(typing_context, address, arguments):
-    """Call the Fortran routine at an address: ``call(address, (LOWER, n, array, n, info))``.
-
-    Everything goes by reference: numpy characters (uint8), integers (as 32-bit ones), real numbers, and arrays, of
-    which the address of the first entry is passed.
-    """
+    """Call the Fortran routine at an address: ``call(address, (LOWER, n, array, n, info))``."""
+    # Everything goes by reference: numpy characters (uint8), integers (as 32-bit ones), real numbers, and arrays, of
+    # which the address of the first entry is passed.
     signature = types.void(types.intp, arguments)
 
     def generate(context, builder, signature, values):

@@ -22,43 +22,29 @@ __all__ = ["TILE", "factorize", "pivots", "rounds", "solve_backward", "solve_for
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def factorize(first, last, supernodes, fronts, routines, data, factor, kept, scratch):
-    """Factor the fronts ``first <= supernode < last``, of which all earlier descendants are done [1] [2].
-
-    With the front F in pieces as in `.fronts`, for each in turn:
-
-    1. Assemble F: blocks of the matrix, and the updates of the children ("extend-add").
-    2. Factor its own columns, ``F_11 = L_11 L_11^T`` (potrf).
-    3. Divide the rows below, ``L_21 = F_21 L_11^-T`` (trsm).
-    4. Leave the Schur complement ``F_22 - L_21 L_21^T`` (syrk) as the update for the parent.
-
-    Parameters
-    ----------
-    first, last : int
-        Supernodes to do.
-    supernodes : Supernodes
-    fronts : Fronts
-    routines : Routines
-        Of the precision of the factor.
-    data : ndarray, shape (n_blocks, 3, 3)
-        Blocks of the matrix.
-    factor : ndarray, shape (n_factor,)
-        The panels, to be filled.
-    kept, scratch : ndarray, shapes (n_kept,) and (n_scratch,)
-        The updates that other tasks use, and room for the others.
-
-    Returns
-    -------
-    int
-        Place of the first point whose pivot is not positive and finite, or -1.
-
-    References
-    ----------
-    - [1] I. S. Duff, J. K. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", ACM
-      Trans. Math. Softw. 9 (1983), 302-325.
-    - [2] J. W. H. Liu, "The multifrontal method for sparse matrix solution: theory and practice", SIAM Review 34
-      (1992), 82-109.
-    """
+def factorize(
+    # supernodes to do
+    first,  # int
+    last,  # int
+    supernodes,  # Supernodes
+    fronts,  # Fronts
+    routines,  # Routines, of the precision of the factor
+    data,  # (n_blocks, 3, 3), blocks of the matrix
+    factor,  # (n_factor,), the panels, to be filled
+    # the updates that other tasks use, and room for the others
+    kept,  # (n_kept,)
+    scratch,  # (n_scratch,)
+):  # int, place of the first point whose pivot is not positive and finite, or -1
+    """Factor the fronts ``first <= supernode < last``, of which all earlier descendants are done [1] [2]."""
+    # With the front F in pieces as in `.fronts`, for each in turn:
+    # 1. Assemble F: blocks of the matrix, and the updates of the children ("extend-add").
+    # 2. Factor its own columns, ``F_11 = L_11 L_11^T`` (potrf).
+    # 3. Divide the rows below, ``L_21 = F_21 L_11^-T`` (trsm).
+    # 4. Leave the Schur complement ``F_22 - L_21 L_21^T`` (syrk) as the update for the parent.
+    # - [1] I. S. Duff, J. K. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", ACM
+    #   Trans. Math. Softw. 9 (1983), 302-325.
+    # - [2] J. W. H. Liu, "The multifrontal method for sparse matrix solution: theory and practice", SIAM Review 34
+    #   (1992), 82-109.
     signs = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
     minus_one, zero, one = signs[0:1], signs[1:2], signs[2:3]
     info = np.zeros(1, np.int32)
@@ -88,10 +74,8 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, kept, scr
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _assemble(s, first, last, supernodes, fronts, data, factor, kept, scratch):
-    """Sum up the columns of the points ``first <= point < last`` of a front; see `factorize`.
-
-    They consist of blocks of the matrix and of the updates of the front's children.
-    """
+    """Sum up the columns of the points ``first <= point < last`` of a front; see `factorize`."""
+    # They consist of blocks of the matrix and of the updates of the front's children.
     n_own, n_rest = _extents(s, supernodes)
     n, size = n_own + n_rest, n_own // 3
     panel = factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
@@ -303,26 +287,22 @@ def pivots(supernodes, fronts, factor):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def solve_forward(first, last, firsts, row_starts, rows, panel_starts, routines, factor, x, later):
-    """Solve with the factor, as far as the fronts ``first <= supernode < last`` go, in place.
-
-    Parameters
-    ----------
-    first, last : int
-        Supernodes to do.
-    firsts, row_starts, rows : ndarray of int
-        See `Supernodes`.
-    panel_starts : ndarray of int64
-        See `Fronts`.
-    routines : Routines
-        Of the precision of the factor.
-    factor : ndarray, shape (n_factor,)
-        The panels, as `factorize` left them.
-    x : ndarray, shape (3 n, m)
-        Right-hand sides in the order of elimination, of the precision of the factor; those of these fronts are used up.
-    later : ndarray, shape (3 (n - firsts[last]), m)
-        What is to be subtracted from the right-hand sides of later fronts; added to.
-    """
+def solve_forward(
+    # supernodes to do
+    first,  # int
+    last,  # int
+    # see `Supernodes`
+    firsts,  # ndarray of int
+    row_starts,  # ndarray of int
+    rows,  # ndarray of int
+    panel_starts,  # ndarray of int64, see `Fronts`
+    routines,  # Routines, of the precision of the factor
+    factor,  # (n_factor,), the panels, as `factorize` left them
+    # right-hand sides in the order of elimination, of the precision of the factor; those of these fronts are used up
+    x,  # (3 n, m)
+    later,  # (3 (n - firsts[last]), m), what is to be subtracted from the right-hand sides of later fronts; added to
+):
+    """Solve with the factor, as far as the fronts ``first <= supernode < last`` go, in place."""
     signs, rest = _signs_and_rest(first, last, row_starts, factor, x)
     for s in range(first, last):
         own_rows = rows[row_starts[s] : row_starts[s + 1]]

@@ -23,46 +23,28 @@ N_LEAF = 100
 """Pieces of at most so many points are not cut any more: minimum degree does them better, and as fast."""
 
 
-def fill_reducing_order(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-    """Order the points of a graph so that the factor stays sparse, by the method that suits its size.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Points in the order of their elimination.
-    """
+def fill_reducing_order(
+    # the graph
+    starts: np.ndarray,  # int
+    neighbours: np.ndarray,  # int
+) -> np.ndarray:  # int32 (n,), points in the order of their elimination
+    """Order the points of a graph so that the factor stays sparse, by the method that suits its size."""
     is_small = len(starts) - 1 <= LARGEST_FOR_MINIMUM_DEGREE
     return minimum_degree(starts, neighbours) if is_small else nested_dissection(starts, neighbours)
 
 
 @njit(cache=True)
-def nested_dissection(starts, neighbours):
-    """Order the points of a graph by nested dissection [1].
-
-    1. Cut the graph in two by a separator.
-    2. Number the points of the separator last, and those of each side, in one piece, before them: eliminating one side
-       does not touch the other.
-    3. Treat each side in the same way; order pieces of at most `N_LEAF` points by minimum degree.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Points in the order of their elimination.
-
-    References
-    ----------
-    - [1] A. George, "Nested dissection of a regular finite element mesh", SIAM J. Numer. Anal. 10 (1973), 345-363.
-    """
+def nested_dissection(
+    # the graph
+    starts,  # ndarray of int
+    neighbours,  # ndarray of int
+):  # int32 (n,), points in the order of their elimination
+    """Order the points of a graph by nested dissection [1]."""
+    # 1. Cut the graph in two by a separator.
+    # 2. Number the points of the separator last, and those of each side, in one piece, before them: eliminating one
+    #    side does not touch the other.
+    # 3. Treat each side in the same way; order pieces of at most `N_LEAF` points by minimum degree.
+    # - [1] A. George, "Nested dissection of a regular finite element mesh", SIAM J. Numer. Anal. 10 (1973), 345-363.
     n = len(starts) - 1
     order, place = np.arange(n).astype(np.int32), np.full(n, -1, np.int32)
     edge_weights = common_neighbours(starts, neighbours)
@@ -108,26 +90,15 @@ def _subgraph(starts, neighbours, edge_weights, points, place):
     return new_starts, new_neighbours[:end].copy(), new_weights[:end].copy()
 
 
-def minimum_degree(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-    """Order the points of a graph by multiple minimum degree [1], as SuperLU in SciPy has it.
-
-    SuperLU tells the order with a factor alone. Its incomplete factor without any fill is the cheapest one.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Points in the order of their elimination.
-
-    References
-    ----------
-    - [1] J. W. H. Liu, "Modification of the minimum-degree algorithm by multiple elimination", ACM Trans. Math. Softw.
-      11 (1985), 141-153.
-    """
+def minimum_degree(
+    # the graph
+    starts: np.ndarray,  # int
+    neighbours: np.ndarray,  # int
+) -> np.ndarray:  # int32 (n,), points in the order of their elimination
+    """Order the points of a graph by multiple minimum degree [1], as SuperLU in SciPy has it."""
+    # SuperLU tells the order with a factor alone. Its incomplete factor without any fill is the cheapest one.
+    # - [1] J. W. H. Liu, "Modification of the minimum-degree algorithm by multiple elimination", ACM Trans. Math.
+    #   Softw. 11 (1985), 141-153.
     n = len(starts) - 1
     if n < 2:
         return np.arange(n, dtype=np.int32)
@@ -145,25 +116,15 @@ def minimum_degree(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _minimum_degree_of_piece(starts, neighbours, points, place):
-    """Order a small piece of a graph by minimum degree, with its surroundings taken into account.
-
-    Points outside count as neighbours but are never eliminated: they are those of separators, which come later.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The whole graph.
-    points : ndarray of int32, shape (m,)
-        Points to order.
-    place : ndarray of int32, shape (n,)
-        -1 everywhere; used and restored.
-
-    Returns
-    -------
-    ndarray of int32, shape (m,)
-        The points in the order of their elimination.
-    """
+def _minimum_degree_of_piece(
+    # the whole graph
+    starts,  # ndarray of int
+    neighbours,  # ndarray of int
+    points,  # int32 (m,), points to order
+    place,  # int32 (n,), -1 everywhere; used and restored
+):  # int32 (m,), the points in the order of their elimination
+    """Order a small piece of a graph by minimum degree, with its surroundings taken into account."""
+    # Points outside count as neighbours but are never eliminated: they are those of separators, which come later.
     m = len(points)
     around = _number_with_surroundings(starts, neighbours, points, place)
     bits = np.zeros((m, (len(around) + 63) // 64), np.uint64)
@@ -197,17 +158,13 @@ def _number_with_surroundings(starts, neighbours, points, place):
 
 @njit(cache=True)
 def _eliminate(bits):
-    """Order of elimination of the rows of a symmetric pattern; the pattern is overwritten.
-
-    The neighbours of every point are a set of bits. As long as points are left [1]:
-
-    1. Take the one of least degree, its number of neighbours, for the next pivot; the first of several.
-    2. Eliminate it: its neighbours become neighbours of each other.
-    3. Count the neighbours of these anew.
-
-    - [1] A. George, J. W. H. Liu, "The evolution of the minimum degree ordering algorithm", SIAM Review 31 (1989),
-      1-19.
-    """
+    """Order of elimination of the rows of a symmetric pattern; the pattern is overwritten."""
+    # The neighbours of every point are a set of bits. As long as points are left [1]:
+    # 1. Take the one of least degree, its number of neighbours, for the next pivot; the first of several.
+    # 2. Eliminate it: its neighbours become neighbours of each other.
+    # 3. Count the neighbours of these anew.
+    # - [1] A. George, J. W. H. Liu, "The evolution of the minimum degree ordering algorithm", SIAM Review 31 (1989),
+    #   1-19.
     m = len(bits)
     order, is_left = np.empty(m, np.int32), np.ones(m, np.bool_)
     degrees = np.array([_count(bits[row]) for row in range(m)])

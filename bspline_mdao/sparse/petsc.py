@@ -111,20 +111,11 @@ class PetscMultigrid(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class PetscMultigridAnalysis(OneLine):
-    """A pattern, with the settings of the solver.
-
-    Parameters
-    ----------
-    settings : PetscMultigrid
-    pattern : BlockPattern
-        What was given.
-    share : DistributedPattern
-        The same, as what a process holds.
-    """
+    """A pattern, with the settings of the solver."""
 
     settings: PetscMultigrid
-    pattern: BlockPattern
-    share: DistributedPattern
+    pattern: BlockPattern  # what was given
+    share: DistributedPattern  # the same, as what a process holds
 
     def factorize(self, matrix: BlockMatrix) -> PetscMultigridFactor:
         """Set up the multigrid of a matrix of the pattern; `MovementError` if its diagonal is not positive."""
@@ -137,10 +128,9 @@ class PetscMultigridAnalysis(OneLine):
 
 
 class _Factor:
-    """What factors and multigrids share: one right-hand side of own rows goes through PETSc's preconditioner.
+    """What factors and multigrids share: one right-hand side of own rows goes through PETSc's preconditioner."""
 
-    A leaf has the fields ``share``, ``matrix`` and ``inner``, a petsc4py.PETSc.PC.
-    """
+    # A leaf has the fields ``share``, ``matrix`` and ``inner``, a petsc4py.PETSc.PC.
 
     share: DistributedPattern
     matrix: BlockMatrix
@@ -170,15 +160,7 @@ class _Factor:
 
 @dataclass(frozen=True, eq=False)
 class PetscMultigridFactor(_Factor):
-    """The multigrid of a matrix.
-
-    Parameters
-    ----------
-    settings : PetscMultigrid
-    share : DistributedPattern
-    matrix : BlockMatrix
-    inner : petsc4py.PETSc.PC
-    """
+    """The multigrid of a matrix."""
 
     settings: PetscMultigrid
     share: DistributedPattern
@@ -191,10 +173,8 @@ class PetscMultigridFactor(_Factor):
         return self.settings.tolerance / np.finfo(float).eps
 
     def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
-        """Solve for a right-hand side of all rows, shape (n, 3) or (n, 3, m); with ``matrix`` instead, if given.
-
-        Every process gives the same and gets the whole solution.
-        """
+        """Solve for a right-hand side of all rows, shape (n, 3) or (n, 3, m); with ``matrix`` instead, if given."""
+        # Every process gives the same and gets the whole solution.
         settings, matrix = self.settings, self.matrix if matrix is None else matrix
         return self._iterated(right, matrix, tolerance=settings.tolerance, max_iterations=settings.max_iterations)
 
@@ -238,30 +218,14 @@ class PetscCholesky(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class PetscCholeskyAnalysis(OneLine):
-    """A pattern, of which MUMPS keeps nothing.
+    """A pattern, of which MUMPS keeps nothing."""
 
-    Parameters
-    ----------
-    pattern : BlockPattern
-        What was given.
-    share : DistributedPattern
-        The same, as what a process holds.
-    full : FullRows
-        Its rows.
-    """
-
-    pattern: BlockPattern
-    share: DistributedPattern
+    pattern: BlockPattern  # what was given
+    share: DistributedPattern  # the same, as what a process holds
     full: FullRows
 
     def factorize(self, matrix: BlockMatrix) -> PetscCholeskyFactor:
-        """Factor a matrix of the pattern.
-
-        Raises
-        ------
-        MovementError
-            If it is not positive definite, or memory does not suffice.
-        """
+        """Factor a matrix of the pattern."""
         share = self.share
         if matrix.pattern is not self.pattern:
             raise InputError("MUMPS: the matrix has another pattern; analyze its own")
@@ -283,14 +247,7 @@ class PetscCholeskyAnalysis(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class PetscCholeskyFactor(_Factor):
-    """The part of a factor by MUMPS that is on this process.
-
-    Parameters
-    ----------
-    share : DistributedPattern
-    matrix : BlockMatrix
-    inner : petsc4py.PETSc.PC
-    """
+    """The part of a factor by MUMPS that is on this process."""
 
     share: DistributedPattern
     matrix: BlockMatrix
@@ -307,11 +264,9 @@ class PetscCholeskyFactor(_Factor):
         return np.inf
 
     def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
-        """Solve for a right-hand side of all rows, shape (n, 3) or (n, 3, m).
-
-        With another matrix by conjugate gradients, with this factor as the preconditioner. Every process gives the
-        same and gets the whole solution.
-        """
+        """Solve for a right-hand side of all rows, shape (n, 3) or (n, 3, m)."""
+        # With another matrix by conjugate gradients, with this factor as the preconditioner. Every process gives the
+        # same and gets the whole solution.
         if matrix is not None and matrix is not self.matrix:
             return self._iterated(right, matrix)
         began, share = time.perf_counter(), self.share

@@ -31,13 +31,7 @@ class ScalarCholesky:
     """What makes the factors: no stage of it depends on the pattern alone."""
 
     def factorize(self, matrix: csc_array) -> ScalarFactor:
-        """Factor a matrix.
-
-        Raises
-        ------
-        MovementError
-            If the matrix is singular, or not finite.
-        """
+        """Factor a matrix."""
         factor = ScalarFactor(matrix)
         if not np.isfinite(matrix.data).all() or not np.isfinite(factor.cancellation):
             raise MovementError("SuperLU: the matrix is not finite; look for points that are not")
@@ -46,15 +40,9 @@ class ScalarCholesky:
 
 @dataclass(frozen=True, eq=False)
 class ScalarFactor:
-    """Factors of the pieces of a matrix of scalars that do not meet; equal pieces share one.
+    """Factors of the pieces of a matrix of scalars that do not meet; equal pieces share one."""
 
-    Parameters
-    ----------
-    matrix : csc_array, shape (n, n)
-        What is factored.
-    """
-
-    matrix: csc_array
+    matrix: csc_array  # (n, n), what is factored
 
     def __reduce__(self):
         """Leave the factors behind: SuperLU cannot be pickled."""
@@ -73,10 +61,8 @@ class ScalarFactor:
 
     @cached_property
     def cancellation(self) -> float:
-        """Relative error of a solution by the unit round-off.
-
-        It is measured, on a solution that is known: SuperLU shows its pivots in copies of the whole factor alone.
-        """
+        """Relative error of a solution by the unit round-off."""
+        # It is measured, on a solution that is known: SuperLU shows its pivots in copies of the whole factor alone.
         known = np.random.default_rng(0).standard_normal(self.matrix.shape[0])
         error = np.abs(self._solved(self.matrix @ known) - known).max(initial=0.0)
         return float(error / np.abs(known).max(initial=EPSILON) / EPSILON)

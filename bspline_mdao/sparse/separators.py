@@ -38,32 +38,20 @@ EXCESS = 4.0
 
 
 @njit(cache=True)
-def find_separator(starts, neighbours, edge_weights):
-    """Cut a graph in two by the multilevel method [1] [2].
-
-    1. Coarsen: join the points in pairs, and the pairs again, until few are left.
-    2. Partition the coarsest graph: grow several separators, improve each, and take the best.
-    3. Uncoarsen: take the separator over to the next finer graph, where each point is in the part of its pair, and
-       improve it there; again, until the graph is the given one.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-    edge_weights : ndarray of int32
-        How closely the ends of its edges belong together.
-
-    Returns
-    -------
-    ndarray of int8, shape (n,)
-        Part of every point: side 0, side 1 or `SEPARATOR`. No edge joins the two sides.
-
-    References
-    ----------
-    - [1] B. Hendrickson, R. Leland, "A multilevel algorithm for partitioning graphs", Proc. Supercomputing '95.
-    - [2] G. Karypis, V. Kumar, "A fast and high quality multilevel scheme for partitioning irregular graphs", SIAM J.
-      Sci. Comput. 20 (1998), 359-392.
-    """
+def find_separator(
+    # the graph
+    starts,  # ndarray of int
+    neighbours,  # ndarray of int
+    edge_weights,  # ndarray of int32, how closely the ends of its edges belong together
+):  # (n,), part of every point: side 0, side 1 or `SEPARATOR`. No edge joins the two sides
+    """Cut a graph in two by the multilevel method [1] [2]."""
+    # 1. Coarsen: join the points in pairs, and the pairs again, until few are left.
+    # 2. Partition the coarsest graph: grow several separators, improve each, and take the best.
+    # 3. Uncoarsen: take the separator over to the next finer graph, where each point is in the part of its pair, and
+    #    improve it there; again, until the graph is the given one.
+    # - [1] B. Hendrickson, R. Leland, "A multilevel algorithm for partitioning graphs", Proc. Supercomputing '95.
+    # - [2] G. Karypis, V. Kumar, "A fast and high quality multilevel scheme for partitioning irregular graphs", SIAM J.
+    #   Sci. Comput. 20 (1998), 359-392.
     n = len(starts) - 1
     weights = np.ones(n, np.int32)
     heaviest = max(1, int(LARGEST_SIDE * n))
@@ -131,29 +119,22 @@ def _grow(starts, neighbours, weights, first):
 
 
 @njit(cache=True)
-def coarsen(starts, neighbours, edge_weights, weights, heaviest):
-    """Join the points of a graph in pairs, each along the heaviest edge to a point that is still free.
-
-    A separator of the smaller graph is one of the graph, and moving one of its points moves many of the graph: what a
-    local search cannot do on the graph itself, it can do there. This is the heavy-edge matching of Karypis and Kumar
-    (1998), but for the weights of edges, see `common_neighbours`, and the fixed order of the points: nothing is random.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-    edge_weights, weights : ndarray of int32
-        Weights of its edges (at both ends) and of its points.
-    heaviest : int
-        No pair is heavier than this.
-
-    Returns
-    -------
-    starts, neighbours, edge_weights, weights
-        The smaller graph.
-    coarse : ndarray of int32, shape (n,)
-        Its point that each point went into.
-    """
+def coarsen(
+    # the graph
+    starts,  # ndarray of int
+    neighbours,  # ndarray of int
+    # weights of its edges (at both ends) and of its points
+    edge_weights,  # ndarray of int32
+    weights,  # ndarray of int32
+    heaviest,  # int, no pair is heavier than this
+):
+    """Join the points of a graph in pairs, each along the heaviest edge to a point that is still free."""
+    # A separator of the smaller graph is one of the graph, and moving one of its points moves many of the graph: what a
+    # local search cannot do on the graph itself, it can do there. This is the heavy-edge matching of Karypis and Kumar
+    # (1998), but for the weights of edges, see `common_neighbours`, and the fixed order of the points: nothing is
+    # random.
+    # returns starts, neighbours, edge_weights, weights, the smaller graph
+    # returns coarse int32 (n,): its point that each point went into
     partner = _match(starts, neighbours, edge_weights, weights, heaviest)
     coarse, n_coarse = _number_pairs(partner)
     return (*_contract(starts, neighbours, edge_weights, weights, partner, coarse, n_coarse), coarse)
@@ -161,11 +142,9 @@ def coarsen(starts, neighbours, edge_weights, weights, heaviest):
 
 @njit(cache=True)
 def common_neighbours(starts, neighbours):
-    """Weights of edges for the first level: one, and one for each common neighbour of the ends.
-
-    In a mesh of hexahedra this tells neighbours along a mesh line from those across a diagonal, so that the pairs, and
-    the pairs of pairs, are boxes of the mesh.
-    """
+    """Weights of edges for the first level: one, and one for each common neighbour of the ends."""
+    # In a mesh of hexahedra this tells neighbours along a mesh line from those across a diagonal, so that the pairs,
+    # and the pairs of pairs, are boxes of the mesh.
     weights, seen_by = np.ones(len(neighbours), np.int32), np.full(len(starts) - 1, -1, np.int32)
     for point in range(len(starts) - 1):
         for other in neighbours[starts[point] : starts[point + 1]]:
@@ -239,44 +218,27 @@ def _contract(starts, neighbours, edge_weights, weights, partner, coarse, n_coar
 
 
 @njit(cache=True)
-def improve(starts, neighbours, weights, parts, heaviest, n_passes, patience):
-    """Make a separator smaller in place, by passes towards one side and the other in turn.
-
-    A *move* takes a point of the separator to one side and its neighbours on the other side into the separator; its
-    *gain* is what the separator loses in weight. A pass [1], in the form for separators of points [2]:
-
-    1. Find the gains of all points of the separator.
-    2. Make the move of largest gain, also where that is negative, so that the separator can travel over a ridge.
-    3. Update the gains around it.
-    4. Note when the separator is the best so far; go on with step 2 until that was too long ago.
-    5. Undo all moves after the best one.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-    weights : ndarray of int32, shape (n,)
-        Weights of its points.
-    parts : ndarray of int8, shape (n,)
-        Part of every point: 0, 1 or `SEPARATOR`. Changed.
-    heaviest : int
-        Weight that no side shall exceed.
-    n_passes : int
-        Passes at most.
-    patience : int
-        Moves without a better separator that end a pass.
-
-    Returns
-    -------
-    float
-        The `score` of the result.
-
-    References
-    ----------
-    - [1] C. M. Fiduccia, R. M. Mattheyses, "A linear-time heuristic for improving network partitions", Proc. 19th
-      Design Automation Conf. (1982).
-    - [2] C. Ashcraft, J. W. H. Liu, SIAM J. Matrix Anal. Appl. 19 (1998).
-    """
+def improve(
+    # the graph
+    starts,  # ndarray of int
+    neighbours,  # ndarray of int
+    weights,  # int32 (n,), weights of its points
+    parts,  # (n,), part of every point: 0, 1 or `SEPARATOR`. Changed
+    heaviest,  # int, weight that no side shall exceed
+    n_passes,  # int, passes at most
+    patience,  # int, moves without a better separator that end a pass
+):  # the `score` of the result
+    """Make a separator smaller in place, by passes towards one side and the other in turn."""
+    # A *move* takes a point of the separator to one side and its neighbours on the other side into the separator; its
+    # *gain* is what the separator loses in weight. A pass [1], in the form for separators of points [2]:
+    # 1. Find the gains of all points of the separator.
+    # 2. Make the move of largest gain, also where that is negative, so that the separator can travel over a ridge.
+    # 3. Update the gains around it.
+    # 4. Note when the separator is the best so far; go on with step 2 until that was too long ago.
+    # 5. Undo all moves after the best one.
+    # - [1] C. M. Fiduccia, R. M. Mattheyses, "A linear-time heuristic for improving network partitions", Proc. 19th
+    #   Design Automation Conf. (1982).
+    # - [2] C. Ashcraft, J. W. H. Liu, SIAM J. Matrix Anal. Appl. 19 (1998).
     totals = _part_weights(weights, parts)
     heap, log = empty_heap(len(weights)), np.empty(2 * len(weights), np.int64)
     side, n_idle = 0 if totals[0] <= totals[1] else 1, 0
@@ -319,10 +281,8 @@ def _gain(starts, neighbours, weights, parts, point, side):
 
 @njit(cache=True)
 def _one_pass(starts, neighbours, weights, parts, totals, heap, log, side, heaviest, patience):
-    """Move to a side until nothing is left or patience ends, then go back to the best separator; steps as in `improve`.
-
-    The log holds each move as the points that it pulled into the separator and then, inverted bitwise, the point.
-    """
+    """Move to a side until nothing is left or patience ends, then back to the best separator; steps as in `improve`."""
+    # The log holds each move as the points that it pulled into the separator and then, inverted bitwise, the point.
     reset(heap)
     for point in range(len(weights)):  # step 1
         if parts[point] == SEPARATOR:
@@ -378,26 +338,14 @@ def _undo(weights, parts, totals, log, side):
 
 
 class Heap(NamedTuple):
-    """Binary heap of points by gain, largest first, in which the gain of any point can rise.
+    """Binary heap of points by gain, largest first, in which the gain of any point can rise."""
 
-    Points of equal gain come in the order of their numbers, so that results do not depend on the order of pushes.
+    # Points of equal gain come in the order of their numbers, so that results do not depend on the order of pushes.
 
-    Parameters
-    ----------
-    points : ndarray of int32, shape (n,)
-        The heap; only the first ``size[0]`` count.
-    places : ndarray of int32, shape (n,)
-        Place of every point in it, or -1.
-    gains : ndarray of int64, shape (n,)
-        Gain of every point.
-    size : ndarray of int64, shape (1,)
-        Number of points in the heap.
-    """
-
-    points: np.ndarray
-    places: np.ndarray
-    gains: np.ndarray
-    size: np.ndarray
+    points: np.ndarray  # int32 (n,), the heap; only the first ``size[0]`` count
+    places: np.ndarray  # int32 (n,), place of every point in it, or -1
+    gains: np.ndarray  # int64 (n,), gain of every point
+    size: np.ndarray  # int64 (1,), number of points in the heap
 
 
 @njit(cache=True)

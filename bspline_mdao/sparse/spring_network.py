@@ -20,54 +20,29 @@ __all__ = ["SpringNetwork"]
 
 @dataclass(frozen=True, eq=False)
 class SpringNetwork:
-    """Displacement of points between prescribed and fixed ones, as a linear map of the prescribed displacement.
+    """Displacement of points between prescribed and fixed ones, as a linear map of the prescribed displacement."""
 
-    Parameters
-    ----------
-    ids : ndarray of int, shape (n_free,)
-        The points that are displaced, ascending.
-    pull : scipy.sparse.csr_array, shape (n_free, n_prescribed)
-        Force on each of them for a unit displacement of each prescribed point.
-    directions : scipy.sparse.csr_array, shape (3 n_free, n_directions)
-        Orthonormal columns: their allowed directions.
-    stiffness : scipy.sparse.csc_array, shape (n_directions, n_directions)
-        Stiffness of the network in these directions, symmetric.
-    """
-
-    ids: np.ndarray
-    pull: sparse.csr_array
-    directions: sparse.csr_array
-    stiffness: sparse.csc_array
+    ids: np.ndarray  # int (n_free,), the points that are displaced, ascending
+    # force on each of them for a unit displacement of each prescribed point
+    pull: sparse.csr_array  # (n_free, n_prescribed)
+    directions: sparse.csr_array  # (3 n_free, n_directions), orthonormal columns: their allowed directions
+    stiffness: sparse.csc_array  # (n_directions, n_directions), stiffness of the network in these directions, symmetric
 
     @classmethod
     def of(
         cls,
-        n_points: int,
+        n_points: int,  # number of points; those without a spring take no part
+        # length of the spring (m) between each pair of points; those of one point with itself do not count
         lengths: Mapping[tuple[int, int], float],
-        prescribed_ids: np.ndarray,
-        fixed_ids: np.ndarray,
+        # points with a prescribed displacement, and points that stay
+        prescribed_ids: np.ndarray,  # int
+        fixed_ids: np.ndarray,  # int
+        # orthonormal columns, shape (3 n, n_directions), of the allowed directions of points by numbers, shape (n,)
         directions: Callable[[np.ndarray], sparse.csr_array],
     ) -> SpringNetwork:
-        """Join points by springs, as stiff as they are short.
-
-        Each component of the displacement is in equilibrium by itself, but for points that slide. Points without a
-        connection to prescribed or fixed ones stay.
-
-        Parameters
-        ----------
-        n_points : int
-            Number of points; those without a spring take no part.
-        lengths : mapping of (int, int) to float
-            Length of the spring (m) between each pair of points; those of one point with itself do not count.
-        prescribed_ids, fixed_ids : ndarray of int
-            Points with a prescribed displacement, and points that stay.
-        directions : callable
-            Orthonormal columns, shape (3 n, n_directions), of the allowed directions of points by numbers, shape (n,).
-
-        Returns
-        -------
-        SpringNetwork
-        """
+        """Join points by springs, as stiff as they are short."""
+        # Each component of the displacement is in equilibrium by itself, but for points that slide. Points without a
+        # connection to prescribed or fixed ones stay.
         stiffness = {pair: 1.0 / length for pair, length in lengths.items() if pair[0] != pair[1]}
         pairs = np.array(list(stiffness), dtype=int).reshape(-1, 2).T
         graph = sparse.csr_array((list(stiffness.values()), tuple(pairs)), shape=(n_points, n_points))

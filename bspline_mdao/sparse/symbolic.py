@@ -19,61 +19,34 @@ __all__ = ["Supernodes", "column_counts", "elimination_tree", "find_supernodes",
 
 
 class Supernodes(NamedTuple):
-    """The elimination of a graph, as a forest of dense fronts.
+    """The elimination of a graph, as a forest of dense fronts."""
 
-    Parameters
-    ----------
-    order : ndarray of int32, shape (n,)
-        Points in the order of their elimination.
-    rank : ndarray of int32, shape (n,)
-        Place of every point in that order.
-    firsts : ndarray of int32, shape (n_supernodes + 1,)
-        First place of every supernode; children come before their parents.
-    parents : ndarray of int32, shape (n_supernodes,)
-        Parent of every supernode, -1 for a root.
-    row_starts : ndarray of int64, shape (n_supernodes + 1,)
-        Where the rows of each start.
-    rows : ndarray of int32, shape (n_rows,)
-        Places coupled with each supernode, beyond its own, ascending.
-    """
-
-    order: np.ndarray
-    rank: np.ndarray
-    firsts: np.ndarray
-    parents: np.ndarray
-    row_starts: np.ndarray
-    rows: np.ndarray
+    order: np.ndarray  # int32 (n,), points in the order of their elimination
+    rank: np.ndarray  # int32 (n,), place of every point in that order
+    firsts: np.ndarray  # int32 (n_supernodes + 1,), first place of every supernode; children come before their parents
+    parents: np.ndarray  # int32 (n_supernodes,), parent of every supernode, -1 for a root
+    row_starts: np.ndarray  # int64 (n_supernodes + 1,), where the rows of each start
+    rows: np.ndarray  # int32 (n_rows,), places coupled with each supernode, beyond its own, ascending
 
 
-def find_supernodes(starts, neighbours, order: np.ndarray) -> Supernodes:
-    """Analyse the elimination of a graph in a given order, which is changed to an equivalent one.
-
-    1. Find the elimination tree and number it in postorder, which leaves the fill as it is.
-    2. Count the entries of the columns of the factor.
-    3. Join columns to fundamental supernodes [1].
-    4. Merge supernodes into their parents where some stored zeros pay [2] [3].
-    5. Find the rows of every front.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-    order : ndarray of int32, shape (n,)
-        Points in the order wanted.
-
-    Returns
-    -------
-    Supernodes
-
-    References
-    ----------
-    - [1] J. W. H. Liu, E. G. Ng, B. W. Peyton, "On finding supernodes for sparse matrix computations", SIAM J. Matrix
-      Anal. Appl. 14 (1993), 242-252.
-    - [2] I. S. Duff, J. K. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", ACM
-      Trans. Math. Softw. 9 (1983), 302-325.
-    - [3] C. Ashcraft, R. Grimes, "The influence of relaxed supernode partitions on the multifrontal method", ACM
-      Trans. Math. Softw. 15 (1989), 291-309.
-    """
+def find_supernodes(
+    # the graph
+    starts,  # ndarray of int
+    neighbours,  # ndarray of int
+    order: np.ndarray,  # int32 (n,), points in the order wanted
+) -> Supernodes:
+    """Analyse the elimination of a graph in a given order, which is changed to an equivalent one."""
+    # 1. Find the elimination tree and number it in postorder, which leaves the fill as it is.
+    # 2. Count the entries of the columns of the factor.
+    # 3. Join columns to fundamental supernodes [1].
+    # 4. Merge supernodes into their parents where some stored zeros pay [2] [3].
+    # 5. Find the rows of every front.
+    # - [1] J. W. H. Liu, E. G. Ng, B. W. Peyton, "On finding supernodes for sparse matrix computations", SIAM J. Matrix
+    #   Anal. Appl. 14 (1993), 242-252.
+    # - [2] I. S. Duff, J. K. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", ACM
+    #   Trans. Math. Softw. 9 (1983), 302-325.
+    # - [3] C. Ashcraft, R. Grimes, "The influence of relaxed supernode partitions on the multifrontal method", ACM
+    #   Trans. Math. Softw. 15 (1989), 291-309.
     order, rank, parent = _in_postorder(starts, neighbours, order)  # step 1
     counts = column_counts(starts, neighbours, order, rank, parent)  # step 2
     members, sizes, parents = _merged(*_fundamental(parent, counts))  # steps 3 and 4
@@ -103,33 +76,22 @@ def _inverse(permutation):
 
 
 @njit(cache=True)
-def elimination_tree(starts, neighbours, order, rank):
-    """Find the elimination tree of a symmetric pattern in a given order [1].
-
-    In the factor L of the reordered matrix, the parent of column j is the row of the first entry below the diagonal.
-    Row after row, for every entry of the matrix left of the diagonal:
-
-    1. Climb from its column towards the root of the subtree that it is in so far.
-    2. Let every node on the way point to the row: the next climb is short (path compression).
-    3. Where a root is met, the row becomes its parent.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        Graph of the matrix.
-    order, rank : ndarray of int32, shape (n,)
-        Point at every place of the order, and its inverse.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Parent of every place; -1 for a root.
-
-    References
-    ----------
-    - [1] J. W. H. Liu, "The role of elimination trees in sparse factorization", SIAM J. Matrix Anal. Appl. 11 (1990),
-      134-172.
-    """
+def elimination_tree(
+    # graph of the matrix
+    starts,  # ndarray of int
+    neighbours,  # ndarray of int
+    # point at every place of the order, and its inverse
+    order,  # int32 (n,)
+    rank,  # int32 (n,)
+):  # int32 (n,), parent of every place; -1 for a root
+    """Find the elimination tree of a symmetric pattern in a given order [1]."""
+    # In the factor L of the reordered matrix, the parent of column j is the row of the first entry below the diagonal.
+    # Row after row, for every entry of the matrix left of the diagonal:
+    # 1. Climb from its column towards the root of the subtree that it is in so far.
+    # 2. Let every node on the way point to the row: the next climb is short (path compression).
+    # 3. Where a root is met, the row becomes its parent.
+    # - [1] J. W. H. Liu, "The role of elimination trees in sparse factorization", SIAM J. Matrix Anal. Appl. 11 (1990),
+    #   134-172.
     n = len(order)
     parent, ancestor = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
     for row in range(n):
@@ -174,23 +136,17 @@ def postorder(parent):
 
 @njit(cache=True)
 def column_counts(starts, neighbours, order, rank, parent):
-    """Count the entries of every column of the factor, the diagonal included, without making the factor [1].
-
-    The order must be a postorder of its tree. Every row i of the factor is a subtree with its root on the diagonal, and
-    column j holds row i when j is in that subtree; its leaves are among the entries of that row of the matrix. The
-    count of a column is a sum of weights over its descendants:
-
-    1. Every leaf of the tree adds one, for its diagonal; every other node takes one away from its parent for itself.
-    2. A node is a leaf of row i if no descendant of it is one: nothing of its subtree has been seen in that row.
-    3. A leaf of a row adds its path to the root,
-    4. and takes away what it shares with the leaf before it: the path from their lowest common ancestor.
-    5. Sum the weights towards the roots.
-
-    References
-    ----------
-    - [1] J. R. Gilbert, E. G. Ng, B. W. Peyton, "An efficient algorithm to compute row and column counts for sparse
-      Cholesky factorization", SIAM J. Matrix Anal. Appl. 15 (1994), 1075-1091.
-    """
+    """Count the entries of every column of the factor, the diagonal included, without making the factor [1]."""
+    # The order must be a postorder of its tree. Every row i of the factor is a subtree with its root on the diagonal,
+    # and column j holds row i when j is in that subtree; its leaves are among the entries of that row of the matrix.
+    # The count of a column is a sum of weights over its descendants:
+    # 1. Every leaf of the tree adds one, for its diagonal; every other node takes one away from its parent for itself.
+    # 2. A node is a leaf of row i if no descendant of it is one: nothing of its subtree has been seen in that row.
+    # 3. A leaf of a row adds its path to the root,
+    # 4. and takes away what it shares with the leaf before it: the path from their lowest common ancestor.
+    # 5. Sum the weights towards the roots.
+    # - [1] J. R. Gilbert, E. G. Ng, B. W. Peyton, "An efficient algorithm to compute row and column counts for sparse
+    #   Cholesky factorization", SIAM J. Matrix Anal. Appl. 15 (1994), 1075-1091.
     n = len(order)
     counts = np.zeros(n, np.int64)
     first = _first_descendants(parent)
@@ -241,11 +197,9 @@ def _root(ancestor, node):
 
 @njit(cache=True)
 def _fundamental(parent, counts):
-    """Join neighbouring columns with equal rows: first column of each supernode, its size, number of rows, and parent.
-
-    A column goes on with the one before it where it is its parent and has one entry less. That joins more than the
-    definition asks for, which wants it to be the only child: other children add no row that is not there.
-    """
+    """Join neighbouring columns with equal rows: first column of each supernode, its size, rows, and parent."""
+    # A column goes on with the one before it where it is its parent and has one entry less. That joins more than the
+    # definition asks for, which wants it to be the only child: other children add no row that is not there.
     n = len(parent)
     supernode, firsts, n_supernodes = np.empty(n, np.int32), np.empty(n + 1, np.int32), 0
     for column in range(n):
@@ -266,11 +220,9 @@ def _fundamental(parent, counts):
 
 @njit(cache=True)
 def front_seconds(size, n_rows):
-    """Model of the time of a front of so many own points and rows (s).
-
-    Arithmetic at 35 Gflop/s, traffic of the update and of the panel, and 4 microseconds for calls. These are constants,
-    so that supernodes, and with them all round-off, are the same on every machine.
-    """
+    """Model of the time of a front of so many own points and rows (s)."""
+    # Arithmetic at 35 Gflop/s, traffic of the update and of the panel, and 4 microseconds for calls. These are
+    # constants, so that supernodes, and with them all round-off, are the same on every machine.
     own, rest = 3.0 * size, 3.0 * n_rows
     arithmetic = own * (own * own / 3.0 + own * rest + rest * rest)
     return arithmetic / 3.5e10 + 6e-10 * rest * rest + 2e-9 * own * (own + rest) + 4e-6
@@ -278,10 +230,8 @@ def front_seconds(size, n_rows):
 
 @njit(cache=True)
 def _merged(firsts, sizes, n_rows, parents):
-    """Merge supernodes into their parents where `front_seconds` says that it saves time.
-
-    Returns the columns in their new order, the sizes and the parents of the supernodes that remain.
-    """
+    """Merge supernodes into their parents where `front_seconds` says that it saves time."""
+    # Returns the columns in their new order, the sizes and the parents of the supernodes that remain.
     n = len(sizes)
     into, sizes_0 = np.arange(n).astype(np.int32), sizes.copy()
     for child in range(n):
