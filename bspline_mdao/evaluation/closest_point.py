@@ -71,33 +71,18 @@ COLLAPSED = 1e-12
 
 
 def descend(
-    volume: Volume, net: np.ndarray, points: np.ndarray, starts: np.ndarray, target: float, n_threads: int
+    volume: Volume,  # orders and knots
+    net: np.ndarray,  # (N0, N1, N2, 3), control points
+    points: np.ndarray,  # (n, 3), points to look for
+    # parameters to start from, the most promising first. A start is tried only where the earlier ones have not come
+    # within ``target``
+    starts: np.ndarray,  # (n, m, 3)
+    target: float,  # distance at which a point counts as found; a few units of round-off of the coordinates
+    n_threads: int,  # number of threads
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Closest points of a volume, each the best that its starts lead to.
-
-    Parameters
-    ----------
-    volume : Volume
-        Orders and knots.
-    net : ndarray, shape (N0, N1, N2, 3)
-        Control points.
-    points : ndarray, shape (n, 3)
-        Points to look for.
-    starts : ndarray, shape (n, m, 3)
-        Parameters to start from, the most promising first. A start is tried only where the earlier ones have not come
-        within ``target``.
-    target : float
-        Distance at which a point counts as found; a few units of round-off of the coordinates.
-    n_threads : int
-        Number of threads.
-
-    Returns
-    -------
-    parameters : ndarray, shape (n, 3)
-        In [0, 1].
-    distance : ndarray, shape (n,)
-        From each point to the volume at its parameters.
-    """
+    """Closest points of a volume, each the best that its starts lead to."""
+    # returns parameters (n, 3): in [0, 1]
+    # returns distance (n,): from each point to the volume at its parameters
     parameters, distance = starts[:, 0].copy(), np.full(len(points), np.inf)
     corners = tuple(bilinear_corners(knots) for knots in volume.knots)
     if any(c is None for c in corners):
@@ -131,23 +116,17 @@ def map_point_scratch(corners, control_points):
 
 
 @njit(cache=True, error_model="numpy")
-def map_point(corners, control_points, xi, scratch, position, jacobian):
-    """Write one point of a volume with bilinear knots and its derivatives to ``position`` and ``jacobian``.
-
-    Parameters
-    ----------
-    corners : tuple of three ndarrays, shape (2, 2, N_d + p_d)
-        Knots of each direction, see `bilinear_corners`.
-    control_points : ndarray, shape (N0, N1, N2, 3)
-        Control points.
-    xi : ndarray, shape (3,)
-        Parameters.
-    scratch : tuple
-        From `map_point_scratch`.
-    position, jacobian : ndarray, shapes (3,) and (3, 3)
-        Overwritten; column d of the Jacobian belongs to parameter d. It is 0 in a degenerate direction, whose parameter
-        is not free to change, even where the knots of others depend on it.
-    """
+def map_point(
+    corners,  # tuple of three ndarrays (2, 2, N_d + p_d), knots of each direction, see `bilinear_corners`
+    control_points,  # (N0, N1, N2, 3)
+    xi,  # (3,), parameters
+    scratch,  # tuple, from `map_point_scratch`
+    # overwritten; column d of the Jacobian belongs to parameter d. It is 0 in a degenerate direction, whose parameter
+    # is not free to change, even where the knots of others depend on it
+    position,  # (3,)
+    jacobian,  # (3, 3)
+):
+    """Write one point of a volume with bilinear knots and its derivatives to ``position`` and ``jacobian``."""
     knots, d_T, gradients, sums = scratch
     n = control_points.shape
     p_0, p_1, p_2 = corners[0].shape[2] - n[0], corners[1].shape[2] - n[1], corners[2].shape[2] - n[2]
@@ -207,12 +186,10 @@ def _descend_from(mapping, point, xi, target, state):
 
 @njit(cache=True, error_model="numpy")
 def _cross_over(mapping, point, xi, residual, jacobian, kept):
-    """Move ``xi`` to other parameters of the same position, if a way from there into the volume comes closer.
-
-    The same position has other parameters where a volume closes on itself (the seam of an O-grid), and on a collapsed
-    face: there the parameter along the collapsed direction, like the angle at a pole, does not move the position but
-    turns the way off the face. A descent that has ended on the wrong side of the seam or the pole goes on over there.
-    """
+    """Move ``xi`` to other parameters of the same position, if a way from there into the volume comes closer."""
+    # The same position has other parameters where a volume closes on itself (the seam of an O-grid), and on a collapsed
+    # face: there the parameter along the collapsed direction, like the angle at a pole, does not move the position but
+    # turns the way off the face. A descent that has ended on the wrong side of the seam or the pole goes on over there.
     corners, net, scratch = mapping
     nearby = SAME_PLACE * _length(kept[1])
     best, direction, there = TURN, -1, 0.0
@@ -310,32 +287,21 @@ def start(progress):
 
 
 @njit(cache=True, error_model="numpy")
-def advance(xi, residual, jacobian, kept, progress, target):
-    """Judge the parameters that a descent has come to, and take the next step from there or from the closest ones.
-
-    1. Keep the parameters if they are the closest so far, with less damping; else count, and damp more.
-    2. After too many steps without success, go back to the closest ones.
-    3. Take a damped Newton step of the parameters that no bound stops.
-    4. End where the distance is small enough, steps are below round-off, or the residual is normal to the volume.
-
-    Parameters
-    ----------
-    xi : ndarray, shape (3,)
-        Parameters reached; overwritten with the next ones to evaluate, or with the closest ones at the end.
-    residual, jacobian : ndarray, shapes (3,) and (3, 3)
-        ``mapping(xi) - point`` and its derivatives in the parameters (columns).
-    kept : ndarray, shape (8, 3)
-        Scratch of the descent: parameters, residual and Jacobian where it was closest, and the curvature there.
-    progress : ndarray, shape (3,)
-        Least distance so far, damping, and steps without success.
-    target : float
-        Distance that is close enough.
-
-    Returns
-    -------
-    bool
-        Whether the descent has ended.
-    """
+def advance(
+    xi,  # (3,), parameters reached; overwritten with the next ones to evaluate, or with the closest ones at the end
+    # ``mapping(xi) - point`` and its derivatives in the parameters (columns)
+    residual,  # (3,)
+    jacobian,  # (3, 3)
+    # scratch of the descent: parameters, residual and Jacobian where it was closest, and the curvature there
+    kept,  # (8, 3)
+    progress,  # (3,), least distance so far, damping, and steps without success
+    target,  # distance that is close enough
+):  # bool, whether the descent has ended
+    """Judge the parameters that a descent has come to, and take the next step from there or from the closest ones."""
+    # 1. Keep the parameters if they are the closest so far, with less damping; else count, and damp more.
+    # 2. After too many steps without success, go back to the closest ones.
+    # 3. Take a damped Newton step of the parameters that no bound stops.
+    # 4. End where the distance is small enough, steps are below round-off, or the residual is normal to the volume.
     _judge(xi, residual, jacobian, kept, progress)  # step 1
     is_back = progress[2] > PATIENCE  # step 2
     is_at_best = is_back or progress[2] == 0.0

@@ -22,10 +22,8 @@ __all__ = ["are_positive", "control_vectors", "cut_direction", "frames", "load_e
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def load_edges(B, first, orders, shortest, lane, edges):
-    """Write the differences of neighbouring control points of an element, shape (3, p0, p1, p2, 3, L), to a lane.
-
-    Those up to ``shortest`` (m), in the sum norm, have collapsed and are zero.
-    """
+    """Write the differences of neighbouring control points of an element, shape (3, p0, p1, p2, 3, L), to a lane."""
+    # Those up to ``shortest`` (m), in the sum norm, have collapsed and are zero.
     for e in range(3):
         n_0, n_1, n_2 = orders[0] - (e == 0), orders[1] - (e == 1), orders[2] - (e == 2)
         for a in range(n_0):
@@ -42,29 +40,24 @@ def load_edges(B, first, orders, shortest, lane, edges):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def frames(edges, orders, points, rows, depends, normal, pole, at_pole, work, frame, signs, is_there):
-    """Inverses of the means of the derivatives over boxes, shape (3, 3, L).
-
-    Parameters
-    ----------
-    edges
-        See `load_edges`.
-    orders, depends
-        See `bspline_mdao.evaluation.knot_ranges.extraction`, as for ``points`` and ``rows``.
-    normal : ndarray, shape (3,)
-        Derivative in a direction of order 1.
-    pole, at_pole
-        See `bspline_mdao.evaluation.knot_ranges.extraction`. The derivative about a pole is divided by the share of the
-        box between them.
-    work : tuple of ndarray
-        Scratch.
-    frame : ndarray, shape (3, 3, L)
-        Receives the inverses.
-    signs : ndarray, shape (L,)
-        Receives the signs of their determinants.
-    is_there : ndarray of bool, shape (L,)
-        Set to False where there is none.
-    """
+def frames(
+    edges,  # see `load_edges`
+    # see `bspline_mdao.evaluation.knot_ranges.extraction`, as for ``points`` and ``rows``
+    orders,
+    points,
+    rows,
+    depends,
+    normal,  # (3,), derivative in a direction of order 1
+    # see `bspline_mdao.evaluation.knot_ranges.extraction`. The derivative about a pole is divided by the share of the
+    # box between them
+    pole,
+    at_pole,
+    work,  # tuple of ndarray, scratch
+    frame,  # (3, 3, L), receives the inverses
+    signs,  # (L,), receives the signs of their determinants
+    is_there,  # bool (L,), set to False where there is none
+):
+    """Inverses of the means of the derivatives over boxes, shape (3, 3, L)."""
     means, mean_rows, mean, weights = work
     n_lanes = frame.shape[2]
     for v in range(3):
@@ -120,18 +113,21 @@ def frames(edges, orders, points, rows, depends, normal, pole, at_pole, work, fr
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def control_vectors(edges, orders, points, rows, depends, normal, pole, at_pole, frame, work, vectors):
-    """Centres and radii of the control vectors of the derivatives in the frames.
-
-    Parameters
-    ----------
-    edges, orders, points, rows, depends, normal, pole, at_pole, frame
-        See `frames`.
-    work : ndarray, shape (2, 2, p0, p1, p2, 3, L)
-        Scratch.
-    vectors : ndarray, shape (3, 2, p0, p1, p2, 3, L)
-        Receives centres and radii of those of each derivative.
-    """
+def control_vectors(
+    # see `frames`
+    edges,
+    orders,
+    points,
+    rows,
+    depends,
+    normal,
+    pole,
+    at_pole,
+    frame,
+    work,  # (2, 2, p0, p1, p2, 3, L), scratch
+    vectors,  # (3, 2, p0, p1, p2, 3, L), receives centres and radii of those of each derivative
+):
+    """Centres and radii of the control vectors of the derivatives in the frames."""
     for v in range(3):
         _start(orders, v, normal, frame, vectors[v])
     has_pole = pole[0] >= 0
@@ -207,21 +203,15 @@ def _contract(source, n, axis, n_out, centre, radius, is_sum, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def are_positive(vectors, orders, columns, is_there):
-    """Whether the Jacobian in the frames is positive on boxes.
-
-    Parameters
-    ----------
-    vectors : ndarray, shape (3, 2, p0, p1, p2, 3, L)
-        From `control_vectors`. They become fractions: components are divided by that of the derivative's own direction.
-        Where that may not be positive, radii are infinite; where a vector has collapsed, its own one is -1.
-    orders : tuple of three int
-        Orders.
-    columns : ndarray, shape (3, 3, 2, L)
-        Receives the ranges of fractions: of derivative v, component o.
-    is_there : ndarray of bool, shape (L,)
-        Receives whether the Jacobian is proved positive, where it was True.
-    """
+def are_positive(
+    # from `control_vectors`. They become fractions: components are divided by that of the derivative's own direction.
+    # Where that may not be positive, radii are infinite; where a vector has collapsed, its own one is -1
+    vectors,  # (3, 2, p0, p1, p2, 3, L)
+    orders,  # tuple of three int
+    columns,  # (3, 3, 2, L), receives the ranges of fractions: of derivative v, component o
+    is_there,  # bool (L,), receives whether the Jacobian is proved positive, where it was True
+):
+    """Whether the Jacobian in the frames is positive on boxes."""
     n_lanes = columns.shape[3]
     for v in range(3):
         for o in range(3):
@@ -298,11 +288,9 @@ def _influence(rows, orders, shares, lane, out):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def cut_direction(vectors, rows, orders, columns, shares, has_frame, lane):
-    """Direction in which a box is best halved.
-
-    It is that in which the fractions of `are_positive` differ most, each times what it is multiplied by; their radii
-    count where the knots change. Without a frame the box is halved where it is longest.
-    """
+    """Direction in which a box is best halved."""
+    # It is that in which the fractions of `are_positive` differ most, each times what it is multiplied by; their radii
+    # count where the knots change. Without a frame the box is halved where it is longest.
     scores, influence, most = np.zeros(3), np.zeros(3), np.zeros(3)
     _influence(rows, orders, shares, lane, influence)
     for d in range(3):

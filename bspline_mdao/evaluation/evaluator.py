@@ -46,21 +46,6 @@ class _Chunk:
 class Evaluator(OneLine):
     """The linear map from control points to nodes at fixed parameters. Made by `Evaluator.build`.
 
-    Parameters
-    ----------
-    control_ids : tuple of ndarray of int
-        Number of each control point of each volume.
-    nodes : tuple of NodesBySpan
-        The nodes of each volume.
-    chunks : tuple
-        The pieces of work.
-    n_control_points, n_rows : int
-        Length of the two sides.
-    is_complete : bool
-        Whether every row belongs to a node. Rows that do not are zero.
-    n_threads : int, optional
-        Number of threads; None stands for ``NUMBA_NUM_THREADS``.
-
     Examples
     --------
     >>> import numpy as np
@@ -74,50 +59,27 @@ class Evaluator(OneLine):
            [1., 1., 0.]])
     """
 
-    control_ids: tuple[np.ndarray, ...]
-    nodes: tuple[NodesBySpan, ...]
-    chunks: tuple[_Chunk, ...]
+    control_ids: tuple[np.ndarray, ...]  # number of each control point of each volume
+    nodes: tuple[NodesBySpan, ...]  # the nodes of each volume
+    chunks: tuple[_Chunk, ...]  # the pieces of work
+    # length of the two sides
     n_control_points: int
     n_rows: int
-    is_complete: bool
-    n_threads: int | None = None
+    is_complete: bool  # whether every row belongs to a node. Rows that do not are zero
+    n_threads: int | None = None  # number of threads; None stands for ``NUMBA_NUM_THREADS``
 
     @classmethod
     def build(
         cls,
-        mesh: BSplineMesh,
-        parameters: Sequence[np.ndarray],
-        rows: Sequence[np.ndarray],
-        n_rows: int,
-        copies: np.ndarray | None = None,
-        n_threads: int | None = None,
+        mesh: BSplineMesh,  # volumes and control point ids
+        parameters: Sequence[np.ndarray],  # each (n_v, 3), parameters of the nodes that each volume evaluates
+        rows: Sequence[np.ndarray],  # int each (n_v,), row of each of these nodes in the result
+        n_rows: int,  # rows of the result
+        copies: np.ndarray | None = None,  # int (n_copies, 2), rows that are copies, and the rows that they copy
+        n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
     ) -> Evaluator:
-        """Sort the nodes and evaluate their basis functions.
-
-        Parameters
-        ----------
-        mesh : BSplineMesh
-            Volumes and control point ids.
-        parameters : sequence of ndarray, each of shape (n_v, 3)
-            Parameters of the nodes that each volume evaluates.
-        rows : sequence of ndarray of int, each of shape (n_v,)
-            Row of each of these nodes in the result.
-        n_rows : int
-            Rows of the result.
-        copies : ndarray of int, shape (n_copies, 2), optional
-            Rows that are copies, and the rows that they copy.
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``.
-
-        Returns
-        -------
-        Evaluator
-
-        Raises
-        ------
-        InputError
-            If the arrays do not fit together, a row is given twice, or a parameter is not finite.
-        """
+        """Sort the nodes and evaluate their basis functions."""
+        # `InputError` if the arrays do not fit together, a row is given twice, or a parameter is not finite
         n_threads_now = thread_count(n_threads)
         parameters = [np.asarray(p, dtype=float) for p in parameters]
         rows = [np.asarray(r, dtype=np.int64) for r in rows]
@@ -135,42 +97,27 @@ class Evaluator(OneLine):
 
     @classmethod
     def of_grid(
-        cls, topology: Topology, mesh: BSplineMesh, parameters: Sequence[np.ndarray], n_threads: int | None = None
+        cls,
+        topology: Topology,  # topology of the grid
+        mesh: BSplineMesh,  # one volume per segment
+        parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
+        n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
     ) -> Evaluator:
-        """Operator to the nodes of a grid; shared nodes are evaluated once and copied.
-
-        Parameters
-        ----------
-        topology : Topology
-            Topology of the grid.
-        mesh : BSplineMesh
-            One volume per segment.
-        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-            Parameters of the nodes of every segment.
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``.
-        """
+        """Operator to the nodes of a grid; shared nodes are evaluated once and copied."""
         held = HeldNodes.of_grid(topology)
         own = [x.reshape(-1, 3)[places] for x, places in zip(parameters, held.places)]
         return cls.of_nodes(held, mesh, own, n_threads)
 
     @classmethod
     def of_nodes(
-        cls, held: HeldNodes, mesh: BSplineMesh, parameters: Sequence[np.ndarray], n_threads: int | None = None
+        cls,
+        held: HeldNodes,
+        mesh: BSplineMesh,  # one volume per segment
+        # parameters of the nodes that each segment evaluates, ``held.numbers``
+        parameters: Sequence[np.ndarray],  # each (n_v, 3)
+        n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
     ) -> Evaluator:
-        """Operator to some nodes of a grid, with the bits that they have in all of it.
-
-        Parameters
-        ----------
-        held : HeldNodes
-            The nodes.
-        mesh : BSplineMesh
-            One volume per segment.
-        parameters : sequence of ndarray, each of shape (n_v, 3)
-            Parameters of the nodes that each segment evaluates, ``held.numbers``.
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``.
-        """
+        """Operator to some nodes of a grid, with the bits that they have in all of it."""
         return cls.build(mesh, parameters, held.numbers, held.n_nodes, held.copies, n_threads)
 
     def with_threads(self, n_threads: int | None) -> Evaluator:
@@ -184,28 +131,13 @@ class Evaluator(OneLine):
         return n_bytes / max(self.n_rows, 1)
 
     def forward(
-        self, control_points: np.ndarray, out: np.ndarray | None = None, turned: Sequence[tuple] | None = None
-    ) -> np.ndarray:
-        """Nodes from control points, ``A b``.
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, 3)
-            Control points. Complex ones are evaluated part by part.
-        out : ndarray of float, shape (n_rows, 3), C order, optional
-            Where to write the result.
-        turned : sequence of tuple, optional
-            Of every volume, what `turned_forward_kernel` asks for: vectors to be turned and added.
-
-        Returns
-        -------
-        ndarray, shape (n_rows, 3)
-
-        Raises
-        ------
-        InputError
-            If an array has the wrong shape.
-        """
+        self,
+        control_points: np.ndarray,  # (n_control_points, 3), control points. Complex ones are evaluated part by part
+        out: np.ndarray | None = None,  # (n_rows, 3), C order, where to write the result
+        # of every volume, what `turned_forward_kernel` asks for: vectors to be turned and added
+        turned: Sequence[tuple] | None = None,
+    ) -> np.ndarray:  # (n_rows, 3)
+        """Nodes from control points, ``A b``."""
         control_points = _checked(control_points, self.n_control_points, "control points")
         if np.iscomplexobj(control_points):
             return self.forward(control_points.real) + 1j * self.forward(control_points.imag)
@@ -228,25 +160,13 @@ class Evaluator(OneLine):
         run_tasks(evaluate, len(self.chunks), thread_count(self.n_threads))
         return out
 
-    def adjoint(self, bar: np.ndarray, turned: Sequence[tuple] | None = None) -> np.ndarray:
-        """Transposed product, ``A^T bar``.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n_rows, 3)
-            One row per node. Complex ones are treated part by part.
-        turned : sequence of tuple, optional
-            Of every volume, what `turned_reverse_kernel` asks for: turned vectors, and where the derivatives go.
-
-        Returns
-        -------
-        ndarray, shape (n_control_points, 3)
-
-        Raises
-        ------
-        InputError
-            If the array has the wrong shape.
-        """
+    def adjoint(
+        self,
+        bar: np.ndarray,  # (n_rows, 3), one row per node. Complex ones are treated part by part
+        # of every volume, what `turned_reverse_kernel` asks for: turned vectors, and where the derivatives go
+        turned: Sequence[tuple] | None = None,
+    ) -> np.ndarray:  # (n_control_points, 3)
+        """Transposed product, ``A^T bar``. `InputError` if the array has the wrong shape."""
         bar = _checked(bar, self.n_rows, "nodes")
         if np.iscomplexobj(bar):
             return self.adjoint(bar.real) + 1j * self.adjoint(bar.imag)
@@ -288,13 +208,7 @@ def _add_at(out, ids, terms):
 
 
 def _check_rows(mesh: BSplineMesh, parameters, rows, n_rows: int, copies) -> bool:
-    """Check the arguments of `Evaluator.build`; return whether every row belongs to a node.
-
-    Raises
-    ------
-    InputError
-        If they do not fit together, a row is given twice, or a parameter is not finite.
-    """
+    """Check the arguments of `Evaluator.build`; return whether every row belongs to a node."""
     if not len(mesh.volumes) == len(parameters) == len(rows):
         raise InputError(
             f"evaluation: {len(mesh.volumes)} volumes, parameters for {len(parameters)} and rows for {len(rows)}; "
@@ -327,13 +241,7 @@ def _check_destinations(destinations, n_rows: int) -> bool:
 
 
 def _copies_by_volume(rows, n_rows: int, copies) -> list[np.ndarray]:
-    """Per volume, the row of each copy and the number of the node that it copies, shape (n, 2).
-
-    Raises
-    ------
-    InputError
-        If a row that is copied belongs to no node.
-    """
+    """Per volume, the row of each copy and the number of the node that it copies, shape (n, 2)."""
     starts = np.cumsum([0] + [r.size for r in rows])
     node_of_row = np.full(n_rows, -1, dtype=np.int64)
     for start, r in zip(starts, rows):

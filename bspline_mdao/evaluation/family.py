@@ -38,50 +38,25 @@ MOST_NODES = 1e11
 
 @dataclass(frozen=True, eq=False)
 class FamilyMember:
-    """A finer or coarser grid on the same control mesh.
+    """A finer or coarser grid on the same control mesh."""
 
-    Parameters
-    ----------
-    topology : Topology
-        Topology of the member.
-    mesh : BSplineMesh
-        The control mesh.
-    parameters : tuple of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    """
-
-    topology: Topology
-    mesh: BSplineMesh
-    parameters: tuple[np.ndarray, ...]
+    topology: Topology  # topology of the member
+    mesh: BSplineMesh  # the control mesh
+    parameters: tuple[np.ndarray, ...]  # each (L0, L1, L2, 3), parameters of the nodes of every segment
 
     def evaluator(self, n_threads: int | None = None) -> Evaluator:
         """Operator from the control points to the nodes of the member, Eq. (3)."""
         return Evaluator.of_grid(self.topology, self.mesh, self.parameters, n_threads)
 
 
-def refine(topology: Topology, mesh: BSplineMesh, parameters: Sequence[np.ndarray], factor: float) -> FamilyMember:
-    """Member of the family of a grid with ``factor`` times the cells per direction.
-
-    Parameters
-    ----------
-    topology : Topology
-        Topology of the grid.
-    mesh : BSplineMesh
-        Its control mesh.
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    factor : float
-        Cells per direction of the member relative to those of the grid; at least one in every segment.
-
-    Returns
-    -------
-    FamilyMember
-
-    Raises
-    ------
-    InputError
-        If the factor is not a positive number.
-    """
+def refine(
+    topology: Topology,  # topology of the grid
+    mesh: BSplineMesh,  # its control mesh
+    parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
+    factor: float,  # cells per direction of the member relative to those of the grid; at least one in every segment
+) -> FamilyMember:
+    """Member of the family of a grid with ``factor`` times the cells per direction."""
+    # `InputError` if the factor is not a positive number
     member = refined_topology(topology, factor)
     continuity = continuity_of(mesh)
     refined = tuple(refine_parameters(x, s.shape, continuity) for x, s in zip(parameters, member.segments))
@@ -93,22 +68,12 @@ def continuity_of(mesh: BSplineMesh) -> int:
     return max(2, *(order - 2 for volume in mesh.volumes for order in volume.orders))
 
 
-def refine_parameters(parameters: np.ndarray, shape: tuple[int, ...], continuity: int = 2) -> np.ndarray:
-    """Parameters at other index positions, spread evenly over the same range of indices.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (L0, L1, L2, 3)
-        Parameters of a grid, each increasing along its own direction.
-    shape : tuple of int
-        Numbers of nodes wanted.
-    continuity : int
-        Continuous derivatives of the parameters as functions of the index.
-
-    Returns
-    -------
-    ndarray, shape (*shape, 3)
-    """
+def refine_parameters(
+    parameters: np.ndarray,  # (L0, L1, L2, 3), parameters of a grid, each increasing along its own direction
+    shape: tuple[int, ...],  # numbers of nodes wanted
+    continuity: int = 2,  # continuous derivatives of the parameters as functions of the index
+) -> np.ndarray:  # (*shape, 3)
+    """Parameters at other index positions, spread evenly over the same range of indices."""
     refined = np.empty((*shape, 3))
     for d in range(3):
         x = interpolate(parameters[..., d], d, shape[d], is_increasing=True, continuity=continuity)
@@ -123,33 +88,19 @@ def refine_parameters(parameters: np.ndarray, shape: tuple[int, ...], continuity
 
 @dataclass(frozen=True, eq=False)
 class IndexScaling:
-    """Index of every node plane of a grid in the member.
+    """Index of every node plane of a grid in the member."""
 
-    Parameters
-    ----------
-    planes : tuple of (tuple of three ndarray of int)
-        For each block and direction, index in the member of each node plane of the grid; those at the ends of segments
-        are mapped exactly.
-    """
-
+    # for each block and direction, index in the member of each node plane of the grid; those at the ends of segments
+    # are mapped exactly
     planes: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
 
     @classmethod
-    def of(cls, topology: Topology, factor: float) -> IndexScaling:
-        """Scale the segments of a topology.
-
-        Parameters
-        ----------
-        topology : Topology
-            Topology of the grid.
-        factor : float
-            Cells per direction of the member relative to those of the grid.
-
-        Raises
-        ------
-        InputError
-            If the factor is not a positive number.
-        """
+    def of(
+        cls,
+        topology: Topology,  # topology of the grid
+        factor: float,  # cells per direction of the member relative to those of the grid
+    ) -> IndexScaling:
+        """Scale the segments of a topology."""
         is_number = isinstance(factor, Real) and not isinstance(factor, bool)
         if not (is_number and np.isfinite(factor) and factor > 0):
             raise InputError(f"{topology.source}: factor {factor!r} for a family member; give a positive number")
@@ -195,36 +146,21 @@ def _scaled_planes(segments, d: int, factor: float) -> np.ndarray:
 def scaled_count(n_nodes: int, factor: float) -> int:
     """Count the nodes in the member of a direction of ``n_nodes``: ``round(F (n - 1)) + 1``, at least two.
 
-    A direction of one node keeps it.
-
     Examples
     --------
     >>> scaled_count(5, 2.0), scaled_count(5, 0.1), scaled_count(1, 2.0)
     (9, 2, 1)
     """
+    # A direction of one node keeps it.
     return 1 if n_nodes == 1 else max(int(np.floor(factor * (n_nodes - 1) + 0.5)), 1) + 1
 
 
-def refined_topology(topology: Topology, factor: float) -> Topology:
-    """Topology of the member of the grid family with ``factor`` times the cells per direction.
-
-    Parameters
-    ----------
-    topology : Topology
-        Topology of the grid.
-    factor : float
-        Cells per direction of the member relative to those of the grid.
-
-    Returns
-    -------
-    Topology
-        The same segments, links and collapses; all windows scaled.
-
-    Raises
-    ------
-    InputError
-        If the factor is not a positive number.
-    """
+def refined_topology(
+    topology: Topology,  # topology of the grid
+    factor: float,  # cells per direction of the member relative to those of the grid
+) -> Topology:  # the same segments, links and collapses; all windows scaled
+    """Topology of the member of the grid family with ``factor`` times the cells per direction."""
+    # `InputError` if the factor is not a positive number
     scaling = IndexScaling.of(topology, factor)
     window = scaling.window
     return replace(

@@ -23,27 +23,17 @@ LEAST = 0.05
 """Part of the safe increments of Bernstein coefficients that is left where derivatives are limited."""
 
 
-def interpolate(values: np.ndarray, axis: int, n: int, is_increasing: bool = False, continuity: int = 2) -> np.ndarray:
-    """Interpolate values at integers smoothly, at ``n`` evenly spread positions.
-
-    Parameters
-    ----------
-    values : ndarray
-        Values.
-    axis : int
-        Axis along which they are interpolated.
-    n : int
-        Number of positions, the first and the last value being two of them.
-    is_increasing : bool
-        Limit derivatives so that increasing values are interpolated by an increasing function.
-    continuity : int
-        Number k of continuous derivatives.
-
-    Returns
-    -------
-    ndarray
-        ``n`` long along the axis. Positions at integers get the values themselves, and equal values their own bits.
-    """
+def interpolate(
+    values: np.ndarray,
+    axis: int,  # axis along which they are interpolated
+    n: int,  # number of positions, the first and the last value being two of them
+    # limit derivatives so that increasing values are interpolated by an increasing function
+    is_increasing: bool = False,
+    continuity: int = 2,  # number k of continuous derivatives
+) -> np.ndarray:
+    """Interpolate values at integers smoothly, at ``n`` evenly spread positions."""
+    # returns ``n`` long along the axis. Positions at integers get the values themselves, and equal values their own
+    # bits
     x = np.moveaxis(values, axis, -1)
     if x.shape[-1] == 1:
         return np.moveaxis(np.repeat(x, n, axis=-1), -1, axis)

@@ -62,24 +62,13 @@ _SECTIONS = tuple(itertools.product((slice(None), slice(0, 1), slice(-1, None)),
 
 @dataclass(frozen=True, eq=False)
 class PointInversion(OneLine):
-    """Volumes and parameters of points in a B-spline mesh.
+    """Volumes and parameters of points in a B-spline mesh."""
 
-    Parameters
-    ----------
-    volume : ndarray of int, shape (n,)
-        Volume nearest to each point, from 0; the lowest of those that share the nearest point.
-    parameters : ndarray, shape (n, 3)
-        Parameters of the nearest point of that volume.
-    distance : ndarray, shape (n,)
-        Distance between the two points, in metres; round-off for a point inside.
-    is_inside : ndarray of bool, shape (n,)
-        Whether the distance is within the tolerance.
-    """
-
-    volume: np.ndarray
-    parameters: np.ndarray
-    distance: np.ndarray
-    is_inside: np.ndarray
+    # volume nearest to each point, from 0; the lowest of those that share the nearest point
+    volume: np.ndarray  # int (n,)
+    parameters: np.ndarray  # (n, 3), parameters of the nearest point of that volume
+    distance: np.ndarray  # (n,), distance between the two points, in metres; round-off for a point inside
+    is_inside: np.ndarray  # bool (n,), whether the distance is within the tolerance
 
     @property
     def n_points(self) -> int:
@@ -180,10 +169,8 @@ def _invert_chunk(search: _Search, nearest, points: np.ndarray):
 
 
 def _try_nearest_others(search: _Search, points, volume, parameters, distance):
-    """Search the volumes of the nearest samples but for the first one's; arrays are updated in place.
-
-    Most points that are not in the first volume are in one of these, and need not be looked for in all before it.
-    """
+    """Search the volumes of the nearest samples but for the first one's; arrays are updated in place."""
+    # Most points that are not in the first volume are in one of these, and need not be looked for in all before it.
     ids = np.flatnonzero(distance > search.found)
     away, samples = (np.stack(x) for x in zip(*(s.tree.query(points[ids]) for s in search.samples)))
     away[volume[ids], np.arange(len(ids))] = np.inf
@@ -295,22 +282,13 @@ def _checked(what: str, points: np.ndarray, n: int | None = None) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class VolumeSamples:
-    """Samples of one volume.
+    """Samples of one volume."""
 
-    Parameters
-    ----------
-    parameters : ndarray, shape (m, 3)
-        Parameters of the samples, all inside the volume and none on its boundary.
-    tree : scipy.spatial.cKDTree
-        The samples in space.
-    lower, upper : ndarray, shape (3,)
-        Box of the control points.
-    """
-
-    parameters: np.ndarray
-    tree: cKDTree
-    lower: np.ndarray
-    upper: np.ndarray
+    parameters: np.ndarray  # (m, 3), parameters of the samples, all inside the volume and none on its boundary
+    tree: cKDTree  # the samples in space
+    # box of the control points
+    lower: np.ndarray  # (3,)
+    upper: np.ndarray  # (3,)
 
     def box_distance(self, points: np.ndarray) -> np.ndarray:
         """Lower bound of the distance of points, shape (n, 3), to the volume, shape (n,)."""
@@ -342,17 +320,10 @@ def nearest_samples(samples: Sequence[VolumeSamples]):
     return search
 
 
-def span_lattice(volume: Volume) -> np.ndarray:
-    """Parameters of a lattice that follows the spans of a volume.
-
-    With curved knots the spans in one direction depend on the parameters in the other two; a few substitutions place
-    the lattice well enough.
-
-    Returns
-    -------
-    ndarray, shape (m0, m1, m2, 3)
-        Inside (0, 1); 0 in a degenerate direction.
-    """
+def span_lattice(volume: Volume) -> np.ndarray:  # (m0, m1, m2, 3), inside (0, 1); 0 in a degenerate direction
+    """Parameters of a lattice that follows the spans of a volume."""
+    # With curved knots the spans in one direction depend on the parameters in the other two; a few substitutions place
+    # the lattice well enough.
     stations = [_stations(knots) for knots in volume.knots]
     at = np.stack([a.ravel() for a in np.meshgrid(*stations, indexing="ij")], axis=1)
     parameters = at / [k.n_control - k.order + 1 for k in volume.knots]
@@ -384,31 +355,20 @@ def _sample_volume(volume: Volume, net: np.ndarray) -> VolumeSamples:
     return VolumeSamples(parameters, tree, net.min(axis=(0, 1, 2)), net.max(axis=(0, 1, 2)))
 
 
-def section_codes(parameters: np.ndarray) -> np.ndarray:
-    """Find the section of a volume that each point lies on: 0 inside, else a face, an edge or a corner.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, 3)
-        Parameters of points of any volume.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        ``9 a + 3 b + c``, where a, b and c are 0 inside, 1 at the low and 2 at the high end of xi, eta and zeta.
-    """
+def section_codes(
+    parameters: np.ndarray,  # (n, 3), parameters of points of any volume
+) -> np.ndarray:
+    """Find the section of a volume that each point lies on: 0 inside, else a face, an edge or a corner."""
+    # returns int (n,), ``9 a + 3 b + c``, where a, b and c are 0 inside, 1 at the low and 2 at the high end of xi, eta
+    # and zeta
     ends = (parameters <= ON_FACE) + 2 * (parameters >= 1 - ON_FACE)
     return ends @ np.array([9, 3, 1])
 
 
 def shared_with_lower(mesh: BSplineMesh) -> np.ndarray:
-    """Find the sections of each volume whose control points all belong to a lower volume too.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_volumes, 27, n_volumes)
-        Entry ``[w, code, v]``: whether the section of volume w lies in volume ``v < w``, see `section_codes`.
-    """
+    """Find the sections of each volume whose control points all belong to a lower volume too."""
+    # returns bool (n_volumes, 27, n_volumes), entry ``[w, code, v]``: whether the section of volume w lies in volume
+    # ``v < w``, see `section_codes`
     n = len(mesh.volumes)
     ids = np.concatenate([control_ids.ravel() for control_ids in mesh.control_ids])
     owners = np.repeat(np.arange(n), [control_ids.size for control_ids in mesh.control_ids])

@@ -32,15 +32,10 @@ from .plain_contraction import functions_of_node
 
 @cache
 def forward_kernel(p_0: int, p_1: int, p_2: int):
-    """Kernel that evaluates nodes, Eq. (3), for one triple of orders.
-
-    Returns
-    -------
-    callable
-        ``forward(first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows, control_points,
-        out)`` writes the nodes of the spans ``first_span <= span < last_span``, and their copies, to ``out``, shape
-        (3 * n_rows,), from ``control_points``, shape (N0 * N1 * N2 * 3,).
-    """
+    """Kernel that evaluates nodes, Eq. (3), for one triple of orders."""
+    # returns callable, ``forward(first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows,
+    # control_points, out)`` writes the nodes of the spans ``first_span <= span < last_span``, and their copies, to
+    # ``out``, shape (3 * n_rows,), from ``control_points``, shape (N0 * N1 * N2 * 3,)
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
     emitter = SOURCE
@@ -64,14 +59,9 @@ def forward_kernel(p_0: int, p_1: int, p_2: int):
 
 @cache
 def turned_forward_kernel(p_0: int, p_1: int, p_2: int):
-    """Kernel that evaluates nodes and adds turned vectors to them, for one triple of orders.
-
-    Returns
-    -------
-    callable
-        As `forward_kernel`, with ``fractions, vectors`` of the nodes, ``corners`` of each span, shape
-        (n_spans, 8), and ``matrices`` of the corners, shape (n_corners, 9), behind ``control_points``.
-    """
+    """Kernel that evaluates nodes and adds turned vectors to them, for one triple of orders."""
+    # returns callable, as `forward_kernel`, with ``fractions, vectors`` of the nodes, ``corners`` of each span, shape
+    # (n_spans, 8), and ``matrices`` of the corners, shape (n_corners, 9), behind ``control_points``
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
     emitter = SOURCE
@@ -100,15 +90,10 @@ def turned_forward_kernel(p_0: int, p_1: int, p_2: int):
 
 @cache
 def reverse_kernel(p_0: int, p_1: int, p_2: int):
-    """Kernel that is the transpose of `forward_kernel`.
-
-    Returns
-    -------
-    callable
-        ``reverse(first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows, bar,
-        first_layer, out)`` adds to ``out``, the control points from layer ``first_layer`` of direction 0 on, the
-        products of the spans with ``bar``, shape (3 * n_rows,).
-    """
+    """Kernel that is the transpose of `forward_kernel`."""
+    # returns callable, ``reverse(first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows,
+    # bar, first_layer, out)`` adds to ``out``, the control points from layer ``first_layer`` of direction 0 on, the
+    # products of the spans with ``bar``, shape (3 * n_rows,)
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
     emitter = SOURCE
@@ -136,14 +121,9 @@ def reverse_kernel(p_0: int, p_1: int, p_2: int):
 
 @cache
 def turned_reverse_kernel(p_0: int, p_1: int, p_2: int):
-    """Kernel that is the transpose of `turned_forward_kernel` in control points and matrices.
-
-    Returns
-    -------
-    callable
-        As `reverse_kernel`, with ``fractions, vectors, turns`` behind ``bar``: it writes the derivatives in the
-        rotations at the corners of each span to ``turns``, shape (n_spans, 8, 9).
-    """
+    """Kernel that is the transpose of `turned_forward_kernel` in control points and matrices."""
+    # returns callable, as `reverse_kernel`, with ``fractions, vectors, turns`` behind ``bar``: it writes the
+    # derivatives in the rotations at the corners of each span to ``turns``, shape (n_spans, 8, 9)
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
     emitter = SOURCE
@@ -244,23 +224,15 @@ def _add_copies(bar, copy_nodes, copy_rows, copy, first, n, points):
     return copy
 
 
-def assemble(nodes: Sequence[NodesBySpan], control_ids, n_rows: int, n_control_points: int) -> scipy.sparse.csr_array:
-    """Assemble the sparse matrix of an evaluation, from the stored functions that the other kernels use.
-
-    Parameters
-    ----------
-    nodes : sequence of NodesBySpan
-        The nodes of each volume.
-    control_ids : sequence of ndarray of int, each of shape (N0 * N1 * N2,)
-        Number of each control point of each volume.
-    n_rows, n_control_points : int
-        Shape of the matrix.
-
-    Returns
-    -------
-    scipy.sparse.csr_array, shape (n_rows, n_control_points)
-        Canonical: entries of one control point are summed, and columns ascend.
-    """
+def assemble(
+    nodes: Sequence[NodesBySpan],  # the nodes of each volume
+    control_ids,  # sequence of ndarray of int each (N0 * N1 * N2,), number of each control point of each volume
+    # shape of the matrix
+    n_rows: int,
+    n_control_points: int,
+) -> scipy.sparse.csr_array:
+    """Assemble the sparse matrix of an evaluation, from the stored functions that the other kernels use."""
+    # returns (n_rows, n_control_points), canonical: entries of one control point are summed, and columns ascend
     counts = np.zeros(n_rows + 1, dtype=np.int64)
     for of_volume in nodes:
         counts[1 + of_volume.rows[: of_volume.n_nodes].astype(np.int64)] = counts[

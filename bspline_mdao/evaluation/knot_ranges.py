@@ -30,22 +30,14 @@ NARROWEST = 64.0 * UNIT
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def enclose(knots, orders, shares, box, is_there):
-    """Shrink ranges of parameters to those that boxes of shares can have.
-
-    Parameters
-    ----------
-    knots : ndarray, shape (3, 2, 2, n_local, L)
-        Local knots of every direction on its four edges, see `extraction`.
-    orders : tuple of three int
-        Orders.
-    shares : ndarray, shape (3, 2, L)
-        Boxes.
-    box : ndarray, shape (3, 2, L)
-        Ranges of parameters that hold those of the boxes; shrunk in place.
-    is_there : ndarray of bool, shape (L,)
-        Set to False where nothing of an element remains.
-    """
+def enclose(
+    knots,  # (3, 2, 2, n_local, L), local knots of every direction on its four edges, see `extraction`
+    orders,  # tuple of three int
+    shares,  # (3, 2, L), boxes
+    box,  # (3, 2, L), ranges of parameters that hold those of the boxes; shrunk in place
+    is_there,  # bool (L,), set to False where nothing of an element remains
+):
+    """Shrink ranges of parameters to those that boxes of shares can have."""
     for _ in range(3):
         for e in range(3):
             p, f, g = orders[e], (e + 1) % 3, (e + 2) % 3
@@ -74,25 +66,23 @@ def _blend(k_00, k_10, k_01, k_11, s, t):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def knots_at_corners(knots, e, n, n_corners, box, pole, at_pole, at_corners, slopes):
-    """Knots of direction ``e`` at the corners of ranges of parameters, and their derivatives at the ends.
-
-    Parameters
-    ----------
-    knots, box
-        See `enclose`.
-    e, n : int
-        Direction, and number of local knots.
-    n_corners : int
-        4, or 1 where the knots are constant.
-    pole, at_pole
-        See `extraction`.
-    at_corners : ndarray, shape (4, n_local, L)
-        Receives the knots.
-    slopes : ndarray, shape (2, 2, n_local, L)
-        Receives the derivatives in the first and the second of the other parameters, at both ends of the other. Those
-        about a pole are of its opposite face.
-    """
+def knots_at_corners(
+    # see `enclose`
+    knots,
+    # direction, and number of local knots
+    e,  # int
+    n,  # int
+    n_corners,  # int, 4, or 1 where the knots are constant
+    box,
+    # see `extraction`
+    pole,
+    at_pole,
+    at_corners,  # (4, n_local, L), receives the knots
+    # receives the derivatives in the first and the second of the other parameters, at both ends of the other. Those
+    # about a pole are of its opposite face
+    slopes,  # (2, 2, n_local, L)
+):
+    """Knots of direction ``e`` at the corners of ranges of parameters, and their derivatives at the ends."""
     f, g = (e + 1) % 3, (e + 2) % 3
     is_f, is_g, opposite = e == 3 - pole[0] - pole[1] and pole[0] == f, e == 3 - pole[0] - pole[1] and pole[0] == g, 1.0
     opposite -= pole[2]
@@ -183,24 +173,19 @@ def _slopes_of_planes(knots, orders, varies, shares, box, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def parameter_slopes(knots, orders, varies, shares, box, work, out, is_there):
-    """Ranges of the derivatives of the parameters in the shares, as centres and radii.
-
-    With the derivatives ``K`` of the parameters at fixed shares they are ``(1 - K)^{-1}`` times the widths of spans.
-
-    Parameters
-    ----------
-    knots, orders, shares, box
-        See `enclose`.
-    varies : ndarray of bool, shape (3, 3)
-        Whether knots of the first direction vary with the parameter of the second.
-    work : ndarray, shape (3, 3, 2, L)
-        Receives the ranges of ``K``.
-    out : ndarray, shape (3, 3, 2, L)
-        Receives centres and radii: of the parameter of the first index, in the share of the second.
-    is_there : ndarray of bool, shape (L,)
-        Set to False where the matrix may be singular.
-    """
+def parameter_slopes(
+    # see `enclose`
+    knots,
+    orders,
+    varies,  # bool (3, 3), whether knots of the first direction vary with the parameter of the second
+    shares,
+    box,
+    work,  # (3, 3, 2, L), receives the ranges of ``K``
+    out,  # (3, 3, 2, L), receives centres and radii: of the parameter of the first index, in the share of the second
+    is_there,  # bool (L,), set to False where the matrix may be singular
+):
+    """Ranges of the derivatives of the parameters in the shares, as centres and radii."""
+    # With the derivatives ``K`` of the parameters at fixed shares they are ``(1 - K)^{-1}`` times the widths of spans.
     K = work
     _slopes_of_planes(knots, orders, varies, shares, box, K)
     for l in range(box.shape[2]):
@@ -224,11 +209,9 @@ def parameter_slopes(knots, orders, varies, shares, box, work, out, is_there):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _interval_shares(at_corners, slopes, p, n_corners, share, coincide, e, arg, out, d_out, is_there):
-    """Shares of knot intervals that one end of a box has, and their changes in the parameters that knots depend on.
-
-    Interval ``m`` of order ``r + 1`` is number ``r (r - 1) / 2 + m``, and goes from local knot ``p - 1 - r + m`` to
-    ``p - 1 + m``.
-    """
+    """Shares of knot intervals that one end of a box has, and their changes in the parameters that knots depend on."""
+    # Interval ``m`` of order ``r + 1`` is number ``r (r - 1) / 2 + m``, and goes from local knot ``p - 1 - r + m`` to
+    # ``p - 1 + m``.
     n_lanes = at_corners.shape[2]
     for r in range(1, p):
         for m in range(r):
@@ -303,36 +286,28 @@ def _raise(parts, d_parts, r, arg, n_changes, weights, sums):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def extraction(
-    knots, orders, depends, coincide, shares, box, turns, pole, at_pole, pole_turns, work, points, rows, is_there
+    # see `enclose`
+    knots,
+    orders,
+    # whether knots of the first direction depend on the share of the second, through other knots as well
+    depends,  # bool (3, 3)
+    coincide,  # (3, n_local, L), 1 where a local knot is that of the end of the span on its side
+    shares,
+    box,
+    turns,  # (3, 3, 2, L), from `parameter_slopes`
+    # direction about a pole, direction that ends there, and at which end; -1 where there is none
+    pole,  # tuple of three int
+    at_pole,  # bool (L,), which boxes have it for a side
+    pole_turns,  # (3, 3, 2, L), those for the knots along it, see `bspline_mdao.evaluation.poles.divided_turns`
+    work,  # tuple of ndarray, scratch
+    # receives centres and radii of the matrices to control points: ``[:, e, a, i]`` for point ``a`` of point ``i``
+    points,  # (2, 3, p, p, L)
+    # receives those to the derivative in share ``v``, of the differences of neighbouring control points in direction
+    # ``e``: ``[:, e, v, a, i]``; all derivatives have the degree of the points
+    rows,  # (2, 3, 3, p, p - 1, L)
+    is_there,  # bool (L,), set to False where knots may coincide
 ):
-    """Matrices from the control points of elements to those of the Bézier hexahedra on boxes, and to their derivatives.
-
-    Parameters
-    ----------
-    knots, orders, shares, box
-        See `enclose`.
-    depends : ndarray of bool, shape (3, 3)
-        Whether knots of the first direction depend on the share of the second, through other knots as well.
-    coincide : ndarray, shape (3, n_local, L)
-        1 where a local knot is that of the end of the span on its side.
-    turns : ndarray, shape (3, 3, 2, L)
-        From `parameter_slopes`.
-    pole : tuple of three int
-        Direction about a pole, direction that ends there, and at which end; -1 where there is none.
-    at_pole : ndarray of bool, shape (L,)
-        Which boxes have it for a side.
-    pole_turns : ndarray, shape (3, 3, 2, L)
-        Those for the knots along it, see `bspline_mdao.evaluation.poles.divided_turns`.
-    work : tuple of ndarray
-        Scratch.
-    points : ndarray, shape (2, 3, p, p, L)
-        Receives centres and radii of the matrices to control points: ``[:, e, a, i]`` for point ``a`` of point ``i``.
-    rows : ndarray, shape (2, 3, 3, p, p - 1, L)
-        Receives those to the derivative in share ``v``, of the differences of neighbouring control points in direction
-        ``e``: ``[:, e, v, a, i]``; all derivatives have the degree of the points.
-    is_there : ndarray of bool, shape (L,)
-        Set to False where knots may coincide.
-    """
+    """Matrices from control points of elements to those of the Bézier hexahedra on boxes, and to their derivatives."""
     at_corners, slopes, parts, d_parts, weights, sums, derivative, changes = work
     n_lanes = box.shape[2]
     for e in range(3):

@@ -21,34 +21,17 @@ from .contraction import LANES, MARGIN
 
 @dataclass(frozen=True, eq=False)
 class NodesBySpan:
-    """The nodes of one volume, sorted by span triple.
+    """The nodes of one volume, sorted by span triple."""
 
-    Parameters
-    ----------
-    orders, n_control : tuple of int
-        Orders and numbers of control points.
-    starts : ndarray of int, shape (n_spans + 1,)
-        First node of each span triple that has nodes.
-    anchors : ndarray of int, shape (n_spans,)
-        Anchor of the sub-net of each.
-    basis : ndarray
-        Functions of the nodes, see `.simd_contraction`: ``p_0 + p_1 + p_2 - 3`` numbers per node.
-    rows : ndarray of uint32
-        Row of each node, and `MARGIN` zeros.
-    copy_nodes : ndarray of int64, shape (n_copies,)
-        Nodes with copies, ascending.
-    copy_rows : ndarray of uint32, shape (n_copies,)
-        Rows of the copies.
-    """
-
+    # orders and numbers of control points
     orders: tuple[int, int, int]
     n_control: tuple[int, int, int]
-    starts: np.ndarray
-    anchors: np.ndarray
-    basis: np.ndarray
-    rows: np.ndarray
-    copy_nodes: np.ndarray
-    copy_rows: np.ndarray
+    starts: np.ndarray  # int (n_spans + 1,), first node of each span triple that has nodes
+    anchors: np.ndarray  # int (n_spans,), anchor of the sub-net of each
+    basis: np.ndarray  # functions of the nodes, see `.simd_contraction`: ``p_0 + p_1 + p_2 - 3`` numbers per node
+    rows: np.ndarray  # row of each node, and `MARGIN` zeros
+    copy_nodes: np.ndarray  # int64 (n_copies,), nodes with copies, ascending
+    copy_rows: np.ndarray  # (n_copies,)
 
     @property
     def n_nodes(self) -> int:
@@ -73,24 +56,13 @@ class NodesBySpan:
         return int(low.min()), int(low.max()) + self.orders[0]
 
 
-def sort_nodes(volume: Volume, parameters: np.ndarray, rows: np.ndarray, copies: np.ndarray) -> NodesBySpan:
-    """Sort the nodes of a volume by span triple and evaluate their basis functions, Eq. (4).
-
-    Parameters
-    ----------
-    volume : Volume
-        Orders and knots.
-    parameters : ndarray, shape (n, 3)
-        Parameters of the nodes.
-    rows : ndarray of int, shape (n,)
-        Row of each node in the vector of all nodes.
-    copies : ndarray of int, shape (n_copies, 2)
-        Row of each copy, and number of the node that it copies.
-
-    Returns
-    -------
-    NodesBySpan
-    """
+def sort_nodes(
+    volume: Volume,  # orders and knots
+    parameters: np.ndarray,  # (n, 3), parameters of the nodes
+    rows: np.ndarray,  # int (n,), row of each node in the vector of all nodes
+    copies: np.ndarray,  # int (n_copies, 2), row of each copy, and number of the node that it copies
+) -> NodesBySpan:
+    """Sort the nodes of a volume by span triple and evaluate their basis functions, Eq. (4)."""
     orders, n_control = volume.orders, volume.n_control
     anchors, values = _anchors_and_functions(volume, parameters)
     used, starts, order = sort_by_key(anchors, int(np.prod(n_control)))

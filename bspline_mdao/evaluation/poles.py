@@ -22,23 +22,12 @@ __all__ = ["NO_POLE", "beside", "divided_turns", "mean_weights", "poles_of", "ra
 NO_POLE = (-1, -1, -1)
 
 
-def poles_of(knots: tuple[np.ndarray, ...], B: np.ndarray, shortest: float) -> list[tuple[int, int, int]]:
-    """Find the sides of a volume that are poles with knots along them that differ elsewhere.
-
-    Parameters
-    ----------
-    knots : tuple of three ndarray, each of shape (2, 2, N + p)
-        Knots of every direction on its four edges, Eq. (5).
-    B : ndarray, shape (N0, N1, N2, 3)
-        Control points (m).
-    shortest : float
-        Differences of control points up to this length (m), in the sum norm, have collapsed.
-
-    Returns
-    -------
-    list of tuple (about, towards, end)
-        Direction about the pole, direction that ends there, and at which end, 0 or 1.
-    """
+def poles_of(
+    knots: tuple[np.ndarray, ...],  # each (2, 2, N + p), knots of every direction on its four edges, Eq. (5)
+    B: np.ndarray,  # (N0, N1, N2, 3), control points (m)
+    shortest: float,  # differences of control points up to this length (m), in the sum norm, have collapsed
+) -> list[tuple[int, int, int]]:  # direction about the pole, direction that ends there, and at which end, 0 or 1
+    """Find the sides of a volume that are poles with knots along them that differ elsewhere."""
     found = []
     for about in range(3):
         for towards in ((about + 1) % 3, (about + 2) % 3):
@@ -62,20 +51,24 @@ def beside(pole: tuple[int, int, int], shape: tuple[int, ...]) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def divided_turns(knots, orders, depends, pole, at_pole, K, turns, shares, box, out):
-    """Derivatives of parameters in the shares for the knots along a pole, those about it divided.
-
-    Parameters
-    ----------
-    knots, orders, depends, shares, box, pole, at_pole
-        See `bspline_mdao.evaluation.knot_ranges.extraction`.
-    K, turns : ndarray, shape (3, 3, 2, L)
-        From `bspline_mdao.evaluation.knot_ranges.parameter_slopes`.
-    out : ndarray, shape (3, 3, 2, L)
-        Receives centres and radii like ``turns``. The change of a knot along the pole with the parameter about it is
-        proportional to the distance from the pole; that factor is in here. Where the share is that about the pole, it
-        is divided by the share of the box that is between.
-    """
+def divided_turns(
+    # see `bspline_mdao.evaluation.knot_ranges.extraction`
+    knots,
+    orders,
+    depends,
+    pole,
+    at_pole,
+    # from `bspline_mdao.evaluation.knot_ranges.parameter_slopes`
+    K,  # (3, 3, 2, L)
+    turns,  # (3, 3, 2, L)
+    shares,
+    box,
+    # receives centres and radii like ``turns``. The change of a knot along the pole with the parameter about it is
+    # proportional to the distance from the pole; that factor is in here. Where the share is that about the pole, it is
+    # divided by the share of the box that is between
+    out,  # (3, 3, 2, L)
+):
+    """Derivatives of parameters in the shares for the knots along a pole, those about it divided."""
     v, d, end = pole
     o = 3 - v - d
     q = orders[d] - 2 if end == 1 else orders[d] - 1  # the knot of the span that is not on the pole
@@ -128,12 +121,10 @@ def mean_weights(order, is_divided, pole, at_pole, out):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def raise_divided(vectors, orders, pole, at_pole):
-    """Divide control vectors (2, p0, p1, p2, 3, L) that are zero on a pole, and raise their degree to what it was.
-
-    With the share ``t`` between pole and far side, ``sum_a c_a B_a^n`` with ``c_n = 0`` is ``t`` times a polynomial of
-    coefficients ``c_a n / (n - a)`` of degree ``n - 1``, whose coefficients of degree n are ``c_a + a / (n - a + 1)
-    c_{a-1}``.
-    """
+    """Divide control vectors (2, p0, p1, p2, 3, L) that are zero on a pole, and raise their degree to what it was."""
+    # With the share ``t`` between pole and far side, ``sum_a c_a B_a^n`` with ``c_n = 0`` is ``t`` times a polynomial
+    # of coefficients ``c_a n / (n - a)`` of degree ``n - 1``, whose coefficients of degree n are ``c_a + a / (n - a +
+    # 1) c_{a-1}``.
     d, n = pole[1], orders[pole[1]] - 1
     x = vectors.reshape(2, 3 * orders[0] * orders[1] * orders[2], vectors.shape[5])
     steps = 3 * orders[1] * orders[2], 3 * orders[2], 3

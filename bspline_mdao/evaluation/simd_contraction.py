@@ -50,23 +50,20 @@ MARGIN = TILE + LANES * (GROUPS_AHEAD + 1)
 
 
 @intrinsic(prefer_literal=True)
-def load_net(typingctx, control_points, corner, steps, net, p_0, p_1, p_2):
-    """Copy the differences of a sub-net to ``net``.
-
-    Parameters
-    ----------
-    control_points : ndarray, shape (N0 * N1 * N2 * 3,)
-        Control points of the volume.
-    corner : int
-        Element of ``control_points`` at which the anchor starts.
-    steps : tuple of int
-        Control points from one of the sub-net to the next in each direction, negative where the anchor is at the high
-        end; the last is 1 or -1.
-    net : ndarray, shape (p_0 * p_1 * p_2 * 3,)
-        Receives the differences.
-    p_0, p_1, p_2 : int
-        Orders, compile-time constants.
-    """
+def load_net(
+    typingctx,
+    control_points,  # (N0 * N1 * N2 * 3,), control points of the volume
+    corner,  # int, element of ``control_points`` at which the anchor starts
+    # control points from one of the sub-net to the next in each direction, negative where the anchor is at the high
+    # end; the last is 1 or -1
+    steps,  # tuple of int
+    net,  # (p_0 * p_1 * p_2 * 3,), receives the differences
+    # orders, compile-time constants
+    p_0,  # int
+    p_1,  # int
+    p_2,  # int
+):
+    """Copy the differences of a sub-net to ``net``."""
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(control_points, corner, steps, net, p_0, p_1, p_2)
 
@@ -162,24 +159,19 @@ def _line_differences_transposed(emit: Emitter, row):
 
 
 @intrinsic(prefer_literal=True)
-def sum_over_net(typingctx, net, basis, n, rows, out, p_0, p_1, p_2):
-    """Points of a group of nodes from one sub-net, Eq. (3).
-
-    Parameters
-    ----------
-    net : ndarray, shape (p_0 * p_1 * p_2 * 3,)
-        Differences of the sub-net.
-    basis : ndarray
-        Functions of the group.
-    n : int
-        Number of nodes in the group.
-    rows : ndarray of uint32
-        Row of each node in ``out``, readable `MARGIN` elements beyond the group.
-    out : ndarray, shape (3 * n_rows,)
-        Receives the points.
-    p_0, p_1, p_2 : int
-        Orders, compile-time constants.
-    """
+def sum_over_net(
+    typingctx,
+    net,  # (p_0 * p_1 * p_2 * 3,), differences of the sub-net
+    basis,  # functions of the group
+    n,  # int, number of nodes in the group
+    rows,  # ndarray of uint32, row of each node in ``out``, readable `MARGIN` elements beyond the group
+    out,  # (3 * n_rows,), receives the points
+    # orders, compile-time constants
+    p_0,  # int
+    p_1,  # int
+    p_2,  # int
+):
+    """Points of a group of nodes from one sub-net, Eq. (3)."""
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(net, basis, n, rows, out, p_0, p_1, p_2)
 
@@ -194,20 +186,22 @@ def sum_over_net(typingctx, net, basis, n, rows, out, p_0, p_1, p_2):
 
 
 @intrinsic(prefer_literal=True)
-def sum_over_net_turned(typingctx, net, basis, turn, fractions, vectors, n, rows, out, p_0, p_1, p_2):
-    """As `sum_over_net`, with the turned vectors of the nodes added to their points.
-
-    Parameters
-    ----------
-    net, basis, n, rows, out, p_0, p_1, p_2
-        As for `sum_over_net`.
-    turn : ndarray, shape (72,)
-        Coefficients of 1, u, v, uv, w, uw, vw, uvw of the nine entries of a rotation.
-    fractions : ndarray of float32
-        u, v, w of the group, each for all its nodes in turn.
-    vectors : ndarray
-        The three components of its vectors, likewise.
-    """
+def sum_over_net_turned(
+    typingctx,
+    net,
+    basis,
+    turn,  # (72,), coefficients of 1, u, v, uv, w, uw, vw, uvw of the nine entries of a rotation
+    fractions,  # ndarray of float32, u, v, w of the group, each for all its nodes in turn
+    vectors,  # the three components of its vectors, likewise
+    n,
+    rows,
+    out,
+    p_0,
+    p_1,
+    p_2,
+):
+    """As `sum_over_net`, with the turned vectors of the nodes added to their points."""
+    # net, basis, n, rows, out, p_0, p_1, p_2: as for `sum_over_net`
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(net, basis, turn, fractions, vectors, n, rows, out, p_0, p_1, p_2)
 
@@ -285,20 +279,15 @@ def _emit_scatter(emit: Emitter, point, n, rows, out):
 
 
 @intrinsic
-def gather_points(typingctx, bar, rows, n, points):
-    """Copy rows of ``bar`` to ``points``, group by group, one vector per component and zero beyond the last node.
-
-    Parameters
-    ----------
-    bar : ndarray, shape (3 * n_rows,)
-        Points.
-    rows : ndarray of uint32
-        Row of each node in ``bar``, readable `MARGIN` elements beyond the last.
-    n : int
-        Number of nodes.
-    points : ndarray, shape (>= 3 * (n + LANES - 1),)
-        Receives component ``d`` of node ``LANES * g + i`` at ``LANES * (3 * g + d) + i``.
-    """
+def gather_points(
+    typingctx,
+    bar,  # (3 * n_rows,), points
+    rows,  # ndarray of uint32, row of each node in ``bar``, readable `MARGIN` elements beyond the last
+    n,  # int, number of nodes
+    # receives component ``d`` of node ``LANES * g + i`` at ``LANES * (3 * g + d) + i``
+    points,  # (>= 3 * (n + LANES - 1),)
+):
+    """Copy rows of ``bar`` to ``points``, group by group, one vector per component and zero beyond the last node."""
     signature = types.void(bar, rows, n, points)
 
     def codegen(context, builder, signature, args):
@@ -316,22 +305,23 @@ def gather_points(typingctx, bar, rows, n, points):
 
 
 @intrinsic(prefer_literal=True)
-def sum_over_nodes(typingctx, net, basis, n, points, rows, bar, p_0, p_1, p_2):
-    """Add the products of the functions with the points of ``n`` nodes, summed over the nodes, to ``net``.
-
-    The transpose of `sum_over_net`, for several groups at once, each of `LANES` nodes but for the last.
-
-    Parameters
-    ----------
-    net : ndarray, shape (p_0 * p_1 * p_2 * 3 + LANES,)
-        Sums; the last `LANES` elements are scratch.
-    basis, p_0, p_1, p_2
-        As for `sum_over_net`.
-    n, points
-        As for `gather_points`.
-    rows, bar
-        As for `gather_points`; those of later nodes are brought into the cache.
-    """
+def sum_over_nodes(
+    typingctx,
+    net,  # (p_0 * p_1 * p_2 * 3 + LANES,), sums; the last `LANES` elements are scratch
+    basis,
+    n,
+    points,
+    rows,
+    bar,
+    p_0,
+    p_1,
+    p_2,
+):
+    """Add the products of the functions with the points of ``n`` nodes, summed over the nodes, to ``net``."""
+    # The transpose of `sum_over_net`, for several groups at once, each of `LANES` nodes but for the last.
+    # basis, p_0, p_1, p_2: as for `sum_over_net`
+    # n, points: as for `gather_points`
+    # rows, bar: as for `gather_points`; those of later nodes are brought into the cache
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(net, basis, n, points, rows, bar, p_0, p_1, p_2)
 
@@ -348,18 +338,17 @@ def sum_over_nodes(typingctx, net, basis, n, points, rows, bar, p_0, p_1, p_2):
 
 
 @intrinsic
-def sum_turns(typingctx, sums, fractions, vectors, n, points):
-    """Add the derivatives in the coefficients of a rotation to ``sums``: the transpose of `sum_over_net_turned`.
-
-    Parameters
-    ----------
-    sums : ndarray, shape (72 + LANES,)
-        Sums; the last `LANES` elements are scratch.
-    fractions, vectors
-        As for `sum_over_net_turned`, of several groups, each of `LANES` nodes but for the last.
-    n, points
-        As for `gather_points`.
-    """
+def sum_turns(
+    typingctx,
+    sums,  # (72 + LANES,), sums; the last `LANES` elements are scratch
+    fractions,
+    vectors,
+    n,
+    points,
+):
+    """Add the derivatives in the coefficients of a rotation to ``sums``: the transpose of `sum_over_net_turned`."""
+    # fractions, vectors: as for `sum_over_net_turned`, of several groups, each of `LANES` nodes but for the last
+    # n, points: as for `gather_points`
     signature = types.void(sums, fractions, vectors, n, points)
 
     def codegen(context, builder, signature, args):

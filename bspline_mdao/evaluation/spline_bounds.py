@@ -34,25 +34,14 @@ MAX_BOXES = 400
 
 
 class Queue(NamedTuple):
-    """Boxes that wait.
+    """Boxes that wait."""
 
-    Parameters
-    ----------
-    n_waiting : ndarray of int, shape (2,)
-        Number of boxes that wait, and of elements that nobody has asked yet.
-    waiting, waiting_depths : ndarray of int, shape (n,)
-        Elements of the boxes that wait, and how often these were halved.
-    waiting_boxes : ndarray, shape (n, 2, 3, 2)
-        Shares and parameters.
-    n_boxes : ndarray of int, shape (n_elements,)
-        Boxes of each element that were asked.
-    """
-
-    n_waiting: np.ndarray
-    waiting: np.ndarray
-    waiting_depths: np.ndarray
-    waiting_boxes: np.ndarray
-    n_boxes: np.ndarray
+    n_waiting: np.ndarray  # int (2,), number of boxes that wait, and of elements that nobody has asked yet
+    # elements of the boxes that wait, and how often these were halved
+    waiting: np.ndarray  # int (n,)
+    waiting_depths: np.ndarray  # int (n,)
+    waiting_boxes: np.ndarray  # (n, 2, 3, 2), shares and parameters
+    n_boxes: np.ndarray  # int (n_elements,), boxes of each element that were asked
 
     @classmethod
     def of(cls, n_lanes: int, n_elements: int) -> Queue:
@@ -62,25 +51,14 @@ class Queue(NamedTuple):
 
 
 class Boxes(NamedTuple):
-    """Boxes that are asked now, one in each lane.
+    """Boxes that are asked now, one in each lane."""
 
-    Parameters
-    ----------
-    numbers : ndarray of int, shape (L,)
-        Elements of the boxes; -1 in lanes that are free.
-    loaded : ndarray of int, shape (L,)
-        Elements that control points and knots in the lanes belong to.
-    depths : ndarray of int, shape (L,)
-        How often the boxes were halved.
-    shares, box : ndarray, shape (3, 2, L)
-        The boxes, and the parameters on them.
-    """
-
-    numbers: np.ndarray
-    loaded: np.ndarray
-    depths: np.ndarray
-    shares: np.ndarray
-    box: np.ndarray
+    numbers: np.ndarray  # int (L,), elements of the boxes; -1 in lanes that are free
+    loaded: np.ndarray  # int (L,), elements that control points and knots in the lanes belong to
+    depths: np.ndarray  # int (L,), how often the boxes were halved
+    # the boxes, and the parameters on them
+    shares: np.ndarray  # (3, 2, L)
+    box: np.ndarray  # (3, 2, L)
 
     @classmethod
     def of(cls, n_lanes: int) -> Boxes:
@@ -183,23 +161,16 @@ def _settle(
 
 
 class Lanes:
-    """Lanes in which boxes of one volume are asked, and what is found of these.
+    """Lanes in which boxes of one volume are asked, and what is found of these."""
 
-    Parameters
-    ----------
-    n_lanes : int
-        How many.
-    orders : tuple of three int
-        Orders.
-    varies : ndarray of bool, shape (3, 3)
-        Whether knots of the first direction vary with the parameter of the second.
-    normal : ndarray, shape (3,)
-        Derivative in a direction of order 1.
-    pole : tuple of three int
-        Pole that the elements are beside, see `bspline_mdao.evaluation.knot_ranges.extraction`.
-    """
-
-    def __init__(self, n_lanes: int, orders: tuple[int, int, int], varies: np.ndarray, normal: np.ndarray, pole):
+    def __init__(
+        self,
+        n_lanes: int,
+        orders: tuple[int, int, int],
+        varies: np.ndarray,  # bool (3, 3), whether knots of the first direction vary with the parameter of the second
+        normal: np.ndarray,  # (3,), derivative in a direction of order 1
+        pole: tuple[int, int, int],  # the one that the elements are beside, see `knot_ranges.extraction`
+    ):
         p, L, self.orders, self.normal, self.pole = max(*orders, 2), n_lanes, orders, normal, pole
         n, n_parts = 2 * p - 2, p * (p - 1) // 2
         self.varies, self.depends = varies, varies | (varies @ varies)
@@ -252,33 +223,16 @@ class Lanes:
 
 
 def decide_elements(
-    knots: tuple[np.ndarray, ...], orders: tuple[int, int, int], B: np.ndarray, sign: float, normal: np.ndarray,
-    shortest: float,
-) -> tuple[np.ndarray, int]:  # fmt: skip
-    """Decide about all elements of a volume.
-
-    Parameters
-    ----------
-    knots : tuple of three ndarray, each of shape (2, 2, N + p)
-        Knots of every direction on its four edges, Eq. (5).
-    orders : tuple of three int
-        Orders; 1 with a single layer of control points.
-    B : ndarray, shape (N0, N1, N2, 3)
-        Control points (m).
-    sign : float
-        Handedness.
-    normal : ndarray, shape (3,)
-        Derivative in a direction of order 1.
-    shortest : float
-        Differences of control points up to this length (m) have collapsed.
-
-    Returns
-    -------
-    status : ndarray of uint8, shape (N0 - p0 + 1, N1 - p1 + 1, N2 - p2 + 1)
-        What is known of each element; one that lies between two equal knots has none and counts as valid.
-    n_boxes : int
-        Boxes that were asked.
-    """
+    knots: tuple[np.ndarray, ...],  # each (2, 2, N + p), of every direction on its four edges, Eq. (5)
+    orders: tuple[int, int, int],  # 1 with a single layer of control points
+    B: np.ndarray,  # (N0, N1, N2, 3), control points (m)
+    sign: float,  # handedness
+    normal: np.ndarray,  # (3,), derivative in a direction of order 1
+    shortest: float,  # differences of control points up to this length (m) have collapsed
+) -> tuple[np.ndarray, int]:
+    """Decide about all elements of a volume: their status, and how many boxes were asked."""
+    # status uint8 (N0 - p0 + 1, N1 - p1 + 1, N2 - p2 + 1): what is known of each element; one that lies between two
+    # equal knots has none and counts as valid
     varies = np.array([[e != v and _varies(T, e, v) for v in range(3)] for e, T in enumerate(knots)])
     status = np.full([n - p + 1 for n, p in zip(B.shape, orders)], VALID, dtype=np.uint8)
     is_empty = np.zeros(status.shape, dtype=bool)

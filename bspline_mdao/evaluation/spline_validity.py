@@ -22,26 +22,13 @@ __all__ = ["certify_splines", "spline_statuses"]
 
 
 def certify_splines(
-    mesh: BSplineMesh, control_points: np.ndarray, names: Sequence[str], baseline: np.ndarray | None = None
-) -> tuple[BlockCertificate, ...]:
-    """Prove which elements of the volumes of a mesh are valid.
-
-    Parameters
-    ----------
-    mesh : BSplineMesh
-        The volumes.
-    control_points : ndarray, shape (n_control_points, 3)
-        Control points (m).
-    names : sequence of str
-        Names of the volumes.
-    baseline : ndarray, shape (n_control_points, 3), optional
-        Control points that decide about handedness; the same by default.
-
-    Returns
-    -------
-    tuple of BlockCertificate
-        One for each volume with control points in two directions.
-    """
+    mesh: BSplineMesh,  # the volumes
+    control_points: np.ndarray,  # (n_control_points, 3), control points (m)
+    names: Sequence[str],  # names of the volumes
+    # control points that decide about handedness; the same by default
+    baseline: np.ndarray | None = None,  # (n_control_points, 3)
+) -> tuple[BlockCertificate, ...]:  # one for each volume with control points in two directions
+    """Prove which elements of the volumes of a mesh are valid."""
     places = [n for n, volume in enumerate(mesh.volumes) if sum(count > 1 for count in volume.n_control) > 1]
     found: list[np.ndarray] = [np.empty(0)] * len(places)
     before = control_points if baseline is None else baseline
@@ -54,23 +41,14 @@ def certify_splines(
     return tuple(of_statuses(names[place], "spline element", status) for place, status in zip(places, found))
 
 
-def spline_statuses(volume: Volume, control_points: np.ndarray, handedness: int) -> np.ndarray:
-    """Statuses of the elements of a volume, the regions between knots.
-
-    Parameters
-    ----------
-    volume : Volume
-        Orders and knots. About knots that are functions of the user's own nothing can be proved.
-    control_points : ndarray, shape (N0, N1, N2, 3)
-        Control points (m).
-    handedness : int
-        +1 or -1.
-
-    Returns
-    -------
-    ndarray of uint8, shape (N0 - p0 + 1, N1 - p1 + 1, N2 - p2 + 1)
-        `bspline_mdao.cells.bernstein.VALID`, ``UNDECIDED`` or ``INVALID``.
-    """
+def spline_statuses(
+    volume: Volume,  # orders and knots. About knots that are functions of the user's own nothing can be proved
+    control_points: np.ndarray,  # (N0, N1, N2, 3), control points (m)
+    handedness: int,  # +1 or -1
+) -> np.ndarray:
+    """Statuses of the elements of a volume, the regions between knots."""
+    # returns uint8 (N0 - p0 + 1, N1 - p1 + 1, N2 - p2 + 1), `bspline_mdao.cells.bernstein.VALID`, ``UNDECIDED`` or
+    # ``INVALID``
     orders, net = volume.orders, np.ascontiguousarray(control_points, dtype=float)
     shape = tuple(n - p + 1 for n, p in zip(volume.n_control, orders))
     edges = [edge for edge in map(_on_edges, volume.knots) if edge is not None]

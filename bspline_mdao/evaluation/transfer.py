@@ -194,11 +194,9 @@ def _cuts(topology: Topology, block: int, d: int) -> np.ndarray:
 
 
 def _moments(coarse: np.ndarray, fine: np.ndarray) -> tuple[csr_array, csr_array, csr_array]:
-    """Moments of the parts of fine cells of a line in coarse ones, relative to the fine cells: three matrices.
-
-    With x the index in the coarse cell from its centre, the means of 1, x and (x^2 - 1/12) / 2 over each part, times
-    its share of the fine cell; the mean of all of them over a coarse cell is 1, 0 and 0.
-    """
+    """Moments of the parts of fine cells of a line in coarse ones, relative to the fine cells: three matrices."""
+    # With x the index in the coarse cell from its centre, the means of 1, x and (x^2 - 1/12) / 2 over each part, times
+    # its share of the fine cell; the mean of all of them over a coarse cell is 1, 0 and 0.
     ends = np.interp(np.arange(fine[-1] + 1), fine, coarse)  # of the fine cells, in indices of the coarse line
     whole = np.rint(ends)
     ends = np.where(np.abs(ends - whole) < 1e-9, whole, ends)
@@ -229,11 +227,9 @@ def _interpolation(source: np.ndarray, target: np.ndarray, order: int) -> csr_ar
 
 
 def _hermite(values: np.ndarray, n: int) -> np.ndarray:
-    """Cubic Hermite interpolation of rows at ``n`` evenly spread positions; rows at integers keep their values.
-
-    Slopes are of fourth order inside and of third at the ends: on the strongly stretched lines of coarse grids, the
-    coordinates of which grow like exponentials, wider stencils at the ends fold cells.
-    """
+    """Cubic Hermite interpolation of rows at ``n`` evenly spread positions; rows at integers keep their values."""
+    # Slopes are of fourth order inside and of third at the ends: on the strongly stretched lines of coarse grids, the
+    # coordinates of which grow like exponentials, wider stencils at the ends fold cells.
     position = np.arange(n) * (len(values) - 1) / max(n - 1, 1)
     at = np.clip(position.astype(int), 0, max(len(values) - 2, 0))
     if len(values) == 1:
