@@ -37,11 +37,6 @@ class Part(NamedTuple):
 class KreisselmeierSteinhauser(OneLine):
     """``m - ln(sum exp(-rho (x - m))) / rho`` with m the smallest x: between ``m - ln(n) / rho`` and m; complex-safe.
 
-    Parameters
-    ----------
-    rho : float
-        Sharpness.
-
     Examples
     --------
     >>> rule = KreisselmeierSteinhauser(rho=100.0)
@@ -49,7 +44,7 @@ class KreisselmeierSteinhauser(OneLine):
     0.493069
     """
 
-    rho: float
+    rho: float  # sharpness
 
     def __post_init__(self):
         if not 0.0 < self.rho < np.inf:
@@ -82,15 +77,9 @@ class KreisselmeierSteinhauser(OneLine):
 
 @dataclass(frozen=True)
 class PNorm:
-    """``1 - |1 - x|_p`` of numbers that are at most 1: between ``1 - n^(1/p) (1 - m)`` and m, the smallest x.
+    """``1 - |1 - x|_p`` of numbers that are at most 1: between ``1 - n^(1/p) (1 - m)`` and m, the smallest x."""
 
-    Parameters
-    ----------
-    p : int
-        Power, at least 2.
-    """
-
-    p: int
+    p: int  # power, at least 2
 
     def __post_init__(self):
         if self.p < 2 or int(self.p) != self.p:
@@ -137,28 +126,16 @@ def _power(x, n):
 
 @dataclass(frozen=True)
 class Aggregate:
-    """A smooth bound of a measure over a whole grid, as a constraint on the worst cell needs it.
+    """A smooth bound of a measure over a whole grid, as a constraint on the worst cell needs it."""
 
-    Parameters
-    ----------
-    measure : str
-        Field of `bspline_mdao.cells.block_cells.Measures` that is bounded, or ``"height"`` for the heights of the first
-        cells at walls.
-    rule : {"ks", "pnorm"}
-        `KreisselmeierSteinhauser` or `PNorm`; the latter only of what is at most 1.
-    meaning : str
-        What it is, for the documentation of the outputs.
-    is_upper : bool
-        Whether it bounds the largest number from above: minus the lower bound of the negative numbers.
-    is_default : bool
-        Whether it is an output of the component unless others are asked for.
-    """
-
+    # field of `bspline_mdao.cells.block_cells.Measures` that is bounded, or ``"height"`` for the heights of the first
+    # cells at walls
     measure: str
-    rule: str
-    meaning: str
+    rule: str  # `KreisselmeierSteinhauser` or `PNorm`; the latter only of what is at most 1
+    meaning: str  # what it is, for the documentation of the outputs
+    # whether it bounds the largest number from above: minus the lower bound of the negative numbers
     is_upper: bool = False
-    is_default: bool = False
+    is_default: bool = False  # whether it is an output of the component unless others are asked for
 
     @property
     def is_of_heights(self) -> bool:

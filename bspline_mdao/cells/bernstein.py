@@ -114,29 +114,17 @@ def _copy(c, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def decide(coefficients, counts, margin, has_zeros, max_halvings):
-    """Decide whether a polynomial is positive.
-
-    Parameters
-    ----------
-    coefficients : ndarray, shape (l + 1, m + 1, n + 1)
-        Bernstein coefficients on the unit cube.
-    counts : ndarray, same shape
-        0 for coefficients that are zero by construction, which do not count, else 1; not looked at without such ones.
-    margin : float
-        Bound of the error of every coefficient.
-    has_zeros : bool
-        Whether there are such coefficients.
-    max_halvings : int
-        Halvings one after the other, at most.
-
-    Returns
-    -------
-    status : int
-        `VALID`, `UNDECIDED` or `INVALID`.
-    bound : float
-        Lower bound of the polynomial in a valid one, where it counts; the smallest number known otherwise.
-    """
+def decide(
+    coefficients,  # (l + 1, m + 1, n + 1), Bernstein coefficients on the unit cube
+    # 0 for coefficients that are zero by construction, which do not count, else 1; not looked at without such ones
+    counts,  # ndarray, same shape
+    margin,  # bound of the error of every coefficient
+    has_zeros,  # bool, whether there are such coefficients
+    max_halvings,  # int, halvings one after the other, at most
+):
+    """Decide whether a polynomial is positive."""
+    # returns status int: `VALID`, `UNDECIDED` or `INVALID`
+    # returns bound: lower bound of the polynomial in a valid one, where it counts; the smallest number known otherwise
     l, m, n = coefficients.shape
     largest = 0.0
     for i in range(l):

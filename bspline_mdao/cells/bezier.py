@@ -36,10 +36,8 @@ def binomials(degree: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _scaled_edges(points, direction, binomial, normal, shortest, out, is_long):
-    """Write differences of control points in one direction, times binomial numbers; return the largest in the sum norm.
-
-    A direction with one layer of points has the normal for difference.
-    """
+    """Write differences of control points in one direction, times binomial numbers; the largest in the sum norm."""
+    # A direction with one layer of points has the normal for difference.
     largest = 0.0
     n_0, n_1, n_2 = out.shape[0], out.shape[1], out.shape[2]
     is_flat = points.shape[direction] == 1
@@ -81,31 +79,17 @@ def _sizes(shape, first, second):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bezier_bound(points, sign, binomial, normal, shortest, errors, max_halvings):
-    """Decide whether the Jacobian of a Bézier hexahedron is positive.
-
-    Parameters
-    ----------
-    points : ndarray, shape (l + 1, m + 1, n + 1, 3)
-        Control points (m); a degree may be 0.
-    sign : float
-        Handedness.
-    binomial : ndarray
-        `binomials` up to the degree of the Jacobian, at least ``3 max(l, m, n) - 1``.
-    normal : ndarray, shape (3,)
-        Derivative in a direction of degree 0.
-    shortest : float
-        Differences up to this length (m), in the sum norm, have collapsed.
-    errors : tuple of three float
-        Bounds of the error of a difference of control points in each direction (m), in the sum norm.
-    max_halvings : int
-        See `bspline_mdao.cells.bernstein.decide`.
-
-    Returns
-    -------
-    status, bound
-        See `bspline_mdao.cells.bernstein.decide`.
-    """
+def bezier_bound(
+    points,  # (l + 1, m + 1, n + 1, 3), control points (m); a degree may be 0
+    sign,  # handedness
+    binomial,  # `binomials` up to the degree of the Jacobian, at least ``3 max(l, m, n) - 1``
+    normal,  # (3,), derivative in a direction of degree 0
+    shortest,  # differences up to this length (m), in the sum norm, have collapsed
+    # bounds of the error of a difference of control points in each direction (m), in the sum norm
+    errors,  # tuple of three float
+    max_halvings,  # int, see `bspline_mdao.cells.bernstein.decide`
+):  # status, bound, see `bspline_mdao.cells.bernstein.decide`
+    """Decide whether the Jacobian of a Bézier hexahedron is positive."""
     s_0, s_1, s_2 = points.shape[0], points.shape[1], points.shape[2]
     t_0, t_1, t_2 = max(s_0 - 1, 1), max(s_1 - 1, 1), max(s_2 - 1, 1)
     a, b, c = np.empty((t_0, s_1, s_2, 3)), np.empty((s_0, t_1, s_2, 3)), np.empty((s_0, s_1, t_2, 3))
@@ -159,32 +143,14 @@ def _bezier_of_lagrange(degree: int) -> tuple[np.ndarray, float]:
 
 
 def lagrange_validity(
-    nodes: np.ndarray, handedness: int = 1, shortest: float = 0.0, max_halvings: int = MAX_HALVINGS
+    # nodes of elements of degree q, evenly spaced in the parameters (m); q = 1 to 4 as CGNS and Gmsh have them
+    nodes: np.ndarray,  # (n_e, q + 1, q + 1, q + 1, 3)
+    handedness: int = 1,  # +1 or -1
+    # edges between control points up to this length (m) have collapsed; where they have, the Jacobian may be zero
+    shortest: float = 0.0,
+    max_halvings: int = MAX_HALVINGS,  # see `bspline_mdao.cells.bernstein.decide`
 ) -> tuple[np.ndarray, np.ndarray]:
     """Decide whether curved hexahedra are valid: whether their Jacobian is positive everywhere inside.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (n_e, q + 1, q + 1, q + 1, 3)
-        Nodes of elements of degree q, evenly spaced in the parameters (m); q = 1 to 4 as CGNS and Gmsh have them.
-    handedness : int
-        +1 or -1.
-    shortest : float
-        Edges between control points up to this length (m) have collapsed; where they have, the Jacobian may be zero.
-    max_halvings : int
-        See `bspline_mdao.cells.bernstein.decide`.
-
-    Returns
-    -------
-    status : ndarray of uint8, shape (n_e,)
-        `bspline_mdao.cells.bernstein.VALID`, ``UNDECIDED`` or ``INVALID``.
-    bound : ndarray, shape (n_e,)
-        Lower bound of the Jacobian (m^3) of those that are valid, with parameters from 0 to 1.
-
-    Raises
-    ------
-    InputError
-        If the nodes are not those of hexahedra of a degree of at least 1.
 
     Examples
     --------
@@ -195,6 +161,8 @@ def lagrange_validity(
     >>> lagrange_validity(cube[None])[0]  # of degree 2: valid
     array([0], dtype=uint8)
     """
+    # returns status uint8 (n_e,): `bspline_mdao.cells.bernstein.VALID`, ``UNDECIDED`` or ``INVALID``
+    # returns bound (n_e,): lower bound of the Jacobian (m^3) of those that are valid, with parameters from 0 to 1
     nodes = np.ascontiguousarray(nodes, dtype=float)
     if nodes.ndim != 5 or nodes.shape[4] != 3 or len(set(nodes.shape[1:4])) != 1 or nodes.shape[1] < 2:
         raise InputError(f"curved elements: nodes of shape {nodes.shape}; give (n, q + 1, q + 1, q + 1, 3) of degree q")

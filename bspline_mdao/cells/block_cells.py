@@ -32,45 +32,23 @@ CHUNK_CELLS = 8192
 
 @dataclass(frozen=True, eq=False)
 class BlockCells:
-    """Cells of a block, or of a piece of it, with what stays as it was on the baseline.
+    """Cells of a block, or of a piece of it, with what stays as it was on the baseline."""
 
-    Where a process holds some pieces of a grid, "grid" stands for them below.
+    # Where a process holds some pieces of a grid, "grid" stands for them below.
 
-    Parameters
-    ----------
-    name : str
-        Name of the block.
-    window : Window
-        The piece of it: all of it as a rule.
-    first_node, first_cell : int
-        Where the piece starts in the grid vector and among the cells.
-    handedness : int
-        +1 or -1, the sign that most of the block's cells had.
-    degenerate_corners : ndarray of uint8
-        Bits of the degenerate corners, per cell; of a planar block with its flat direction moved last.
-    inverse_volume : ndarray, shape (n_cells,)
-        1 / volume, in absolute value (m^-3); 0 for cells that had none.
-    was_invalid : ndarray of int, ascending
-        Cells that were not valid.
-    flat : int or None
-        Direction with a single node.
-    normal : ndarray, shape (3,), or None
-        Unit normal of a planar block, which serves as its third edges.
-    shortest : float
-        Edges at degenerate corners that are shorter have collapsed (m).
-    """
-
-    name: str
-    window: Window
+    name: str  # name of the block
+    window: Window  # the piece of it: all of it as a rule
+    # where the piece starts in the grid vector and among the cells
     first_node: int
     first_cell: int
-    handedness: int
+    handedness: int  # +1 or -1, the sign that most of the block's cells had
+    # bits of the degenerate corners, per cell; of a planar block with its flat direction moved last
     degenerate_corners: np.ndarray
-    inverse_volume: np.ndarray
-    was_invalid: np.ndarray
-    flat: int | None
-    normal: np.ndarray | None
-    shortest: float
+    inverse_volume: np.ndarray  # (n_cells,), 1 / volume, in absolute value (m^-3); 0 for cells that had none
+    was_invalid: np.ndarray  # cells that were not valid
+    flat: int | None  # direction with a single node
+    normal: np.ndarray | None  # (3,), or None, unit normal of a planar block, which serves as its third edges
+    shortest: float  # edges at degenerate corners that are shorter have collapsed (m)
 
     @classmethod
     def of_baseline(
@@ -83,10 +61,8 @@ class BlockCells:
         frame: Frame,
         handedness: int | None = None,
     ) -> BlockCells:
-        """Decide about the cells of a piece of a block with nodes (ni, nj, nk, 3) on the baseline.
-
-        ``frame`` is that of the block. Its ``handedness`` is that of most cells of the piece by default.
-        """
+        """Decide about the cells of a piece of a block with nodes (ni, nj, nk, 3) on the baseline."""
+        # ``frame`` is that of the block. Its ``handedness`` is that of most cells of the piece by default.
         degenerate_corners, flat = collapsed_corners(nodes, frame.size), flat_direction(nodes.shape)
         quality = cell_quality(nodes, degenerate_corners, handedness, frame.normal)
         if flat is not None:
@@ -149,23 +125,12 @@ class BlockCells:
             yield Chunk(self, start, min(start + n_layers, len(self.degenerate_corners)))
 
 
-def block_cells(pieces: Pieces, nodes: np.ndarray, frames: Sequence[Frame]) -> tuple[BlockCells, ...]:
-    """Decide about the cells of all pieces of a process on the baseline; all processes call it.
-
-    Parameters
-    ----------
-    pieces : Pieces
-        The pieces.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of this process (m).
-    frames : sequence of Frame
-        Frame of the block of each of its pieces, see `Pieces.frames`.
-
-    Returns
-    -------
-    tuple of BlockCells
-        One for each piece of this process that has cells.
-    """
+def block_cells(
+    pieces: Pieces,
+    nodes: np.ndarray,  # (n_nodes, 3), nodes of this process (m)
+    frames: Sequence[Frame],  # frame of the block of each of its pieces, see `Pieces.frames`
+) -> tuple[BlockCells, ...]:  # one for each piece of this process that has cells
+    """Decide about the cells of all pieces of a process on the baseline; all processes call it."""
     blocks: list[BlockCells] = []
     signs = _handedness(pieces, nodes, frames) if pieces.split else {}
     with together(pieces.comm):
@@ -200,17 +165,10 @@ def _signs(piece, nodes, frame, shape):
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Layers ``start`` to ``stop`` of the cells of a block.
-
-    Parameters
-    ----------
-    block : BlockCells
-        The block.
-    start, stop : int
-        Layers along its first direction, the first that is not flat.
-    """
+    """Layers ``start`` to ``stop`` of the cells of a block."""
 
     block: BlockCells
+    # layers along its first direction, the first that is not flat
     start: int
     stop: int
 
@@ -256,28 +214,16 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Measures:
-    """Measures of the cells of a chunk, or changes or adjoints of them.
+    """Measures of the cells of a chunk, or changes or adjoints of them."""
 
-    Parameters
-    ----------
-    q : ndarray, shape (n_cells,)
-        Orthogonality, Eq. (9).
-    triples : ndarray, shape (8, n_cells)
-        Corner triple products; 1 at degenerate corners.
-    jacobians : ndarray, shape (8, n_cells)
-        Corner Jacobians divided by the volume of the cell on the baseline; infinite at degenerate corners.
-    volume : ndarray, shape (n_cells,)
-        Volumes divided by those of the baseline; infinite where there was none.
-    coefficients : ndarray, shape (27, n_cells), or None
-        Bernstein coefficients of the Jacobian divided by the volume of the cell on the baseline; infinite where
-        they are zero by a collapsed edge. None where they are not asked for.
-    """
-
-    q: np.ndarray
-    triples: np.ndarray
-    jacobians: np.ndarray
-    volume: np.ndarray
-    coefficients: np.ndarray | None = None
+    q: np.ndarray  # (n_cells,), orthogonality, Eq. (9)
+    triples: np.ndarray  # (8, n_cells), corner triple products; 1 at degenerate corners
+    # corner Jacobians divided by the volume of the cell on the baseline; infinite at degenerate corners
+    jacobians: np.ndarray  # (8, n_cells)
+    volume: np.ndarray  # (n_cells,), volumes divided by those of the baseline; infinite where there was none
+    # Bernstein coefficients of the Jacobian divided by the volume of the cell on the baseline; infinite where they are
+    # zero by a collapsed edge. None where they are not asked for
+    coefficients: np.ndarray | None = None  # (27, n_cells), or None
 
     @classmethod
     def zeros_like(cls, other: Measures) -> Measures:

@@ -36,81 +36,43 @@ NUMBER = np.int32
 
 @dataclass(frozen=True)
 class BoundaryFaces:
-    """The faces of one patch.
+    """The faces of one patch."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the patch; ``unassigned`` for what no patch claims.
-    kind : str or None
-        Kind of the patch.
-    start, stop : int
-        Range of its faces in the list of all.
-    """
-
-    name: str
-    kind: str | None
+    name: str  # name of the patch; ``unassigned`` for what no patch claims
+    kind: str | None  # kind of the patch
+    # range of its faces in the list of all
     start: int
     stop: int
 
 
 @dataclass(frozen=True, eq=False)
 class CellFaces:
-    """Faces between the cells of a multi-block grid, the inner ones first, then patch after patch.
+    """Faces between the cells of a multi-block grid, the inner ones first, then patch after patch."""
 
-    Parameters
-    ----------
-    shapes : tuple of (int, int, int)
-        Cells of each block in each direction.
-    corners : ndarray of int, shape (n_faces, 4)
-        Rows of a face's corners in the grid vector, see the head of the module.
-    left : ndarray of int, shape (n_faces,)
-        Cell on the left of each face.
-    right : ndarray of int, shape (n_inner,)
-        Cell on the right of each inner face.
-    beyond_left, beyond_right : ndarray of int, shapes (n_faces,) and (n_inner,)
-        Cell behind the left cell as seen from the face, along the grid line through it, and behind the right one; -1
-        where there is none.
-    third : ndarray of int, shape (n_faces - n_inner,)
-        Third cell of the grid line from each boundary face inwards; -1 where there is none.
-    boundary : tuple of BoundaryFaces
-        The patches.
-    n_ghosts : int
-        Cells of other processes; their numbers follow those of the cells.
-    pieces : tuple of Window, or None
-        Windows of the blocks that ``shapes`` are of; None where they are the blocks.
-    numbers_in_grid : ndarray of int, shape (n_faces - n_inner,), or None
-        Numbers of the boundary faces among those of all pieces, patch after patch; None where they are all.
-    """
-
-    shapes: tuple[tuple[int, int, int], ...]
-    corners: np.ndarray
-    left: np.ndarray
-    right: np.ndarray
-    beyond_left: np.ndarray
-    beyond_right: np.ndarray
-    third: np.ndarray
-    boundary: tuple[BoundaryFaces, ...]
-    n_ghosts: int = 0
+    shapes: tuple[tuple[int, int, int], ...]  # cells of each block in each direction
+    corners: np.ndarray  # int (n_faces, 4), rows of a face's corners in the grid vector, see the head of the module
+    left: np.ndarray  # int (n_faces,), cell on the left of each face
+    right: np.ndarray  # int (n_inner,), cell on the right of each inner face
+    # cell behind the left cell as seen from the face, along the grid line through it, and behind the right one; -1
+    # where there is none
+    beyond_left: np.ndarray  # int (n_faces,)
+    beyond_right: np.ndarray  # int (n_inner,)
+    # third cell of the grid line from each boundary face inwards; -1 where there is none
+    third: np.ndarray  # int (n_faces - n_inner,)
+    boundary: tuple[BoundaryFaces, ...]  # the patches
+    n_ghosts: int = 0  # cells of other processes; their numbers follow those of the cells
+    # windows of the blocks that ``shapes`` are of; None where they are the blocks
     pieces: tuple[Window, ...] | None = None
-    numbers_in_grid: np.ndarray | None = None
+    # numbers of the boundary faces among those of all pieces, patch after patch; None where they are all
+    numbers_in_grid: np.ndarray | None = None  # int (n_faces - n_inner,), or None
 
     @classmethod
-    def of(cls, topology: Topology, nodes: np.ndarray) -> CellFaces:
-        """List the faces of a grid.
-
-        Parameters
-        ----------
-        topology : Topology
-            How its blocks are joined.
-        nodes : ndarray, shape (n_nodes, 3)
-            Baseline nodes (m), which tell the handedness of each block.
-
-        Raises
-        ------
-        InputError
-            If a block has no cells, or its cells have no volume in sum.
-        """
+    def of(
+        cls,
+        topology: Topology,  # how its blocks are joined
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), which tell the handedness of each block
+    ) -> CellFaces:
+        """List the faces of a grid. `InputError` if a block has no cells, or its cells have no volume in sum."""
         blocks = _blocks(topology, nodes)
         inner = [faces for block in blocks for faces in block.inner()]
         inner += [_interface(blocks, interface) for interface in topology.interfaces]
@@ -156,10 +118,8 @@ class CellFaces:
         return self.corners[self.faces_of(kind)]
 
     def sum_over_cells(self, values: np.ndarray, sign: float = -1.0) -> np.ndarray:
-        """Sum numbers of the faces, shape (n_faces,), over those of every cell.
-
-        Those of a face count for the cell on its left, and times ``sign`` for the one on its right.
-        """
+        """Sum numbers of the faces, shape (n_faces,), over those of every cell."""
+        # Those of a face count for the cell on its left, and times ``sign`` for the one on its right.
         n = self.n_cells + self.n_ghosts
         left = np.bincount(self.left, values, n)
         return (left + sign * np.bincount(self.right, values[: self.n_inner], n))[: self.n_cells]
@@ -174,13 +134,7 @@ class CellFaces:
         return self.sum_over_cells(np.sum(area_vectors(corners) * corners.mean(axis=1), axis=1)) / 3.0
 
     def require_volumes(self, nodes: np.ndarray) -> None:
-        """Refuse cells with negative volumes.
-
-        Raises
-        ------
-        InputError
-            If there are any, with their number and the worst one.
-        """
+        """Refuse cells with negative volumes."""
         volumes = self.volumes(nodes)
         n_negative = np.count_nonzero(volumes < -_ROUNDED * np.abs(nodes).max(initial=0.0) * self.sizes(nodes))
         if n_negative:

@@ -23,25 +23,6 @@ FIELDS = ("Q", "smallest_corner", "wall_height", "block", "patch")
 def cell_fields(grid: Grid) -> dict[str, list[np.ndarray]]:
     """Find the quality and the place of every cell.
 
-    Parameters
-    ----------
-    grid : Grid
-        The grid.
-
-    Returns
-    -------
-    dict of str to list of ndarray
-        By the names in `FIELDS`, one array per block, of shape (ni - 1, nj - 1, nk - 1), where a direction with one
-        node has one layer. ``Q`` of Eq. (9) and ``smallest_corner``, the smallest corner triple product of unit edges
-        (not a number in a block without cells); ``wall_height`` of the first cells off walls (m), the mean at the
-        nodes of the cell on the wall, and not a number elsewhere; the numbers ``block`` and ``patch`` from 1, where a
-        cell at no patch has 0, and one at several that of a wall before that of a plane of symmetry.
-
-    Raises
-    ------
-    InputError
-        If no block has cells, or all nodes of a block are at one point.
-
     Examples
     --------
     >>> from bspline_mdao import onera_m6_grid
@@ -49,6 +30,12 @@ def cell_fields(grid: Grid) -> dict[str, list[np.ndarray]]:
     >>> grid.shapes[0], cell_fields(grid)["Q"][0].shape
     ((7, 6, 5), (6, 5, 4))
     """
+    # `InputError` if no block has cells, or all nodes of a block are at one point
+    # returns by the names in `FIELDS`, one array per block, of shape (ni - 1, nj - 1, nk - 1), where a direction with
+    # one node has one layer. ``Q`` of Eq. (9) and ``smallest_corner``, the smallest corner triple product of unit edges
+    # (not a number in a block without cells); ``wall_height`` of the first cells off walls (m), the mean at the nodes
+    # of the cell on the wall, and not a number elsewhere; the numbers ``block`` and ``patch`` from 1, where a cell at
+    # no patch has 0, and one at several that of a wall before that of a plane of symmetry
     shapes = [tuple(max(n - 1, 1) for n in shape) for shape in grid.shapes]
     found = {name: [np.full(shape, np.nan) for shape in shapes] for name in FIELDS[:3]}
     quality, nodes = GridQuality.of_baseline(grid), grid.to_vector().reshape(-1, 3)
@@ -76,23 +63,12 @@ def _windows(numbered: list[tuple[int, Patch]], kind: str):
     return [(number, window) for number, patch in numbered if patch.kind == kind for window in patch.windows]
 
 
-def face_layer(cells: np.ndarray, window: Window, shape: tuple[int, ...]) -> np.ndarray:
-    """View the cells behind a face window.
-
-    Parameters
-    ----------
-    cells : ndarray, shape (ni - 1, nj - 1, nk - 1, ...)
-        Values of the cells of a block.
-    window : Window
-        On a face of the block.
-    shape : tuple of int
-        Nodes of the block.
-
-    Returns
-    -------
-    ndarray
-        Of one layer of cells in the flat direction; a view.
-    """
+def face_layer(
+    cells: np.ndarray,  # (ni - 1, nj - 1, nk - 1, ...), values of the cells of a block
+    window: Window,  # on a face of the block
+    shape: tuple[int, ...],  # nodes of the block
+) -> np.ndarray:  # of one layer of cells in the flat direction; a view
+    """View the cells behind a face window."""
     parts = []
     for lo, hi, n in zip(window.lo, window.hi, shape):
         if lo < hi:

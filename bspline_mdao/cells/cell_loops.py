@@ -53,18 +53,10 @@ CHANGES = 41 * BATCH
 SIZE = 65 * BATCH
 
 
-def as_points(nodes: np.ndarray) -> np.ndarray:
-    """View coordinates ``(..., 3)`` as records of type `POINT`; copied where they are not contiguous.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (..., 3)
-        Coordinates (m).
-
-    Returns
-    -------
-    ndarray of POINT, shape (...)
-    """
+def as_points(
+    nodes: np.ndarray,  # (..., 3), coordinates (m)
+) -> np.ndarray:  # (...)
+    """View coordinates ``(..., 3)`` as records of type `POINT`; copied where they are not contiguous."""
     return np.ascontiguousarray(nodes, dtype=np.float64).view(POINT)[..., 0]
 
 
@@ -255,22 +247,16 @@ def _rows_of(x, i, j, k):
 
 
 @njit(cache=True, nogil=True)
-def block_measures(x, degenerate, sign, triples, jacobians, volume):
-    """Measure the cells of a block.
-
-    Parameters
-    ----------
-    x : ndarray of POINT, shape (ni, nj, nk)
-        Nodes.
-    degenerate : ndarray of uint8, shape (ni-1, nj-1, nk-1)
-        Bit c is set where corner c is degenerate.
-    sign : float
-        Handedness.
-    triples, jacobians : ndarray, shape (8, n_cells)
-        Results at the corners, cells in C order; 1 and infinity at corners that are degenerate.
-    volume : ndarray, shape (n_cells,)
-        Result.
-    """
+def block_measures(
+    x,  # (ni, nj, nk), nodes
+    degenerate,  # uint8 (ni-1, nj-1, nk-1), bit c is set where corner c is degenerate
+    sign,  # handedness
+    # results at the corners, cells in C order; 1 and infinity at corners that are degenerate
+    triples,  # (8, n_cells)
+    jacobians,  # (8, n_cells)
+    volume,  # (n_cells,), result
+):
+    """Measure the cells of a block."""
     work, first = np.empty(SIZE), 0
     for i in range(degenerate.shape[0]):
         for j in range(degenerate.shape[1]):
@@ -282,18 +268,19 @@ def block_measures(x, degenerate, sign, triples, jacobians, volume):
 
 
 @njit(cache=True, nogil=True)
-def block_jvp(x, d_x, degenerate, sign, d_triples, d_jacobians, d_volume):
-    """Change of what `block_measures` gives with the nodes; 0 at corners that are degenerate.
-
-    Parameters
-    ----------
-    x, d_x : ndarray of POINT, shape (ni, nj, nk)
-        Nodes and their change.
-    degenerate, sign
-        See `block_measures`.
-    d_triples, d_jacobians, d_volume
-        Results, of the shapes there.
-    """
+def block_jvp(
+    # nodes and their change
+    x,  # (ni, nj, nk)
+    d_x,  # (ni, nj, nk)
+    # see `block_measures`
+    degenerate,
+    sign,
+    # results, of the shapes there
+    d_triples,
+    d_jacobians,
+    d_volume,
+):
+    """Change of what `block_measures` gives with the nodes; 0 at corners that are degenerate."""
     work, first = np.empty(SIZE), 0
     for i in range(degenerate.shape[0]):
         for j in range(degenerate.shape[1]):
@@ -305,18 +292,18 @@ def block_jvp(x, d_x, degenerate, sign, d_triples, d_jacobians, d_volume):
 
 
 @njit(cache=True, nogil=True)
-def block_vjp(x, degenerate, sign, triples_bar, jacobians_bar, volume_bar, x_bar):
-    """Add the adjoint of the nodes, from those of what `block_measures` gives, to ``x_bar``.
-
-    Parameters
-    ----------
-    x, degenerate, sign
-        See `block_measures`.
-    triples_bar, jacobians_bar, volume_bar
-        Adjoints, of the shapes there; those of corners that are degenerate are not looked at.
-    x_bar : ndarray of POINT, shape (ni, nj, nk)
-        Added to.
-    """
+def block_vjp(
+    # see `block_measures`
+    x,
+    degenerate,
+    sign,
+    # adjoints, of the shapes there; those of corners that are degenerate are not looked at
+    triples_bar,
+    jacobians_bar,
+    volume_bar,
+    x_bar,  # (ni, nj, nk), added to
+):
+    """Add the adjoint of the nodes, from those of what `block_measures` gives, to ``x_bar``."""
     work, first = np.empty(SIZE), 0
     for i in range(degenerate.shape[0]):
         for j in range(degenerate.shape[1]):
@@ -360,18 +347,19 @@ def _with(so_far, bits, bit, sign, edges, inverses):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def block_summary(x, degenerate, sign, q, corner, jacobian, volume):
-    """Product and smallest of the corner triple products, smallest corner Jacobian and volume of the cells of a block.
-
-    Four results are few enough for the compiler to see that nothing overlaps: they need no workspace.
-
-    Parameters
-    ----------
-    x, degenerate, sign
-        See `block_measures`.
-    q, corner, jacobian, volume : ndarray, shape (n_cells,)
-        Results.
-    """
+def block_summary(
+    # see `block_measures`
+    x,
+    degenerate,
+    sign,
+    # results
+    q,  # (n_cells,)
+    corner,  # (n_cells,)
+    jacobian,  # (n_cells,)
+    volume,  # (n_cells,)
+):
+    """Product and smallest of the corner triple products, smallest corner Jacobian and volume of a block's cells."""
+    # Four results are few enough for the compiler to see that nothing overlaps: they need no workspace.
     n = degenerate.shape[2]
     for i in range(degenerate.shape[0]):
         for j in range(degenerate.shape[1]):

@@ -31,28 +31,15 @@ MOST_NAMED = 5
 
 @dataclass(frozen=True)
 class BlockCertificate(OneLine):
-    """What is proved about the cells, or the elements of the spline, of one block.
+    """What is proved about the cells, or the elements of the spline, of one block."""
 
-    Parameters
-    ----------
-    block : str
-        Name of the block.
-    what : {"cell", "spline element"}
-        What it is about.
-    n : int
-        Number of them.
-    n_invalid, n_undecided : int
-        How many are proved invalid, and of how many nothing is proved.
-    places : tuple of (i, j, k, status)
-        Some of these, numbered from 1, the invalid ones first.
-    """
-
-    block: str
-    what: str
-    n: int
+    block: str  # name of the block
+    what: str  # what it is about
+    n: int  # number of them
+    # how many are proved invalid, and of how many nothing is proved
     n_invalid: int
     n_undecided: int
-    places: tuple[tuple[int, int, int, str], ...]
+    places: tuple[tuple[int, int, int, str], ...]  # some of these, numbered from 1, the invalid ones first
 
     @property
     def status(self) -> str:
@@ -71,18 +58,10 @@ class BlockCertificate(OneLine):
 
 @dataclass(frozen=True)
 class Certificate(OneLine):
-    """What is proved about a grid: of the trilinear maps of its cells, and of its splines where it has some.
+    """What is proved about a grid: of the trilinear maps of its cells, and of its splines where it has some."""
 
-    Parameters
-    ----------
-    cells : tuple of BlockCertificate
-        One for each block that has cells.
-    splines : tuple of BlockCertificate
-        One for each volume of a fitted model; empty for a grid alone.
-    """
-
-    cells: tuple[BlockCertificate, ...]
-    splines: tuple[BlockCertificate, ...] = ()
+    cells: tuple[BlockCertificate, ...]  # one for each block that has cells
+    splines: tuple[BlockCertificate, ...] = ()  # one for each volume of a fitted model; empty for a grid alone
 
     @property
     def status(self) -> str:
@@ -119,18 +98,14 @@ def _summary(parts: tuple[BlockCertificate, ...]) -> str:
     return f"{n_valid:,} of {n:,} {what}s {in_blocks} valid, {n_invalid:,} invalid, {n_undecided:,} undecided"
 
 
-def of_statuses(block: str, what: str, status: np.ndarray, offset: tuple[int, ...] = (0, 0, 0)) -> BlockCertificate:
-    """Sum up the statuses of a block.
-
-    Parameters
-    ----------
-    block, what : str
-        See `BlockCertificate`.
-    status : ndarray of uint8, shape (n_i, n_j, n_k)
-        What is known of each.
-    offset : tuple of three int
-        Number, from 0, of the first.
-    """
+def of_statuses(
+    # see `BlockCertificate`
+    block: str,
+    what: str,
+    status: np.ndarray,  # uint8 (n_i, n_j, n_k), what is known of each
+    offset: tuple[int, ...] = (0, 0, 0),  # number, from 0, of the first
+) -> BlockCertificate:
+    """Sum up the statuses of a block."""
     n_invalid, n_undecided = (int(np.count_nonzero(status == value)) for value in (INVALID, UNDECIDED))
     places: list[tuple[int, int, int, str]] = []
     for value in (INVALID, UNDECIDED):
@@ -150,24 +125,11 @@ def joined(parts: Iterable[BlockCertificate]) -> BlockCertificate:
 
 
 def certify_cells(
-    quality: GridQuality, nodes: np.ndarray, max_halvings: int = MAX_HALVINGS
-) -> tuple[BlockCertificate, ...]:
-    """Prove which cells are valid: whose trilinear maps have a positive Jacobian everywhere inside.
-
-    Parameters
-    ----------
-    quality : GridQuality
-        The cells, and what the baseline decided about them. All its processes call this.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of this process (m).
-    max_halvings : int
-        See `bspline_mdao.cells.bernstein.decide`.
-
-    Returns
-    -------
-    tuple of BlockCertificate
-        One for each block of the grid that has cells.
-    """
+    quality: GridQuality,  # the cells, and what the baseline decided about them. All its processes call this
+    nodes: np.ndarray,  # (n_nodes, 3), nodes of this process (m)
+    max_halvings: int = MAX_HALVINGS,  # see `bspline_mdao.cells.bernstein.decide`
+) -> tuple[BlockCertificate, ...]:  # one for each block of the grid that has cells
+    """Prove which cells are valid: whose trilinear maps have a positive Jacobian everywhere inside."""
     own, pieces = [], quality.pieces
     normals = quality.normals(nodes)
     with together(pieces.comm):
@@ -190,10 +152,8 @@ def statuses_of(
     max_halvings: int = MAX_HALVINGS,
     n_threads: int | None = None,
 ) -> np.ndarray:
-    """Statuses of the cells of a block of a grid with nodes (n_nodes, 3), in the shape of its cells.
-
-    ``normal`` is that of a planar block now; its mean one by default.
-    """
+    """Statuses of the cells of a block of a grid with nodes (n_nodes, 3), in the shape of its cells."""
+    # ``normal`` is that of a planar block now; its mean one by default.
     chunks = list(block.chunks())
     status = np.empty(block.n_cells, dtype=np.uint8)
     if block.flat is not None and normal is None:

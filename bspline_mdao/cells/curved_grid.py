@@ -26,21 +26,12 @@ CHUNK = 2**11
 
 @dataclass(frozen=True, eq=False)
 class CurvedPatch(OneLine):
-    """Curved faces of elements on the boundary, with one name.
+    """Curved faces of elements on the boundary, with one name."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the patch.
-    kind : str
-        Its kind: ``wall``, ``symmetry``, ``farfield`` or ``other``.
-    faces : ndarray of int, shape (n, d + 1, d + 1)
-        Nodes of every face on its lattice; the cross product of the two directions points out of the grid.
-    """
-
-    name: str
-    kind: str
-    faces: np.ndarray
+    name: str  # name of the patch
+    kind: str  # its kind: ``wall``, ``symmetry``, ``farfield`` or ``other``
+    # nodes of every face on its lattice; the cross product of the two directions points out of the grid
+    faces: np.ndarray  # int (n, d + 1, d + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,20 +179,11 @@ def _gauss(n: int) -> tuple[float, ...]:
     return tuple((leggauss(n)[0] + 1.0) / 2.0)
 
 
-def lagrange(degree: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lagrange polynomials through equally spread places of [0, 1], and their derivatives.
-
-    Parameters
-    ----------
-    degree : int
-        Their degree d.
-    points : ndarray, shape (n,)
-        Where they are evaluated.
-
-    Returns
-    -------
-    values, slopes : ndarray, each of shape (n, d + 1)
-    """
+def lagrange(
+    degree: int,  # their degree d
+    points: np.ndarray,  # (n,), where they are evaluated
+) -> tuple[np.ndarray, np.ndarray]:  # values, slopes each (n, d + 1)
+    """Lagrange polynomials through equally spread places of [0, 1], and their derivatives."""
     places = np.linspace(0.0, 1.0, degree + 1)
     values, slopes = np.ones((2, len(points), degree + 1))
     for m, place in enumerate(places):

@@ -45,17 +45,10 @@ normal: areas that cancel, as where a surface is folded flat, leave round-off.""
 
 @dataclass(frozen=True)
 class WallNode:
-    """A node on a wall.
+    """A node on a wall."""
 
-    Parameters
-    ----------
-    block : str
-        Name of the block.
-    i, j, k : int
-        Number of the node, from 1.
-    """
-
-    block: str
+    block: str  # name of the block
+    # number of the node, from 1
     i: int
     j: int
     k: int
@@ -66,68 +59,35 @@ class WallNode:
 
 @dataclass(frozen=True, eq=False)
 class FirstCells:
-    """First cells at the walls of a grid, with what stays as it was on the baseline; make it by `of_baseline`.
+    """First cells at the walls of a grid, with what stays as it was on the baseline; make it by `of_baseline`."""
 
-    Entries are in the order of the patches, their windows and, in each, the C order of its nodes. Entries, points and
-    rows are those of this process.
+    # Entries are in the order of the patches, their windows and, in each, the C order of its nodes. Entries, points and
+    # rows are those of this process.
 
-    Parameters
-    ----------
-    pieces : Pieces
-        Pieces of the grid that the processes hold.
-    patches : tuple of str
-        Walls.
-    rows : ndarray of int, shape (n_points,)
-        Row in the grid of the wall's nodes, window by window.
-    keys : ndarray of int, shape (n_points,)
-        Numbers of the points among those of all walls: the same where windows are cut and processes share nodes.
-    depth : ndarray, shape (n_points, 3)
-        Added to them: the normal of a planar block for the second line of its wall, which makes quads of it.
-    quads : ndarray of int, shape (n_quads, 4)
-        Corners of the wall's quads among the points, around the normal into the fluid.
-    at : ndarray of int, shape (n,)
-        Point of every entry.
-    next_rows : ndarray of int, shape (n,)
-        Row in the grid of the node next to it.
-    patch_ids : ndarray of int, shape (n,)
-        Number of its patch.
-    baseline : ndarray, shape (n,)
-        Its height on the baseline (m).
-    n_left_out : ndarray of int, shape (n_patches,)
-        Nodes of each patch that have no height on the baseline, on all processes.
-    n_of_all : int
-        Entries of all processes.
-    cut_keys : ndarray of int, ascending
-        Keys of the points at which any window is cut: the same on all processes.
-    """
-
-    pieces: Pieces
-    patches: tuple[str, ...]
-    rows: np.ndarray
-    keys: np.ndarray
-    depth: np.ndarray
-    quads: np.ndarray
-    at: np.ndarray
-    next_rows: np.ndarray
-    patch_ids: np.ndarray
-    baseline: np.ndarray
-    n_left_out: np.ndarray
-    n_of_all: int
-    cut_keys: np.ndarray
+    pieces: Pieces  # pieces of the grid that the processes hold
+    patches: tuple[str, ...]  # walls
+    rows: np.ndarray  # int (n_points,), row in the grid of the wall's nodes, window by window
+    # numbers of the points among those of all walls: the same where windows are cut and processes share nodes
+    keys: np.ndarray  # int (n_points,)
+    # added to them: the normal of a planar block for the second line of its wall, which makes quads of it
+    depth: np.ndarray  # (n_points, 3)
+    # corners of the wall's quads among the points, around the normal into the fluid
+    quads: np.ndarray  # int (n_quads, 4)
+    at: np.ndarray  # int (n,), point of every entry
+    next_rows: np.ndarray  # int (n,), row in the grid of the node next to it
+    patch_ids: np.ndarray  # int (n,), number of its patch
+    baseline: np.ndarray  # (n,), its height on the baseline (m)
+    # nodes of each patch that have no height on the baseline, on all processes
+    n_left_out: np.ndarray  # int (n_patches,)
+    n_of_all: int  # entries of all processes
+    cut_keys: np.ndarray  # keys of the points at which any window is cut: the same on all processes
 
     @classmethod
-    def of_baseline(cls, grid: Grid) -> FirstCells:
+    def of_baseline(
+        cls,
+        grid: Grid,  # the grid. Its walls are its patches of kind ``"wall"``
+    ) -> FirstCells:  # without entries where the grid has no walls
         """Find the first cells at the walls of a baseline grid.
-
-        Parameters
-        ----------
-        grid : Grid
-            The grid. Its walls are its patches of kind ``"wall"``.
-
-        Returns
-        -------
-        FirstCells
-            Without entries where the grid has no walls.
 
         Examples
         --------
@@ -141,23 +101,13 @@ class FirstCells:
         return cls.of_pieces(pieces, nodes, pieces.frames(nodes))
 
     @classmethod
-    def of_pieces(cls, pieces: Pieces, nodes: np.ndarray, frames: Sequence[Frame]) -> FirstCells:
-        """Find the first cells at the walls of a baseline grid in pieces; all processes call it.
-
-        Parameters
-        ----------
-        pieces : Pieces
-            The pieces.
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of this process (m).
-        frames : sequence of Frame
-            Frame of the block of each of its pieces, see `Pieces.frames`.
-
-        Returns
-        -------
-        FirstCells
-            Without entries where it has no walls.
-        """
+    def of_pieces(
+        cls,
+        pieces: Pieces,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of this process (m)
+        frames: Sequence[Frame],  # frame of the block of each of its pieces, see `Pieces.frames`
+    ) -> FirstCells:  # without entries where it has no walls
+        """Find the first cells at the walls of a baseline grid in pieces; all processes call it."""
         walls = [patch for patch in pieces.patches if patch.kind == "wall"]
         faces, cut_keys = [_Face.none()], [np.zeros(0, dtype=int)]
         volumes = np.zeros(max(1, sum(len(wall.windows) for wall in walls)))
@@ -211,19 +161,11 @@ class FirstCells:
             if ids.size:
                 yield number, ids
 
-    def heights(self, nodes: np.ndarray) -> np.ndarray:
-        """Heights of a grid.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of all blocks (m).
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Height at every entry (m); negative where the next node is behind the wall.
-        """
+    def heights(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+    ) -> np.ndarray:  # (n,), height at every entry (m); negative where the next node is behind the wall
+        """Heights of a grid."""
         edges, normals = self._edges_and_normals(nodes)
         return (edges * _units(normals)[0]).sum(axis=1)
 
@@ -231,18 +173,13 @@ class FirstCells:
         """Heights of a grid divided by those of the baseline, shape (n,); see `heights`."""
         return self.heights(nodes) / self.baseline
 
-    def ratios_jvp(self, nodes: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
-        """Change of the ratios with the nodes.
-
-        Parameters
-        ----------
-        nodes, d_nodes : ndarray, shape (n_nodes, 3)
-            Nodes and their change (m).
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+    def ratios_jvp(
+        self,
+        # nodes and their change (m)
+        nodes: np.ndarray,  # (n_nodes, 3)
+        d_nodes: np.ndarray,  # (n_nodes, 3)
+    ) -> np.ndarray:  # (n,)
+        """Change of the ratios with the nodes."""
         edges, normals = self._edges_and_normals(nodes)
         units, inverse = _units(normals)
         d_edges = d_nodes[self.next_rows] - d_nodes[self.rows[self.at]]
@@ -251,18 +188,13 @@ class FirstCells:
         d_heights = (d_edges * units).sum(axis=1) + inverse * ((edges - along * units) * d_normals).sum(axis=1)
         return d_heights / self.baseline
 
-    def ratios_vjp(self, nodes: np.ndarray, bar: np.ndarray, nodes_bar: np.ndarray) -> None:
-        """Add the adjoint of the nodes from that of the ratios.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of all blocks (m).
-        bar : ndarray, shape (n,)
-            Adjoint of the ratios.
-        nodes_bar : ndarray, shape (n_nodes, 3)
-            What the adjoint of the nodes is added to.
-        """
+    def ratios_vjp(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+        bar: np.ndarray,  # (n,), adjoint of the ratios
+        nodes_bar: np.ndarray,  # (n_nodes, 3), what the adjoint of the nodes is added to
+    ) -> None:
+        """Add the adjoint of the nodes from that of the ratios."""
         edges, normals = self._edges_and_normals(nodes)
         units, inverse = _units(normals)
         bar = (bar / self.baseline)[:, None]
@@ -326,32 +258,18 @@ class FirstCells:
 
 @dataclass(frozen=True, eq=False)
 class _WallPart:
-    """Part of a window of a wall that a piece of a block has cells at.
+    """Part of a window of a wall that a piece of a block has cells at."""
 
-    Parameters
-    ----------
-    process, piece : int
-        Which process, and which of its pieces.
-    number, patch : int
-        Number of the window among those of all walls, and of its wall.
-    direction : int
-        Direction of the block that leads off the wall.
-    window : Window
-        The part.
-    keys : ndarray of int, of the shape of the part
-        Numbers of its nodes among those of the windows of all walls.
-    is_first : ndarray of bool, same shape
-        Nodes that no part before it has.
-    """
-
+    # which process, and which of its pieces
     process: int
     piece: int
+    # number of the window among those of all walls, and of its wall
     number: int
     patch: int
-    direction: int
-    window: Window
-    keys: np.ndarray
-    is_first: np.ndarray
+    direction: int  # direction of the block that leads off the wall
+    window: Window  # the part
+    keys: np.ndarray  # numbers of its nodes among those of the windows of all walls
+    is_first: np.ndarray  # nodes that no part before it has
 
 
 def _wall_parts(pieces: Pieces, walls: Sequence[Patch]) -> Iterator[_WallPart]:
@@ -401,11 +319,10 @@ def _within(part: Window, window: Window) -> tuple[slice, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """Entries of `FirstCells` of one part of a wall, before those without a height are left out.
+    """Entries of `FirstCells` of one part of a wall, before those without a height are left out."""
 
-    Points are numbered in the face alone; ``points`` has their numbers along its two directions. ``volume`` is
-    that of `bspline_mdao.topology.boundary_surface.volume_behind`, of the window with number ``number``.
-    """
+    # Points are numbered in the face alone; ``points`` has their numbers along its two directions. ``volume`` is that
+    # of `bspline_mdao.topology.boundary_surface.volume_behind`, of the window with number ``number``.
 
     rows: np.ndarray
     keys: np.ndarray

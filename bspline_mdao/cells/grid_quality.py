@@ -35,53 +35,25 @@ __all__ = ["GridQuality", "GridValues"]
 
 @dataclass(frozen=True)
 class GridValues:
-    """Quality of a grid, or its change or adjoint.
+    """Quality of a grid, or its change or adjoint."""
 
-    Parameters
-    ----------
-    aggregates : dict of str to float
-        Smooth bounds, by the names in `.aggregates.AGGREGATES`: lower ones, but for ``height_high_ks``.
-    q : ndarray, shape (n_cells,), or None
-        Q of every cell: blocks in order, each in C order of its cells. In an adjoint None stands for zeros.
-    """
-
+    # smooth bounds, by the names in `.aggregates.AGGREGATES`: lower ones, but for ``height_high_ks``
     aggregates: Mapping[str, float]
-    q: np.ndarray | None = None
+    # Q of every cell: blocks in order, each in C order of its cells. In an adjoint None stands for zeros
+    q: np.ndarray | None = None  # (n_cells,), or None
 
 
 @dataclass(frozen=True, eq=False)
 class GridQuality(OneLine):
-    """Quality of the cells of a grid whose baseline has decided about handedness and collapsed corners.
+    """Quality of the cells of a grid whose baseline has decided about handedness and collapsed corners."""
 
-    Parameters
-    ----------
-    pieces : Pieces
-        Pieces of the grid that the processes hold: whole blocks in one process as a rule.
-    blocks : tuple of BlockCells
-        Those of this process that have cells.
-    first_cells : FirstCells
-        The first cells at walls.
-    rho : float
-        Sharpness of the Kreisselmeier-Steinhauser aggregates of cells.
-    p : int
-        Power of the p-norms.
-    rho_height : float
-        Sharpness of the aggregates of heights.
-    n_threads : int, optional
-        Number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
-
-    Raises
-    ------
-    InputError
-        If no block has cells, or rho or p cannot be used.
-    """
-
-    pieces: Pieces
-    blocks: tuple[BlockCells, ...]
-    first_cells: FirstCells
-    rho: float = 100.0
-    p: int = 64
-    rho_height: float = 1000.0
+    pieces: Pieces  # pieces of the grid that the processes hold: whole blocks in one process as a rule
+    blocks: tuple[BlockCells, ...]  # those of this process that have cells
+    first_cells: FirstCells  # the first cells at walls
+    rho: float = 100.0  # sharpness of the Kreisselmeier-Steinhauser aggregates of cells
+    p: int = 64  # power of the p-norms
+    rho_height: float = 1000.0  # sharpness of the aggregates of heights
+    # number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it
     n_threads: int | None = None
 
     def __post_init__(self):
@@ -91,50 +63,24 @@ class GridQuality(OneLine):
             self._rule(name)
 
     @classmethod
-    def of_baseline(cls, grid: Grid, **settings) -> GridQuality:
-        """Decide about the cells of a baseline grid, and about the first cells at its walls.
-
-        Parameters
-        ----------
-        grid : Grid
-            The grid. Its walls are its patches of kind ``"wall"``.
-        **settings
-            ``rho``, ``p``, ``rho_height`` and ``n_threads``.
-
-        Returns
-        -------
-        GridQuality
-
-        Raises
-        ------
-        InputError
-            If all nodes of a block are at one point, or no block has cells.
-        """
+    def of_baseline(
+        cls,
+        grid: Grid,  # the grid. Its walls are its patches of kind ``"wall"``
+        **settings,  # ``rho``, ``p``, ``rho_height`` and ``n_threads``
+    ) -> GridQuality:
+        """Decide about the cells of a baseline grid, and about the first cells at its walls."""
+        # `InputError` if all nodes of a block are at one point, or no block has cells
         return cls.of_pieces(Pieces.of_grid(grid), grid.to_vector().reshape(-1, 3), **settings)
 
     @classmethod
-    def of_pieces(cls, pieces: Pieces, nodes: np.ndarray, **settings) -> GridQuality:
-        """Decide about the cells of a baseline grid in pieces; all processes call it.
-
-        Parameters
-        ----------
-        pieces : Pieces
-            The pieces, and the processes that hold them.
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of the pieces of this process (m).
-        **settings
-            See `of_baseline`.
-
-        Returns
-        -------
-        GridQuality
-            Decisions are those of the whole blocks.
-
-        Raises
-        ------
-        InputError
-            See `of_baseline`.
-        """
+    def of_pieces(
+        cls,
+        pieces: Pieces,  # the pieces, and the processes that hold them
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of the pieces of this process (m)
+        **settings,  # see `of_baseline`
+    ) -> GridQuality:  # decisions are those of the whole blocks
+        """Decide about the cells of a baseline grid in pieces; all processes call it."""
+        # `InputError` see `of_baseline`
         frames = pieces.frames(nodes)
         blocks = block_cells(pieces, nodes, frames)
         return cls(pieces, blocks, FirstCells.of_pieces(pieces, nodes, frames), **settings)
@@ -159,19 +105,11 @@ class GridQuality(OneLine):
         """Names of the aggregates that the grid has: those of heights only where it has walls."""
         return tuple(AGGREGATES) if self.first_cells.n_of_all else tuple(_of_cells(AGGREGATES))
 
-    def cells(self, nodes: np.ndarray) -> list[CellQuality]:
-        """Measure every cell, block by block.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of all blocks (m).
-
-        Returns
-        -------
-        list of CellQuality
-            One for each of ``blocks``.
-        """
+    def cells(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+    ) -> list[CellQuality]:  # one for each of ``blocks``
+        """Measure every cell, block by block."""
         return list(self.cells_in_turn(nodes))
 
     def cells_in_turn(self, nodes: np.ndarray) -> Iterator[CellQuality]:
@@ -193,13 +131,7 @@ class GridQuality(OneLine):
         return {block.window.block: unit_normal(areas[block.window.block]) for block, _ in planes}
 
     def require(self, names: Sequence[str]) -> None:
-        """Refuse names of aggregates that do not exist, or not on this grid.
-
-        Raises
-        ------
-        InputError
-            If there is such a name.
-        """
+        """Refuse names of aggregates that do not exist, or not on this grid."""
         missing = next((name for name in names if name not in self.aggregates), None)
         if missing in AGGREGATES:
             raise InputError(
@@ -208,27 +140,13 @@ class GridQuality(OneLine):
         if missing is not None:
             raise InputError(f"no aggregate '{missing}'; choose from {', '.join(AGGREGATES)}")
 
-    def evaluate(self, nodes: np.ndarray, names: Sequence[str] | None = None, cells: bool = False) -> GridValues:
-        """Aggregate the quality of a grid.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of all blocks (m).
-        names : sequence of str, optional
-            Aggregates wanted; all that the grid has by default.
-        cells : bool
-            Whether Q of every cell is wanted.
-
-        Returns
-        -------
-        GridValues
-
-        Raises
-        ------
-        InputError
-            If there is no such aggregate.
-        """
+    def evaluate(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+        names: Sequence[str] | None = None,  # aggregates wanted; all that the grid has by default
+        cells: bool = False,  # whether Q of every cell is wanted
+    ) -> GridValues:
+        """Aggregate the quality of a grid. `InputError` if there is no such aggregate."""
         names = self.aggregates if names is None else names
         self.require(names)
         q = np.empty(self.n_cells) if cells else None
@@ -246,21 +164,14 @@ class GridQuality(OneLine):
                 parts[name] = self._rule(name).join(column)
         return GridValues(self._joined(names, parts), q)
 
-    def jvp(self, nodes: np.ndarray, d_nodes: np.ndarray, values: GridValues) -> GridValues:
-        """Change of the quality with the nodes.
-
-        Parameters
-        ----------
-        nodes, d_nodes : ndarray, shape (n_nodes, 3)
-            Nodes and their change (m).
-        values : GridValues
-            What `evaluate` gives for the nodes.
-
-        Returns
-        -------
-        GridValues
-            Changes of what ``values`` holds.
-        """
+    def jvp(
+        self,
+        # nodes and their change (m)
+        nodes: np.ndarray,  # (n_nodes, 3)
+        d_nodes: np.ndarray,  # (n_nodes, 3)
+        values: GridValues,  # what `evaluate` gives for the nodes
+    ) -> GridValues:  # changes of what ``values`` holds
+        """Change of the quality with the nodes."""
         d_q = np.empty(self.n_cells) if values.q is not None else None
         of_cells, is_certified = _of_cells(values.aggregates), _needs_coefficients(values.aggregates)
 
@@ -278,22 +189,13 @@ class GridQuality(OneLine):
         changes = summed(self.pieces.comm, np.array([found[name] for name in values.aggregates]))
         return GridValues(dict(zip(values.aggregates, changes.tolist())), d_q)
 
-    def vjp(self, nodes: np.ndarray, values: GridValues, bar: GridValues) -> np.ndarray:
-        """Adjoint of the nodes from that of the quality.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of all blocks (m).
-        values : GridValues
-            What `evaluate` gives for the nodes.
-        bar : GridValues
-            Adjoints of some or all of that.
-
-        Returns
-        -------
-        ndarray, shape (n_nodes, 3)
-        """
+    def vjp(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+        values: GridValues,  # what `evaluate` gives for the nodes
+        bar: GridValues,  # adjoints of some or all of that
+    ) -> np.ndarray:  # (n_nodes, 3)
+        """Adjoint of the nodes from that of the quality."""
         nodes_bar = np.zeros((self.n_nodes, 3))
         seeds = {name: bar.aggregates[name] for name in _of_cells(bar.aggregates) if bar.aggregates[name] != 0.0}
 

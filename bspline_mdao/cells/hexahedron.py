@@ -49,32 +49,18 @@ UPPER_CORNERS = np.uint8(0b11110000)
 
 @dataclass(frozen=True)
 class CellQuality:
-    """Measures of every cell of a block of ``(ni, nj, nk)`` nodes.
+    """Measures of every cell of a block of ``(ni, nj, nk)`` nodes."""
 
-    Parameters
-    ----------
-    q : ndarray, shape (ni-1, nj-1, nk-1)
-        Orthogonality, Eq. (9): product of the corner triple products of unit edges; 1 where edges are orthogonal.
-    min_corner : ndarray, same shape
-        Smallest corner triple product of unit edges, relative to the handedness of the block.
-    min_jacobian : ndarray, same shape
-        Smallest corner Jacobian, the triple product of the edges themselves, relative to the handedness (m^3).
-    volume : ndarray, same shape
-        Volume of the trilinear cell, relative to the handedness (m^3).
-    handedness : int
-        +1 or -1, the sign that most cells of the block have.
+    # A fully mirrored cell also has q = 1: validity is `is_valid`, never q alone. In a planar block (one node deep) the
+    # flat direction has one cell, the product has four corners, and Jacobian and volume are areas (m^2).
 
-    Notes
-    -----
-    A fully mirrored cell also has q = 1: validity is `is_valid`, never q alone. In a planar block (one node deep) the
-    flat direction has one cell, the product has four corners, and Jacobian and volume are areas (m^2).
-    """
-
-    q: np.ndarray
-    min_corner: np.ndarray
+    # orthogonality, Eq. (9): product of the corner triple products of unit edges; 1 where edges are orthogonal
+    q: np.ndarray  # (ni-1, nj-1, nk-1)
+    min_corner: np.ndarray  # smallest corner triple product of unit edges, relative to the handedness of the block
+    # smallest corner Jacobian, the triple product of the edges themselves, relative to the handedness (m^3)
     min_jacobian: np.ndarray
-    volume: np.ndarray
-    handedness: int
+    volume: np.ndarray  # volume of the trilinear cell, relative to the handedness (m^3)
+    handedness: int  # +1 or -1, the sign that most cells of the block have
 
     @property
     def is_valid(self) -> np.ndarray:
@@ -83,35 +69,18 @@ class CellQuality:
 
 
 def cell_quality(
-    nodes: np.ndarray,
-    degenerate_corners: np.ndarray | None = None,
+    # node coordinates (m). One direction may have a single node; the block is then measured in its plane
+    nodes: np.ndarray,  # (ni, nj, nk, 3)
+    # bit c is set where corner c is degenerate. `collapsed_corners` of ``nodes`` by default; give that of the baseline
+    # while a grid moves, so that the measure stays differentiable
+    degenerate_corners: np.ndarray | None = None,  # uint8 (ni-1, nj-1, nk-1)
+    # +1 or -1; by default the sign that most cells have. Give that of the baseline while a grid moves
     handedness: int | None = None,
-    normal: np.ndarray | None = None,
-) -> CellQuality:
-    """Measure all cells of a block, or all elements of a control mesh.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (ni, nj, nk, 3)
-        Node coordinates (m). One direction may have a single node; the block is then measured in its plane.
-    degenerate_corners : ndarray of uint8, shape (ni-1, nj-1, nk-1), optional
-        Bit c is set where corner c is degenerate. `collapsed_corners` of ``nodes`` by default; give that of the
-        baseline while a grid moves, so that the measure stays differentiable.
-    handedness : int, optional
-        +1 or -1; by default the sign that most cells have. Give that of the baseline while a grid moves.
-    normal : ndarray, shape (3,), optional
-        Third edges of a planar block; the unit mean normal of its cells by default.
-
-    Returns
-    -------
-    CellQuality
-        A cell none of whose corners is left is given zeros, and so counts as invalid.
-
-    Raises
-    ------
-    InputError
-        If fewer than two directions have two nodes.
-    """
+    # third edges of a planar block; the unit mean normal of its cells by default
+    normal: np.ndarray | None = None,  # (3,)
+) -> CellQuality:  # a cell none of whose corners is left is given zeros, and so counts as invalid
+    """Measure all cells of a block, or all elements of a control mesh."""
+    # `InputError` if fewer than two directions have two nodes
     flat = flat_direction(nodes.shape)
     if degenerate_corners is None:
         degenerate_corners = collapsed_corners(nodes)
@@ -123,22 +92,14 @@ def cell_quality(
     return CellQuality(q, min_corner, min_jacobian, volume, handedness)
 
 
-def collapsed_corners(nodes: np.ndarray, size: float | None = None) -> np.ndarray:
-    """Find the corners of cells at which an edge has collapsed.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (ni, nj, nk, 3)
-        Node coordinates (m).
-    size : float, optional
-        Diagonal of the block's box (m), where the nodes are a piece of it.
-
-    Returns
-    -------
-    ndarray of uint8, shape (ni-1, nj-1, nk-1)
-        Bit c is set where an edge at corner c is shorter than `COLLAPSE_TOLERANCE` times the diagonal of the block's
-        box. In a planar block the bits are those of the block with its flat direction moved last.
-    """
+def collapsed_corners(
+    nodes: np.ndarray,  # (ni, nj, nk, 3), node coordinates (m)
+    size: float | None = None,  # diagonal of the block's box (m), where the nodes are a piece of it
+) -> np.ndarray:
+    """Find the corners of cells at which an edge has collapsed."""
+    # returns uint8 (ni-1, nj-1, nk-1), bit c is set where an edge at corner c is shorter than `COLLAPSE_TOLERANCE`
+    # times the diagonal of the block's box. In a planar block the bits are those of the block with its flat direction
+    # moved last
     flat = flat_direction(nodes.shape)
     points = as_points(nodes if flat is None else _extrude(nodes, flat))
     if size is None:
@@ -151,19 +112,8 @@ def collapsed_corners(nodes: np.ndarray, size: float | None = None) -> np.ndarra
     return bits if flat is None else np.moveaxis(bits, 2, flat)
 
 
-def flat_direction(shape: tuple[int, ...]) -> int | None:
-    """Find the direction of nodes of shape (ni, nj, nk, 3) with a single node.
-
-    Returns
-    -------
-    int or None
-        None where there is none.
-
-    Raises
-    ------
-    InputError
-        If fewer than two directions have two nodes.
-    """
+def flat_direction(shape: tuple[int, ...]) -> int | None:  # none where there is none
+    """Find the direction of nodes of shape (ni, nj, nk, 3) with a single node."""
     if len(shape) != 4 or shape[3] != 3 or sum(n > 1 for n in shape[:3]) < 2:
         raise InputError(f"cell quality: nodes of shape {shape}; give (ni, nj, nk, 3) with cells in two directions")
     return next((d for d in range(3) if shape[d] == 1), None)
@@ -192,44 +142,20 @@ def stack_plane(plane: np.ndarray, normal) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ElementMeasures:
-    """Measures of elements, relative to their handedness.
+    """Measures of elements, relative to their handedness."""
 
-    Parameters
-    ----------
-    triples : ndarray, shape (n_e, 8)
-        Corner triple products of unit edges; 1 at degenerate corners.
-    jacobians : ndarray, shape (n_e, 8)
-        Corner Jacobians, triple products of the edges themselves (m^3); infinite at degenerate corners.
-    volume : ndarray, shape (n_e,)
-        Volumes of the trilinear elements (m^3).
-    """
-
-    triples: np.ndarray
-    jacobians: np.ndarray
-    volume: np.ndarray
+    triples: np.ndarray  # (n_e, 8), corner triple products of unit edges; 1 at degenerate corners
+    # corner Jacobians, triple products of the edges themselves (m^3); infinite at degenerate corners
+    jacobians: np.ndarray  # (n_e, 8)
+    volume: np.ndarray  # (n_e,), volumes of the trilinear elements (m^3)
 
 
-def element_measures(corners: np.ndarray, handedness: np.ndarray, degenerate_corners: np.ndarray) -> ElementMeasures:
-    """Measure elements.
-
-    Parameters
-    ----------
-    corners : ndarray, shape (n_e, 8, 3)
-        Corners (m), numbered a + 2 b + 4 d.
-    handedness : ndarray, shape (n_e,)
-        +1 or -1 for each element, or one number for all.
-    degenerate_corners : ndarray of uint8, shape (n_e,)
-        Bit c is set where corner c is degenerate.
-
-    Returns
-    -------
-    ElementMeasures
-
-    Raises
-    ------
-    InputError
-        If the arrays do not fit each other.
-    """
+def element_measures(
+    corners: np.ndarray,  # (n_e, 8, 3), corners (m), numbered a + 2 b + 4 d
+    handedness: np.ndarray,  # (n_e,), +1 or -1 for each element, or one number for all
+    degenerate_corners: np.ndarray,  # uint8 (n_e,), bit c is set where corner c is degenerate
+) -> ElementMeasures:
+    """Measure elements. `InputError` if the arrays do not fit each other."""
     sign = _signs(corners, handedness, degenerate_corners)
     n = len(corners)
     measures = np.empty((8, n)), np.empty((8, n)), np.empty(n)
@@ -242,28 +168,16 @@ def element_measures(corners: np.ndarray, handedness: np.ndarray, degenerate_cor
 
 
 def element_measures_vjp(
+    # see `element_measures`
     corners: np.ndarray,
     handedness: np.ndarray,
     degenerate_corners: np.ndarray,
-    triples_bar: np.ndarray,
-    volume_bar: np.ndarray,
-    jacobians_bar: np.ndarray | None = None,
-) -> np.ndarray:
-    """Adjoint of the corners from those of the measures.
-
-    Parameters
-    ----------
-    corners, handedness, degenerate_corners
-        See `element_measures`.
-    triples_bar, jacobians_bar : ndarray, shape (n_e, 8)
-        Adjoints of the corner measures; those of degenerate corners are not looked at.
-    volume_bar : ndarray, shape (n_e,)
-        Adjoints of the volumes.
-
-    Returns
-    -------
-    ndarray, shape (n_e, 8, 3)
-    """
+    # adjoints of the corner measures; those of degenerate corners are not looked at
+    triples_bar: np.ndarray,  # (n_e, 8)
+    volume_bar: np.ndarray,  # (n_e,), adjoints of the volumes
+    jacobians_bar: np.ndarray | None = None,  # (n_e, 8)
+) -> np.ndarray:  # (n_e, 8, 3)
+    """Adjoint of the corners from those of the measures."""
     sign = _signs(corners, handedness, degenerate_corners)
     if jacobians_bar is None:
         jacobians_bar = np.zeros((len(corners), 8))

@@ -100,11 +100,9 @@ def _longest(e):
 
 @njit(**FAST)
 def _layer(sign, weight, so_far, y, c):
-    """Smallest of the nine coefficients of one k, and of the four corners, with what was smallest so far.
-
-    ``y[a + 2 b]`` is the cross product of the edges along xi at b and along eta at a, ``c[a + 2 b]`` the edge along
-    zeta.
-    """
+    """Smallest of the nine coefficients of one k, and of the four corners, with what was smallest so far."""
+    # ``y[a + 2 b]`` is the cross product of the edges along xi at b and along eta at a, ``c[a + 2 b]`` the edge along
+    # zeta.
     c_00, c_20 = sign * _dot(y[0], c[0]), sign * _dot(y[1], c[1])
     c_02, c_22 = sign * _dot(y[2], c[2]), sign * _dot(y[3], c[3])
     half = 0.5 * sign
@@ -119,20 +117,16 @@ def _layer(sign, weight, so_far, y, c):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def block_bounds(x, degenerate, sign, bound, corner, margin):
-    """Smallest Bernstein coefficient and smallest corner Jacobian of the cells of a block, and how wrong they may be.
-
-    Parameters
-    ----------
-    x : ndarray of POINT, shape (ni, nj, nk)
-        Nodes.
-    degenerate : ndarray of uint8, shape (ni-1, nj-1, nk-1)
-        Only its shape is looked at: corners that are degenerate count here.
-    sign : float
-        Handedness.
-    bound, corner, margin : ndarray, shape (n_cells,)
-        Results, cells in C order (m^3).
-    """
+def block_bounds(
+    x,  # (ni, nj, nk), nodes
+    degenerate,  # uint8 (ni-1, nj-1, nk-1), only its shape is looked at: corners that are degenerate count here
+    sign,  # handedness
+    # results, cells in C order (m^3)
+    bound,  # (n_cells,)
+    corner,  # (n_cells,)
+    margin,  # (n_cells,)
+):
+    """Smallest Bernstein coefficient and corner Jacobian of the cells of a block, and how wrong they may be."""
     n = degenerate.shape[2]
     for i in range(degenerate.shape[0]):
         for j in range(degenerate.shape[1]):
@@ -197,10 +191,8 @@ def _coefficients_of(edges, sign, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _counting(corners, bits, shortest, counts):
-    """Mark with 1 the coefficients that are not zero by construction: those with a term without collapsed edge.
-
-    Where the baseline has collapsed corners, ``bits``, edges of it that are shorter than ``shortest`` have collapsed.
-    """
+    """Mark with 1 the coefficients that are not zero by construction: those with a term without collapsed edge."""
+    # Where the baseline has collapsed corners, ``bits``, edges of it that are shorter than ``shortest`` have collapsed.
     counts[:] = 1.0
     if bits == 0:
         return False
@@ -222,27 +214,20 @@ def _counting(corners, bits, shortest, counts):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def decide_cells(x, degenerate, sign, shortest, bound, corner, margin, max_halvings, status):
-    """Decide about all cells of a block from what `block_bounds` gives, halving where that leaves it open.
-
-    Parameters
-    ----------
-    x, degenerate, sign
-        See `block_bounds`; bit c of ``degenerate`` is set where corner c is degenerate.
-    shortest : float
-        Length (m) below which an edge at degenerate corners has collapsed.
-    bound, corner, margin : ndarray, shape (n_cells,)
-        From `block_bounds`; ``bound`` receives the lower bound that was found, for open cells as well.
-    max_halvings : int
-        See `bspline_mdao.cells.bernstein.decide`.
-    status : ndarray of uint8, shape (n_cells,)
-        Receives what is known of each cell.
-
-    Returns
-    -------
-    int
-        Cells that the first bound left open.
-    """
+def decide_cells(
+    # see `block_bounds`; bit c of ``degenerate`` is set where corner c is degenerate
+    x,
+    degenerate,
+    sign,
+    shortest,  # length (m) below which an edge at degenerate corners has collapsed
+    # from `block_bounds`; ``bound`` receives the lower bound that was found, for open cells as well
+    bound,  # (n_cells,)
+    corner,  # (n_cells,)
+    margin,  # (n_cells,)
+    max_halvings,  # int, see `bspline_mdao.cells.bernstein.decide`
+    status,  # uint8 (n_cells,), receives what is known of each cell
+):  # int, cells that the first bound left open
+    """Decide about all cells of a block from what `block_bounds` gives, halving where that leaves it open."""
     corners, edges, counts, n_open = np.empty((8, 3)), np.empty((3, 4, 3)), np.empty(27), 0
     coefficients = np.empty(27)
     _, n_j, n_k = degenerate.shape
@@ -273,10 +258,8 @@ def decide_cells(x, degenerate, sign, shortest, bound, corner, margin, max_halvi
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def block_coefficients(x, degenerate, sign, shortest, out):
-    """Write the Bernstein coefficients of all cells of a block, shape (27, n_cells); infinity where one does not count.
-
-    Parameters as for `decide_cells`; coefficient (i, j, k) is in row ``i + 3 j + 9 k``.
-    """
+    """Write the Bernstein coefficients of a block's cells, shape (27, n_cells); infinity where one does not count."""
+    # Parameters as for `decide_cells`; coefficient (i, j, k) is in row ``i + 3 j + 9 k``.
     corners, edges, counts, found = np.empty((8, 3)), np.empty((3, 4, 3)), np.empty(27), np.empty(27)
     for cell, (i, j, k) in enumerate(np.ndindex(degenerate.shape)):
         _corners_of(x, i, j, k, corners)

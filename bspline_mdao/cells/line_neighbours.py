@@ -20,24 +20,12 @@ __all__ = ["LineNeighbours"]
 
 @dataclass(frozen=True, eq=False)
 class LineNeighbours:
-    """Neighbours of the cells of a multi-block grid, numbered block after block, each in C order.
+    """Neighbours of the cells of a multi-block grid, numbered block after block, each in C order."""
 
-    Parameters
-    ----------
-    cells : ndarray of int, shape (n_cells, 6)
-        Cell beyond each slot; -1 where there is none.
-    entries : ndarray of int, shape (n_cells, 6)
-        Slot of that cell that leads back.
-    directions : ndarray of int, shape (n_cells, 6, 3)
-        Direction of that cell that each direction of this one runs along.
-    signs : ndarray of float, shape (n_cells, 6, 3)
-        1, or -1 where it runs backwards.
-    """
-
-    cells: np.ndarray
-    entries: np.ndarray
-    directions: np.ndarray
-    signs: np.ndarray
+    cells: np.ndarray  # int (n_cells, 6), cell beyond each slot; -1 where there is none
+    entries: np.ndarray  # int (n_cells, 6), slot of that cell that leads back
+    directions: np.ndarray  # int (n_cells, 6, 3), direction of that cell that each direction of this one runs along
+    signs: np.ndarray  # (n_cells, 6, 3), 1, or -1 where it runs backwards
 
     @classmethod
     def of(cls, topology: Topology) -> LineNeighbours:
@@ -66,10 +54,8 @@ class LineNeighbours:
         return len(self.cells)
 
     def beyond(self, slot: int) -> csr_array:
-        """Matrix of the values beyond a slot, shape (n_cells, n_cells), from those of all cells.
-
-        Where the line ends they are extrapolated, by a parabola, a line or a constant as far as it is long.
-        """
+        """Matrix of the values beyond a slot, shape (n_cells, n_cells), from those of all cells."""
+        # Where the line ends they are extrapolated, by a parabola, a line or a constant as far as it is long.
         own, first, second = self._inwards(slot)
         is_end = self.cells[:, slot] == NONE
         has_first, has_second = first != NONE, second != NONE
@@ -85,10 +71,9 @@ class LineNeighbours:
         return _matrix(entries, (self.n_cells, self.n_cells))
 
     def slopes_beyond(self, slot: int, d: int) -> csr_array:
-        """Matrix of the slopes along own direction d beyond a slot, from all slopes: shape (n_cells, 3 n_cells).
-
-        The slopes of all cells along their direction 0 come first. Where the line ends they are extrapolated linearly.
-        """
+        """Matrix of the slopes along own direction d beyond a slot, from all slopes: shape (n_cells, 3 n_cells)."""
+        # The slopes of all cells along their direction 0 come first. Where the line ends they are extrapolated
+        # linearly.
         own, first, _ = self._inwards(slot)
         is_end, has_first = self.cells[:, slot] == NONE, first != NONE
         through, inwards = self._turned(own[~is_end], slot, d), self._turned(own[is_end & has_first], slot ^ 1, d)

@@ -13,27 +13,15 @@ from ..errors import InputError
 __all__ = ["require_cells", "require_corners"]
 
 
-def require_corners(corners: np.ndarray, width: int, n_points: int, what: str, n_copies: int = 1) -> None:
-    """Refuse corners that are not whole numbers of nodes.
-
-    Parameters
-    ----------
-    corners : ndarray
-        Corners of elements.
-    width : int
-        How many each has.
-    n_points : int
-        Number of nodes.
-    what : str
-        What the elements are, for messages.
-    n_copies : int
-        How often each node of the file is among the nodes, see `MixedMesh`: messages count those of the file.
-
-    Raises
-    ------
-    InputError
-        If they are of another shape, no whole numbers, or of no node.
-    """
+def require_corners(
+    corners: np.ndarray,  # corners of elements
+    width: int,  # how many each has
+    n_points: int,  # number of nodes
+    what: str,  # what the elements are, for messages
+    # how often each node of the file is among the nodes, see `MixedMesh`: messages count those of the file
+    n_copies: int = 1,
+) -> None:
+    """Refuse corners that are not whole numbers of nodes."""
     if not isinstance(corners, np.ndarray) or corners.dtype.kind not in "iu" or corners.shape[1:] != (width,):
         found = f"{getattr(corners, 'dtype', type(corners).__name__)} of shape {np.shape(corners)}"
         raise InputError(f"{what} are {found}; give whole numbers of shape (n, {width})")
@@ -45,25 +33,13 @@ def require_corners(corners: np.ndarray, width: int, n_points: int, what: str, n
         raise InputError(f"{what}: number {element + 1} has node {number} of {n_stored:,}, from 0; write it again")
 
 
-def require_cells(faces: np.ndarray, cells: np.ndarray, n_points: int, what: str) -> None:
-    """Refuse faces of cells that are of no cell, have no node, or leave a cell without faces.
-
-    Parameters
-    ----------
-    faces : ndarray, shape (n, 4)
-        Corners of the faces.
-    cells : ndarray, shape (n,)
-        The cells that they are of, from 0.
-    n_points : int
-        Number of nodes.
-    what : str
-        Where they come from, for messages.
-
-    Raises
-    ------
-    InputError
-        If there are such faces.
-    """
+def require_cells(
+    faces: np.ndarray,  # (n, 4), corners of the faces
+    cells: np.ndarray,  # (n,), the cells that they are of, from 0
+    n_points: int,  # number of nodes
+    what: str,  # where they come from, for messages
+) -> None:
+    """Refuse faces of cells that are of no cell, have no node, or leave a cell without faces."""
     require_corners(faces, 4, n_points, f"{what}: faces of cells")
     if not isinstance(cells, np.ndarray) or cells.dtype.kind not in "iu" or cells.shape != (len(faces),):
         raise InputError(f"{what}: the cells of faces are not one whole number each; write it again")

@@ -53,23 +53,13 @@ def padded(faces: np.ndarray) -> np.ndarray:
     return faces if faces.shape[1] == 4 else faces[:, [0, 1, 2, 2]]
 
 
-def fans(corners: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cut faces of any number of corners into quads and triangles.
-
-    Parameters
-    ----------
-    corners : ndarray of int, shape (n_corners,)
-        Corners of all faces one after the other.
-    sizes : ndarray of int, shape (n_faces,)
-        How many each has.
-
-    Returns
-    -------
-    quads : ndarray of int, shape (n, 4)
-        Quads, and triangles with their last corner twice; faces of more corners are fans.
-    face : ndarray of int, shape (n,)
-        Face that each is of, ascending.
-    """
+def fans(
+    corners: np.ndarray,  # int (n_corners,), corners of all faces one after the other
+    sizes: np.ndarray,  # int (n_faces,), how many each has
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cut faces of any number of corners into quads and triangles."""
+    # returns quads int (n, 4): quads, and triangles with their last corner twice; faces of more corners are fans
+    # returns face int (n,): face that each is of, ascending
     starts, counts = np.cumsum(sizes) - sizes, np.where(sizes > 4, sizes - 2, 1)
     face = np.repeat(np.arange(len(sizes)), counts)
     piece = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -80,19 +70,12 @@ def fans(corners: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class CellQuality(OneLine):
-    """Volumes of cells, and which are inverted.
+    """Volumes of cells, and which are inverted."""
 
-    Parameters
-    ----------
-    volumes : ndarray, shape (n_cells,)
-        Volumes (m^3).
-    is_inverted : ndarray of bool, shape (n_cells,)
-        Whether the volume, or that of a pyramid from the middle of the cell to one of its faces, is not positive. The
-        middle is that of the middles of its faces, weighted by their areas.
-    """
-
-    volumes: np.ndarray
-    is_inverted: np.ndarray
+    volumes: np.ndarray  # (n_cells,), volumes (m^3)
+    # whether the volume, or that of a pyramid from the middle of the cell to one of its faces, is not positive. The
+    # middle is that of the middles of its faces, weighted by their areas
+    is_inverted: np.ndarray  # bool (n_cells,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,26 +245,15 @@ def face_keys(faces: np.ndarray, n_points: int) -> np.ndarray:
     return ids[:, :3].astype(np.uint64) @ np.array(MIXERS, dtype=np.uint64)
 
 
-def first_heights(mesh: MixedMesh, wall: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find the node next to each node of a wall, along the edge that leads off it most.
-
-    Parameters
-    ----------
-    mesh : MixedMesh
-        The mesh.
-    wall : ndarray of int, shape (n_faces, 4)
-        Faces of the wall, around the normal into the mesh.
-    ids : ndarray of int, shape (n_wall,)
-        Nodes of the wall, ascending.
-
-    Returns
-    -------
-    at : ndarray of int, shape (m,)
-        Those of the nodes that have one, as numbers among `ids`; those on the edge of a plate without thickness,
-        where the wall has no normal, have none.
-    beside : ndarray of int, shape (m,)
-        Nodes next to them.
-    """
+def first_heights(
+    mesh: MixedMesh,
+    wall: np.ndarray,  # int (n_faces, 4), faces of the wall, around the normal into the mesh
+    ids: np.ndarray,  # int (n_wall,), nodes of the wall, ascending
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the node next to each node of a wall, along the edge that leads off it most."""
+    # returns at int (m,): those of the nodes that have one, as numbers among `ids`; those on the edge of a plate
+    # without thickness, where the wall has no normal, have none
+    # returns beside int (m,): nodes next to them
     is_wall = np.zeros(mesh.n_points, dtype=bool)
     is_wall[ids] = True
     faces, _ = mesh.cell_faces

@@ -50,20 +50,11 @@ TINY = 1e-190
 less: a corner takes the product of three such inverses, 1e95 each."""
 
 
-def orthogonality(triples: np.ndarray, axis: int = -1) -> np.ndarray:
-    """Q of Eq. (9), the product of the corner triple products.
-
-    Parameters
-    ----------
-    triples : ndarray
-        Corner triple products, the corners along ``axis``; 1 at corners that are degenerate.
-    axis : int
-        Axis of the corners.
-
-    Returns
-    -------
-    ndarray
-    """
+def orthogonality(
+    triples: np.ndarray,  # corner triple products, the corners along ``axis``; 1 at corners that are degenerate
+    axis: int = -1,  # axis of the corners
+) -> np.ndarray:
+    """Q of Eq. (9), the product of the corner triple products."""
     return np.prod(triples, axis=axis)
 
 
@@ -134,10 +125,8 @@ def corner_measures(sign, edges, inverses):
 
 @njit(**FAST)
 def corner_jvp(sign, edges, inverses, changes):
-    """Change of `corner_measures`.
-
-    ``dJ = (b x c) . da + (c x a) . db + (a x b) . dc`` and ``dt = dJ / (|a| |b| |c|) - t sum_e (e . de) / |e|^2``.
-    """
+    """Change of `corner_measures`."""
+    # ``dJ = (b x c) . da + (c x a) . db + (a x b) . dc`` and ``dt = dJ / (|a| |b| |c|) - t sum_e (e . de) / |e|^2``.
     (a, b, c), (i_a, i_b, i_c), (d_a, d_b, d_c) = edges, inverses, changes
     ab = _cross(a, b)
     change = sign * (_dot(_cross(b, c), d_a) + _dot(_cross(c, a), d_b) + _dot(ab, d_c))
@@ -222,12 +211,10 @@ def _shape_vectors(i, j, k):
 
 @njit(**FAST)
 def cell_volume(i, j, k):
-    """Volume of a trilinear cell: its Jacobian integrated term by term.
-
-    ``V = [a, b, c] + ([a, d, f] + [d, b, e] + [f, e, c]) / 12`` with the mean edges a, b, c and the coefficients d, e,
-    f of xi eta, eta zeta, zeta xi of the trilinear mapping; the multiples that `_shape_vectors` returns are divided
-    out.
-    """
+    """Volume of a trilinear cell: its Jacobian integrated term by term."""
+    # ``V = [a, b, c] + ([a, d, f] + [d, b, e] + [f, e, c]) / 12`` with the mean edges a, b, c and the coefficients d,
+    # e, f of xi eta, eta zeta, zeta xi of the trilinear mapping; the multiples that `_shape_vectors` returns are
+    # divided out.
     a, b, c, d, e, f = _shape_vectors(i, j, k)
     product = _dot(_cross(a, b), c)
     products = _dot(_cross(a, d), f) + _dot(_cross(d, b), e) + _dot(_cross(f, e), c)

@@ -27,50 +27,23 @@ __all__ = ["Frame", "Pieces"]
 
 
 class Frame(NamedTuple):
-    """Size and plane of a block.
+    """Size and plane of a block."""
 
-    Parameters
-    ----------
-    size : float
-        Diagonal of its box (m).
-    normal : ndarray, shape (3,), or None
-        Unit mean normal of a planar block.
-    """
-
-    size: float
-    normal: np.ndarray | None
+    size: float  # diagonal of its box (m)
+    normal: np.ndarray | None  # (3,), or None, unit mean normal of a planar block
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Pieces of the blocks of a grid, and the processes that hold them.
+    """Pieces of the blocks of a grid, and the processes that hold them."""
 
-    The nodes of a process are those of its pieces one after another, each in C order.
+    # The nodes of a process are those of its pieces one after another, each in C order.
 
-    Parameters
-    ----------
-    partition : Partition
-        Pieces of every process, which may have none.
-    names : tuple of str
-        Names of the blocks of the grid.
-    patches : tuple of Patch
-        Patches of the grid.
-    source : str
-        Where the grid came from, for messages.
-    comm : communicator
-        The processes, see `bspline_mdao.numerics.processes`.
-
-    Raises
-    ------
-    InputError
-        If the pieces are those of another number of processes, or have not all cells of the grid, each once.
-    """
-
-    partition: Partition
-    names: tuple[str, ...]
-    patches: tuple[Patch, ...]
-    source: str = "grid"
-    comm: Any = ONE
+    partition: Partition  # pieces of every process, which may have none
+    names: tuple[str, ...]  # names of the blocks of the grid
+    patches: tuple[Patch, ...]  # patches of the grid
+    source: str = "grid"  # where the grid came from, for messages
+    comm: Any = ONE  # the processes, see `bspline_mdao.numerics.processes`
 
     def __post_init__(self):
         n_cells = sum(_n_cells(piece.shape) for pieces in self.partition.pieces for piece in pieces)
@@ -128,19 +101,12 @@ class Pieces:
         parts = zip(self.own, self.starts, self.starts[1:])
         return [nodes[start:stop].reshape(*piece.shape, 3) for piece, start, stop in parts]
 
-    def frames(self, nodes: np.ndarray) -> list[Frame]:
-        """Size and plane of the block of each piece of this process; all processes call it.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of this process (m).
-
-        Raises
-        ------
-        InputError
-            If all nodes of a block are at one point.
-        """
+    def frames(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of this process (m)
+    ) -> list[Frame]:
+        """Size and plane of the block of each piece of this process; all processes call it."""
+        # `InputError` if all nodes of a block are at one point
         rows = np.array([[piece.block, *_extent(x)] for piece, x in zip(self.own, self.nodes_of(nodes))])
         rows = rows.reshape(-1, 10)
         if self.split:

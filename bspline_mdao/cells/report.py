@@ -50,36 +50,20 @@ MOST_WORST = 10
 
 @dataclass(frozen=True)
 class Distribution:
-    """Distribution of Q in uniform bins on [0, 1].
+    """Distribution of Q in uniform bins on [0, 1]."""
 
-    Parameters
-    ----------
-    edges : ndarray, shape (n_bins + 1,)
-        Ends of the bins.
-    density : ndarray, shape (n_bins,)
-        Fraction of the cells divided by the width of the bin; integrates to one.
-    n_negative : int
-        Cells with Q < 0, which have no bin and are not part of the density, and cells whose Q is no number.
-    """
-
-    edges: np.ndarray
-    density: np.ndarray
+    edges: np.ndarray  # (n_bins + 1,), ends of the bins
+    density: np.ndarray  # (n_bins,), fraction of the cells divided by the width of the bin; integrates to one
+    # cells with Q < 0, which have no bin and are not part of the density, and cells whose Q is no number
     n_negative: int
 
 
 @dataclass(frozen=True)
 class NamedCell:
-    """A cell of a grid by its name.
+    """A cell of a grid by its name."""
 
-    Parameters
-    ----------
-    block : str
-        Name of the block.
-    i, j, k : int
-        Number of the cell, from 1.
-    """
-
-    block: str
+    block: str  # name of the block
+    # number of the cell, from 1
     i: int
     j: int
     k: int
@@ -90,80 +74,44 @@ class NamedCell:
 
 @dataclass(frozen=True)
 class InvertedCell(NamedCell):
-    """A cell with a corner that is folded or flat.
+    """A cell with a corner that is folded or flat."""
 
-    Parameters
-    ----------
-    block, i, j, k
-        See `NamedCell`.
-    corner : float
-        Smallest corner triple product of unit edges, relative to the handedness of the block.
-    patches : tuple of str
-        Patches on which it has a face.
-    """
+    # block, i, j, k: see `NamedCell`
 
-    corner: float
-    patches: tuple[str, ...] = ()
+    corner: float  # smallest corner triple product of unit edges, relative to the handedness of the block
+    patches: tuple[str, ...] = ()  # on which it has a face
 
 
 @dataclass(frozen=True)
 class WorstCell(NamedCell):
-    """A cell whose smallest corner is among the smallest, inverted or not.
+    """A cell whose smallest corner is among the smallest, inverted or not."""
 
-    Parameters
-    ----------
-    block, i, j, k
-        See `NamedCell`.
-    corner, q : float
-        Smallest corner triple product of unit edges, and Q.
-    place : tuple of float
-        Middle of the cell (m).
-    patch : str
-        Patch that the cell is at, a wall before others; empty where it is at none.
-    """
+    # block, i, j, k: see `NamedCell`
 
+    # smallest corner triple product of unit edges, and Q
     corner: float
     q: float
-    place: tuple[float, ...]
-    patch: str
+    place: tuple[float, ...]  # middle of the cell (m)
+    patch: str  # patch that the cell is at, a wall before others; empty where it is at none
 
 
 @dataclass(frozen=True)
 class QualityReport(InNotebook):
-    """Quality of a grid.
+    """Quality of a grid."""
 
-    Parameters
-    ----------
-    n_cells : int
-        Cells of all blocks.
-    q_min, q_mean : float
-        Smallest and mean Q, Eq. (9).
-    min_corner : float
-        Smallest corner triple product of unit edges.
-    min_jacobian, min_volume : float
-        Smallest corner Jacobian and volume (m^3; m^2 in planar blocks).
-    n_inverted : int
-        Cells with a corner that is folded or flat.
-    inverted : tuple of InvertedCell
-        The worst of them.
-    histogram : Distribution
-        Distribution of Q.
-    heights : tuple of PatchHeights
-        Heights of the first cells at every wall, beside those of the baseline.
-    worst : tuple of WorstCell
-        The cells with the smallest corners, the worst first, also where none is inverted.
-    """
-
-    n_cells: int
+    n_cells: int  # cells of all blocks
+    # smallest and mean Q, Eq. (9)
     q_min: float
     q_mean: float
-    min_corner: float
+    min_corner: float  # smallest corner triple product of unit edges
+    # smallest corner Jacobian and volume (m^3; m^2 in planar blocks)
     min_jacobian: float
     min_volume: float
-    n_inverted: int
-    inverted: tuple[InvertedCell, ...]
-    histogram: Distribution
-    heights: tuple[PatchHeights, ...] = ()
+    n_inverted: int  # cells with a corner that is folded or flat
+    inverted: tuple[InvertedCell, ...]  # the worst of them
+    histogram: Distribution  # distribution of Q
+    heights: tuple[PatchHeights, ...] = ()  # heights of the first cells at every wall, beside those of the baseline
+    # the cells with the smallest corners, the worst first, also where none is inverted
     worst: tuple[WorstCell, ...] = ()
 
     def __repr__(self) -> str:
@@ -173,30 +121,18 @@ class QualityReport(InNotebook):
         )
 
 
-def distribution(q: np.ndarray, n_bins: int = 50) -> Distribution:
+def distribution(
+    q: np.ndarray,  # Q of every cell. What exceeds 1 by rounding counts as 1
+    n_bins: int = 50,  # number of bins
+) -> Distribution:
     """Distribute Q over uniform bins on [0, 1].
-
-    Parameters
-    ----------
-    q : ndarray
-        Q of every cell. What exceeds 1 by rounding counts as 1.
-    n_bins : int
-        Number of bins.
-
-    Returns
-    -------
-    Distribution
-
-    Raises
-    ------
-    InputError
-        If there is not at least one bin.
 
     Examples
     --------
     >>> distribution(np.array([0.1, 0.7, 0.9, -0.2]), n_bins=2)
     Distribution(edges=array([0. , 0.5, 1. ]), density=array([0.66666667, 1.33333333]), n_negative=1)
     """
+    # `InputError` if there is not at least one bin
     _require_bins(n_bins)
     return _distribution(*_counts(q, n_bins))
 
@@ -252,27 +188,12 @@ def _exact_sum(q):
     return (int(high.sum(dtype=np.int64)) << 30) + int(low.sum(dtype=np.int64))
 
 
-def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) -> QualityReport:
-    """Report on the cells of a grid.
-
-    Parameters
-    ----------
-    quality : GridQuality
-        The cells, and what the baseline decided about them.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of all blocks (m).
-    n_bins : int
-        Bins of the distribution of Q.
-
-    Returns
-    -------
-    QualityReport
-
-    Raises
-    ------
-    InputError
-        If there is not at least one bin.
-    """
+def report_quality(
+    quality: GridQuality,  # the cells, and what the baseline decided about them
+    nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+    n_bins: int = 50,  # bins of the distribution of Q
+) -> QualityReport:
+    """Report on the cells of a grid. `InputError` if there is not at least one bin."""
     _require_bins(n_bins)
     comm, cells = quality.pieces.comm, quality.cells_in_turn(nodes)
     own, worst, lowest = [], [], []
@@ -299,37 +220,18 @@ def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) ->
 
 
 class CellsAfterMove(NamedTuple):
-    """What a move made of the cells of a grid.
+    """What a move made of the cells of a grid."""
 
-    Parameters
-    ----------
-    n_inverted : int
-        Cells that were valid on the baseline and are not now.
-    q_min : float
-        Smallest Q of the cells that were valid on the baseline.
-    q_mean : float
-        Mean Q of all cells.
-    """
-
-    n_inverted: int
-    q_min: float
-    q_mean: float
+    n_inverted: int  # cells that were valid on the baseline and are not now
+    q_min: float  # smallest Q of the cells that were valid on the baseline
+    q_mean: float  # mean Q of all cells
 
 
-def judge_move(quality: GridQuality, nodes: np.ndarray) -> CellsAfterMove:
-    """Judge a move by the cells that were valid on the baseline.
-
-    Parameters
-    ----------
-    quality : GridQuality
-        The cells, and what the baseline decided about them.
-    nodes : ndarray, shape (n_nodes, 3)
-        Moved nodes of all blocks (m).
-
-    Returns
-    -------
-    CellsAfterMove
-    """
+def judge_move(
+    quality: GridQuality,  # the cells, and what the baseline decided about them
+    nodes: np.ndarray,  # (n_nodes, 3), moved nodes of all blocks (m)
+) -> CellsAfterMove:
+    """Judge a move by the cells that were valid on the baseline."""
     n_inverted, q_min, total = 0, np.inf, 0
     for block, measures in zip(quality.blocks, quality.cells_in_turn(nodes)):
         was_valid = np.ones(measures.q.size, dtype=bool)
@@ -342,22 +244,12 @@ def judge_move(quality: GridQuality, nodes: np.ndarray) -> CellsAfterMove:
     return CellsAfterMove(sum(part[0] for part in every), min(part[1] for part in every), q_mean)
 
 
-def inverted_cells(quality: GridQuality, cells: Iterable[CellQuality], newly: bool = False) -> tuple[InvertedCell, ...]:
-    """Name the inverted cells, the worst first and at most `MOST_NAMED` of them.
-
-    Parameters
-    ----------
-    quality : GridQuality
-        The cells, and what the baseline decided about them.
-    cells : iterable of CellQuality
-        Their measures, from `GridQuality.cells` or `GridQuality.cells_in_turn`.
-    newly : bool
-        Only those that were valid on the baseline.
-
-    Returns
-    -------
-    tuple of InvertedCell
-    """
+def inverted_cells(
+    quality: GridQuality,  # the cells, and what the baseline decided about them
+    cells: Iterable[CellQuality],  # their measures, from `GridQuality.cells` or `GridQuality.cells_in_turn`
+    newly: bool = False,  # only those that were valid on the baseline
+) -> tuple[InvertedCell, ...]:
+    """Name the inverted cells, the worst first and at most `MOST_NAMED` of them."""
     worst = []
     with together(quality.pieces.comm):
         for block, measures in zip(quality.blocks, cells):

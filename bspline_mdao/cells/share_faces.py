@@ -31,32 +31,17 @@ from .cell_faces import NONE, NUMBER, BoundaryFaces, CellFaces, _Block, _signed_
 __all__ = ["faces_of_share"]
 
 
-def faces_of_share(topology: Topology, partition: Partition, comm, nodes: np.ndarray) -> tuple[CellFaces, Halo, Halo]:
-    """List the faces of the cells of one process: all processes call it together.
-
-    Parameters
-    ----------
-    topology : Topology
-        How the blocks of the grid are joined.
-    partition : Partition
-        Who has which cells.
-    comm : communicator
-        The processes.
-    nodes : ndarray, shape (n_nodes of the share, 3)
-        Baseline nodes (m), which tell the handedness of each block.
-
-    Returns
-    -------
-    faces : CellFaces
-        Numbers of its cells, and from there on those of others; corners are nodes and, from there on, those of others.
-    cells, corners : Halo
-        Exchange of cells and of nodes.
-
-    Raises
-    ------
-    InputError
-        If a block has no cells, or its cells have no volume in sum.
-    """
+def faces_of_share(
+    topology: Topology,  # how the blocks of the grid are joined
+    partition: Partition,  # who has which cells
+    comm,  # communicator, the processes
+    nodes: np.ndarray,  # (n_nodes of the share, 3), baseline nodes (m), which tell the handedness of each block
+) -> tuple[CellFaces, Halo, Halo]:
+    """List the faces of the cells of one process: all processes call it together."""
+    # `InputError` if a block has no cells, or its cells have no volume in sum
+    # returns faces: numbers of its cells, and from there on those of others; corners are nodes and, from there on,
+    # those of others
+    # returns cells, corners: exchange of cells and of nodes
     share = _ShareCells.of(topology, partition, comm, nodes)
     parts = [*share.inside(), *share.cut_planes(), *share.interfaces()]
     empty = np.zeros((0, 4), int), *(np.zeros(0, int) for _ in range(4))
@@ -165,10 +150,8 @@ class _ShareCells:
                 yield quads[chosen], left[chosen], np.full(n, left_slot), right[chosen], np.full(n, right_slot)
 
     def boundary(self, start: int):
-        """Corners, cells and slots of the boundary faces of own cells patch after patch, their numbers, the patches.
-
-        Numbers are those among the boundary faces of the grid, of all processes.
-        """
+        """Corners, cells and slots of the boundary faces of own cells patch after patch, their numbers, the patches."""
+        # Numbers are those among the boundary faces of the grid, of all processes.
         blocks, windows = {piece.block for piece in self.own}, self.topology.boundary
         names = dict.fromkeys((face.patch or "unassigned", face.kind) for face in windows)
         parts, patches, n_before = [(np.zeros((0, 4), int), *(np.zeros(0, int) for _ in range(3)))], [], 0

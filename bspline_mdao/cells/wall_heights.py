@@ -23,36 +23,24 @@ KEPT = (0.9, 1.1)
 
 @dataclass(frozen=True)
 class PatchHeights:
-    """Heights of the first cells at one wall.
+    """Heights of the first cells at one wall."""
 
-    Parameters
-    ----------
-    patch : str
-        The wall.
-    n_nodes, n_left_out : int
-        Nodes that have a height on the baseline, and those that have none.
-    height_min, height_median, height_max : float
-        Heights (m).
-    ratio_min, ratio_p01, ratio_median, ratio_p99, ratio_max : float
-        Heights divided by those of the baseline: smallest, 1 %, median, 99 % and largest.
-    n_off : int
-        Nodes whose ratio is not within `KEPT`.
-    lowest, highest : WallNode
-        Where the ratio is smallest and largest.
-    """
-
-    patch: str
+    patch: str  # the wall
+    # nodes that have a height on the baseline, and those that have none
     n_nodes: int
     n_left_out: int
+    # heights (m)
     height_min: float
     height_median: float
     height_max: float
+    # heights divided by those of the baseline: smallest, 1 %, median, 99 % and largest
     ratio_min: float
     ratio_p01: float
     ratio_median: float
     ratio_p99: float
     ratio_max: float
-    n_off: int
+    n_off: int  # nodes whose ratio is not within `KEPT`
+    # where the ratio is smallest and largest
     lowest: WallNode
     highest: WallNode
 
@@ -68,21 +56,11 @@ class PatchHeights:
         return (self.ratio_min, self.lowest) if is_low else (self.ratio_max, self.highest)
 
 
-def report_heights(cells: FirstCells, nodes: np.ndarray) -> tuple[PatchHeights, ...]:
-    """Report on the first cells of a grid, wall by wall.
-
-    Parameters
-    ----------
-    cells : FirstCells
-        The first cells of the baseline.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of all blocks (m).
-
-    Returns
-    -------
-    tuple of PatchHeights
-        One for each wall that has heights.
-    """
+def report_heights(
+    cells: FirstCells,  # the first cells of the baseline
+    nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+) -> tuple[PatchHeights, ...]:  # one for each wall that has heights
+    """Report on the first cells of a grid, wall by wall."""
     comm = cells.pieces.comm
     heights = cells.heights(nodes)
     own = (cells.keys[cells.at], cells.patch_ids, heights, heights / cells.baseline, cells.places)

@@ -18,50 +18,27 @@ __all__ = ["WallSpacing", "flat_plate_y_plus", "wall_spacings"]
 
 @dataclass(frozen=True)
 class WallSpacing:
-    """Spacings at one wall, as a user of turbulence models looks at them.
+    """Spacings at one wall, as a user of turbulence models looks at them."""
 
-    Parameters
-    ----------
-    patch : str
-        The wall.
-    n_nodes : int
-        Nodes that have a height.
-    height_min, height_median, height_max : float
-        Heights of the first cells (m).
-    growth_median, growth_max : float
-        Lengths of the second cells off the wall over those of the first; not a number where no block has second ones.
-    aspect_median, aspect_max : float
-        Longest edges in the wall at a node over the height there; those across a grid that is one cell deep do not
-        count.
-    extents : tuple of float
-        Sides of the wall's box (m), ascending.
-    """
-
-    patch: str
-    n_nodes: int
+    patch: str  # the wall
+    n_nodes: int  # nodes that have a height
+    # heights of the first cells (m)
     height_min: float
     height_median: float
     height_max: float
+    # lengths of the second cells off the wall over those of the first; not a number where no block has second ones
     growth_median: float
     growth_max: float
+    # longest edges in the wall at a node over the height there; those across a grid that is one cell deep do not count
     aspect_median: float
     aspect_max: float
-    extents: tuple[float, float, float]
+    extents: tuple[float, float, float]  # sides of the wall's box (m), ascending
 
 
-def wall_spacings(grid: Grid) -> tuple[WallSpacing, ...]:
-    """Measure the spacings at the walls of a grid.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid. Its walls are its patches of kind ``"wall"``.
-
-    Returns
-    -------
-    tuple of WallSpacing
-        One for each wall that has heights.
-    """
+def wall_spacings(
+    grid: Grid,  # the grid. Its walls are its patches of kind ``"wall"``
+) -> tuple[WallSpacing, ...]:  # one for each wall that has heights
+    """Measure the spacings at the walls of a grid."""
     cells, nodes = FirstCells.of_baseline(grid), grid.to_vector().reshape(-1, 3)
     growth, aspect = _growth(cells, nodes), _longest_edges(cells, nodes) / cells.baseline
     wall = nodes[cells.rows[cells.at]]
@@ -85,33 +62,21 @@ def wall_spacings(grid: Grid) -> tuple[WallSpacing, ...]:
     return tuple(spacings)
 
 
-def flat_plate_y_plus(height: float, reynolds: float, length: float) -> float:
+def flat_plate_y_plus(
+    height: float,  # distance from the wall (m)
+    reynolds: float,  # reynolds number per metre, ``U / nu`` (1/m)
+    length: float,  # distance from the leading edge (m)
+) -> float:
     """Estimate y+ at a height above a flat plate with a turbulent boundary layer.
-
-    Parameters
-    ----------
-    height : float
-        Distance from the wall (m).
-    reynolds : float
-        Reynolds number per metre, ``U / nu`` (1/m).
-    length : float
-        Distance from the leading edge (m).
-
-    Returns
-    -------
-    float
-        ``y+ = u_tau y / nu`` with ``u_tau = U sqrt(c_f / 2)`` and the one-seventh power law
-        ``c_f = 0.027 / Re_x^(1/7)``.
-
-    References
-    ----------
-    F. M. White, *Fluid Mechanics*, 7th ed., McGraw-Hill, 2011, section 7.4.
 
     Examples
     --------
     >>> round(flat_plate_y_plus(1e-5, reynolds=1e7, length=1.0), 1)
     3.7
     """
+    # F. M. White, *Fluid Mechanics*, 7th ed., McGraw-Hill, 2011, section 7.4.
+    # returns ``y+ = u_tau y / nu`` with ``u_tau = U sqrt(c_f / 2)`` and the one-seventh power law ``c_f = 0.027 /
+    # Re_x^(1/7)``
     friction = 0.027 / (reynolds * length) ** (1.0 / 7.0)
     return height * reynolds * math.sqrt(0.5 * friction)
 
