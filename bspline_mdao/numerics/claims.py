@@ -26,16 +26,11 @@ PATIENCE = 2000
 """Looks at a counter after which a thread lets others have its core."""
 
 
-def counters(n_chunks: int, n_done: int = 0) -> np.ndarray:
-    """Counters of a new piece of work: chunks that are done, and a mark for each that is claimed.
-
-    Parameters
-    ----------
-    n_chunks : int
-        Number of the last chunk, plus one.
-    n_done : int
-        Number of the first one: those before it are done.
-    """
+def counters(
+    n_chunks: int,  # number of the last chunk, plus one
+    n_done: int = 0,  # number of the first one: those before it are done
+) -> np.ndarray:
+    """Counters of a new piece of work: chunks that are done, and a mark for each that is claimed."""
     numbers = np.zeros(FIRST + n_chunks, np.int64)
     numbers[DONE] = n_done
     return numbers
@@ -97,29 +92,20 @@ def _let_others_run(typingctx):
 
 
 @njit(cache=True, nogil=True)
-def claim(numbers, starts, turn, part, n_parts, level, n_tried):
-    """Claim a chunk and wait until the levels before its own are done.
-
-    Parameters
-    ----------
-    numbers : ndarray
-        See `counters`.
-    starts : ndarray of int64, shape (n_levels + 1,)
-        Chunks with which the levels start.
-    turn : int
-        Level from which on chunks are numbered backwards, so that a part is at the other end.
-    part, n_parts : int
-        Part of every level that this thread begins with, of so many.
-    level, n_tried : int
-        What the last call gave; 0 and 0 in the first.
-
-    Returns
-    -------
-    chunk : int
-        Its number, or -1 when there is none left.
-    level, n_tried : int
-        For the next call: its level, and how many chunks of that this thread has looked at.
-    """
+def claim(
+    numbers,  # see `counters`
+    starts,  # int64 (n_levels + 1,), chunks with which the levels start
+    turn,  # int, level from which on chunks are numbered backwards, so that a part is at the other end
+    # part of every level that this thread begins with, of so many
+    part,  # int
+    n_parts,  # int
+    # what the last call gave; 0 and 0 in the first
+    level,  # int
+    n_tried,  # int
+):
+    """Claim a chunk and wait until the levels before its own are done."""
+    # returns chunk int: its number, or -1 when there is none left
+    # returns level, n_tried int: for the next call: its level, and how many chunks of that this thread has looked at
     while level + 1 < len(starts):
         first, n_chunks = starts[level], starts[level + 1] - starts[level]
         own = part if level < turn else n_parts - 1 - part

@@ -92,10 +92,8 @@ def load(typingctx, array, offset):
 
 
 def zero_halves(shape: tuple[int, ...]) -> np.ndarray:
-    """Zeros as numbers of 16 bits, the first half of single precision (bfloat16), in an array of uint16.
-
-    There is room behind it for `load_halves`.
-    """
+    """Zeros as numbers of 16 bits, the first half of single precision (bfloat16), in an array of uint16."""
+    # There is room behind it for `load_halves`.
     size = math.prod(shape)
     return np.zeros(size + LANES, np.uint16)[:size].reshape(shape)
 

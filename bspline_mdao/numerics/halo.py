@@ -20,45 +20,26 @@ __all__ = ["ALONE", "Halo"]
 
 @dataclass(frozen=True, eq=False)
 class Halo:
-    """Exchange of rows with other processes. Made by `of`; `ALONE` for one process, which sends nothing.
+    """Exchange of rows with other processes. Made by `of`; `ALONE` for one process, which sends nothing."""
 
-    Parameters
-    ----------
-    comm : communicator
-        The processes.
-    n_own, n_ghosts : int
-        Rows of this process, and rows of others that it sees.
-    sent : tuple of (int, ndarray of int)
-        Processes that see rows of this one, and which.
-    received : tuple of (int, slice)
-        Processes whose rows this one sees, and where these are behind its own.
-    """
-
-    comm: Any
+    comm: Any  # the processes
+    # rows of this process, and rows of others that it sees
     n_own: int = 0
     n_ghosts: int = 0
-    sent: tuple[tuple[int, np.ndarray], ...] = ()
+    sent: tuple[tuple[int, np.ndarray], ...] = ()  # processes that see rows of this one, and which
+    # processes whose rows this one sees, and where these are behind its own
     received: tuple[tuple[int, slice], ...] = ()
 
     @classmethod
-    def of(cls, comm, n_own: int, ranks: np.ndarray, rows: np.ndarray) -> tuple[Halo, np.ndarray]:
-        """Settle which rows are seen: all processes call it together.
-
-        Parameters
-        ----------
-        comm : communicator
-            The processes.
-        n_own : int
-            Rows of this process.
-        ranks, rows : ndarray of int, shape (n,)
-            Process that holds each row that is wanted, and its number there; its own ones and repetitions are fine.
-
-        Returns
-        -------
-        halo : Halo
-        places : ndarray of int, shape (n,)
-            Where the wanted rows are in extended arrays.
-        """
+    def of(
+        cls,
+        comm,  # communicator, the processes
+        n_own: int,  # rows of this process
+        # process that holds each row that is wanted, and its number there; its own ones and repetitions are fine
+        ranks: np.ndarray,  # int (n,)
+        rows: np.ndarray,  # int (n,)
+    ) -> tuple[Halo, np.ndarray]:  # places int (n,): where the wanted rows are in extended arrays
+        """Settle which rows are seen: all processes call it together."""
         if comm.size == 1:
             return cls(comm, n_own), rows
         foreign = np.flatnonzero(ranks != comm.rank)
@@ -84,10 +65,8 @@ class Halo:
         return out
 
     def extend(self, own: np.ndarray) -> np.ndarray:
-        """Put the rows of others behind those of this process: shape (n_own + n_ghosts, ...).
-
-        One process gets its array back.
-        """
+        """Put the rows of others behind those of this process: shape (n_own + n_ghosts, ...)."""
+        # One process gets its array back.
         if self.comm.size == 1:
             return own
         seen = np.empty((self.n_own + self.n_ghosts, *own.shape[1:]), own.dtype)

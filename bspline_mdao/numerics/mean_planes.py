@@ -21,21 +21,11 @@ ROUGH = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class MeanPlane:
-    """A plane through points.
+    """A plane through points."""
 
-    Parameters
-    ----------
-    normal : ndarray, shape (3,)
-        Unit normal.
-    offset : float
-        Product of the normal and the mean of the points (m).
-    roughness : float
-        Largest distance of a point (m).
-    """
-
-    normal: np.ndarray
-    offset: float
-    roughness: float
+    normal: np.ndarray  # (3,), unit normal
+    offset: float  # product of the normal and the mean of the points (m)
+    roughness: float  # largest distance of a point (m)
 
     @classmethod
     def through(cls, points: np.ndarray) -> MeanPlane:
@@ -44,20 +34,12 @@ class MeanPlane:
         return cls(normal, float(normal @ points.mean(axis=0)), float(distances.max()))
 
 
-def mean_planes(parts: Sequence[np.ndarray]) -> list[MeanPlane]:
-    """Find the planes of parts.
-
-    Parameters
-    ----------
-    parts : sequence of ndarray, each of shape (n, 3)
-        Points of the parts (m).
-
-    Returns
-    -------
-    list of MeanPlane
-        That of each part, the same object for parts of one plane. A part that is rougher than `near_enough` is in no
-        plane.
-    """
+def mean_planes(
+    parts: Sequence[np.ndarray],  # each (n, 3), points of the parts (m)
+) -> list[MeanPlane]:
+    """Find the planes of parts."""
+    # returns that of each part, the same object for parts of one plane. A part that is rougher than `near_enough` is in
+    # no plane
     tolerance = near_enough(parts)
     groups: list[list[int]] = []
     first: list[MeanPlane] = []

@@ -13,10 +13,8 @@ GROUP = Path("/sys/fs/cgroup")
 
 
 def available_bytes() -> int:
-    """Memory that can be had without swapping (bytes): of the machine, or less where a job or container is limited.
-
-    Where the system does not tell what is free it is all that there is.
-    """
+    """Memory that can be had without swapping (bytes): of the machine, or less where a job or container is limited."""
+    # Where the system does not tell what is free it is all that there is.
     if MEMINFO.exists():
         lines = dict(line.split(":", 1) for line in MEMINFO.read_text().splitlines() if ":" in line)
         free = 1024 * int(lines["MemAvailable"].split()[0])

@@ -56,15 +56,8 @@ ONE = OneProcess()
 
 
 def world() -> Any:
-    """Communicator of all processes that a launcher of MPI has started; `ONE` where there is no launcher.
-
-    mpi4py is imported only where the environment says that there are several.
-
-    Raises
-    ------
-    ImportError
-        If there are several and mpi4py is missing: each would do everything, and write to the same files.
-    """
+    """Communicator of all processes that a launcher of MPI has started; `ONE` where there is no launcher."""
+    # mpi4py is imported only where the environment says that there are several.
     if n_launched() < 2:
         return ONE
     try:
@@ -80,22 +73,13 @@ def n_launched() -> int:
 
 
 @contextmanager
-def together(comm) -> Iterator[None]:
-    """Raise on all processes what the first one raises, in a body without collective calls.
-
-    Within another one it does nothing: the outer one tells.
-
-    Parameters
-    ----------
-    comm : communicator
-        The processes, all of which come here.
-
-    Raises
-    ------
-    Exception
-        What the process of lowest rank that failed has raised, with its words: on that process itself, and on all
-        others as well. One that cannot be sent is raised there as a RuntimeError.
-    """
+def together(
+    comm,  # communicator, the processes, all of which come here
+) -> Iterator[None]:
+    """Raise on all processes what the first one raises, in a body without collective calls."""
+    # Within another one it does nothing: the outer one tells.
+    # `Exception` What the process of lowest rank that failed has raised, with its words: on that process itself, and on
+    # all others as well. One that cannot be sent is raised there as a RuntimeError
     if comm.size == 1 or _INSIDE.get():
         yield
         return
@@ -138,21 +122,11 @@ def _packed(failure: Exception | None) -> bytes:
     return packed
 
 
-def summed(comm, array: np.ndarray) -> np.ndarray:
-    """Sum of an array of every process, on every one of them: the same bits everywhere.
-
-    Parameters
-    ----------
-    comm : communicator
-        The processes.
-    array : ndarray of float or complex
-        Of the same shape on all of them.
-
-    Returns
-    -------
-    ndarray
-        The array itself where there is one process.
-    """
+def summed(
+    comm,  # communicator, the processes
+    array: np.ndarray,  # of the same shape on all of them
+) -> np.ndarray:  # the array itself where there is one process
+    """Sum of an array of every process, on every one of them: the same bits everywhere."""
     if comm.size == 1:
         return array
     import numpy as np
@@ -167,20 +141,11 @@ def summed_number(comm, number: float) -> float:
     return number if comm.size == 1 else comm.allreduce(number)
 
 
-def gathered(comm, array: np.ndarray) -> np.ndarray:
-    """Rows of the arrays of all processes one after another, on every one of them.
-
-    Parameters
-    ----------
-    comm : communicator
-        The processes.
-    array : ndarray, shape (n, ...)
-        n may differ between them.
-
-    Returns
-    -------
-    ndarray, shape (sum of n, ...)
-    """
+def gathered(
+    comm,  # communicator, the processes
+    array: np.ndarray,  # (n, ...), n may differ between them
+) -> np.ndarray:  # (sum of n, ...)
+    """Rows of the arrays of all processes one after another, on every one of them."""
     import numpy as np
 
     return np.concatenate(from_all(comm, array))

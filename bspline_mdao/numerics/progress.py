@@ -60,20 +60,12 @@ def show_progress(wanted: bool = True) -> None:
 
 
 @contextmanager
-def shown(title: str, progress: Progress | bool | None = None) -> Iterator[Progress]:
+def shown(
+    title: str,  # what the work is, in a word or two
+    # who is told instead of a bar; False for nobody. By default there is a bar where a terminal is
+    progress: Progress | bool | None = None,
+) -> Iterator[Progress]:  # to be told the fraction done (less than 0 where it is not known), and what is being done
     """Show how far work has come, while it is done.
-
-    Parameters
-    ----------
-    title : str
-        What the work is, in a word or two.
-    progress : callable or bool, optional
-        Who is told instead of a bar; False for nobody. By default there is a bar where a terminal is.
-
-    Yields
-    ------
-    callable
-        To be told the fraction done (less than 0 where it is not known), and what is being done.
 
     Examples
     --------

@@ -32,13 +32,7 @@ def constant(value: int) -> ir.Constant:
 
 
 class Emitter:
-    """Emits vector code at the position of an llvmlite builder.
-
-    Parameters
-    ----------
-    builder : llvmlite.ir.IRBuilder
-        Where the code goes.
-    """
+    """Emits vector code at the position of an llvmlite builder."""
 
     def __init__(self, builder: ir.IRBuilder):
         self.builder = builder
@@ -109,11 +103,9 @@ class Emitter:
         return products if total is None else [self.add(t, product) for t, product in zip(total, products)]
 
     def lane_sums(self, vectors) -> list:
-        """Sum every vector over its lanes; the sums come back as the lanes of as few vectors as hold them.
-
-        Pairs are folded into one vector of half sums, as often as it takes: a third of the work of folding each by
-        itself.
-        """
+        """Sum every vector over its lanes; the sums come back as the lanes of as few vectors as hold them."""
+        # Pairs are folded into one vector of half sums, as often as it takes: a third of the work of folding each by
+        # itself.
         vectors = vectors + [ZERO] * (-len(vectors) % LANES)
         width = 1
         while width < LANES:

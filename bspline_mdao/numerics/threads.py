@@ -24,13 +24,7 @@ def thread_count(n_threads: int | None) -> int:
 
 
 class Crew:
-    """Threads that stay for several rounds of tasks; a context. The caller's thread is one of them.
-
-    Parameters
-    ----------
-    n_threads : int
-        Number of threads.
-    """
+    """Threads that stay for several rounds of tasks; a context. The caller's thread is one of them."""
 
     def __init__(self, n_threads: int):
         self._n_others = n_threads - 1
@@ -43,16 +37,12 @@ class Crew:
         if self._pool is not None:
             self._pool.shutdown()
 
-    def run(self, task, n_tasks: int):
-        """Call ``task(0) .. task(n_tasks - 1)``, each once, and return when all are done.
-
-        Parameters
-        ----------
-        task : callable
-            Must not depend on the order of the calls.
-        n_tasks : int
-            Number of calls.
-        """
+    def run(
+        self,
+        task,  # callable, must not depend on the order of the calls
+        n_tasks: int,  # number of calls
+    ):
+        """Call ``task(0) .. task(n_tasks - 1)``, each once, and return when all are done."""
         numbers, is_over = itertools.count(), threading.Event()
 
         def work():
@@ -76,10 +66,8 @@ class Crew:
 
 
 def run_tasks(task, n_tasks: int, n_threads: int):
-    """Call ``task(0) .. task(n_tasks - 1)``, each once, on up to ``n_threads`` threads; see `Crew.run`.
-
-    The threads stay for the next call: to start one takes as long as a product with a matrix of some thousand rows.
-    """
+    """Call ``task(0) .. task(n_tasks - 1)``, each once, on up to ``n_threads`` threads; see `Crew.run`."""
+    # The threads stay for the next call: to start one takes as long as a product with a matrix of some thousand rows.
     n_threads = min(n_threads, n_tasks)
     if n_threads < 2:
         for number in range(n_tasks):
@@ -94,18 +82,12 @@ def _crew(n_threads: int, process: int) -> Crew:
     return Crew(n_threads)
 
 
-def map_tasks(task, items, n_threads: int):
-    """Yield ``task(item)`` of every item, in order; up to ``n_threads`` threads work ahead.
-
-    Parameters
-    ----------
-    task : callable
-        Must not depend on the order of the calls.
-    items : sequence
-        What it is called with.
-    n_threads : int
-        Number of threads; with one, the caller's does it all.
-    """
+def map_tasks(
+    task,  # callable, must not depend on the order of the calls
+    items,  # sequence, what it is called with
+    n_threads: int,  # number of threads; with one, the caller's does it all
+):
+    """Yield ``task(item)`` of every item, in order; up to ``n_threads`` threads work ahead."""
     if min(n_threads, len(items)) < 2:
         yield from map(task, items)
         return
@@ -120,13 +102,12 @@ def map_tasks(task, items, n_threads: int):
 
 
 class _BlasLimit:
-    """Context in which BLAS uses one thread, however many threads of the user's are inside at a time.
+    """Context in which BLAS uses one thread, however many threads of the user's are inside at a time."""
 
-    The limit is the process's: the first one in sets it, the last one out restores what was. Were each to restore what
-    it found, one that leaves would take the limit from those still inside, whose sums would then be split otherwise.
-    threadpoolctl lets only the thread change a limit that changed it first, as long as that thread lives; so it is done
-    in threads that end at once. A limit that the user holds stays.
-    """
+    # The limit is the process's: the first one in sets it, the last one out restores what was. Were each to restore
+    # what it found, one that leaves would take the limit from those still inside, whose sums would then be split
+    # otherwise. threadpoolctl lets only the thread change a limit that changed it first, as long as that thread lives;
+    # so it is done in threads that end at once. A limit that the user holds stays.
 
     def __init__(self):
         self._lock, self._n_inside, self._restore = threading.Lock(), 0, None

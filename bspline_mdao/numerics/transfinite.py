@@ -25,24 +25,11 @@ def inner_of(shape) -> tuple[slice, ...]:
     return tuple(slice(1, -1) if n > 1 else slice(None) for n in shape)
 
 
-def boolean_sum(places: np.ndarray, chosen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def boolean_sum(
+    places: np.ndarray,  # (N0, N1, N2, 3), where each point stands between the two ends of every direction, from 0 to 1
+    chosen: np.ndarray | None = None,  # int (n,), which of the inner points, numbered in C order; all by default
+) -> tuple[np.ndarray, np.ndarray]:
     """Weights with which inner points follow points of the boundary.
-
-    Parameters
-    ----------
-    places : ndarray, shape (N0, N1, N2, 3)
-        Where each point stands between the two ends of every direction, from 0 to 1.
-    chosen : ndarray of int, shape (n,), optional
-        Which of the inner points, numbered in C order; all by default.
-
-    Returns
-    -------
-    columns : ndarray of int, shape (n_terms, n)
-        Numbers, in C order, of the boundary points that each inner point follows: for every set of directions in which
-        to go to the ends (one, two, then three of them) one for every choice of ends. Directions of one point take no
-        part; where there are no others, there are no terms.
-    values : ndarray, shape (n_terms, n)
-        Weights of these points.
 
     Examples
     --------
@@ -52,6 +39,10 @@ def boolean_sum(places: np.ndarray, chosen: np.ndarray | None = None) -> tuple[n
     >>> columns.tolist(), values.tolist()
     ([[0], [2]], [[0.75], [0.25]])
     """
+    # returns columns int (n_terms, n): numbers, in C order, of the boundary points that each inner point follows: for
+    # every set of directions in which to go to the ends (one, two, then three of them) one for every choice of ends.
+    # Directions of one point take no part; where there are no others, there are no terms
+    # returns values (n_terms, n): weights of these points
     shape = places.shape[:3]
     inner, free = inner_of(shape), [d for d in range(3) if shape[d] > 1]
     some: slice | np.ndarray = slice(None) if chosen is None else chosen
