@@ -223,31 +223,17 @@ def _places(surface, patches):
 
 
 class Forms(NamedTuple):
-    """Numerators of the curvatures and the area, in the numbers of the nodes as parameters; every array of shape (n,).
+    """Numerators of the curvatures and the area, in the numbers of the nodes as parameters; each of shape (n,)."""
 
-    Parameters
-    ----------
-    mean : ndarray
-        ``E n - 2 F m + G l``, twice the mean curvature times the area to the third.
-    gaussian : ndarray
-        ``l n - m^2``, the Gaussian curvature times the area to the fourth.
-    square : ndarray
-        Square of the area, ``E G - F^2``.
-    """
-
-    mean: np.ndarray
-    gaussian: np.ndarray
-    square: np.ndarray
+    mean: np.ndarray  # ``E n - 2 F m + G l``, twice the mean curvature times the area to the third
+    gaussian: np.ndarray  # ``l n - m^2``, the Gaussian curvature times the area to the fourth
+    square: np.ndarray  # square of the area, ``E G - F^2``
 
 
-def forms(vectors: np.ndarray) -> Forms:
-    """Return the numerators of the curvatures from derivatives of the surface.
-
-    Parameters
-    ----------
-    vectors : ndarray, shape (5, n, 3)
-        First derivatives along i and j, second derivatives ii, ij and jj.
-    """
+def forms(
+    vectors: np.ndarray,  # (5, n, 3), first derivatives along i and j, second derivatives ii, ij and jj
+) -> Forms:
+    """Return the numerators of the curvatures from derivatives of the surface."""
     along_i, along_j, *second = vectors
     normal = np.cross(along_i, along_j)
     (e, f, g), (l, m, n) = _metric(along_i, along_j), (dots(part, normal) for part in second)
@@ -268,23 +254,14 @@ def forms_vjp(vectors: np.ndarray, bar: Forms) -> list[np.ndarray]:
     return [along_i_bar, along_j_bar, *(part * normal for part in bars)]
 
 
-def face_differences(surface: SurfaceGrid, faces: tuple[int, ...]) -> tuple[list[csr_array], np.ndarray]:
-    """Return the matrices that give the five vectors of `forms` at all nodes of some faces.
-
-    Parameters
-    ----------
-    surface : SurfaceGrid
-        The surface.
-    faces : tuple of int
-        Numbers of its faces, of three nodes at least each way.
-
-    Returns
-    -------
-    matrices : list of csr_array, each of shape (n, n_points)
-        First differences along i and j, second differences ii, ij and jj, with a spacing of one.
-    weights : ndarray, shape (n,)
-        Weights of the trapezoidal rule.
-    """
+def face_differences(
+    surface: SurfaceGrid,
+    faces: tuple[int, ...],  # numbers of its faces, of three nodes at least each way
+) -> tuple[list[csr_array], np.ndarray]:
+    """Return the matrices that give the five vectors of `forms` at all nodes of some faces."""
+    # returns matrices each (n, n_points): first differences along i and j, second differences ii, ij and jj, with a
+    # spacing of one
+    # returns weights (n,): weights of the trapezoidal rule
     chosen = [surface.faces[number] for number in faces]
     matrices = [_on_face(ids, surface.n_points) for ids in chosen]
     weights = [np.outer(*(_trapezoidal(n) for n in ids.shape)).ravel() for ids in chosen]
@@ -292,10 +269,8 @@ def face_differences(surface: SurfaceGrid, faces: tuple[int, ...]) -> tuple[list
 
 
 def difference_matrices(n: int) -> tuple[csr_array, csr_array]:
-    """Matrices (n, n) of the first and second differences of n numbers in a row, of second order; n is 3 at least.
-
-    With three numbers the second differences at the ends are of first order.
-    """
+    """Matrices (n, n) of the first and second differences of n numbers in a row, of second order; n is 3 at least."""
+    # With three numbers the second differences at the ends are of first order.
     first, second = np.zeros((2, n, n))
     inner = np.arange(1, n - 1)
     first[inner, inner - 1], first[inner, inner + 1] = -0.5, 0.5

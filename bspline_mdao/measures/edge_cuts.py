@@ -14,18 +14,10 @@ __all__ = ["EdgeCuts", "cut_edges", "edges_of_quads"]
 
 
 class EdgeCuts(NamedTuple):
-    """Points on edges, as weighted means of their ends.
+    """Points on edges, as weighted means of their ends."""
 
-    Parameters
-    ----------
-    nodes : ndarray of int, shape (n, 2)
-        Ends of the edges.
-    weights : ndarray, shape (n, 2)
-        Weights of the ends, of sum 1.
-    """
-
-    nodes: np.ndarray
-    weights: np.ndarray
+    nodes: np.ndarray  # int (n, 2), ends of the edges
+    weights: np.ndarray  # (n, 2), weights of the ends, of sum 1
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Places, shape (n, 3), of nodes, shape (n_points, 3)."""
@@ -43,22 +35,12 @@ def edges_of_quads(quads: np.ndarray) -> np.ndarray:
     return np.unique(np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1), axis=0)
 
 
-def cut_edges(edges: np.ndarray, heights: np.ndarray, near: float = 0.0) -> EdgeCuts:
-    """Find the points of height 0.
-
-    Parameters
-    ----------
-    edges : ndarray of int, shape (n, 2)
-        Ends of the edges.
-    heights : ndarray, shape (n_points,)
-        Of all nodes; linear on the edges between. Edges of one height are not cut.
-    near : float
-        Height, up or down, up to which a node counts as at 0.
-
-    Returns
-    -------
-    EdgeCuts
-    """
+def cut_edges(
+    edges: np.ndarray,  # int (n, 2), ends of the edges
+    heights: np.ndarray,  # (n_points,), of all nodes; linear on the edges between. Edges of one height are not cut
+    near: float = 0.0,  # height, up or down, up to which a node counts as at 0
+) -> EdgeCuts:
+    """Find the points of height 0."""
     first, second = np.where(np.abs(heights) <= near, 0.0, heights)[edges].T
     is_cut = (first * second <= 0.0) & (first != second)
     fraction = first[is_cut] / (first - second)[is_cut]

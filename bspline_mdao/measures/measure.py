@@ -52,21 +52,11 @@ class Measure(Protocol):
         """Differentiate `evaluate` in C order: shape (size, 3 n), of a pattern that does not depend on the nodes."""
 
 
-def relative_to_baseline(measure, least: float):
-    """Return a measure divided by its value on the baseline.
-
-    Parameters
-    ----------
-    measure : dataclass
-        Measure with a field ``scale`` that it is divided by.
-    least : float
-        Value up to which, either side of zero, there is nothing to divide by.
-
-    Raises
-    ------
-    InputError
-        If the value on the baseline is not larger.
-    """
+def relative_to_baseline(
+    measure,  # dataclass, measure with a field ``scale`` that it is divided by
+    least: float,  # value up to which, either side of zero, there is nothing to divide by
+):
+    """Return a measure divided by its value on the baseline."""
     value = float(measure.evaluate(measure.surface.points)[0])
     if not abs(value) > least:
         raise InputError(f"{measure.name}: {value:.3g} on the baseline, nothing to be relative to; take relative=False")
@@ -78,44 +68,26 @@ def single_row(gradient: np.ndarray) -> csr_array:
     return row_at(np.arange(len(gradient)), gradient, len(gradient))
 
 
-def row_at(ids: np.ndarray, gradient: np.ndarray, n_points: int) -> csr_array:
-    """Derivatives of one number, shape (1, 3 n_points), that depends on some nodes: its gradient in these; zeros kept.
-
-    Parameters
-    ----------
-    ids : ndarray of int, shape (n,)
-        The nodes.
-    gradient : ndarray, shape (n, 3)
-        Derivatives in their coordinates.
-    n_points : int
-        Number of all nodes.
-    """
+def row_at(
+    ids: np.ndarray,  # int (n,), the nodes
+    gradient: np.ndarray,  # (n, 3), derivatives in their coordinates
+    n_points: int,  # number of all nodes
+) -> csr_array:
+    """Derivatives of one number, shape (1, 3 n_points), that depends on some nodes: its gradient; zeros kept."""
     columns = (3 * ids[:, None] + np.arange(3)).ravel()
     return csr_array((gradient.ravel(), columns, np.array([0, len(columns)])), shape=(1, 3 * n_points))
 
 
 @dataclass(frozen=True, eq=False)
 class Combinations(OneLine):
-    """Several vectors at each of n places, every one a fixed combination of nodes: tangents, differences, chords.
+    """Several vectors at each of n places, every one a fixed combination of nodes: tangents, differences, chords."""
 
-    A number of each place, made of its vectors, then has closed-form derivatives on a fixed pattern.
+    # A number of each place, made of its vectors, then has closed-form derivatives on a fixed pattern.
 
-    Parameters
-    ----------
-    stack : csr_array, shape (n_kinds n, n_nodes)
-        Coefficients: all places of the first kind of vector, then all of the next.
-    n_kinds : int
-        Vectors at each place.
-    pattern : csr_array of int, shape (n, n_nodes)
-        Nodes that belong to each place.
-    gather : csr_array, shape (pattern.nnz, n_kinds n)
-        From derivatives in the vectors to those in the nodes of the pattern.
-    """
-
-    stack: csr_array
-    n_kinds: int
-    pattern: csr_array
-    gather: csr_array
+    stack: csr_array  # (n_kinds n, n_nodes), coefficients: all places of the first kind of vector, then all of the next
+    n_kinds: int  # vectors at each place
+    pattern: csr_array  # int (n, n_nodes), nodes that belong to each place
+    gather: csr_array  # (pattern.nnz, n_kinds n), from derivatives in the vectors to those in the nodes of the pattern
 
     @classmethod
     def of(cls, matrices: Sequence[csr_array]) -> Combinations:
@@ -139,14 +111,12 @@ class Combinations(OneLine):
         """Vectors, shape (n_kinds, n, 3), of nodes, shape (n_nodes, 3)."""
         return (self.stack @ points).reshape(self.n_kinds, -1, 3)
 
-    def chain(self, gradients: Sequence[np.ndarray]) -> csr_array:
-        """Differentiate one number per place in the nodes, shape (n, 3 n_nodes).
-
-        Parameters
-        ----------
-        gradients : sequence of ndarray, each of shape (n, 3)
-            Derivatives of the number of every place in its vectors, kind by kind.
-        """
+    def chain(
+        self,
+        # derivatives of the number of every place in its vectors, kind by kind
+        gradients: Sequence[np.ndarray],  # each (n, 3)
+    ) -> csr_array:
+        """Differentiate one number per place in the nodes, shape (n, 3 n_nodes)."""
         data = self.gather @ np.concatenate(gradients)
         columns = 3 * self.pattern.indices[:, None] + np.arange(3)
         shape = (self.n_places, 3 * self.pattern.shape[1])

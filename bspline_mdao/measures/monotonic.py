@@ -15,39 +15,23 @@ __all__ = ["Differences", "neighbour_differences"]
 
 
 class Differences(NamedTuple):
-    """Sparse matrix of shape (n - 1, n) by its entries.
+    """Sparse matrix of shape (n - 1, n) by its entries."""
 
-    Parameters
-    ----------
-    rows, cols : ndarray of int, shape (2 n - 2,)
-        Places of the entries: first those of the values before, then those of the values after.
-    values : ndarray, shape (2 n - 2,)
-        Values of the entries.
-    """
-
-    rows: np.ndarray
-    cols: np.ndarray
-    values: np.ndarray
+    # places of the entries: first those of the values before, then those of the values after
+    rows: np.ndarray  # int (2 n - 2,)
+    cols: np.ndarray  # int (2 n - 2,)
+    values: np.ndarray  # (2 n - 2,), values of the entries
 
     def apply(self, values: np.ndarray) -> np.ndarray:
         """Differences, shape (n - 1,), of the values of n stations; real or complex."""
         return (self.values * values[self.cols]).reshape(2, -1).sum(axis=0)
 
 
-def neighbour_differences(n: int, decreasing: bool = False) -> Differences:
+def neighbour_differences(
+    n: int,  # number of stations, 2 at least
+    decreasing: bool = False,  # take each value less the next one, instead of the next one less it
+) -> Differences:
     """Differences of successive values: none is negative in a rising distribution, or in a falling one.
-
-    Parameters
-    ----------
-    n : int
-        Number of stations, 2 at least.
-    decreasing : bool
-        Take each value less the next one, instead of the next one less it.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two stations.
 
     Examples
     --------

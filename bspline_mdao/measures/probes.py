@@ -53,18 +53,10 @@ ROUND_OFF = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Probes:
-    """Points of a surface that are fixed weighted means of its nodes.
+    """Points of a surface that are fixed weighted means of its nodes."""
 
-    Parameters
-    ----------
-    nodes : ndarray of int, shape (n, m)
-        Nodes of each; they may repeat.
-    weights : ndarray, shape (n, m)
-        Weights of the nodes, of sum 1.
-    """
-
-    nodes: np.ndarray
-    weights: np.ndarray
+    nodes: np.ndarray  # int (n, m), nodes of each; they may repeat
+    weights: np.ndarray  # (n, m), weights of the nodes, of sum 1
 
     @property
     def n_probes(self) -> int:
@@ -92,37 +84,17 @@ class Probes:
 
 
 def opposite_probes(
-    surface: SurfaceGrid, points: np.ndarray, directions: np.ndarray, what: str = "probes"
+    surface: SurfaceGrid,  # the surface, on its baseline
+    points: np.ndarray,  # (n, 3), a point of each line (m): inside the body, or near it
+    directions: np.ndarray,  # (3,) or (n, 3), directions of the lines, of any length
+    what: str = "probes",  # purpose of the probes, for messages
 ) -> tuple[Probes, Probes]:
-    """Find where lines through points enter and leave a body.
-
-    Parameters
-    ----------
-    surface : SurfaceGrid
-        The surface, on its baseline.
-    points : ndarray, shape (n, 3)
-        A point of each line (m): inside the body, or near it.
-    directions : ndarray, shape (3,) or (n, 3)
-        Directions of the lines, of any length.
-    what : str
-        Purpose of the probes, for messages.
-
-    Returns
-    -------
-    entries, exits : Probes
-        Ends of that part of each line within the body which holds its point, or else is nearest to it. A line through a
-        seam of the grid gets the quad of the lowest number.
-
-    Raises
-    ------
-    InputError
-        If an array has the wrong shape, a direction has no length, or a line does not cross the body.
-
-    Notes
-    -----
-    Lines enter where they run against the normal into the fluid and leave where they run along it. Quads that a line
-    grazes, within 1e-9 rad, do not count.
-    """
+    """Find where lines through points enter and leave a body."""
+    # Lines enter where they run against the normal into the fluid and leave where they run along it. Quads that a line
+    # grazes, within 1e-9 rad, do not count.
+    # `InputError` if an array has the wrong shape, a direction has no length, or a line does not cross the body
+    # returns entries, exits: ends of that part of each line within the body which holds its point, or else is nearest
+    # to it. A line through a seam of the grid gets the quad of the lowest number
     points, directions = as_points(points, what), _as_directions(directions, len(points), what)
     found = find_crossings(surface, points, directions)
     entries, exits = body_intervals(found, FLAT * surface.size)
@@ -132,13 +104,7 @@ def opposite_probes(
 
 
 def as_points(points: np.ndarray, what: str) -> np.ndarray:
-    """Return finite points as an array of shape (n, 3).
-
-    Raises
-    ------
-    InputError
-        If the shape is another, there is none, or one is not finite.
-    """
+    """Return finite points as an array of shape (n, 3)."""
     points = np.atleast_2d(as_numbers(points, what))
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise InputError(f"{what}: points of shape {points.shape}; give shape (n, 3)")
@@ -171,53 +137,32 @@ def _require_all(lines, points, what):
 
 
 class Crossings(NamedTuple):
-    """Crossings of lines with quads, line by line.
+    """Crossings of lines with quads, line by line."""
 
-    Parameters
-    ----------
-    line, quad : ndarray of int, shape (n,)
-        Line and quad of each.
-    parameters : ndarray, shape (n, 2)
-        Place in the quad, from 0 to 1.
-    depth : ndarray, shape (n,)
-        Distance along the line from its point (m).
-    is_exit : ndarray of bool, shape (n,)
-        Whether the line runs along the normal of the quad, and not against it.
-    """
-
-    line: np.ndarray
-    quad: np.ndarray
-    parameters: np.ndarray
-    depth: np.ndarray
-    is_exit: np.ndarray
+    # line and quad of each
+    line: np.ndarray  # int (n,)
+    quad: np.ndarray  # int (n,)
+    parameters: np.ndarray  # (n, 2), place in the quad, from 0 to 1
+    depth: np.ndarray  # (n,), distance along the line from its point (m)
+    is_exit: np.ndarray  # bool (n,), whether the line runs along the normal of the quad, and not against it
 
     def take(self, rows: np.ndarray) -> Crossings:
         """Some of them, in the order of ``rows``."""
         return Crossings(*(values[rows] for values in self))
 
 
-def find_crossings(surface: SurfaceGrid, points: np.ndarray, directions: np.ndarray) -> Crossings:
-    """Find all crossings of lines with the bilinear quads of a surface.
-
-    Parameters
-    ----------
-    surface : SurfaceGrid
-        The surface, on its baseline.
-    points, directions : ndarray, shape (n, 3)
-        A point of each line (m), and its direction.
-
-    Returns
-    -------
-    Crossings
-
-    Notes
-    -----
-    1. Quads whose box, seen along a line, holds the line are candidates.
-    2. Their corners are seen along the line, which becomes the third axis through the origin.
-    3. Two pairs of parameters may put the origin of the first two coordinates into a quad.
-    4. Those that do so within a tolerance are crossings, unless the line grazes the quad.
-    5. Crossings are put in the order of lines and quads.
-    """
+def find_crossings(
+    surface: SurfaceGrid,  # the surface, on its baseline
+    # a point of each line (m), and its direction
+    points: np.ndarray,  # (n, 3)
+    directions: np.ndarray,  # (n, 3)
+) -> Crossings:
+    """Find all crossings of lines with the bilinear quads of a surface."""
+    # 1. Quads whose box, seen along a line, holds the line are candidates.
+    # 2. Their corners are seen along the line, which becomes the third axis through the origin.
+    # 3. Two pairs of parameters may put the origin of the first two coordinates into a quad.
+    # 4. Those that do so within a tolerance are crossings, unless the line grazes the quad.
+    # 5. Crossings are put in the order of lines and quads.
     frames = _frames(directions)
     touch = _TOUCH * surface.size
     # step 1
@@ -233,21 +178,11 @@ def find_crossings(surface: SurfaceGrid, points: np.ndarray, directions: np.ndar
     return joined.take(np.lexsort((joined.quad, joined.line)))
 
 
-def body_intervals(found: Crossings, tolerance: float) -> tuple[Crossings, Crossings]:
-    """Find the part of every line within the body that holds the point of the line, or else is nearest to it.
-
-    Parameters
-    ----------
-    found : Crossings
-        All crossings.
-    tolerance : float
-        Thickness (m) that is taken for none: there the line enters before it leaves.
-
-    Returns
-    -------
-    entries, exits : Crossings
-        The ends of the parts, one for every line that has one.
-    """
+def body_intervals(
+    found: Crossings,  # all crossings
+    tolerance: float,  # thickness (m) that is taken for none: there the line enters before it leaves
+) -> tuple[Crossings, Crossings]:  # entries, exits: the ends of the parts, one for every line that has one
+    """Find the part of every line within the body that holds the point of the line, or else is nearest to it."""
     # along each line; entries count as nearer by the tolerance, so that a flat body is entered before it is left
     found = found.take(np.lexsort((found.quad, found.depth - tolerance * ~found.is_exit, found.line)))
     inside = np.flatnonzero((np.diff(found.line) == 0) & ~found.is_exit[:-1] & found.is_exit[1:])
@@ -282,10 +217,8 @@ def _near_line(points, quads, origin, frame, touch):
 
 
 def _meeting(corners):
-    """Two pairs of parameters, each shape (n, 2), at which quads in the plane, shape (n, 4, 2), may hold the origin.
-
-    With ``x = a + b s + c t + d s t`` the first parameter drops out of ``(a + c t) x (b + d t) = 0``.
-    """
+    """Two pairs of parameters, each shape (n, 2), at which quads in the plane, shape (n, 4, 2), may hold the origin."""
+    # With ``x = a + b s + c t + d s t`` the first parameter drops out of ``(a + c t) x (b + d t) = 0``.
     a, b, c = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
     d = corners[:, 2] - corners[:, 3] - b
     for t in _roots(cross_2d(c, d), cross_2d(a, d) + cross_2d(c, b), cross_2d(a, b)):
@@ -310,10 +243,8 @@ def _ratio(p, q):
 
 
 def _crossing(corners, parameters, touch):
-    """Whether lines meet quads at parameters, the parameters, depths, and whether the lines leave there.
-
-    Corners, shape (n, 4, 3), are seen along the line, which is the third axis.
-    """
+    """Whether lines meet quads at parameters, the parameters, depths, and whether the lines leave there."""
+    # Corners, shape (n, 4, 3), are seen along the line, which is the third axis.
     s, t = parameters.T[..., None]
     a, b, c, d = np.moveaxis(corners, 1, 0)
     place = (1 - t) * ((1 - s) * a + s * b) + t * ((1 - s) * d + s * c)

@@ -34,48 +34,27 @@ _CUBIC = 4
 
 @dataclass(frozen=True, eq=False)
 class SectionLines:
-    """Grid lines that cross the leading edge, from there over either side to the trailing edge.
+    """Grid lines that cross the leading edge, from there over either side to the trailing edge."""
 
-    Grid lines are not plane in general. The point of a plane section between lines is a fixed cubic combination of the
-    nodes at the same place in the order of neighbouring lines, such that it is in the plane on the baseline.
+    # Grid lines are not plane in general. The point of a plane section between lines is a fixed cubic combination of
+    # the nodes at the same place in the order of neighbouring lines, such that it is in the plane on the baseline.
 
-    Parameters
-    ----------
-    frame : Frame
-        Directions along the stream, normal and along the span.
-    points : ndarray, shape (n, 3)
-        Nodes of the surface on the baseline (m).
-    sides : tuple of ndarray of int, each of shape (n_lines, longest)
-        Nodes of the upper and of the lower lines by span; the first is the leading edge, -1 stands behind the last.
-    """
-
-    frame: Frame
-    points: np.ndarray
-    sides: tuple[np.ndarray, np.ndarray]
+    frame: Frame  # directions along the stream, normal and along the span
+    points: np.ndarray  # (n, 3), nodes of the surface on the baseline (m)
+    # nodes of the upper and of the lower lines by span; the first is the leading edge, -1 stands behind the last
+    sides: tuple[np.ndarray, np.ndarray]  # int each (n_lines, longest)
 
     @classmethod
     def of(
-        cls, surface: SurfaceGrid, patches: str | Sequence[str] | None = None, frame: Frame | None = None
+        cls,
+        surface: SurfaceGrid,
+        patches: str | Sequence[str] | None = None,  # patches of the wing by name; all by default
+        # directions; found from the box of the wing by default, whose longest side is then the span
+        frame: Frame | None = None,
     ) -> SectionLines:
-        """Find the leading edge of a surface on the baseline, and the lines that cross it.
-
-        A node is on the leading edge if a grid line comes from behind it and goes back there on the other side, and
-        ends further along the stream than along the span.
-
-        Parameters
-        ----------
-        surface : SurfaceGrid
-            The surface.
-        patches : str or sequence of str, optional
-            Patches of the wing by name; all by default.
-        frame : Frame, optional
-            Directions; found from the box of the wing by default, whose longest side is then the span.
-
-        Raises
-        ------
-        InputError
-            If no grid line crosses a leading edge, or there are two leading edges side by side.
-        """
+        """Find the leading edge of a surface on the baseline, and the lines that cross it."""
+        # A node is on the leading edge if a grid line comes from behind it and goes back there on the other side, and
+        # ends further along the stream than along the span.
         wing = surface if patches is None else _only(surface, patches)
         ids = np.unique(wing.quads)
         frame = frame or surface_frame(surface.points[ids], surface.planes)
@@ -111,50 +90,27 @@ class SectionLines:
         return fractions
 
     def leading(self, n: int) -> np.ndarray:
-        """Nodes about the leading edge, shape (n_lines, 2 n + 1): n on the lower side, the edge, n on the upper side.
-
-        Raises
-        ------
-        InputError
-            If a line has fewer.
-        """
+        """Nodes about the leading edge, shape (n_lines, 2 n + 1): n on the lower side, the edge, n on the upper."""
+        # `InputError` if a line has fewer
         self._require(n + 1)
         upper, lower = self.sides
         return np.concatenate([lower[:, n:0:-1], upper[:, : n + 1]], axis=1)
 
     def trailing(self, side: int, n: int) -> np.ndarray:
-        """Last n nodes of the lines of a side (0 upper, 1 lower) from the trailing edge forward, shape (n_lines, n).
-
-        Raises
-        ------
-        InputError
-            If a line has fewer.
-        """
+        """Last n nodes of the lines of a side (0 upper, 1 lower) from the trailing edge forward, shape (n_lines, n)."""
+        # `InputError` if a line has fewer
         self._require(n)
         last = (self.sides[side] >= 0).sum(axis=1) - 1
         return np.take_along_axis(self.sides[side], last[:, None] - np.arange(n), axis=1)
 
-    def stations(self, nodes: np.ndarray, fractions: Sequence[float] | None) -> np.ndarray:
-        """Choose the planes of sections.
-
-        Parameters
-        ----------
-        nodes : ndarray of int, shape (n_lines, k)
-            Nodes of all lines that the sections will need.
-        fractions : sequence of float, optional
-            Fractions of the way from the first to the last line at the leading edge; one section for every line that is
-            not outside of the ends of the neighbouring ones by default.
-
-        Returns
-        -------
-        ndarray, shape (n_stations,)
-            Places along the span (m).
-
-        Raises
-        ------
-        InputError
-            If a section would need nodes outside of the last line.
-        """
+    def stations(
+        self,
+        nodes: np.ndarray,  # int (n_lines, k), nodes of all lines that the sections will need
+        # fractions of the way from the first to the last line at the leading edge; one section for every line that is
+        # not outside of the ends of the neighbouring ones by default
+        fractions: Sequence[float] | None,
+    ) -> np.ndarray:  # (n_stations,), places along the span (m)
+        """Choose the planes of sections."""
         edge, z = self.span[self.sides[0][:, 0]], self.span[nodes]
         low, high = z[0].max() - 1e-9 * np.ptp(edge), z[-1].min() + 1e-9 * np.ptp(edge)
         if fractions is None:
@@ -169,16 +125,12 @@ class SectionLines:
                 )
         return wanted
 
-    def cut(self, nodes: np.ndarray, stations: np.ndarray) -> csr_array:
-        """Matrix of shape (n_stations k, n) that gives k points of every section from the nodes of the surface.
-
-        Parameters
-        ----------
-        nodes : ndarray of int, shape (n_lines, k)
-            Nodes of all lines at k places of their order.
-        stations : ndarray, shape (n_stations,)
-            Places of the sections along the span (m).
-        """
+    def cut(
+        self,
+        nodes: np.ndarray,  # int (n_lines, k), nodes of all lines at k places of their order
+        stations: np.ndarray,  # (n_stations,), places of the sections along the span (m)
+    ) -> csr_array:
+        """Matrix of shape (n_stations k, n) that gives k points of every section from the nodes of the surface."""
         n_lines, k = nodes.shape
         width = min(_CUBIC, n_lines)
         # the line before the plane, place by place; the middle of the lines that are taken, as far as there are
@@ -243,23 +195,16 @@ def _runs_along_stream(lines, local):
 
 @dataclass(frozen=True, eq=False)
 class GridLines:
-    """Grid lines of a surface of quads: which edge continues which straight on through a node, whatever the faces.
+    """Grid lines of a surface of quads: which edge continues which straight on through a node, whatever the faces."""
 
-    Two edges at a node continue each other if no quad lies between them and neither has another such partner: the
-    opposite ones of the four at an ordinary node, and those along the boundary edges of the surface.
+    # Two edges at a node continue each other if no quad lies between them and neither has another such partner: the
+    # opposite ones of the four at an ordinary node, and those along the boundary edges of the surface.
 
-    Parameters
-    ----------
-    behind, at, ahead : ndarray of int, shape (n,)
-        Three successive nodes of a line; every triple is there in both directions, in ascending order of the first two.
-    n_nodes : int
-        Number of nodes.
-    """
-
-    behind: np.ndarray
-    at: np.ndarray
-    ahead: np.ndarray
-    n_nodes: int
+    # three successive nodes of a line; every triple is there in both directions, in ascending order of the first two
+    behind: np.ndarray  # int (n,)
+    at: np.ndarray  # int (n,)
+    ahead: np.ndarray  # int (n,)
+    n_nodes: int  # number of nodes
 
     @classmethod
     def of(cls, quads: np.ndarray, n_nodes: int) -> GridLines:
@@ -282,10 +227,8 @@ class GridLines:
         return np.where((keys[place] == wanted) & (at >= 0), self.ahead[place], -1)
 
     def walk(self, start: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Follow lines from their first two nodes, each of shape (m,), to their ends; shape (m, longest), -1 behind.
-
-        A line that closes is left where it has come round.
-        """
+        """Follow lines from their first two nodes, each of shape (m,), to their ends; shape (m, longest), -1 behind."""
+        # A line that closes is left where it has come round.
         columns = [start, second]
         while (columns[-1] >= 0).any():
             following = self.next(columns[-2], columns[-1])
@@ -327,24 +270,12 @@ def arc_parameters(points: np.ndarray) -> np.ndarray:
 
 
 def polynomial_weights(
-    parameters: np.ndarray, degree: int, derivative: int, is_used: np.ndarray | None = None
-) -> np.ndarray:
+    parameters: np.ndarray,  # (n, k), different ones in each of n rows; 0 is where the derivative is taken
+    degree: int,  # degree of the polynomials, less than k; with k - 1 they interpolate
+    derivative: int,  # number of the derivative; 0 is the value
+    is_used: np.ndarray | None = None,  # bool (n, k), values that count; more than ``degree`` of every row
+) -> np.ndarray:  # (n, k)
     """Return the weights of the values at k parameters in a derivative of the polynomial of best fit at parameter 0.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, k)
-        Different ones in each of n rows; 0 is where the derivative is taken.
-    degree : int
-        Degree of the polynomials, less than k; with k - 1 they interpolate.
-    derivative : int
-        Number of the derivative; 0 is the value.
-    is_used : ndarray of bool, shape (n, k), optional
-        Values that count; more than ``degree`` of every row.
-
-    Returns
-    -------
-    ndarray, shape (n, k)
 
     Examples
     --------

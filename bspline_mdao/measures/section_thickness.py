@@ -191,75 +191,38 @@ def _fractions(chordwise, name):
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """A plane, and the direction of the stream in it.
+    """A plane, and the direction of the stream in it."""
 
-    Parameters
-    ----------
-    origin : ndarray, shape (3,)
-        A point of the plane (m).
-    normal : ndarray, shape (3,)
-        Normal of the plane, of any length; along the span of the wing there.
-    stream : ndarray, shape (3,)
-        Direction from the leading to the trailing edge, roughly.
-
-    Raises
-    ------
-    InputError
-        If the stream runs along the normal, or one of them has no length.
-    """
-
-    origin: np.ndarray
-    normal: np.ndarray
-    stream: np.ndarray
+    origin: np.ndarray  # (3,), a point of the plane (m)
+    normal: np.ndarray  # (3,), normal of the plane, of any length; along the span of the wing there
+    stream: np.ndarray  # (3,), direction from the leading to the trailing edge, roughly
 
     def __post_init__(self):
         if not np.linalg.norm(np.cross(self.normal, self.stream)) > 0.0:
             raise InputError(f"cut: normal {self.normal} and stream {self.stream}; give two different directions")
 
 
-def cuts_along_span(surface: SurfaceGrid, fractions: Sequence[float]) -> tuple[Cut, ...]:
-    """Cut a wing across its span.
-
-    Parameters
-    ----------
-    surface : SurfaceGrid
-        The wing.
-    fractions : sequence of float
-        Fractions of the span, from 0 to 1, from the plane of symmetry that the wing starts on (`surface_frame`).
-
-    Returns
-    -------
-    tuple of Cut
-    """
+def cuts_along_span(
+    surface: SurfaceGrid,  # the wing
+    # fractions of the span, from 0 to 1, from the plane of symmetry that the wing starts on (`surface_frame`)
+    fractions: Sequence[float],
+) -> tuple[Cut, ...]:
+    """Cut a wing across its span."""
     frame = surface_frame(surface.points, surface.planes)
     stream, _, span = frame.axes
     return tuple(Cut(frame.origin + fraction * frame.span * span, span, stream) for fraction in fractions)
 
 
-def section_edges(surface: SurfaceGrid, cuts: Sequence[Cut], what: str = "sections") -> tuple[Probes, Probes]:
-    """Find the leading and the trailing edge of plane sections.
-
-    Parameters
-    ----------
-    surface : SurfaceGrid
-        The wing, on its baseline.
-    cuts : sequence of Cut
-        The planes.
-    what : str
-        Purpose of the sections, for messages.
-
-    Returns
-    -------
-    leading, trailing : Probes
-        One probe of either for every cut. The trailing edge is the furthest point along the stream, or half-way between
-        two that are equally far; the leading edge is the point furthest from it. Both are found where the plane cuts
-        the edges of quads.
-
-    Raises
-    ------
-    InputError
-        If a plane does not cut the surface, or touches it in one point.
-    """
+def section_edges(
+    surface: SurfaceGrid,  # the wing, on its baseline
+    cuts: Sequence[Cut],  # the planes
+    what: str = "sections",  # purpose of the sections, for messages
+) -> tuple[Probes, Probes]:
+    """Find the leading and the trailing edge of plane sections."""
+    # `InputError` if a plane does not cut the surface, or touches it in one point
+    # returns leading, trailing: one probe of either for every cut. The trailing edge is the furthest point along the
+    # stream, or half-way between two that are equally far; the leading edge is the point furthest from it. Both are
+    # found where the plane cuts the edges of quads
     edges = edges_of_quads(surface.quads)
     found = [_ends(surface, edges, cut, f"{what}: section {n} of {len(cuts)}") for n, cut in enumerate(cuts, start=1)]
     nodes, weights = (np.array(values) for values in zip(*found))

@@ -205,35 +205,15 @@ def _require_thickness(baseline, surface, points, name):
 
 
 def within_edges(
-    surface: SurfaceGrid,
+    surface: SurfaceGrid,  # a wing
+    # parts of the chord, 0 the leading and 1 the trailing edge, and of the span, 0 the root and 1 the tip
     chord: tuple[float, float] = CHORD,
     span: tuple[float, float] = SPAN,
-    n: int = 9,
-    what: str = "edges",
+    n: int = 9,  # Sections, at least 2
+    what: str = "edges",  # purpose of the lines, for messages
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the polylines at two parts of the chord of plane sections across the span.
-
-    Parameters
-    ----------
-    surface : SurfaceGrid
-        A wing.
-    chord, span : tuple of float
-        Parts of the chord, 0 the leading and 1 the trailing edge, and of the span, 0 the root and 1 the tip.
-    n : int
-        Sections, at least 2.
-    what : str
-        Purpose of the lines, for messages.
-
-    Returns
-    -------
-    leading, trailing : ndarray, shape (n, 3)
-        Points of the chord lines on the baseline (m), the root first.
-
-    Raises
-    ------
-    InputError
-        If two parts do not rise within 0 to 1, or a section has no chord.
-    """
+    """Find the polylines at two parts of the chord of plane sections across the span."""
+    # returns leading, trailing (n, 3): points of the chord lines on the baseline (m), the root first
     for name, parts in (("chord", chord), ("span", span)):
         if len(parts) != 2 or not 0.0 <= parts[0] < parts[1] <= 1.0:
             raise InputError(f"{what}: {name} {parts}; give two rising parts of it within 0 to 1, such as (0.05, 0.95)")
@@ -243,27 +223,16 @@ def within_edges(
     return leading, trailing
 
 
-def ruled_points(leading: np.ndarray, trailing: np.ndarray, n_chord: int, n_span: int, what: str) -> np.ndarray:
-    """Spread points evenly on the ruled surface between two polylines: by arc length along these, straight between.
-
-    Parameters
-    ----------
-    leading, trailing : ndarray, shape (m, 3)
-        Polylines (m).
-    n_chord, n_span : int
-        Points from one polyline to the other and along them, at least 2.
-    what : str
-        Purpose of the points, for messages.
-
-    Returns
-    -------
-    ndarray, shape (n_span, n_chord, 3)
-
-    Raises
-    ------
-    InputError
-        If a polyline has fewer than two points, or a count is too small.
-    """
+def ruled_points(
+    # polylines (m)
+    leading: np.ndarray,  # (m, 3)
+    trailing: np.ndarray,  # (m, 3)
+    # points from one polyline to the other and along them, at least 2
+    n_chord: int,
+    n_span: int,
+    what: str,  # purpose of the points, for messages
+) -> np.ndarray:  # (n_span, n_chord, 3)
+    """Spread points evenly on the ruled surface between two polylines: by arc length along these, straight between."""
     if min(n_chord, n_span) < 2:
         raise InputError(f"{what}: {n_chord} probes along the chord, {n_span} along the span; give at least 2")
     start = _divided(leading, n_span, f"{what}, leading")

@@ -145,30 +145,14 @@ def open_edges(surface: SurfaceGrid) -> np.ndarray:
     return np.stack([start, end], axis=1)[is_open]
 
 
-def planes_of_edges(surface: SurfaceGrid, edges: np.ndarray, what: str) -> tuple[tuple[Plane, ...], np.ndarray]:
-    """Find the plane of symmetry in which each open edge lies.
-
-    Parameters
-    ----------
-    surface : SurfaceGrid
-        The surface.
-    edges : ndarray of int, shape (n, 2)
-        Open edges of the surface.
-    what : str
-        Name of the measure, for messages.
-
-    Returns
-    -------
-    planes : tuple of Plane
-        Those in which there are edges.
-    numbers : ndarray of int, shape (n,)
-        Plane of each edge.
-
-    Raises
-    ------
-    InputError
-        If an edge lies in none.
-    """
+def planes_of_edges(
+    surface: SurfaceGrid,
+    edges: np.ndarray,  # int (n, 2), open edges of the surface
+    what: str,  # name of the measure, for messages
+) -> tuple[tuple[Plane, ...], np.ndarray]:
+    """Find the plane of symmetry in which each open edge lies."""
+    # returns planes: those in which there are edges
+    # returns numbers int (n,): plane of each edge
     ends = surface.points[edges]
     distance = [np.abs(ends @ plane.normal - plane.offset).max(axis=1) for plane in surface.planes]
     near = np.reshape([_IN_PLANE * surface.size + 2.0 * plane.roughness for plane in surface.planes], (-1, 1))
@@ -179,29 +163,13 @@ def planes_of_edges(surface: SurfaceGrid, edges: np.ndarray, what: str) -> tuple
     return tuple(surface.planes[int(number)] for number in used), numbers
 
 
-def apexes_of_caps(planes: tuple[Plane, ...], middle: np.ndarray, size: float, what: str) -> np.ndarray:
-    """Give each plane the point from which the opening in it is closed by triangles, one for all where they meet.
-
-    Parameters
-    ----------
-    planes : tuple of Plane
-        Planes that a body ends on.
-    middle : ndarray, shape (3,)
-        Point near which the points are wanted (m).
-    size : float
-        Size of the body (m).
-    what : str
-        Name of the measure, for messages.
-
-    Returns
-    -------
-    ndarray, shape (n_planes, 3)
-
-    Raises
-    ------
-    InputError
-        If the planes neither have a point in common nor are parallel.
-    """
+def apexes_of_caps(
+    planes: tuple[Plane, ...],  # planes that a body ends on
+    middle: np.ndarray,  # (3,), point near which the points are wanted (m)
+    size: float,  # size of the body (m)
+    what: str,  # name of the measure, for messages
+) -> np.ndarray:  # (n_planes, 3)
+    """Give each plane the point from which the opening in it is closed by triangles, one for all where they meet."""
     normals, offsets = np.array([plane.normal for plane in planes]), np.array([plane.offset for plane in planes])
     # the least-squares point nearest to the middle; directions that normals share but for 1e-5 rad are parallel
     common = middle + np.linalg.pinv(normals, rcond=1e-5) @ (offsets - normals @ middle)
