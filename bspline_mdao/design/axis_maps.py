@@ -20,29 +20,16 @@ __all__ = ["SectionMap", "ShiftMap", "along_vectors"]
 
 @dataclass(frozen=True, eq=False)
 class SectionMap:
-    """Multiply places in the planes of sections, about the axis as it is, by a matrix of an amount per section.
+    """Multiply places in the planes of sections, about the axis as it is, by a matrix of an amount per section."""
 
-    Row x with the axis point c, the axes E (2 x 3) of its section and the amount a moves to
-    ``x + E^T (M(a) - 1) E (x - c)``.
+    # Row x with the axis point c, the axes E (2 x 3) of its section and the amount a moves to ``x + E^T (M(a) - 1) E (x
+    # - c)``.
 
-    Parameters
-    ----------
-    neutral : float
-        Amount, and value, at which nothing moves.
-    attached : AttachedRows
-        The rows, attached to the axis.
-    axes : ndarray, shape (n_rows, 2, 3)
-        Two orthonormal directions in the plane of each row's section.
-    spline : csr_array, shape (n_rows, n_values)
-        Amounts of sections, less the neutral one, of values less the neutral one.
-    matrices : callable
-        Matrices, shape (n_rows, 2, 2), of amounts, shape (n_rows,); complex-safe.
-    """
-
-    neutral: float
-    attached: AttachedRows
-    axes: np.ndarray
-    spline: csr_array
+    neutral: float  # amount, and value, at which nothing moves
+    attached: AttachedRows  # the rows, attached to the axis
+    axes: np.ndarray  # (n_rows, 2, 3), two orthonormal directions in the plane of each row's section
+    spline: csr_array  # (n_rows, n_values), amounts of sections, less the neutral one, of values less the neutral one
+    # matrices, shape (n_rows, 2, 2), of amounts, shape (n_rows,); complex-safe
     matrices: Callable[[np.ndarray], np.ndarray]
 
     @property
@@ -85,14 +72,11 @@ class SectionMap:
         return csr_array((data.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * n, 3 * n))
 
 
-def along_vectors(vectors: np.ndarray, amounts: csr_array) -> csr_array:
-    """Displacements along a vector per row, shape (n_rows, 3), of amounts per row and value, shape (n_rows, n_values).
-
-    Returns
-    -------
-    csr_array, shape (3 n_rows, n_values)
-        xyz interleaved; entries that happen to be zero are kept.
-    """
+def along_vectors(
+    vectors: np.ndarray,
+    amounts: csr_array,
+) -> csr_array:  # (3 n_rows, n_values), xyz interleaved; entries that happen to be zero are kept
+    """Displacements along a vector per row, shape (n_rows, 3), of amounts, shape (n_rows, n_values)."""
     entries = amounts.tocoo()
     data = vectors[entries.row] * entries.data[:, None]
     rows = 3 * entries.row[:, None] + np.arange(3)
@@ -102,35 +86,19 @@ def along_vectors(vectors: np.ndarray, amounts: csr_array) -> csr_array:
 
 @dataclass(frozen=True, eq=False)
 class ShiftMap:
-    """Shift sections in one direction by the integral of a slope along the axis, from its first point on.
+    """Shift sections in one direction by the integral of a slope along the axis, from its first point on."""
 
-    The slope is interpolated between stations. Over the segment i of the axis it has the mean ``sum_k B_ik m_k``, which
-    counts for the length ``l_i`` of the segment along its path ``g_i`` as it is. Points of the axis move in the
-    direction d by the sums up to them, and rows as the axis at their stations, with weights W:
-    ``x_p + d sum_qi W_pq [i < q] l_i B_ik m_k``. So sections stay attached at their stations.
+    # The slope is interpolated between stations. Over the segment i of the axis it has the mean ``sum_k B_ik m_k``,
+    # which counts for the length ``l_i`` of the segment along its path ``g_i`` as it is. Points of the axis move in the
+    # direction d by the sums up to them, and rows as the axis at their stations, with weights W: ``x_p + d sum_qi W_pq
+    # [i < q] l_i B_ik m_k``. So sections stay attached at their stations.
 
-    Parameters
-    ----------
-    neutral : float
-        Value at which the slope is none.
-    attached : AttachedRows
-        The rows, attached to the axis.
-    direction : ndarray, shape (3,)
-        In which sections are shifted.
-    paths : ndarray, shape (n_axis - 1, 3)
-        Unit vector for every segment of the axis, along which its length counts.
-    spline : StationSpline
-        Between the values.
-    slopes : callable
-        Slopes, shape (n_values,), of values; complex-safe, one by one.
-    """
-
-    neutral: float
-    attached: AttachedRows
-    direction: np.ndarray
-    paths: np.ndarray
-    spline: StationSpline
-    slopes: Callable[[np.ndarray], np.ndarray]
+    neutral: float  # value at which the slope is none
+    attached: AttachedRows  # the rows, attached to the axis
+    direction: np.ndarray  # (3,), in which sections are shifted
+    paths: np.ndarray  # (n_axis - 1, 3), unit vector for every segment of the axis, along which its length counts
+    spline: StationSpline  # between the values
+    slopes: Callable[[np.ndarray], np.ndarray]  # slopes, shape (n_values,), of values; complex-safe, one by one
 
     @property
     def initial(self) -> np.ndarray:

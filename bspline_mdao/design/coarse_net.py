@@ -43,38 +43,23 @@ Knot = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Refinement(OneLine):
-    """From the values of a coarse net to those of a finer one.
+    """From the values of a coarse net to those of a finer one."""
 
-    Parameters
-    ----------
-    matrix : csr_array, shape (n_fine, n_coarse)
-        Knot insertion: no entry is negative.
-    """
-
-    matrix: csr_array
+    matrix: csr_array  # (n_fine, n_coarse), knot insertion: no entry is negative
 
     def values(self, coarse: np.ndarray) -> np.ndarray:
         """Values of the finer net, shape (n_fine,), that move the surface as those of the coarse one do."""
         return self.matrix @ np.asarray(coarse)
 
-    def bounds(self, lower, upper) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the finer values: every shape within those of the coarse ones is within them.
-
-        Parameters
-        ----------
-        lower, upper : float or array_like, shape (n_coarse,)
-            Those of the coarse values; infinite where there is none.
-
-        Returns
-        -------
-        lower, upper : ndarray, shape (n_fine,)
-            Next to points that are held, too, as wide as those of the points that are followed.
-
-        Raises
-        ------
-        InputError
-            If a lower bound is above the upper one.
-        """
+    def bounds(
+        self,
+        # those of the coarse values; infinite where there is none
+        lower,  # float or array_like (n_coarse,)
+        upper,  # float or array_like (n_coarse,)
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the finer values: every shape within those of the coarse ones is within them."""
+        # returns lower, upper (n_fine,): next to points that are held, too, as wide as those of the points that are
+        # followed
         low, high = (np.broadcast_to(np.asarray(b, dtype=float), self.matrix.shape[1]) for b in (lower, upper))
         if np.isnan(low).any() or np.isnan(high).any() or (low > high).any():
             raise InputError("refinement: a lower bound is above the upper one, or a bound is not a number; correct it")
@@ -447,13 +432,7 @@ class CoarseNet(OneLine):
         return found, n
 
     def _matrix(self, columns, rows, knots: tuple[ConstantKnots, ...], n_rows: int, n_columns=None) -> csr_array:
-        """Weights of the points of the net, numbered by ``columns`` on each face, on finer knots, numbered by ``rows``.
-
-        Raises
-        ------
-        InputError
-            If two faces do not agree on a point that they share.
-        """
+        """Weights of the net's points, numbered by ``columns`` on each face, on finer knots, numbered by ``rows``."""
         n_columns = len(self._order) if n_columns is None else n_columns
         along = [insertion_matrix(old, new) for old, new in zip(self._knots, knots)]
         blocks = []

@@ -57,37 +57,16 @@ no division by zero."""
 
 @dataclass(frozen=True, eq=False)
 class Deformation(OneLine):
-    """New places for the surface points of a mesh.
+    """New places for the surface points of a mesh."""
 
-    Parameters
-    ----------
-    mesh : MovingMesh
-        The control mesh whose surface is deformed.
-    maps : tuple of PointMap
-        Maps of the points, applied one after the other.
-    """
+    mesh: MovingMesh  # the control mesh whose surface is deformed
+    maps: tuple[PointMap, ...]  # maps of the points, applied one after the other
 
-    mesh: MovingMesh
-    maps: tuple[PointMap, ...]
-
-    def apply(self, points: np.ndarray) -> np.ndarray:
-        """Move surface points.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n_surface, 3)
-            Surface points (m), in the order of ``mesh.surface_ids``.
-
-        Returns
-        -------
-        ndarray, shape (n_surface, 3)
-            Moved points (m). Those on planes of symmetry are exactly in them.
-
-        Raises
-        ------
-        InputError
-            If a shape is wrong, or a point leaves a plane of symmetry.
-        """
+    def apply(
+        self,
+        points: np.ndarray,  # (n_surface, 3), surface points (m), in the order of ``mesh.surface_ids``
+    ) -> np.ndarray:  # (n_surface, 3), moved points (m). Those on planes of symmetry are exactly in them
+        """Move surface points."""
         if points.shape != (len(self.mesh.surface_ids), 3):
             raise InputError(
                 f"deformation: surface points of shape {points.shape}; give shape ({len(self.mesh.surface_ids)}, 3)"
@@ -97,21 +76,13 @@ class Deformation(OneLine):
             moved = point_map.apply(moved)
         return self._keep_in_planes(points, moved)
 
-    def apply_to_nodes(self, nodes: np.ndarray, planes: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> np.ndarray:
-        """Move nodes of the surface as its control points are moved.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n, 3)
-            Nodes of the surface (m), such as those of a `bspline_mdao.SurfaceGrid`.
-        planes : sequence of (ndarray of int, ndarray of shape (3,))
-            Nodes on planes of symmetry, and the planes' unit normals.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Moved nodes (m). Those on the planes stay exactly in them.
-        """
+    def apply_to_nodes(
+        self,
+        nodes: np.ndarray,  # (n, 3), nodes of the surface (m), such as those of a `bspline_mdao.SurfaceGrid`
+        # nodes on planes of symmetry, and the planes' unit normals
+        planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+    ) -> np.ndarray:  # (n, 3), moved nodes (m). Those on the planes stay exactly in them
+        """Move nodes of the surface as its control points are moved."""
         displacement = reduce(lambda points, point_map: point_map.apply(points), self.maps, nodes) - nodes
         for ids, normal in planes:
             displacement[ids] -= np.outer(displacement[ids] @ normal, normal)
@@ -188,17 +159,11 @@ def amount_jvp(point_map: PointMap, points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class InFrame(ABC):
-    """A map in coordinates along the stream, normal to it and along the span.
+    """A map in coordinates along the stream, normal to it and along the span."""
 
-    Parameters
-    ----------
-    frame : Frame
-        Directions of the surface.
-    amount : float
-        See each map.
-    """
+    # amount: see each map
 
-    frame: Frame
+    frame: Frame  # directions of the surface
     amount: float
 
     def apply(self, points: np.ndarray) -> np.ndarray:
@@ -211,10 +176,9 @@ class InFrame(ABC):
 
 
 class RotateSections(InFrame):
-    """Turn sections about the middle line, in proportion to the distance from the root.
+    """Turn sections about the middle line, in proportion to the distance from the root."""
 
-    ``amount`` is the angle at the tip (rad), upstream end up positive.
-    """
+    # ``amount`` is the angle at the tip (rad), upstream end up positive.
 
     def _moved(self, stream, normal, span):
         centre = self.frame.middle_at(span)
@@ -223,17 +187,11 @@ class RotateSections(InFrame):
 
 @dataclass(frozen=True)
 class Pitch(InFrame):
-    """Turn the whole surface about an axis along the span.
+    """Turn the whole surface about an axis along the span."""
 
-    ``amount`` is the angle (rad), upstream end up positive.
+    # ``amount`` is the angle (rad), upstream end up positive.
 
-    Parameters
-    ----------
-    at : float
-        Place of the axis between the upstream (0) and the downstream end (1) of the surface's box.
-    """
-
-    at: float = 0.25
+    at: float = 0.25  # place of the axis between the upstream (0) and the downstream end (1) of the surface's box
 
     def _moved(self, stream, normal, span):
         centre = self.at * self.frame.chord, self.frame.middle_at(0.0)[1]
@@ -242,21 +200,13 @@ class Pitch(InFrame):
 
 @dataclass(frozen=True)
 class Bend(InFrame):
-    """Bend the span upwards along an arc of a circle, and go on straight.
+    """Bend the span upwards along an arc of a circle, and go on straight."""
 
-    Sections stay at right angles to the bent span, lengths along the middle are kept. ``amount`` is the angle behind
-    the arc (rad), upwards positive.
+    # Sections stay at right angles to the bent span, lengths along the middle are kept. ``amount`` is the angle behind
+    # the arc (rad), upwards positive.
 
-    Parameters
-    ----------
-    at : float
-        Span fraction at which the arc begins.
-    length : float
-        Length of the arc as a fraction of the span.
-    """
-
-    at: float = 0.7
-    length: float = 0.15
+    at: float = 0.7  # span fraction at which the arc begins
+    length: float = 0.15  # length of the arc as a fraction of the span
 
     def height(self, normal):
         """Height of normal coordinates (m) above the middle line where the arc begins."""
@@ -320,18 +270,10 @@ class Translate:
 
 @dataclass(frozen=True, eq=False)
 class PrescribedPoints:
-    """Move points towards prescribed places, by the part ``amount`` of the way.
+    """Move points towards prescribed places, by the part ``amount`` of the way."""
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        New places (m).
-    amount : float
-        Part of the way: 1 to the prescribed places, 0 leaves the points where they are.
-    """
-
-    points: np.ndarray
-    amount: float = 1.0
+    points: np.ndarray  # (n, 3), new places (m)
+    amount: float = 1.0  # part of the way: 1 to the prescribed places, 0 leaves the points where they are
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points (n, 3), in metres."""
@@ -340,31 +282,18 @@ class PrescribedPoints:
 
 @dataclass(frozen=True, eq=False)
 class Bumps:
-    """Move points by a smooth vector field of their place: a sum of plane waves.
+    """Move points by a smooth vector field of their place: a sum of plane waves."""
 
-    A field moves both sides of a thin wing alike and keeps closed edges closed. Towards a plane of symmetry its normal
-    component fades as ``1 - exp(-(d / reach)^2)`` with the distance d.
+    # A field moves both sides of a thin wing alike and keeps closed edges closed. Towards a plane of symmetry its
+    # normal component fades as ``1 - exp(-(d / reach)^2)`` with the distance d.
 
-    Parameters
-    ----------
-    amount : float
-        Height (m).
-    waves, phases : ndarray, shape (n, 3) and (n,)
-        Wave vectors (rad/m) and phases (rad).
-    directions : ndarray, shape (n, 3)
-        Displacement at the crest of each wave, relative to the height.
-    reach : float
-        Distance from a plane of symmetry over which bumps fade (m).
-    planes : tuple of Plane
-        Planes of symmetry, at right angles or parallel to each other.
-    """
-
-    amount: float
-    waves: np.ndarray
-    phases: np.ndarray
-    directions: np.ndarray
-    reach: float
-    planes: tuple[Plane, ...] = ()
+    amount: float  # height (m)
+    # wave vectors (rad/m) and phases (rad)
+    waves: np.ndarray  # (n, 3) and (n,)
+    phases: np.ndarray  # (n, 3) and (n,)
+    directions: np.ndarray  # (n, 3), displacement at the crest of each wave, relative to the height
+    reach: float  # distance from a plane of symmetry over which bumps fade (m)
+    planes: tuple[Plane, ...] = ()  # planes of symmetry, at right angles or parallel to each other
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points (n, 3), in metres."""
@@ -376,32 +305,13 @@ class Bumps:
 
 
 def random_bumps(
-    points: np.ndarray, height: float, wavelength: float, seed: int, planes: tuple[Plane, ...] = ()
+    points: np.ndarray,  # (n, 3), points of the surface (m)
+    height: float,  # largest displacement of these points (m)
+    wavelength: float,  # shortest wavelength (m); the longest is twice that
+    seed: int,  # seed of the random numbers
+    planes: tuple[Plane, ...] = (),  # planes of symmetry
 ) -> Bumps:
-    """Draw random bumps.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Points of the surface (m).
-    height : float
-        Largest displacement of these points (m).
-    wavelength : float
-        Shortest wavelength (m); the longest is twice that.
-    seed : int
-        Seed of the random numbers.
-    planes : tuple of Plane
-        Planes of symmetry.
-
-    Returns
-    -------
-    Bumps
-
-    Raises
-    ------
-    InputError
-        If no point can move.
-    """
+    """Draw random bumps."""
     rng = np.random.default_rng(seed)
     waves, directions = _directions(rng), _directions(rng)
     waves *= 2.0 * np.pi / wavelength * rng.uniform(0.5, 1.0, (_N_WAVES, 1))

@@ -29,15 +29,9 @@ Direction = str | Sequence[float] | np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Displacement(OneLine):
-    """The map ``points + matrix values``.
+    """The map ``points + matrix values``."""
 
-    Parameters
-    ----------
-    matrix : csr_array, shape (3 n_rows, n_values)
-        Displacement of all rows, xyz interleaved, for a unit of each value.
-    """
-
-    matrix: csr_array
+    matrix: csr_array  # (3 n_rows, n_values), displacement of all rows, xyz interleaved, for a unit of each value
 
     @property
     def initial(self) -> np.ndarray:
@@ -114,25 +108,14 @@ class Local(OneLine):
         return rows, directions_of(self.direction, len(rows), lambda: surface_normals(mesh)[rows], what)
 
 
-def directions_of(direction: Direction, n: int, normals: Callable[[], np.ndarray] | None, what: str) -> np.ndarray:
-    """Return the directions of n points, shape (n, 3, m), in metres per unit of the m values of each point.
-
-    Parameters
-    ----------
-    direction : Direction
-        Coordinate axes by name, ``"normal"``, a vector of shape (3,), or vectors of shape (n, 3) or (n, 3, m).
-    n : int
-        Number of points.
-    normals : callable or None
-        Gives the normals, shape (n, 3); None where points have none.
-    what : str
-        Name of the variable, for messages.
-
-    Raises
-    ------
-    InputError
-        If the direction is none of these, or one of its vectors is zero or not finite.
-    """
+def directions_of(
+    # coordinate axes by name, ``"normal"``, a vector of shape (3,), or vectors of shape (n, 3) or (n, 3, m)
+    direction: Direction,
+    n: int,  # number of points
+    normals: Callable[[], np.ndarray] | None,  # gives the normals, shape (n, 3); None where points have none
+    what: str,  # name of the variable, for messages
+) -> np.ndarray:
+    """Return the directions of n points, shape (n, 3, m), in metres per unit of the m values of each point."""
     if isinstance(direction, str):
         if direction == "normal" and normals is not None:
             return normals()[:, :, None]

@@ -63,38 +63,23 @@ SYMMETRY = "symmetry plane"
 
 @dataclass(frozen=True, eq=False)
 class Equations(OneLine):
-    """Homogeneous equations ``matrix @ d = 0`` on displacements d of the surface control points, xyz interleaved.
+    """Homogeneous equations ``matrix @ d = 0`` on displacements d of the surface control points, xyz interleaved."""
 
-    Parameters
-    ----------
-    matrix : csr_array, shape (n_equations, 3 n_surface)
-        Coefficients.
-    at : ndarray of int, shape (n_equations,)
-        The surface control point that each equation is about, for messages.
-    preferred : ndarray of int, shape (n_equations,)
-        The coordinate, of 3 n_surface, that each equation would rather have follow the others; -1 for any.
-    """
-
-    matrix: csr_array
-    at: np.ndarray
-    preferred: np.ndarray
+    matrix: csr_array  # (n_equations, 3 n_surface), coefficients
+    at: np.ndarray  # int (n_equations,), the surface control point that each equation is about, for messages
+    # the coordinate, of 3 n_surface, that each equation would rather have follow the others; -1 for any
+    preferred: np.ndarray  # int (n_equations,)
 
     @classmethod
-    def of(cls, n_surface: int, rows: np.ndarray, coefficients: np.ndarray, follower: int = -1) -> Equations:
-        """Collect q equations about each of m groups of k points.
-
-        Parameters
-        ----------
-        n_surface : int
-            Number of surface control points.
-        rows : ndarray of int, shape (m, k)
-            The points of each group.
-        coefficients : ndarray, broadcast to shape (m, q, k, 3)
-            Factors of the displacements of the points.
-        follower : int
-            Number, in its group, of the point that is to follow the others: in the coordinate of its largest
-            coefficient.
-        """
+    def of(
+        cls,
+        n_surface: int,  # number of surface control points
+        rows: np.ndarray,  # int (m, k), the points of each group
+        coefficients: np.ndarray,  # factors of the displacements of the points
+        # number, in its group, of the point that is to follow the others: in the coordinate of its largest coefficient
+        follower: int = -1,
+    ) -> Equations:
+        """Collect q equations about each of m groups of k points."""
         rows = np.asarray(rows, dtype=np.int64)
         coefficients = np.broadcast_to(coefficients, (len(rows), *np.shape(coefficients)[-3:]))
         m, q, k, _ = coefficients.shape
@@ -116,13 +101,8 @@ class LinearConstraint(Protocol):
         """For messages."""
 
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
-        """Equations on the displacements from these surface control points, shape (n_surface, 3), in metres.
-
-        Raises
-        ------
-        InputError
-            If the constraint cannot be satisfied: it names the constraint and the place.
-        """
+        """Equations on the displacements from these surface control points, shape (n_surface, 3), in metres."""
+        # `InputError` if the constraint cannot be satisfied: it names the constraint and the place
 
 
 def _checked(name: str, equations: Equations, n_surface: int) -> Equations:
@@ -143,30 +123,20 @@ def _checked(name: str, equations: Equations, n_surface: int) -> Equations:
 
 @dataclass(frozen=True, eq=False)
 class Elimination(OneLine):
-    """Displacements that satisfy the constraints.
+    """Displacements that satisfy the constraints."""
 
-    Coordinates are numbered xyz interleaved, as the columns of `Equations` are.
+    # Coordinates are numbered xyz interleaved, as the columns of `Equations` are.
 
-    Parameters
-    ----------
-    mesh : MovingMesh
-        The control mesh whose surface is constrained.
-    matrix : csr_array, shape (3 n_surface, 3 n_surface)
-        Gives displacements E d that satisfy the constraints from any displacements d: coordinates that depend on
-        others follow from them, all others stay as they are. ``E E = E``, and ``A E = 0``.
-    dependent, fixed : ndarray of bool, shape (3 n_surface,)
-        Coordinates that follow from others, and those of them that cannot move.
-    sources : ndarray of int, shape (3 n_surface,)
-        The equation through which each coordinate depends on others; -1 where it does not.
-    constraints : tuple of (str, Equations)
-        Names and equations of all constraints, in the order in which ``sources`` counts.
-    """
-
-    mesh: MovingMesh
-    matrix: csr_array
-    dependent: np.ndarray
-    fixed: np.ndarray
-    sources: np.ndarray
+    mesh: MovingMesh  # the control mesh whose surface is constrained
+    # gives displacements E d that satisfy the constraints from any displacements d: coordinates that depend on others
+    # follow from them, all others stay as they are. ``E E = E``, and ``A E = 0``
+    matrix: csr_array  # (3 n_surface, 3 n_surface)
+    # coordinates that follow from others, and those of them that cannot move
+    dependent: np.ndarray  # bool (3 n_surface,)
+    fixed: np.ndarray  # bool (3 n_surface,)
+    # the equation through which each coordinate depends on others; -1 where it does not
+    sources: np.ndarray  # int (3 n_surface,)
+    # names and equations of all constraints, in the order in which ``sources`` counts
     constraints: tuple[tuple[str, Equations], ...]
 
     def reason(self, coordinate: int) -> str:
@@ -180,30 +150,15 @@ class Elimination(OneLine):
         return ""
 
 
-def eliminate(mesh: MovingMesh, points: np.ndarray, constraints: Sequence[LinearConstraint] = ()) -> Elimination:
-    """Solve linear constraints for the coordinates that are to depend on others.
-
-    An equation is redundant where it leaves the span of those before it by less than 1e-6 of its largest coefficient.
-    Equations with one coordinate, which fix it, come first; then the symmetry planes and the constraints as declared.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        The control mesh, whose symmetry planes are always among the constraints.
-    points : ndarray, shape (n_surface, 3)
-        Surface control points of the baseline (m).
-    constraints : sequence of LinearConstraint
-        Further constraints.
-
-    Returns
-    -------
-    Elimination
-
-    Raises
-    ------
-    InputError
-        If a constraint cannot be satisfied on this baseline; it is named.
-    """
+def eliminate(
+    mesh: MovingMesh,  # the control mesh, whose symmetry planes are always among the constraints
+    points: np.ndarray,  # (n_surface, 3), surface control points of the baseline (m)
+    constraints: Sequence[LinearConstraint] = (),  # further constraints
+) -> Elimination:
+    """Solve linear constraints for the coordinates that are to depend on others."""
+    # An equation is redundant where it leaves the span of those before it by less than 1e-6 of its largest coefficient.
+    # Equations with one coordinate, which fix it, come first; then the symmetry planes and the constraints as declared.
+    # `InputError` if a constraint cannot be satisfied on this baseline; it is named
     in_planes = Equations.of(len(mesh.surface_ids), mesh.in_plane_rows[:, None], mesh.in_plane_normals[:, None, None])
     named = [(SYMMETRY, in_planes)]
     named += [(item.name, _checked(item.name, item.equations(mesh, points), len(points))) for item in constraints]
@@ -247,35 +202,25 @@ def _elimination(mesh, pivots, sources, rows, named) -> Elimination:
 
 
 @njit(cache=True)
-def reduced_rows(indptr, indices, data, n_columns, preferred, is_first):
-    """Reduce equations by rows, which gives dependent coordinates in terms of independent ones.
-
-    1. Each equation is loaded, and the rows before it are subtracted, so that their pivots vanish from it.
-    2. If no more than `INDEPENDENT` of its largest coefficient is left, it is redundant.
-    3. Its pivot is the preferred coordinate, or else that of its largest coefficient; the row is scaled to one there.
-    4. From the last row to the first, later pivots are replaced by the rows that give them.
-
-    Parameters
-    ----------
-    indptr, indices, data : ndarray
-        Equations as rows of a CSR matrix, in the order in which they are to be used; those that share coordinates,
-        directly or through others, stand together.
-    n_columns : int
-        Number of coordinates.
-    preferred : ndarray of int, shape (n_equations,)
-        The coordinate that each equation would rather give; -1 for none.
-    is_first : ndarray of bool, shape (n_equations,)
-        Equations that share no coordinate with any before them.
-
-    Returns
-    -------
-    pivots, sources : ndarray of int, shape (rank,)
-        Dependent coordinates, and the equation that gave each.
-    starts : ndarray of int, shape (rank + 1,)
-        Start of each row in the columns and values.
-    columns, values : ndarray, shape (n_values,)
-        Independent coordinates and their coefficients: ``pivot = - sum(values * columns)``.
-    """
+def reduced_rows(
+    # Equations as rows of a CSR matrix, in the order in which they are to be used; those that share coordinates,
+    # directly or through others, stand together
+    indptr,
+    indices,
+    data,
+    n_columns,  # int, number of coordinates
+    preferred,  # int (n_equations,), the coordinate that each equation would rather give; -1 for none
+    is_first,  # bool (n_equations,), Equations that share no coordinate with any before them
+):
+    """Reduce equations by rows, which gives dependent coordinates in terms of independent ones."""
+    # 1. Each equation is loaded, and the rows before it are subtracted, so that their pivots vanish from it.
+    # 2. If no more than `INDEPENDENT` of its largest coefficient is left, it is redundant.
+    # 3. Its pivot is the preferred coordinate, or else that of its largest coefficient; the row is scaled to one there.
+    # 4. From the last row to the first, later pivots are replaced by the rows that give them.
+    # returns pivots, sources int (rank,): dependent coordinates, and the equation that gave each
+    # returns starts int (rank + 1,): start of each row in the columns and values
+    # returns columns, values (n_values,): independent coordinates and their coefficients: ``pivot = - sum(values *
+    # columns)``
     work = _new_work(n_columns)
     order = np.full(n_columns, -1, dtype=np.int64)
     pivots, sources, rows = _forward(indptr, indices, data, preferred, is_first, order, work)

@@ -31,24 +31,12 @@ SHORT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class InteriorShift(OneLine):
-    """Displacements of control points that are linear in values. Made by `InteriorPoints.bind`.
+    """Displacements of control points that are linear in values. Made by `InteriorPoints.bind`."""
 
-    Parameters
-    ----------
-    point_ids : ndarray of int, shape (n_values,)
-        Number of the control point that each value moves, ascending.
-    directions : ndarray, shape (n_values, 3)
-        Its displacement for the value 1 (m).
-    n_points : int
-        Number of control points.
-    reach : float
-        Largest absolute value.
-    """
-
-    point_ids: np.ndarray
-    directions: np.ndarray
-    n_points: int
-    reach: float
+    point_ids: np.ndarray  # int (n_values,), number of the control point that each value moves, ascending
+    directions: np.ndarray  # (n_values, 3), its displacement for the value 1 (m)
+    n_points: int  # number of control points
+    reach: float  # largest absolute value
 
     @property
     def n_values(self) -> int:
@@ -200,20 +188,13 @@ def _what_may_slide(model: FittedModel, sliding: str | Sequence[str]) -> str:
     return "".join(texts)
 
 
-def control_lines(model: FittedModel) -> np.ndarray:
-    """Directions of the three lines of the control mesh through each control point.
-
-    Parameters
-    ----------
-    model : FittedModel
-        The fitted grid.
-
-    Returns
-    -------
-    ndarray, shape (n_control_points, 3, 3)
-        Rows are the directions i, j, k of the first volume that has the point: from the neighbour before it to the one
-        after it, as long as the way to the nearer one (m); zero where there is no neighbour at another place.
-    """
+def control_lines(
+    model: FittedModel,  # the fitted grid
+) -> np.ndarray:
+    """Directions of the three lines of the control mesh through each control point."""
+    # returns (n_control_points, 3, 3), rows are the directions i, j, k of the first volume that has the point: from the
+    # neighbour before it to the one after it, as long as the way to the nearer one (m); zero where there is no
+    # neighbour at another place
     points = model.control_points
     lines, is_done = np.zeros((len(points), 3, 3)), np.zeros(len(points), dtype=bool)
     for ids in model.mesh.control_ids:

@@ -326,29 +326,17 @@ def _volume(n: Sequence[int], orders: int | Sequence[int] | None) -> Volume:
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """Weights by which a lattice moves all rows.
+    """Weights by which a lattice moves all rows."""
 
-    Parameters
-    ----------
-    weights : csr_array, shape (n_rows, n_points)
-        Weights of the lattice's points in the displacement of every row: ones for the rows of the lattice itself. Every
-        other row sums to one, or is empty where nothing is embedded.
-    is_fixed : ndarray of bool, shape (n0, n1, n2)
-        Points that the lattice's own variables leave alone, see `fixed_points`.
-    """
-
-    weights: csr_array
-    is_fixed: np.ndarray
+    # weights of the lattice's points in the displacement of every row: ones for the rows of the lattice itself. Every
+    # other row sums to one, or is empty where nothing is embedded
+    weights: csr_array  # (n_rows, n_points)
+    is_fixed: np.ndarray  # bool (n0, n1, n2), points that the lattice's own variables leave alone, see `fixed_points`
 
     @classmethod
     def of(cls, lattice: Lattice, layout: Layout) -> Embedding:
-        """Find the lattice coordinates of all rows on the baseline.
-
-        Raises
-        ------
-        InputError
-            If no surface control point is embedded, or one that is asked for lies outside.
-        """
+        """Find the lattice coordinates of all rows on the baseline."""
+        # `InputError` if no surface control point is embedded, or one that is asked for lies outside
         surface = layout.points[layout.rows()]
         parts = [lattice.weights(surface, _embedded_surface(lattice, layout))]
         parts += [_weights_of(lattice, item) for item in layout.auxiliary]
@@ -364,20 +352,10 @@ class Embedding:
 
 @dataclass(frozen=True, eq=False)
 class ExtendedMap:
-    """A map of lattice points, extended to all that is embedded.
+    """A map of lattice points, extended to all that is embedded."""
 
-    Parameters
-    ----------
-    rows : slice
-        Rows of the lattice.
-    transfer : csr_array, shape (3 n_rows, 3 n_points)
-        Displacements of all rows from displacements of the lattice's points.
-    design_map : DesignMap
-        The map.
-    """
-
-    rows: slice
-    transfer: csr_array
+    rows: slice  # rows of the lattice
+    transfer: csr_array  # (3 n_rows, 3 n_points), displacements of all rows from displacements of the lattice's points
     design_map: DesignMap
 
     @property
@@ -440,24 +418,14 @@ def _embedded_surface(lattice: Lattice, layout: Layout) -> np.ndarray:
     return lattice.moves.mask(mesh)
 
 
-def fixed_points(lattice: Lattice, layout: Layout) -> np.ndarray:
-    """Find the points that a lattice's own variables leave alone, so that the surface stays continuous.
-
-    1. Edges of the control net with one end inside and one outside leave the lattice; where, bisection finds.
-    2. The sides on which these places lie are those that the surface passes.
-    3. Fixed are the points on these sides and as many layers behind as derivatives are to be continuous.
-
-    Parameters
-    ----------
-    lattice : Lattice
-        The lattice.
-    layout : Layout
-        The rows.
-
-    Returns
-    -------
-    ndarray of bool, shape (n0, n1, n2)
-    """
+def fixed_points(
+    lattice: Lattice,
+    layout: Layout,  # the rows
+) -> np.ndarray:  # bool (n0, n1, n2)
+    """Find the points that a lattice's own variables leave alone, so that the surface stays continuous."""
+    # 1. Edges of the control net with one end inside and one outside leave the lattice; where, bisection finds.
+    # 2. The sides on which these places lie are those that the surface passes.
+    # 3. Fixed are the points on these sides and as many layers behind as derivatives are to be continuous.
     exits = _exits(lattice, layout)  # step 1
     fixed, n_layers = np.zeros(lattice.control_points.shape[:3], dtype=bool), lattice.continuity + 1
     # steps 2 and 3

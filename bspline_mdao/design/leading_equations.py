@@ -21,33 +21,21 @@ ZERO = 1e-14
 """Coefficients below this part of the largest are round-off."""
 
 
-def leading_equations(matrix: csr_array, least: np.ndarray, wish: np.ndarray) -> tuple[csr_array, np.ndarray]:
-    """Replace many equations by those right singular vectors that are not small.
-
-    Equations that share no unknown are looked at apart.
-
-    1. Singular vectors whose singular values are above a part of the largest are kept: on all unknowns of length one
-       that satisfy these, the others are off by no more than that part of the largest.
-    2. As many unknowns follow from the others: independent columns, those first that should.
-    3. The equations are solved for them.
-
-    Parameters
-    ----------
-    matrix : csr_array, shape (m, n)
-        Equations.
-    least : ndarray, shape (m,)
-        The part of the largest singular value below which an equation says nothing; the largest of those that hang
-        together counts.
-    wish : ndarray, shape (n,)
-        How much each unknown should rather follow than others: its factor in the choice.
-
-    Returns
-    -------
-    matrix : csr_array, shape (rank, n)
-        Equations with one unknown of their own each, whose coefficient is one.
-    own : ndarray of int, shape (rank,)
-        These unknowns.
-    """
+def leading_equations(
+    matrix: csr_array,  # (m, n), Equations
+    # the part of the largest singular value below which an equation says nothing; the largest of those that hang
+    # together counts
+    least: np.ndarray,  # (m,)
+    wish: np.ndarray,  # (n,), how much each unknown should rather follow than others: its factor in the choice
+) -> tuple[csr_array, np.ndarray]:
+    """Replace many equations by those right singular vectors that are not small."""
+    # Equations that share no unknown are looked at apart.
+    # 1. Singular vectors whose singular values are above a part of the largest are kept: on all unknowns of length one
+    #    that satisfy these, the others are off by no more than that part of the largest.
+    # 2. As many unknowns follow from the others: independent columns, those first that should.
+    # 3. The equations are solved for them.
+    # returns matrix (rank, n): Equations with one unknown of their own each, whose coefficient is one
+    # returns own int (rank,): these unknowns
     n = matrix.shape[1]
     joint = block_array([[None, matrix], [matrix.T, None]], format="csr")
     labels = connected_components(joint, directed=False)[1]

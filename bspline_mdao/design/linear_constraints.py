@@ -201,21 +201,12 @@ class Opposite(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class EqualDisplacement:
-    """Points that all have the same displacement, that of the first.
+    """Points that all have the same displacement, that of the first."""
 
-    Parameters
-    ----------
-    where : Selection or array_like of int
-        The points; numbers are rows of ``mesh.surface_ids``.
-    directions : str, array_like or None
-        In which they move alike: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
-    name : str
-        For messages.
-    """
-
-    where: Where
+    where: Where  # the points; numbers are rows of ``mesh.surface_ids``
+    # in which they move alike: some of ``"xyz"``, a vector, shape (3,), or several; all by default
     directions: ConstrainedDirections = None
-    name: str = "equal displacement"
+    name: str = "equal displacement"  # for messages
 
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
         """Equations ``n . (d - d_first) = 0`` for each other point and direction n."""
@@ -333,16 +324,9 @@ def axes_of(directions: ConstrainedDirections, name: str) -> np.ndarray:
 
 
 def pairs_of(leaders: Where, followers: Where, mesh: MovingMesh, points: np.ndarray, name: str) -> np.ndarray:
-    """Pairs (leader, follower) of rows, shape (n, 2).
-
-    One leader is that of all followers. Numbers are paired in their order; selections so that the sum of squared
-    distances on the baseline is least, which a shift of one side as a whole does not change.
-
-    Raises
-    ------
-    InputError
-        If there are not as many followers as leaders.
-    """
+    """Pairs (leader, follower) of rows, shape (n, 2)."""
+    # One leader is that of all followers. Numbers are paired in their order; selections so that the sum of squared
+    # distances on the baseline is least, which a shift of one side as a whole does not change.
     first, second = (_rows(where, mesh, name) for where in (leaders, followers))
     if len(first) == 1:
         return np.column_stack([np.repeat(first, len(second)), second])

@@ -29,27 +29,13 @@ Motion = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True, eq=False)
 class Oscillation:
-    """A deformation whose amount goes as a sine in time.
+    """A deformation whose amount goes as a sine in time."""
 
-    Parameters
-    ----------
-    point_map : PointMap
-        The deformation; its own amount does not count.
-    amplitude : float
-        Largest departure from the mean, in the unit of the amount: rad for angles.
-    frequency : float
-        Periods per second (1/s).
-    mean : float
-        Mean amount.
-    phase : float
-        Phase at time 0 (rad).
-    """
-
-    point_map: PointMap
-    amplitude: float
-    frequency: float
-    mean: float = 0.0
-    phase: float = 0.0
+    point_map: PointMap  # the deformation; its own amount does not count
+    amplitude: float  # largest departure from the mean, in the unit of the amount: rad for angles
+    frequency: float  # periods per second (1/s)
+    mean: float = 0.0  # mean amount
+    phase: float = 0.0  # phase at time 0 (rad)
 
     def map_at(self, time: float) -> PointMap:
         """The deformation at a time (s)."""
@@ -65,27 +51,14 @@ class Oscillation:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMotion(OneLine):
-    """Oscillations of the surface of a mesh, one on top of the other.
+    """Oscillations of the surface of a mesh, one on top of the other."""
 
-    Parameters
-    ----------
-    mesh : MovingMesh
-        The control mesh whose surface moves.
-    oscillations : tuple of Oscillation
-        Done one after the other.
-    """
-
-    mesh: MovingMesh
-    oscillations: tuple[Oscillation, ...]
+    mesh: MovingMesh  # the control mesh whose surface moves
+    oscillations: tuple[Oscillation, ...]  # done one after the other
 
     def __call__(self, time: float, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Give surface points (m) and velocities (m/s), each (n_surface, 3), of surface points at rest.
-
-        Raises
-        ------
-        InputError
-            If a point leaves a plane of symmetry.
-        """
+        """Give surface points (m) and velocities (m/s), each (n_surface, 3), of surface points at rest."""
+        # `InputError` if a point leaves a plane of symmetry
         maps = tuple(oscillation.map_at(time) for oscillation in self.oscillations)
         deformation, points, velocities = Deformation(self.mesh, maps), surface, np.zeros_like(surface)
         for point_map, oscillation in zip(maps, self.oscillations):
@@ -157,26 +130,16 @@ def flapping(mesh: MovingMesh, amplitude: float, frequency: float, mean: float =
 
 @dataclass(frozen=True, eq=False)
 class GridState(OneLine):
-    """A grid that moves, at one time.
+    """A grid that moves, at one time."""
 
-    Parameters
-    ----------
-    time : float
-        Time (s).
-    nodes, velocities : ndarray, shape (n_nodes, 3)
-        The grid (m) and its velocities (m/s).
-    control_points, control_velocities : ndarray, shape (n_control_points, 3)
-        The control mesh (m) and its velocities (m/s).
-    report : MovementReport
-        Report of the mover.
-    """
-
-    time: float
-    nodes: np.ndarray
-    velocities: np.ndarray
-    control_points: np.ndarray
-    control_velocities: np.ndarray
-    report: MovementReport
+    time: float  # time (s)
+    # the grid (m) and its velocities (m/s)
+    nodes: np.ndarray  # (n_nodes, 3)
+    velocities: np.ndarray  # (n_nodes, 3)
+    # the control mesh (m) and its velocities (m/s)
+    control_points: np.ndarray  # (n_control_points, 3)
+    control_velocities: np.ndarray  # (n_control_points, 3)
+    report: MovementReport  # report of the mover
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,13 +101,7 @@ def parse_deformation(spec: str | Sequence[str], model: FittedModel, mesh: Movin
 
 
 def wall_spacing(model: FittedModel) -> float:
-    """Find the median height of the cells at the walls of a model's grid (m).
-
-    Raises
-    ------
-    InputError
-        If no patch is a wall.
-    """
+    """Find the median height of the cells at the walls of a model's grid (m)."""
     blocks = model.regenerate().blocks
     walls = [face.window for face in model.topology.boundary if face.kind == "wall"]
     heights = [_first_heights(blocks[window.block].nodes, window) for window in walls]
@@ -129,26 +123,13 @@ class _Surface:
         return surface_frame(self.points, self.planes)
 
 
-def read_points(path, n_points: int) -> np.ndarray:
-    """Read points from a file.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.npy``: shape (n, 3), or (3 n,) with xyz interleaved. ``.csv``, ``.dat``, ``.txt``: three numbers a line,
-        commas or blanks between them; a heading and lines that begin with ``#`` are passed over.
-    n_points : int
-        Number of points that there should be.
-
-    Returns
-    -------
-    ndarray, shape (n_points, 3)
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or does not hold ``n_points`` points of finite coordinates.
-    """
+def read_points(
+    # ``.npy``: shape (n, 3), or (3 n,) with xyz interleaved. ``.csv``, ``.dat``, ``.txt``: three numbers a line, commas
+    # or blanks between them; a heading and lines that begin with ``#`` are passed over
+    path,  # path-like
+    n_points: int,  # number of points that there should be
+) -> np.ndarray:  # (n_points, 3)
+    """Read points from a file."""
     path = Path(path)
     try:
         values = np.load(path, allow_pickle=False) if path.suffix == ".npy" else _read_text(path)
@@ -192,25 +173,14 @@ def _is_numeric(words):
 
 @dataclass(frozen=True)
 class Request:
-    """One deformation as it was asked for.
+    """One deformation as it was asked for."""
 
-    Parameters
-    ----------
-    text : str
-        The words, for messages.
-    name, value : str
-        Name of the deformation, and its amount.
-    at : str or None
-        Place: the text that follows an ``@``.
-    options : dict of str
-        Further values by name.
-    """
-
-    text: str
+    text: str  # the words, for messages
+    # name of the deformation, and its amount
     name: str
     value: str
-    at: str | None
-    options: dict[str, str]
+    at: str | None  # place: the text that follows an ``@``
+    options: dict[str, str]  # further values by name
 
     def fail(self, reason: str) -> InputError:
         """Error that names these words."""
@@ -262,16 +232,12 @@ class Request:
 def parse_requests(text: str) -> list[Request]:
     """Take deformations joined by ``+`` apart.
 
-    Raises
-    ------
-    InputError
-        If the words are not of the form ``name=value``.
-
     Examples
     --------
     >>> [(request.name, request.value, request.at) for request in parse_requests("stretch=2+bend=120deg@0.7")]
     [('stretch', '2', None), ('bend', '120deg', '0.7')]
     """
+    # `InputError` if the words are not of the form ``name=value``
     return [_parse(part.strip()) for part in re.split(r"\+(?=\s*[a-z])", text)]
 
 

@@ -32,18 +32,10 @@ Values = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class SurfacePartials(OneLine):
-    """Derivatives of the surface control points, xyz interleaved.
+    """Derivatives of the surface control points, xyz interleaved."""
 
-    Parameters
-    ----------
-    initial : csr_array, shape (3 n_surface, 3 n_surface)
-        With respect to the surface control points of the baseline.
-    values : dict of csr_array, each of shape (3 n_surface, n_values)
-        With respect to the values of each variable.
-    """
-
-    initial: csr_array
-    values: dict[str, csr_array]
+    initial: csr_array  # (3 n_surface, 3 n_surface), with respect to the surface control points of the baseline
+    values: dict[str, csr_array]  # each (3 n_surface, n_values), with respect to the values of each variable
 
 
 @dataclass(frozen=True, eq=False)

@@ -185,12 +185,10 @@ class ReferenceAxis(OneLine):
 
 
 def _closest(starts, steps, points, goes_on_inboard):
-    """Return the segment closest to each point (n, m) and the place on it from 0 to 1.
-
-    1. Every point is projected onto the line of every segment.
-    2. Places are clipped to the segment; the last goes on outboard, the first inboard if it may.
-    3. The segment at the smallest distance is taken, the first of equals.
-    """
+    """Return the segment closest to each point (n, m) and the place on it from 0 to 1."""
+    # 1. Every point is projected onto the line of every segment.
+    # 2. Places are clipped to the segment; the last goes on outboard, the first inboard if it may.
+    # 3. The segment at the smallest distance is taken, the first of equals.
     offsets = points[:, None] - starts
     low, high = np.zeros(len(steps)), np.ones(len(steps))
     low[0], high[-1] = -np.inf if goes_on_inboard else 0.0, np.inf
@@ -202,33 +200,16 @@ def _closest(starts, steps, points, goes_on_inboard):
 
 @dataclass(frozen=True, eq=False)
 class AttachedRows(OneLine):
-    """Rows attached to a reference axis: their stations and the planes of their sections, decided on the baseline.
-
-    Parameters
-    ----------
-    axis : ReferenceAxis
-        The axis.
-    layout : Layout
-        The rows.
-    frame : Frame
-        Stream, normal and span.
-    knots : ndarray, shape (n_axis,)
-        Stations of the axis' own points, from 0 to 1.
-    directions : ndarray, shape (n_axis - 1, 3)
-        Unit vectors between them, as the axis is seen.
-    stations : ndarray, shape (n_rows,)
-        Station of every row; above 1 outboard of the axis, and below 0 inboard of one that begins in a plane.
-    begins_in_plane : bool
-        Whether the axis begins in a plane of symmetry.
-    """
+    """Rows attached to a reference axis: their stations and the planes of their sections, decided on the baseline."""
 
     axis: ReferenceAxis
-    layout: Layout
-    frame: Frame
-    knots: np.ndarray
-    directions: np.ndarray
-    stations: np.ndarray
-    begins_in_plane: bool
+    layout: Layout  # the rows
+    frame: Frame  # stream, normal and span
+    knots: np.ndarray  # (n_axis,), stations of the axis' own points, from 0 to 1
+    directions: np.ndarray  # (n_axis - 1, 3), unit vectors between them, as the axis is seen
+    # station of every row; above 1 outboard of the axis, and below 0 inboard of one that begins in a plane
+    stations: np.ndarray  # (n_rows,)
+    begins_in_plane: bool  # whether the axis begins in a plane of symmetry
 
     @property
     def axis_rows(self) -> np.ndarray:
@@ -298,23 +279,11 @@ def _unit(vectors):
 
 @dataclass(frozen=True)
 class StationSpline(OneLine):
-    """Interpolation of values at stations along an axis, with local support, constant outside of the ends.
+    """Interpolation of values at stations along an axis, with local support, constant outside of the ends."""
 
-    Parameters
-    ----------
-    stations : tuple of float
-        Ascending parts of the axis, 0 at its first point and 1 at its last.
-    order : int
-        2: straight lines, on which a value has an influence one interval to either side of its station. 4: cubics that
-        have at each station the slope of the parabola through it and its neighbours; two intervals to either side.
-
-    Raises
-    ------
-    InputError
-        If the order is another, or the stations do not ascend from 0 to 1.
-    """
-
-    stations: tuple[float, ...]
+    stations: tuple[float, ...]  # ascending parts of the axis, 0 at its first point and 1 at its last
+    # 2: straight lines, on which a value has an influence one interval to either side of its station. 4: cubics that
+    # have at each station the slope of the parabola through it and its neighbours; two intervals to either side
     order: int = 4
 
     def __post_init__(self):
@@ -381,16 +350,11 @@ class StationSpline(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class ChordLines:
-    """Ends of the chord lines of sections of a surface.
+    """Ends of the chord lines of sections of a surface."""
 
-    Parameters
-    ----------
-    leading, trailing : ndarray, shape (n, 3)
-        Upstream and downstream ends (m).
-    """
-
-    leading: np.ndarray
-    trailing: np.ndarray
+    # upstream and downstream ends (m)
+    leading: np.ndarray  # (n, 3)
+    trailing: np.ndarray  # (n, 3)
 
     @property
     def chords(self) -> np.ndarray:
@@ -399,34 +363,15 @@ class ChordLines:
 
 
 def chord_lines(
-    points: np.ndarray, quads: np.ndarray, places: np.ndarray, at: np.ndarray, stream: np.ndarray
+    points: np.ndarray,  # (n_points, 3), points of the surface (m)
+    quads: np.ndarray,  # int (n_quads, 4), points at the corners of its quads
+    places: np.ndarray,  # (n_points,), place of every point along the span or an axis; linear on the edges between
+    at: np.ndarray,  # (n,), places of the sections
+    stream: np.ndarray,  # (3,), unit vector downstream
 ) -> ChordLines:
-    """Find the chord lines of a surface of quads.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n_points, 3)
-        Points of the surface (m).
-    quads : ndarray of int, shape (n_quads, 4)
-        Points at the corners of its quads.
-    places : ndarray, shape (n_points,)
-        Place of every point along the span or an axis; linear on the edges between.
-    at : ndarray, shape (n,)
-        Places of the sections.
-    stream : ndarray, shape (3,)
-        Unit vector downstream.
-
-    Returns
-    -------
-    ChordLines
-        From the most upstream to the most downstream place of every section, at the mean height of the points near it.
-        Over the last fiftieth before the ends of the surface, and outside of it, both go on along straight lines.
-
-    Raises
-    ------
-    InputError
-        If a section has no chord.
-    """
+    """Find the chord lines of a surface of quads."""
+    # returns from the most upstream to the most downstream place of every section, at the mean height of the points
+    # near it. Over the last fiftieth before the ends of the surface, and outside of it, both go on along straight lines
     margin = _INSIDE * np.ptp(places)
     low, high = places.min() + margin, places.max() - margin
     cut_at = np.clip(at, low, high)

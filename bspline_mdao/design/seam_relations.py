@@ -26,33 +26,18 @@ PARALLEL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class SeamRelations(OneLine):
-    """Combinations of control points that vanish, and stay so, where a surface is smooth.
+    """Combinations of control points that vanish, and stay so, where a surface is smooth."""
 
-    Each is ``L + r R + s T`` at a place of a seam, or of the legs of a pole, in units of a displacement.
+    # Each is ``L + r R + s T`` at a place of a seam, or of the legs of a pole, in units of a displacement.
 
-    Parameters
-    ----------
-    weights : csr_array, shape (n, n_surface)
-        Weights of surface control points.
-    at : ndarray of int, shape (n,)
-        Row of the control point that each is nearest to.
-    sizes : ndarray, shape (n,)
-        Square root of the part of a control point's surroundings that each stands for.
-    normals : ndarray, shape (n, 3)
-        Unit normals of the mean tangent plane.
-    kinks : ndarray, shape (n,)
-        Angles between the two tangent planes, or at a pole of a leg with the plane of all (deg).
-    mirrors : ndarray, shape (n, 3)
-        Unit normals of the planes of symmetry in which alone a combination vanishes, beside the mirror image of a side;
-        zero elsewhere.
-    """
-
-    weights: csr_array
-    at: np.ndarray
-    sizes: np.ndarray
-    normals: np.ndarray
-    kinks: np.ndarray
-    mirrors: np.ndarray
+    weights: csr_array  # (n, n_surface), weights of surface control points
+    at: np.ndarray  # int (n,), row of the control point that each is nearest to
+    sizes: np.ndarray  # (n,), square root of the part of a control point's surroundings that each stands for
+    normals: np.ndarray  # (n, 3), unit normals of the mean tangent plane
+    kinks: np.ndarray  # (n,), angles between the two tangent planes, or at a pole of a leg with the plane of all (deg)
+    # unit normals of the planes of symmetry in which alone a combination vanishes, beside the mirror image of a side;
+    # zero elsewhere
+    mirrors: np.ndarray  # (n, 3)
 
     def part(self, chosen: np.ndarray) -> SeamRelations:
         """Return some of them."""
@@ -79,24 +64,16 @@ class SeamRelations(OneLine):
         )
 
 
-def relations_along(seam: Seam, points: np.ndarray, size: float) -> SeamRelations:
-    """Find ``L + r R + s T`` of a surface along a seam, r and s those of the mean tangent plane.
-
-    Beside a mirror image R is that of L, and r is one: the sum L + R has no part across the plane of symmetry, and its
-    part in the plane is that of ``2 L``, of which the weights are.
-
-    Splines are looked at in as many places of every span as their order plus one, those of Gauss; quads between points,
-    which are smooth nowhere else, at the points.
-
-    Parameters
-    ----------
-    seam : Seam
-        The seam.
-    points : ndarray, shape (n_surface, 3)
-        Surface control points (m).
-    size : float
-        Size of the mesh (m). Places at which a derivative vanishes are left out.
-    """
+def relations_along(
+    seam: Seam,
+    points: np.ndarray,  # (n_surface, 3), surface control points (m)
+    size: float,  # size of the mesh (m). Places at which a derivative vanishes are left out
+) -> SeamRelations:
+    """Find ``L + r R + s T`` of a surface along a seam, r and s those of the mean tangent plane."""
+    # Beside a mirror image R is that of L, and r is one: the sum L + R has no part across the plane of symmetry, and
+    # its part in the plane is that of ``2 L``, of which the weights are.
+    # Splines are looked at in as many places of every span as their order plus one, those of Gauss; quads between
+    # points, which are smooth nowhere else, at the points.
     t, parts = _places(seam)
     left, right, tangent = derivatives(seam, t, points)
     is_there = np.min([lengths(left), lengths(right), lengths(tangent)], axis=0) > NO_LENGTH * size
@@ -127,21 +104,16 @@ def derivatives(seam: Seam, t: np.ndarray, points: np.ndarray) -> tuple[np.ndarr
     return found[0], found[1], seam.first.weights(t)[2] @ own
 
 
-def pole_relations(pole: Pole, points: np.ndarray, size: float, *, is_linear: bool) -> SeamRelations:
-    """Find relations between the legs from a pole to the control points around it, which keep these in one plane.
-
-    Parameters
-    ----------
-    pole : Pole
-        The pole.
-    points : ndarray, shape (n_surface, 3)
-        Surface control points (m).
-    size : float
-        Size of the mesh (m).
-    is_linear : bool
-        Relations that keep m legs in a plane whatever it is: m - 2 of their combinations. Otherwise the legs
-        themselves, whose parts along the normal are to vanish.
-    """
+def pole_relations(
+    pole: Pole,
+    points: np.ndarray,  # (n_surface, 3), surface control points (m)
+    size: float,  # size of the mesh (m)
+    *,
+    # relations that keep m legs in a plane whatever it is: m - 2 of their combinations. Otherwise the legs themselves,
+    # whose parts along the normal are to vanish
+    is_linear: bool,
+) -> SeamRelations:
+    """Find relations between the legs from a pole to the control points around it, which keep these in one plane."""
     ring = pole.ring[lengths(points[pole.ring] - points[pole.at]) > NO_LENGTH * size]
     legs = points[ring] - points[pole.at]
     length = lengths(legs)

@@ -13,18 +13,10 @@ import numpy as np
 __all__ = ["rotation", "scaling", "shear"]
 
 
-def rotation(angle) -> np.ndarray:
-    """Return matrices of stream and normal coordinates that rotate sections, upstream end up.
-
-    Parameters
-    ----------
-    angle : ndarray, any shape
-        Angles (rad).
-
-    Returns
-    -------
-    ndarray, shape (..., 2, 2)
-    """
+def rotation(
+    angle,  # ndarray, any shape, angles (rad)
+) -> np.ndarray:  # (..., 2, 2)
+    """Return matrices of stream and normal coordinates that rotate sections, upstream end up."""
     cos, sin = np.cos(angle), np.sin(angle)
     return _matrices(cos, sin, -sin, cos)
 

@@ -28,40 +28,21 @@ __all__ = ["Face", "Strip", "SurfaceStrips", "face_edges", "in_one_direction"]
 
 @dataclass(frozen=True, eq=False)
 class Face(OneLine):
-    """A face of a block on the design surface.
+    """A face of a block on the design surface."""
 
-    Parameters
-    ----------
-    rows : ndarray of int, shape (n0, n1)
-        Its control points, rows of ``mesh.surface_ids``.
-    strips : tuple of two int
-        Strip of either direction.
-    is_reversed : tuple of two bool
-        Whether the strip runs against the direction.
-    """
-
-    rows: np.ndarray
-    strips: tuple[int, int]
-    is_reversed: tuple[bool, bool]
+    rows: np.ndarray  # int (n0, n1), its control points, rows of ``mesh.surface_ids``
+    strips: tuple[int, int]  # strip of either direction
+    is_reversed: tuple[bool, bool]  # whether the strip runs against the direction
 
 
 @dataclass(frozen=True, eq=False)
 class Strip(OneLine):
-    """Directions of faces that have the same knots.
+    """Directions of faces that have the same knots."""
 
-    Parameters
-    ----------
-    knots : ConstantKnots
-        Mean of the knots on all edges along the strip.
-    direction : ndarray, shape (3,)
-        Mean direction of its edges in space, of length one.
-    is_symmetric : bool
-        Whether the strip comes back to an edge of its own the other way round: what is done to a knot is then done to
-        its mirror image.
-    """
-
-    knots: ConstantKnots
-    direction: np.ndarray
+    knots: ConstantKnots  # mean of the knots on all edges along the strip
+    direction: np.ndarray  # (3,), mean direction of its edges in space, of length one
+    # whether the strip comes back to an edge of its own the other way round: what is done to a knot is then done to its
+    # mirror image
     is_symmetric: bool
 
     @property
@@ -72,35 +53,19 @@ class Strip(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceStrips(OneLine):
-    """All faces of the design surface and their strips.
-
-    Parameters
-    ----------
-    faces : tuple of Face
-        The faces.
-    strips : tuple of Strip
-        The strips.
-    n_surface : int
-        Number of surface control points.
-    """
+    """All faces of the design surface and their strips."""
 
     faces: tuple[Face, ...]
     strips: tuple[Strip, ...]
-    n_surface: int
+    n_surface: int  # number of surface control points
 
     @classmethod
     def of(cls, model: FittedModel, mesh: MovingMesh) -> SurfaceStrips:
-        """Find the faces of a fitted grid that are on the design surface of its mesh.
-
-        1. Faces that share an edge have the same knots along it; so have the two edges of a face that face each other.
-        2. Each direction of a face is a node, once ahead and once reversed; edges that are shared join nodes.
-        3. What hangs together is a strip.
-
-        Raises
-        ------
-        InputError
-            If the mesh is not that of the model, or faces that share an edge differ in order.
-        """
+        """Find the faces of a fitted grid that are on the design surface of its mesh."""
+        # 1. Faces that share an edge have the same knots along it; so have the two edges of a face that face each
+        #    other.
+        # 2. Each direction of a face is a node, once ahead and once reversed; edges that are shared join nodes.
+        # 3. What hangs together is a strip.
         require_mesh_of(model, mesh, "a coarse net: the mesh")
         found = []
         for face, number, side in boundary_sides(model.topology):

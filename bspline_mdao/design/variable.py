@@ -46,18 +46,10 @@ class AuxiliaryPoints(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Layout(OneLine):
-    """The rows that variables move.
+    """The rows that variables move."""
 
-    Parameters
-    ----------
-    mesh : MovingMesh
-        Its surface points are the first rows, in the order of ``mesh.surface_ids``.
-    auxiliary : tuple of AuxiliaryPoints
-        The rows of their points follow, in this order.
-    """
-
-    mesh: MovingMesh
-    auxiliary: tuple[AuxiliaryPoints, ...] = ()
+    mesh: MovingMesh  # its surface points are the first rows, in the order of ``mesh.surface_ids``
+    auxiliary: tuple[AuxiliaryPoints, ...] = ()  # the rows of their points follow, in this order
 
     @property
     def n_surface(self) -> int:
@@ -101,18 +93,10 @@ def product_on_pattern(a: csr_array, b: csr_array) -> csr_array:
 
 @dataclass(frozen=True, eq=False)
 class MapPartials:
-    """Derivatives of the moved rows, xyz interleaved. Their patterns do not depend on where they are taken.
+    """Derivatives of the moved rows, xyz interleaved. Their patterns do not depend on where they are taken."""
 
-    Parameters
-    ----------
-    points : csr_array, shape (3 n_rows, 3 n_rows)
-        With respect to the rows before.
-    values : csr_array, shape (3 n_rows, n_values)
-        With respect to the values of the variable.
-    """
-
-    points: csr_array
-    values: csr_array
+    points: csr_array  # (3 n_rows, 3 n_rows), with respect to the rows before
+    values: csr_array  # (3 n_rows, n_values), with respect to the values of the variable
 
 
 class DesignMap(Protocol):
@@ -145,13 +129,7 @@ class Variable(Protocol):
         """The axes and lattices that the variable works with."""
 
     def bind(self, layout: Layout) -> DesignMap:
-        """Decide what depends on the baseline alone.
-
-        Raises
-        ------
-        InputError
-            If the surface cannot be moved that way.
-        """
+        """Decide what depends on the baseline alone. `InputError` if the surface cannot be moved that way."""
 
 
 def block_diagonal(blocks: np.ndarray) -> csr_array:
