@@ -23,13 +23,7 @@ MOST_NODES = 2_000_000
 
 
 def generator_of(grid_name: str) -> tuple[str, tuple[int, int, int]]:
-    """Find the generator of a built-in grid: its place, and the nodes per block.
-
-    Raises
-    ------
-    InputError
-        If there is no such grid.
-    """
+    """Find the generator of a built-in grid: its place, and the nodes per block."""
     match = re.fullmatch(r"@(\w+)(?::(\d{1,7})x(\d{1,7})x(\d{1,7}))?", grid_name, re.ASCII)
     if not match or match[1] not in BUILT_IN:
         names = ", ".join(f"@{name}" for name in BUILT_IN)

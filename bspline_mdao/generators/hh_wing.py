@@ -250,11 +250,9 @@ def _counts(shape):
 
 
 def _join(nodes):
-    """Copy what blocks share, in place, from the block of lower number: they come by it on different ways.
-
-    Along the stream, then outboard, then upwards: what is copied before stays equal. The two sides of the wing share
-    its leading edge, its trailing edge and its tip.
-    """
+    """Copy what blocks share, in place, from the block of lower number: they come by it on different ways."""
+    # Along the stream, then outboard, then upwards: what is copied before stays equal. The two sides of the wing share
+    # its leading edge, its trailing edge and its tip.
     for b in range(12):
         if b % 3:
             nodes[b][0] = nodes[b - 1][-1]
@@ -332,25 +330,14 @@ class _Layout:
 
 @dataclass(frozen=True)
 class _BasePatch:
-    """One patch of the base surface: where the grid lines along j start, how they leave and where they are bound for.
+    """One patch of the base surface: where grid lines along j start, how they leave and where they are bound for."""
 
-    Parameters
-    ----------
-    points : ndarray, shape (ni, nk, 3)
-        Nodes.
-    plate : ndarray, shape (ni, nk, 3)
-        Nodes of the same patch about a wing of the same planform without thickness.
-    far : ndarray, shape (ni, nk, 3)
-        Nodes of the patch about that plate with the spacings of the outer boundary.
-    away_x, away_z : ndarray, shape (ni, nk)
-        Distance from the wing along the stream and along the span: 0 at the wing, 1 at the boundary.
-    """
-
-    points: np.ndarray
-    plate: np.ndarray
-    far: np.ndarray
-    away_x: np.ndarray
-    away_z: np.ndarray
+    points: np.ndarray  # (ni, nk, 3), nodes
+    plate: np.ndarray  # (ni, nk, 3), nodes of the same patch about a wing of the same planform without thickness
+    far: np.ndarray  # (ni, nk, 3), nodes of the patch about that plate with the spacings of the outer boundary
+    # distance from the wing along the stream and along the span: 0 at the wing, 1 at the boundary
+    away_x: np.ndarray  # (ni, nk)
+    away_z: np.ndarray  # (ni, nk)
 
 
 def _base_patches(layout: _Layout, side: int) -> list[_BasePatch]:
@@ -457,12 +444,10 @@ def _heights(base, n, layout):
 
 
 def _lean(base, height, wing):
-    """Direction (x, 1, z) in which lines leave the base surface: at a blunt edge half-way between normal and vertical.
-
-    Lines that left a blunt leading edge along the tangent of the wall would give a valid grid, but a control mesh with
-    inverted elements. The lean fades away from the edge, over a distance that grows with height, so that lines do not
-    cross.
-    """
+    """Direction (x, 1, z) in which lines leave the base surface: at a blunt edge half-way from normal to vertical."""
+    # Lines that left a blunt leading edge along the tangent of the wall would give a valid grid, but a control mesh
+    # with inverted elements. The lean fades away from the edge, over a distance that grows with height, so that lines
+    # do not cross.
     leading, tip = _edges(wing)
     inside = (1.0 - _outer(base.away_x, base.away_z))[:, None]
     inboard = np.minimum(base.points[:, None, :, 2] / wing.planform.semi_span, 1.0) ** 2

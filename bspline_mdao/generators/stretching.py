@@ -21,25 +21,13 @@ _LOWEST_SLOPE, _HIGHEST_SLOPE = -60.0, 18.0
 """Logarithms of the slopes at the ends between which the search stays; nothing overflows there."""
 
 
-def stretch(n: int, first: float, last: float) -> np.ndarray:
+def stretch(
+    n: int,  # number of points, at least 3
+    # first and last interval, as fractions of the length
+    first: float,
+    last: float,
+) -> np.ndarray:  # (n,), strictly increasing from 0 to 1
     """Distribute n points over [0, 1], smoothly, with given first and last interval.
-
-    Parameters
-    ----------
-    n : int
-        Number of points, at least 3.
-    first, last : float
-        First and last interval, as fractions of the length.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Strictly increasing from 0 to 1.
-
-    Raises
-    ------
-    InputError
-        If no such distribution exists.
 
     Examples
     --------
@@ -67,21 +55,11 @@ def stretch(n: int, first: float, last: float) -> np.ndarray:
     return points
 
 
-def geometric_last(n: int, first: float) -> float:
-    """Find the last of n - 1 intervals that fill [0, 1] in geometric progression from the first.
-
-    Parameters
-    ----------
-    n : int
-        Number of points, at least 3.
-    first : float
-        First interval, as a fraction of the length.
-
-    Returns
-    -------
-    float
-        The last interval: the end spacing that asks least of the growth ratio.
-    """
+def geometric_last(
+    n: int,  # number of points, at least 3
+    first: float,  # first interval, as a fraction of the length
+) -> float:  # the last interval: the end spacing that asks least of the growth ratio
+    """Find the last of n - 1 intervals that fill [0, 1] in geometric progression from the first."""
     cells = n - 1
     if first * cells >= 1.0 - _TOLERANCE:
         return 1.0 / cells
@@ -95,24 +73,16 @@ def stretch_from(n: int, first: float) -> np.ndarray:
     return stretch(n, first, geometric_last(n, first))
 
 
-def stretch_lines(lengths: np.ndarray, n: int, first: float, last: float) -> np.ndarray:
-    """Distribute points over many lines with the same end intervals in length units.
-
-    Parameters
-    ----------
-    lengths : ndarray, shape (...,)
-        Length of every line (m).
-    n : int
-        Points on every line.
-    first, last : float
-        First and last interval (m).
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-        Fractions of each length. Those of the shortest and the longest line are `stretch`; the others are interpolated
-        linearly in the inverse length, which keeps the end intervals exact.
-    """
+def stretch_lines(
+    lengths: np.ndarray,  # (...,), length of every line (m)
+    n: int,  # points on every line
+    # first and last interval (m)
+    first: float,
+    last: float,
+) -> np.ndarray:
+    """Distribute points over many lines with the same end intervals in length units."""
+    # returns (..., n), fractions of each length. Those of the shortest and the longest line are `stretch`; the others
+    # are interpolated linearly in the inverse length, which keeps the end intervals exact
     inverse = 1.0 / np.asarray(lengths, dtype=np.float64)
     low, high = inverse.min(), inverse.max()
     at_low = stretch(n, first * low, last * low)
@@ -132,11 +102,9 @@ def _vinokur(n, first_slope, last_slope):
 
 
 def _symmetric(xi, steepness):
-    """Symmetric stretching with middle slope ``steepness``: tanh clusters towards the ends, tan away from them.
-
-    Vinokur's ``(1 + tanh(d (xi - 1/2)) / tanh(d / 2)) / 2`` is written as a product, which has all digits where it is
-    small; one minus it is its mirror image.
-    """
+    """Symmetric stretching with middle slope ``steepness``: tanh clusters towards the ends, tan away from them."""
+    # Vinokur's ``(1 + tanh(d (xi - 1/2)) / tanh(d / 2)) / 2`` is written as a product, which has all digits where it is
+    # small; one minus it is its mirror image.
     if abs(steepness - 1.0) < 1e-6:
         return xi * (1.0 + 2.0 * (steepness - 1.0) * (xi - 0.5) * (1.0 - xi))
     if steepness > 1.0:

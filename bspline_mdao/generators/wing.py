@@ -383,25 +383,19 @@ class Wing(OneLine):
         return tip_rounding(self.planform.semi_span - z, self.rounded_length)
 
 
-def surface_grid(wing: Wing, side: int, counts: tuple[int, ...], leading, trailing, root, tip) -> np.ndarray:
-    """Divide one side of a wing into a surface grid.
-
-    Parameters
-    ----------
-    wing : Wing
-        The wing.
-    side : int
-        +1 upper, -1 lower.
-    counts : tuple of int
-        Nodes along the chord and along the span.
-    leading, trailing, root, tip : float
-        Spacings on the surface at the four edges, in arc length (m).
-
-    Returns
-    -------
-    ndarray, shape (n_chord, n_span, 3)
-        Nodes. Those of the leading edge, the trailing edge and the tip have y = 0, those of the root z = 0, exactly.
-    """
+def surface_grid(
+    wing: Wing,
+    side: int,  # +1 upper, -1 lower
+    counts: tuple[int, ...],  # nodes along the chord and along the span
+    # spacings on the surface at the four edges, in arc length (m)
+    leading,
+    trailing,
+    root,
+    tip,
+) -> np.ndarray:
+    """Divide one side of a wing into a surface grid."""
+    # returns (n_chord, n_span, 3), nodes. Those of the leading edge, the trailing edge and the tip have y = 0, those of
+    # the root z = 0, exactly
     n_chord, n_span = counts
     samples = _chordwise_lines(wing, side, n_chord, leading, trailing)
     nodes = np.stack([_divide(line, n_span, root, tip) for line in samples])
@@ -428,10 +422,8 @@ def _divide(line, n, first, last):
 
 
 def tip_rounding(distance: np.ndarray, length: float) -> np.ndarray:
-    """Factor on the thickness at distances (m) from a tip that is rounded over a length (m) of span.
-
-    It is ``sqrt(1 - s^3)``, s from 0 to 1 over that length: blunt, without a jump in curvature. 1 without a length.
-    """
+    """Factor on the thickness at distances (m) from a tip that is rounded over a length (m) of span."""
+    # It is ``sqrt(1 - s^3)``, s from 0 to 1 over that length: blunt, without a jump in curvature. 1 without a length.
     if length == 0.0:
         return np.ones_like(distance)
     s = np.clip(1.0 - distance / length, 0.0, 1.0)
