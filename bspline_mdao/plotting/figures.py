@@ -107,17 +107,9 @@ def draw_net(axes, points: np.ndarray, **style) -> None:
         axes.plot(net[..., 0].T, net[..., 1].T, **style)
 
 
-def net_quads(points: np.ndarray) -> np.ndarray:
-    """Give the corners of the quadrilaterals of a net, in turn around each.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, m, d)
-        The net.
-
-    Returns
-    -------
-    ndarray, shape ((n - 1) (m - 1), 4, d)
-    """
+def net_quads(
+    points: np.ndarray,  # (n, m, d), the net
+) -> np.ndarray:  # ((n - 1) (m - 1), 4, d)
+    """Give the corners of the quadrilaterals of a net, in turn around each."""
     corners = (points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:])
     return np.stack(corners, axis=2).reshape(-1, 4, points.shape[-1])

@@ -52,20 +52,9 @@ class Sheet:
 
 
 def joined_sheets(sheets: Sequence[Sheet]) -> tuple[np.ndarray, np.ndarray]:
-    """Join sheets to one list of quadrilaterals.
-
-    Parameters
-    ----------
-    sheets : sequence of Sheet
-        The sheets.
-
-    Returns
-    -------
-    points : ndarray, shape (n, 3)
-        All of their points (m).
-    quads : ndarray of int, shape (m, 4)
-        Corners of their faces, in turn around each, sheet by sheet.
-    """
+    """Join sheets to one list of quadrilaterals."""
+    # returns points (n, 3): all of their points (m)
+    # returns quads int (m, 4): corners of their faces, in turn around each, sheet by sheet
     ends = np.cumsum([0, *(sheet.points.size // 3 for sheet in sheets)])
     quads = []
     for start, sheet in zip(ends, sheets):
