@@ -23,8 +23,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 
-from .knots import BilinearKnots, ConstantKnots, bilinear_knots, bilinear_slopes
+from .knots import BilinearKnots, ConstantKnots, Knots, bilinear_knots, bilinear_slopes
 
 JET_SIZES = (1, 4, 10)
 """Length of a *jet*, a truncated Taylor series in three variables, of degree 0, 1 and 2: the value, then the gradient,
@@ -258,11 +259,11 @@ def _as_points(*parameters) -> list[np.ndarray]:
 
 
 def basis(
-    knots,  # Knots, knots of this direction, see `bspline_mdao.splines.knots`
-    xi,  # array_like (n,), parameter of this direction
+    knots: Knots,  # Knots, knots of this direction, see `bspline_mdao.splines.knots`
+    xi: ArrayLike,  # array_like (n,), parameter of this direction
     # the other two parameters, in cyclic order. Constant knots do not look at them
-    s=0.0,  # array_like (n,)
-    t=0.0,  # array_like (n,)
+    s: ArrayLike = 0.0,  # array_like (n,)
+    t: ArrayLike = 0.0,  # array_like (n,)
 ) -> tuple[np.ndarray, np.ndarray]:
     """Basis functions at points, Eq. (4).
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from .knots import ConstantKnots
@@ -44,7 +45,7 @@ class Curve:
         """Points at the parameters ``xi``, shape (n,); returns shape (n, d)."""
         return evaluate(*self._as_volume(), _on_the_curve(xi))
 
-    def derivative(self, xi) -> np.ndarray:
+    def derivative(self, xi: ArrayLike) -> np.ndarray:
         """First derivatives at the parameters ``xi``, shape (n,); returns shape (n, d)."""
         return evaluate_gradients(*self._as_volume(), _on_the_curve(xi))[..., 0]
 
@@ -52,7 +53,7 @@ class Curve:
         return Volume.of(self.knots), self.control_points[:, None, None]
 
 
-def _on_the_curve(xi) -> np.ndarray:
+def _on_the_curve(xi: ArrayLike) -> np.ndarray:
     """Parameters of a volume whose other two directions are degenerate."""
     return np.asarray(xi, dtype=float)[:, None] * [1.0, 0.0, 0.0]
 

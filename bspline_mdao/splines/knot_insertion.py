@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from .basis import find_span, raise_order
@@ -108,7 +109,7 @@ def elevation_matrix(
     return rows
 
 
-def _on_edges(new_knots) -> np.ndarray:
+def _on_edges(new_knots: ArrayLike) -> np.ndarray:
     """New knots on the four edges, shape (2, 2, m)."""
     new = np.asarray(new_knots, dtype=float)
     if new.ndim < 2:
