@@ -170,15 +170,15 @@ class BlendedWingBody(OneLine):
         cant = self._cant(at)
         return CubicSpline(at, np.stack([np.sin(cant), np.cos(cant)], axis=1)).antiderivative()(self.stations)
 
-    def _cant(self, at):
+    def _cant(self, at: np.ndarray) -> np.ndarray:
         """Cant (rad); that of the other half is its opposite, which leaves no corner in the symmetry plane."""
         return np.radians(self._weights(at, is_mirrored=False) @ self._values("cant"))
 
-    def _weights(self, at, is_mirrored):
+    def _weights(self, at: np.ndarray, is_mirrored: bool) -> np.ndarray:
         spans = self._values("span")
         return rounded_weights(at, spans, corner_widths(spans, self.blend, is_mirrored))
 
-    def _values(self, name):
+    def _values(self, name: str) -> np.ndarray:
         return np.array([getattr(rib, name) for rib in self.ribs])
 
 
@@ -246,7 +246,7 @@ def rounded_weights(
     return weights
 
 
-def _ramp(x, width):
+def _ramp(x: np.ndarray, width: float) -> np.ndarray:
     """The larger of x and 0, rounded within ``width`` of 0."""
     if width == 0.0:
         return np.maximum(x, 0.0)

@@ -29,6 +29,7 @@ Theory: ``docs/theory/generators.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -100,7 +101,7 @@ class Spacing(OneLine):
         """Make all intervals but the root's wider by a factor."""
         return self._scaled(factor, factor, factor)
 
-    def coarsened(self, shape, enough) -> Spacing:
+    def coarsened(self, shape: Sequence[int | Sequence[int]], enough: Sequence[int]) -> Spacing:
         """Widen in proportion where a grid has fewer intervals in a direction than another, for which these are right.
 
         Parameters
@@ -238,7 +239,7 @@ def infinite_wing_grid(
     return Grid(blocks, patches, source="H-H grid of a section")
 
 
-def _counts(shape):
+def _counts(shape: Sequence[int | Sequence[int]]) -> list[tuple[int, ...]]:
     """Nodes of every row of blocks in the three directions."""
     counts = []
     for row, given in zip(_ROWS, shape):
@@ -249,7 +250,7 @@ def _counts(shape):
     return counts
 
 
-def _join(nodes):
+def _join(nodes: list[np.ndarray]) -> None:
     """Copy what blocks share, in place, from the block of lower number: they come by it on different ways."""
     # Along the stream, then outboard, then upwards: what is copied before stays equal. The two sides of the wing share
     # its leading edge, its trailing edge and its tip.
@@ -263,7 +264,7 @@ def _join(nodes):
             nodes[b][:, 0][part] = nodes[b - 3][:, -1][part]
 
 
-def _patches(shapes):
+def _patches(shapes: Sequence[tuple[int, ...]]) -> tuple[Patch, ...]:
     """Declare the wall, the symmetry plane and the far field."""
     faces = {"wing_upper": [(4, 2)], "wing_lower": [(1, 3)], "symmetry": [], "farfield": []}
     for block in range(12):
@@ -353,7 +354,7 @@ def _base_patches(layout: _Layout, side: int) -> list[_BasePatch]:
     return patches
 
 
-def _plane_patches(layout, plate, side):
+def _plane_patches(layout: _Layout, plate: Wing, side: int) -> list[np.ndarray]:
     """Nodes of the six patches about a wing without thickness."""
     inboard = _surface(layout, plate, side)
     patches = []
@@ -362,12 +363,12 @@ def _plane_patches(layout, plate, side):
     return patches
 
 
-def _surface(layout, wing, side):
+def _surface(layout: _Layout, wing: Wing, side: int) -> np.ndarray:
     s, counts = layout.spacing, (layout.n_stream[1], layout.n_span[0])
     return surface_grid(wing, side, counts, s.leading, s.trailing, layout.root_interval, s.tip)
 
 
-def _outboard_patch(layout, tip):
+def _outboard_patch(layout: _Layout, tip: np.ndarray) -> np.ndarray:
     """Lines from the nodes of the tip to the side boundary; they turn out of the sweep into the z direction."""
     planform, far = layout.wing.planform, layout.far.distance
     out = far * stretch_from(layout.n_span[1], layout.spacing.tip / far)
@@ -378,7 +379,7 @@ def _outboard_patch(layout, tip):
     return np.stack([x, np.zeros_like(x), np.broadcast_to(planform.semi_span + out, x.shape)], axis=-1)
 
 
-def _stream_patch(layout, edge, direction):
+def _stream_patch(layout: _Layout, edge: np.ndarray, direction: int) -> np.ndarray:
     """Lines from the leading (direction = -1) or trailing (1) edge, (nk, 3), to the upstream or downstream boundary."""
     end = layout.inlet if direction < 0 else layout.outlet
     first = layout.spacing.leading if direction < 0 else layout.spacing.trailing
@@ -392,7 +393,7 @@ def _stream_patch(layout, edge, direction):
     return points if direction > 0 else points[::-1]
 
 
-def _away(layout, patches, n):
+def _away(layout: _Layout, patches: Sequence[np.ndarray], n: int) -> tuple[np.ndarray, np.ndarray]:
     """Distances of patch n from the wing along the stream and along the span: fractions of the way to the boundary."""
     points, zero = patches[n], np.zeros(patches[n].shape[:2])
     edge, end = (points[-1, :, 0], layout.inlet) if n % 3 == 0 else (points[0, :, 0], layout.outlet)
@@ -401,7 +402,7 @@ def _away(layout, patches, n):
     return away_x, away_z
 
 
-def _outwards(layout, patches, n):
+def _outwards(layout: _Layout, patches: Sequence[np.ndarray], n: int) -> np.ndarray:
     """Displacement of patch n that moves the edges of the wing outwards by one and leaves the boundary in place."""
     points, (away_x, away_z) = patches[n], _away(layout, patches, n)
     move = np.zeros_like(points)
@@ -434,7 +435,7 @@ def _extrude(base: _BasePatch, side: int, n: int, layout: _Layout) -> np.ndarray
     return nodes if side > 0 else nodes[:, ::-1]
 
 
-def _heights(base, n, layout):
+def _heights(base: _BasePatch, n: int, layout: _Layout) -> np.ndarray:
     """Lengths along the lines, shape (ni, n, nk): clustered at the wing, less so at the outer boundary."""
     far, off_wall = layout.far.distance, layout.spacing.off_wall
     near, relaxed = (
@@ -443,7 +444,7 @@ def _heights(base, n, layout):
     return near + (relaxed - near) * _outer(base.away_x, base.away_z)[:, None]
 
 
-def _lean(base, height, wing):
+def _lean(base: _BasePatch, height: np.ndarray, wing: Wing) -> tuple[np.ndarray, np.ndarray]:
     """Direction (x, 1, z) in which lines leave the base surface: at a blunt edge half-way from normal to vertical."""
     # Lines that left a blunt leading edge along the tangent of the wall would give a valid grid, but a control mesh
     # with inverted elements. The lean fades away from the edge, over a distance that grows with height, so that lines
@@ -471,23 +472,23 @@ def _distance_from(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
     return np.sqrt(np.sum((offset - at[..., None] * along) ** 2, axis=-1) + points[..., 1] ** 2)
 
 
-def _fade(distance, radius, height):
+def _fade(distance: np.ndarray, radius: float, height: np.ndarray) -> np.ndarray:
     """1 at a blunt edge, 0 far away from it; 0 everywhere for a sharp one."""
     if radius == 0.0:
         return np.zeros_like(height)
     return _near(distance[:, None], _REACH * radius + _FAN * height)
 
 
-def _near(distance, reach):
+def _near(distance: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
     """1 at the wall, fading to 0 over a distance."""
     return 1.0 / (1.0 + (distance / reach) ** 2)
 
 
-def _ramp(t):
+def _ramp(t: np.ndarray) -> np.ndarray:
     """Smooth step from 0 to 1 with level ends."""
     return t * t * (2.5 - t - 0.5 * t * t)
 
 
-def _outer(s, t):
+def _outer(s: np.ndarray, t: np.ndarray) -> np.ndarray:
     """0 at the wing, 1 where either distance has reached the outer boundary."""
     return 1.0 - (1.0 - _ramp(s)) * (1.0 - _ramp(t))

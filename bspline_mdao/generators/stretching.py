@@ -42,7 +42,7 @@ def stretch(
     target = np.log([first, last])
     highest = _HIGHEST_SLOPE - np.log(n - 1)
 
-    def excess(slopes):
+    def excess(slopes: np.ndarray) -> np.ndarray:
         inside = np.clip(slopes, _LOWEST_SLOPE, highest)
         points, left = _vinokur(n, *np.exp(inside))
         # beyond the range the excess grows with the slopes, which takes the search back into it
@@ -92,7 +92,7 @@ def stretch_lines(
     return (1.0 - weight) * at_low + weight * stretch(n, first * high, last * high)
 
 
-def _vinokur(n, first_slope, last_slope):
+def _vinokur(n: int, first_slope: float, last_slope: float) -> tuple[np.ndarray, np.ndarray]:
     """Vinokur's function with end slopes (n - 1) first_slope and (n - 1) last_slope, and one minus it."""
     xi = np.linspace(0.0, 1.0, n)
     skew = np.sqrt(last_slope / first_slope)
@@ -101,7 +101,7 @@ def _vinokur(n, first_slope, last_slope):
     return symmetric / (symmetric + left), left / (symmetric + left)
 
 
-def _symmetric(xi, steepness):
+def _symmetric(xi: np.ndarray, steepness: float) -> np.ndarray:
     """Symmetric stretching with middle slope ``steepness``: tanh clusters towards the ends, tan away from them."""
     # Vinokur's ``(1 + tanh(d (xi - 1/2)) / tanh(d / 2)) / 2`` is written as a product, which has all digits where it is
     # small; one minus it is its mirror image.

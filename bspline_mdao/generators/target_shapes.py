@@ -172,20 +172,20 @@ def lay_nodes(shape: Shape, side: int, chord: np.ndarray, span: np.ndarray) -> n
     return np.stack([_divide(line, stations, h, g) for line, h, g in zip(lines, heights, span)])
 
 
-def _fractions(nodes):
+def _fractions(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Chord and span fractions of wall nodes (ni, nk, 3)."""
     chord = _arc(nodes)
     span = _arc(nodes[..., 1:].swapaxes(0, 1)).T
     return chord / chord[-1], span / span[:, -1:]
 
 
-def _arc(points):
+def _arc(points: np.ndarray) -> np.ndarray:
     """Arc length along the first axis."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=-1)
     return np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
 
 
-def _divide(line, stations, heights, fractions):
+def _divide(line: np.ndarray, stations: np.ndarray, heights: np.ndarray, fractions: np.ndarray) -> np.ndarray:
     """Divide a line of samples (m, 3) at fractions of its length across the stream."""
     arc = _arc(np.stack([stations, heights], axis=1))
     nodes = CubicSpline(arc, line)(arc[-1] * fractions)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -82,11 +83,11 @@ class Planform(OneLine):
         """Sweep of the trailing edge (deg)."""
         return float(np.degrees(np.arctan(self._slope(1.0))))
 
-    def x(self, fraction, z):
+    def x(self, fraction: np.ndarray | float, z: np.ndarray | float) -> Any:
         """Coordinate x (m) of a chord fraction, 0 the leading and 1 the trailing edge, at span position z."""
         return fraction * self.root_chord + self._slope(fraction) * z
 
-    def _slope(self, fraction):
+    def _slope(self, fraction: np.ndarray | float) -> Any:
         """dx/dz of a line of constant chord fraction."""
         narrowing = (1.0 - self.taper) * self.root_chord / self.semi_span
         return np.tan(np.radians(self.leading_edge_sweep)) - fraction * narrowing
@@ -252,7 +253,7 @@ def cambered_section(thickness: float, camber: float, reflex: float = 0.0) -> Se
     return Section(upper, lower, nose_radius=_naca_nose_radius(thickness))
 
 
-def _naca_upper(thickness):
+def _naca_upper(thickness: float) -> tuple[np.ndarray, np.ndarray]:
     """Upper side of a symmetric four-digit NACA section with a closed trailing edge."""
     x = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 201)))
     y = 5.0 * thickness * (0.2969 * np.sqrt(x) - x * (0.1260 + x * (0.3516 - x * (0.2843 - x * 0.1036))))
@@ -260,18 +261,18 @@ def _naca_upper(thickness):
     return x, y
 
 
-def _naca_nose_radius(thickness):
+def _naca_nose_radius(thickness: float) -> float:
     return 0.5 * (5.0 * thickness * 0.2969) ** 2
 
 
-def _spline(points, nose_radius, side):
+def _spline(points: np.ndarray, nose_radius: float, side: float) -> CubicSpline:
     """Cubic spline in chord length, with the vertical tangent at a blunt nose that one side cannot know."""
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     start = (1, [0.0, side]) if nose_radius > 0.0 else (2, [0.0, 0.0])
     return CubicSpline(arc, points, bc_type=(start, (2, [0.0, 0.0])))
 
 
-def _arcs(curve, factors):
+def _arcs(curve: CubicSpline, factors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Parameters and arc lengths, both of shape (m, n), along a curve scaled in y by each of the factors (m,)."""
     t = np.linspace(0.0, 1.0, _SAMPLES) ** 2 * curve.x[-1]
     x, y = curve(t, 1).T
@@ -279,13 +280,13 @@ def _arcs(curve, factors):
     return np.broadcast_to(t, speed.shape), CubicSpline(t, speed, axis=1).antiderivative()(t)
 
 
-def _places(t, arc):
+def _places(t: np.ndarray, arc: np.ndarray) -> tuple[CubicSpline, float]:
     """Parameter of a curve by its arc length, which is returned as well."""
     # at a nose the parameter goes as the arc, or as its root where there is no thickness: smooth in the root of the arc
     return CubicSpline(np.sqrt(arc), t), arc[-1]
 
 
-def _at_arcs(curve, places, fractions, factor):
+def _at_arcs(curve: CubicSpline, places: tuple[CubicSpline, float], fractions: np.ndarray, factor: float) -> np.ndarray:
     """Points of a curve scaled in y at fractions of its arc length."""
     by_root, length = places
     points = curve(by_root(np.sqrt(fractions * length))) * [1.0, factor]
@@ -378,7 +379,7 @@ class Wing(OneLine):
         x, height = np.moveaxis(sections, 2, 0)
         return np.stack([x, height, np.broadcast_to(self.stations[:, None], x.shape)], axis=-1)
 
-    def thickness_factor(self, z):
+    def thickness_factor(self, z: np.ndarray) -> np.ndarray:
         """Factor on the thickness at span positions z (m), shape (m,)."""
         return tip_rounding(self.planform.semi_span - z, self.rounded_length)
 
@@ -406,7 +407,7 @@ def surface_grid(
     return nodes
 
 
-def _chordwise_lines(wing, side, n_chord, leading, trailing):
+def _chordwise_lines(wing: Wing, side: int, n_chord: int, leading: float, trailing: float) -> np.ndarray:
     """Points of the surface at all stations, shape (n_chord, n_stations, 3)."""
     planform, stations = wing.planform, wing.stations
     chord = planform.x(1.0, stations) - planform.x(0.0, stations)
@@ -415,7 +416,7 @@ def _chordwise_lines(wing, side, n_chord, leading, trailing):
     return wing.place(wing.sections(side, fractions)).swapaxes(0, 1)
 
 
-def _divide(line, n, first, last):
+def _divide(line: np.ndarray, n: int, first: float, last: float) -> np.ndarray:
     """Divide a sampled line (m, 3) by arc length."""
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     return CubicSpline(arc, line)(arc[-1] * stretch_lines(arc[-1:], n, first, last)[0])
