@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -180,7 +181,7 @@ class CholeskyAnalysis(OneLine):
         failed = np.full(len(self.supernodes.parents), -1)
         ranges, starts = self.stages
 
-        def factor_branch(number):
+        def factor_branch(number: int) -> None:
             first, last = ranges[number]
             scratch = memory.lend(fronts.n_scratch, data.dtype)
             failed[first] = multifrontal.factorize(first, last, *structure, scratch)
@@ -244,7 +245,7 @@ class CholeskyFactor:
             for tasks in stages:
                 later = [np.zeros((len(x) - 3 * firsts[last], n_sides), dtype) for _, last in tasks]
 
-                def forward(task, tasks=tasks, later=later):
+                def forward(task: int, tasks: Any = tasks, later: Any = later) -> None:
                     multifrontal.solve_forward(*tasks[task], *structure, self.panels, x, later[task])
 
                 crew.run(forward, len(tasks))
@@ -252,7 +253,7 @@ class CholeskyFactor:
                     x[3 * firsts[last] :] -= part
             for tasks in reversed(stages):
 
-                def backward(task, tasks=tasks):
+                def backward(task: int, tasks: Any = tasks) -> None:
                     multifrontal.solve_backward(*tasks[task], *structure, self.panels, x)
 
                 crew.run(backward, len(tasks))

@@ -193,8 +193,8 @@ def preconditioned_solve(
     sides = [...] if right.ndim == 2 else [(..., side) for side in range(right.shape[2])]
     x, found = np.empty_like(right), [(0, 0.0)]
     for side in sides:
-        x[side], *report = _solve_one(matrix, factor, right[side], tolerance, start[side], max_iterations)
-        found.append(report)
+        x[side], n, residual = _solve_one(matrix, factor, right[side], tolerance, start[side], max_iterations)
+        found.append((n, residual))
     iterations, residuals = zip(*found)
     return LinearSolution(x, max(iterations), max(residuals), time.perf_counter() - clock)
 
@@ -217,7 +217,9 @@ def solve_with_factor(
     return LinearSolution(x, 0, residual_norm(factor.matrix, x, right), time.perf_counter() - start)
 
 
-def _solve_one(matrix, factor, right, tolerance, start, max_iterations):
+def _solve_one(
+    matrix: System, factor: Preconditioner, right: np.ndarray, tolerance: float, start: np.ndarray, max_iterations: int
+) -> tuple[np.ndarray, int, float]:
     """LinearSolution, iterations and true relative residual of one right-hand side."""
     right = np.ascontiguousarray(right)
     size = _norm(matrix, right)
@@ -247,22 +249,24 @@ def _solve_one(matrix, factor, right, tolerance, start, max_iterations):
     return x, iterations, float(residual)
 
 
-def _rounding(matrix, x, right):
+def _rounding(matrix: System, x: np.ndarray, right: np.ndarray) -> float:
     """2-norm of the residual that rounding of a solution and of its product leaves."""
     return np.finfo(float).eps * _norm(matrix, matrix.dot_of_sizes(x) + np.abs(right))
 
 
-def _norm(matrix, vector):
+def _norm(matrix: System, vector: np.ndarray) -> float:
     """2-norm of a vector, of all processes of the matrix together."""
     return np.sqrt(_inner(matrix, vector, vector))
 
 
-def _inner(matrix, a, b):
+def _inner(matrix: System, a: np.ndarray, b: np.ndarray) -> float:
     """Inner product of two vectors, of all processes of the matrix together."""
     return summed_number(matrix.comm, _dot(a, b))
 
 
-def _iterate(matrix, factor, right, target, max_iterations):
+def _iterate(
+    matrix: System, factor: Preconditioner, right: np.ndarray, target: float, max_iterations: int
+) -> tuple[np.ndarray, int]:
     """Iterate from zero until the recurrence's residual is at most ``target``: solution and number of iterations."""
     # Line numbers are those of Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., Algorithm 9.1.
     x, residual = np.zeros_like(right), right.copy()
@@ -285,7 +289,7 @@ def _iterate(matrix, factor, right, target, max_iterations):
     )
 
 
-def _require_positive(energy, curvature, iteration):
+def _require_positive(energy: float, curvature: float, iteration: int) -> None:
     """Stop if the preconditioner or the matrix shows that it is not positive definite, or not finite."""
     for value, what in ((energy, "preconditioner"), (curvature, "matrix")):
         if not (value > 0.0 and np.isfinite(value)):

@@ -118,7 +118,7 @@ def lay_out(supernodes: Supernodes, stages: Stages, indptr: np.ndarray, indices:
     return Fronts(panel_starts, update_starts, n_kept, n_scratch, positions, child_starts, children, *blocks)
 
 
-def _children(parents):
+def _children(parents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Children of every supernode, in compressed rows."""
     n, order = len(parents), np.argsort(parents, kind="stable").astype(np.int32)
     starts = np.searchsorted(parents[order], np.arange(n + 1)).astype(np.int32)

@@ -8,6 +8,7 @@ Theory: ``docs/theory/sparse.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,10 @@ import scipy.linalg.cython_lapack  # noqa: F401
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.base import BaseContext
+from numba.core.typing import Signature
 from numba.extending import get_cython_function_address, intrinsic
+from numpy.typing import DTypeLike
 
 __all__ = [
     "LEFT",
@@ -44,7 +48,7 @@ class Routines(NamedTuple):
     gemv: int
 
 
-def routines(dtype) -> Routines:
+def routines(dtype: DTypeLike) -> Routines:
     """Routines for real numbers of this precision, single or double."""
     letter = "s" if np.dtype(dtype) == np.float32 else "d"
     potrf = get_cython_function_address("scipy.linalg.cython_lapack", f"{letter}potrf")
@@ -60,7 +64,9 @@ def call(typing_context, address, arguments):
     # which the address of the first entry is passed.
     signature = types.void(types.intp, arguments)
 
-    def generate(context, builder, signature, values):
+    def generate(
+        context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Sequence[ir.Value]
+    ) -> ir.Value:
         pointers = [
             _reference(context, builder, kind, builder.extract_value(values[1], place))
             for place, kind in enumerate(signature.args[1].types)
@@ -72,7 +78,7 @@ def call(typing_context, address, arguments):
     return signature, generate
 
 
-def _reference(context, builder, kind, value):
+def _reference(context: BaseContext, builder: ir.IRBuilder, kind: types.Type, value: ir.Value) -> ir.Value:
     """Pointer to an argument of a Fortran routine."""
     if isinstance(kind, types.Array):
         return context.make_array(kind)(context, builder, value).data

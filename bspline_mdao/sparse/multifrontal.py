@@ -8,7 +8,7 @@ Theory: ``docs/theory/sparse.rst``, "Fronts".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -206,20 +206,20 @@ def rounds(
     update = _update_of(fronts.update_starts[s], n - n_own, kept, kept[:0])
     is_leaf = fronts.child_starts[s + 1] == fronts.child_starts[s]
 
-    def add_up(first, last):
+    def add_up(first: int, last: int) -> None:
         _assemble(s, first // 3, last // 3, supernodes, fronts, data, factor, kept, kept[:0])
 
-    def pivot(tile):
+    def pivot(tile: tuple[int, int]) -> None:
         column = _pivot(routines, panel, n, *tile)
         if column >= 0:
             failed[s] = supernodes.firsts[s] + column // 3
 
-    def subtract(tile, rows, columns):
+    def subtract(tile: tuple[int, int], rows: tuple[int, int], columns: tuple[int, int]) -> None:
         _subtract(routines, panel, n, *tile, rows, columns, panel[columns[0] * n + rows[0] :], n, False)
         if rows == columns == own[own.index(tile) + 1]:
             pivot(rows)
 
-    def complement(rows, columns):
+    def complement(rows: tuple[int, int], columns: tuple[int, int]) -> None:
         target = update[(columns[0] - n_own) * (n - n_own) + rows[0] - n_own :]
         _subtract(routines, panel, n, 0, n_own, rows, columns, target, n - n_own, is_leaf)
 
@@ -231,12 +231,14 @@ def rounds(
     yield [partial(complement, *pair) for pair in _pairs(rest, rest)]
 
 
-def _tiles(start, stop):
+def _tiles(start: int, stop: int) -> list[tuple[int, int]]:
     """First and last scalar of every tile of a range."""
     return [(first, min(first + TILE, stop)) for first in range(start, stop, TILE)]
 
 
-def _pairs(columns, rows):
+def _pairs(
+    columns: Sequence[tuple[int, int]], rows: Sequence[tuple[int, int]]
+) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """Rows and columns of the tiles of a lower triangle; ``rows`` starts with ``columns``."""
     return [(row, column) for j, column in enumerate(columns) for row in rows[j:]]
 

@@ -278,7 +278,7 @@ class PetscCholeskyFactor(_Factor):
         residual = share.gathered(rest)
         return LinearSolution(x, 0, relative_residual(residual, right), time.perf_counter() - began)
 
-    def _product(self, x):
+    def _product(self, x: np.ndarray) -> np.ndarray:
         """Own rows of the product of the matrix with all rows of x, without a message."""
         share = self.share
         return self.matrix.dot(x[share.rows])[: share.n_own]
@@ -314,12 +314,12 @@ def _petsc():
     return library("petsc4py.PETSc", "PETSc needs petsc4py", "mpi", "use Cholesky()")
 
 
-def _petsc_comm(comm):
+def _petsc_comm(comm: Any) -> Any:
     """Communicator for PETSc: this process alone where there is one."""
     return _petsc().COMM_SELF if comm is None or comm.size == 1 else comm
 
 
-def _clean_comm(comm):
+def _clean_comm(comm: Any) -> Any:
     """Communicator for PETSc, after it has freed what is no more: for several processes, PETSc waits to be told."""
     comm = _petsc_comm(comm)
     _petsc().garbage_cleanup(comm)
@@ -341,7 +341,7 @@ def _preconditioner(operator, comm, options: dict):
     return preconditioner
 
 
-def _on(comm) -> str:
+def _on(comm: Any) -> str:
     """What a solver's name says of its processes."""
     return "" if comm is None or comm.size == 1 else f" on {comm.size} processes"
 

@@ -58,7 +58,9 @@ def find_supernodes(
     return Supernodes(order, rank, firsts, parents, row_starts, rows)
 
 
-def _in_postorder(starts, neighbours, order):
+def _in_postorder(
+    starts: np.ndarray, neighbours: np.ndarray, order: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Equivalent order that is a postorder of its elimination tree; its inverse; the tree."""
     rank = _inverse(order)
     parent = elimination_tree(starts, neighbours, order, rank)
@@ -68,7 +70,7 @@ def _in_postorder(starts, neighbours, order):
     return order[places], new_place[rank], np.where(moved < 0, -1, new_place[moved]).astype(np.int32)
 
 
-def _inverse(permutation):
+def _inverse(permutation: np.ndarray) -> np.ndarray:
     """Inverse of a permutation."""
     inverse = np.empty(len(permutation), np.int32)
     inverse[permutation] = np.arange(len(permutation), dtype=np.int32)
