@@ -213,7 +213,7 @@ def test_the_study_of_the_page_on_studies_runs(tmp_path, monkeypatch, capsys):
     study, several = code_blocks("study.rst", "toml")
     Path("study.toml").write_text(study.replace("15x13x11", "9x9x7"))
     assert cli(["optimize", "study.toml", "-o", "out", "--max-iterations", "9"]) == 0
-    assert "twist[3] (deg)" in capsys.readouterr().out
+    assert "twist[2] (deg)" in capsys.readouterr().out
     Path("several.toml").write_text(several)
     assert list(read_study("several.toml").conditions) == ["cruise", "climb", "pull_up"]
 

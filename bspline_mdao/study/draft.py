@@ -6,17 +6,18 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
 
 import numpy as np
 
 from ..cells.grid_quality import GridQuality
 from ..errors import InputError
 from ..measures.area import ProjectedArea
-from ..measures.camber_surface import CamberSurface
 from ..measures.volume import EnclosedVolume
 from ..mesh.boundary import wall_patches
 from ..mesh.frame import Frame, surface_frame
 from ..mesh.surface import SurfaceGrid
+from ..om.flow.lattice_flow import lattice_camber, lattice_lift
 from ..om.flow.mach_range import EULER, LATTICE
 from ..topology.grid import Grid
 from ..topology.topology import Topology
@@ -116,9 +117,8 @@ class _Body:
         planes = [plane for plane in self.surface.planes if abs(plane.normal @ self.frame.axes[2]) > _ALIGNED]
         if len(planes) != 1 or abs(planes[0].offset) > 1e-6 * self.surface.size:
             return "the walls do not end on one plane of symmetry through the origin"
-        span = np.abs(self.surface.points[:, "xyz".index(self.axes[1])])
         try:
-            CamberSurface.of(self.surface, 5, 17, axes=self.axes, ends=(span.min(), span.min() + np.ptp(span) / 1.016))
+            lattice_camber(self.surface, self.axes)
         except InputError as error:
             return str(error)
         return ""
@@ -141,10 +141,17 @@ class _Body:
         return float(ProjectedArea.of(self.surface).evaluate(self.surface.points)[0])
 
     @cached_property
-    def lift(self) -> float:
+    def elliptical_lift(self) -> float:
         """Lift coefficient at `ALPHA` of an elliptical load, to two digits."""
         aspect = 2.0 * self.frame.span**2 / self.area
         return float(f"{2.0 * np.pi * np.radians(ALPHA) / (1.0 + 2.0 / aspect):.2g}")
+
+    @cached_property
+    def lattice_lift(self) -> float | None:
+        """Lift coefficient at `ALPHA` by the vortex lattice; None where OpenAeroStruct is not there."""
+        if self.axes is None or not find_spec("openaerostruct"):
+            return None
+        return float(f"{lattice_lift(lattice_camber(self.surface, self.axes), self.area, ALPHA, MACH):.6g}")
 
     @cached_property
     def corner(self) -> float:
@@ -166,9 +173,15 @@ def _wing(body: _Body) -> Iterator[str]:
     """Variables, flow, objective and lift of a wing."""
     yield "[variables.twist]  # degrees at stations from root to tip, nose up"
     yield "stations = 3  # few: with more the twist waves, for gains that are not there in another flow model"
+    yield "values = [2, 3]  # the root stays: turning all of the wing is what the angle of attack does"
     yield "lower = -6.0"
     yield "upper = 6.0"
     yield ""
+    if not body.why_no_wing:
+        yield "[variables.alpha]  # angle of attack, degrees: it keeps the lift"
+        yield f"lower = {ALPHA - 6.0}"
+        yield f"upper = {ALPHA + 6.0}"
+        yield ""
     yield "# [variables.chord]  # factors; sweep, dihedral, span, taper, camber, thickness, control_points and lattice"
     yield "# stations = 3       # are there as well"
     yield "# lower = 0.7"
@@ -177,9 +190,12 @@ def _wing(body: _Body) -> Iterator[str]:
     yield "[flow]"
     if body.why_no_wing:
         yield f'kind = "euler"  # guessed: no vortex lattice, for {_line(body.why_no_wing)}'
+        yield "trim = true  # the angle of attack is solved for, so that all designs have one lift"
+        yield f"CL_target = {body.elliptical_lift}  # set yours: this is about the lift at {ALPHA:g} degrees"
     else:
-        yield 'kind = "lattice"  # guessed: one half of a wing; "euler" for the Euler equations on the grid itself'
-    yield f"alpha = {ALPHA}  # angle of attack, degrees: set yours"
+        yield 'kind = "lattice"  # guessed: one half of a wing; "euler" for the Euler equations on the grid, with'
+        yield "# trim = true and CL_target in the place of alpha, [variables.alpha] and [constraints.CL]"
+        yield f"alpha = {ALPHA}  # angle of attack of the baseline, degrees: set yours, and its lift below"
     known = EULER if body.why_no_wing else LATTICE
     yield f"Mach_number = {MACH}  # set yours; {known.lowest:g} to {known.highest:g} were compared with others"
     yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
@@ -192,9 +208,13 @@ def _wing(body: _Body) -> Iterator[str]:
     yield "[objective]"
     yield 'of = "CD_induced"  # CD of the pressures holds the errors of the grid as well'
     yield ""
-    yield "[constraints.CL]"
-    yield f"equals = {body.lift}  # set yours: this is about the lift at the angle of attack above"
-    yield ""
+    if not body.why_no_wing:
+        yield "[constraints.CL]"
+        if body.lattice_lift is None:
+            yield f"equals = {body.elliptical_lift}  # set yours: about the lift of the baseline"
+        else:
+            yield f"equals = {body.lattice_lift}  # the lift of the baseline, so that both are comparable"
+        yield ""
     if not body.why_no_volume:
         yield "# [constraints.volume]  # by that of the baseline"
         yield "# lower = 1.0"

@@ -5,6 +5,9 @@ Theory: ``docs/theory/vortex_lattice.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import openmdao.api as om
 from scipy.sparse import csr_array, diags_array, eye_array, kron
@@ -25,6 +28,9 @@ from ..model_option import Copied, declare_model
 from ..surface_measure import SurfaceMeasure
 from .references import REFERENCES, declare_coefficients, declare_references
 from .vortex_lattice import LatticeStates
+
+N_CHORD, N_SPAN = 5, 17
+"""Nodes of a lattice along the chord and along the span."""
 
 
 class LatticeFlow(Copied, om.Group):
@@ -95,8 +101,8 @@ class LatticeFlow(Copied, om.Group):
         """Declare the options."""
         declare_model(self)
         declare_references(self.options)
-        self.options.declare("n_chord", types=int, default=5, lower=2, desc="nodes along the chord")
-        self.options.declare("n_span", types=int, default=17, lower=3, desc="nodes along the span")
+        self.options.declare("n_chord", types=int, default=N_CHORD, lower=2, desc="nodes along the chord")
+        self.options.declare("n_span", types=int, default=N_SPAN, lower=3, desc="nodes along the span")
         self.options.declare("patches", default=None, desc="patches of the wing by name or pattern")
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("ends", default=None, desc="ends of the lattice along the span, m")
@@ -104,30 +110,14 @@ class LatticeFlow(Copied, om.Group):
     @fails_together
     def setup(self):
         """Add the lattice, its solution, and what is made of that."""
-        camber = self._add_camber()
-        self.add_subsystem("stream", _unit_stream())
-        sizes = {"n_chord": self.options["n_chord"], "n_span": self.options["n_span"]}
-        inputs = ["camber_surface", "alpha", "Mach_number"]
-        self.add_subsystem("lattice", LatticeStates(**sizes), promotes_inputs=inputs)
-        references = {name: self.options[name] for name in REFERENCES}
-        self.add_subsystem(
-            "forces",
-            LatticeForces(camber=camber, **references),
-            promotes_inputs=["camber_surface", "alpha"],
-            promotes_outputs=["*"],
-        )
-        self.connect("stream.velocity", "lattice.velocity")
-        self.connect("stream.density", "lattice.density")
-        self.connect("lattice.panel_forces", "forces.panel_forces")
-        self.set_input_defaults("alpha", val=2.0, units="deg")
-        self.set_input_defaults("Mach_number", val=0.3)
+        _add_solution(self, self._add_camber(), {name: self.options[name] for name in REFERENCES})
 
     def _add_camber(self) -> CamberSurface:
         """Add the camber surface of the grid's own nodes, without a copy of them in between."""
         model = self.options["model"]
         surface = SurfaceGrid.of(model, self.options["patches"])
-        settings = {name: self.options[name] for name in ("n_chord", "n_span", "axes")}
-        camber = CamberSurface.of(surface, **settings, ends=self.options["ends"] or self._inset(surface))
+        settings = {name: self.options[name] for name in ("axes", "n_chord", "n_span", "ends")}
+        camber = lattice_camber(surface, **settings)
         self.add_subsystem("camber", UnfoldedLattice(measure=camber), promotes_outputs=["*"])
         partition = self._partition()
         places, n_nodes = _places(partition, surface.rows)
@@ -148,12 +138,6 @@ class LatticeFlow(Copied, om.Group):
                 f"{self.comm.size}) gives this process; make it with that"
             )
         return partition
-
-    def _inset(self, surface: SurfaceGrid) -> tuple[float, float]:
-        """Root, and a place a quarter of a strip short of the tip."""
-        span = np.abs(surface.points[:, "xyz".find(self.options["axes"][1:2])])
-        n_strips = self.options["n_span"] - 1
-        return float(span.min()), float(span.min() + np.ptp(span) * n_strips / (n_strips + 0.25))
 
 
 class UnfoldedLattice(SurfaceMeasure):
@@ -179,6 +163,68 @@ class UnfoldedLattice(SurfaceMeasure):
                 f"{self.msginfo}: {np.count_nonzero(folded)} of {folded.size} panels of the lattice are folded, the "
                 f"first in row {i} from the leading edge and column {j} from the tip; take a smaller step"
             )
+
+
+def lattice_camber(
+    surface: SurfaceGrid, axes: str, n_chord: int = N_CHORD, n_span: int = N_SPAN, ends=None
+) -> CamberSurface:
+    """The lattice that a `LatticeFlow` with these options lays into walls.
+
+    Raises
+    ------
+    InputError
+        If the walls have no camber surface.
+    """
+    if ends is None:  # the root, and a place a quarter of a strip short of the tip
+        span = np.abs(surface.points[:, "xyz".find(axes[1:2])])
+        ends = float(span.min()), float(span.min() + np.ptp(span) * (n_span - 1) / (n_span - 0.75))
+    return CamberSurface.of(surface, n_chord, n_span, axes=axes, ends=ends)
+
+
+def lattice_lift(camber: CamberSurface, reference_area: float, alpha: float, mach: float) -> float:
+    """Lift coefficient of a lattice, as `LatticeFlow` has it.
+
+    Parameters
+    ----------
+    camber : CamberSurface
+        The lattice.
+    reference_area : float
+        Of the half wing (m^2).
+    alpha, mach : float
+        Angle of attack (deg) and Mach number.
+
+    Raises
+    ------
+    InputError
+        If OpenAeroStruct is not there.
+    """
+    problem = om.Problem(reports=None)
+    _add_solution(problem.model, camber, {"reference_area": reference_area})
+    problem.model.set_input_defaults("camber_surface", val=camber.evaluate(camber.surface.points), units="m")
+    problem.setup(derivatives=False)
+    problem.set_val("alpha", alpha, units="deg")
+    problem.set_val("Mach_number", mach)
+    problem.run_model()
+    return problem.get_val("CL").item()
+
+
+def _add_solution(group: om.Group, camber: CamberSurface, references: Mapping[str, Any]) -> None:
+    """Add the solution on a lattice, and what is made of it, to a group that has ``camber_surface``."""
+    n_chord, n_span, _ = camber.shape
+    group.add_subsystem("stream", _unit_stream())
+    inputs = ["camber_surface", "alpha", "Mach_number"]
+    group.add_subsystem("lattice", LatticeStates(n_chord=n_chord, n_span=n_span), promotes_inputs=inputs)
+    group.add_subsystem(
+        "forces",
+        LatticeForces(camber=camber, **references),
+        promotes_inputs=["camber_surface", "alpha"],
+        promotes_outputs=["*"],
+    )
+    group.connect("stream.velocity", "lattice.velocity")
+    group.connect("stream.density", "lattice.density")
+    group.connect("lattice.panel_forces", "forces.panel_forces")
+    group.set_input_defaults("alpha", val=2.0, units="deg")
+    group.set_input_defaults("Mach_number", val=0.3)
 
 
 def folded_panels(lattice: np.ndarray) -> np.ndarray:
