@@ -50,7 +50,8 @@ def test_each_condition_has_its_gain_and_one_that_is_not_estimated_before_has_no
 
 def test_a_table_says_what_was_gained_where_both_designs_are_estimated():
     nothing = np.array([np.nan])
-    entry = SummaryEntry("objective", "CD_induced", "", np.array([0.00408]), nothing, nothing, np.array([1]))
+    value, name = np.array([0.00408]), "CD_induced"
+    entry = SummaryEntry("objective", name, "", value, nothing, nothing, (name,), np.ones(1))
     before, after = DesignSummary((entry,), BEFORE), DesignSummary((entry,), AFTER)
     assert after.table(before).splitlines()[2:] == [
         "CD_induced by the square of the lift: 5.1 % less on this grid, 5.0 % less on the finer one, which may be "
