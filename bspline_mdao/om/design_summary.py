@@ -114,9 +114,8 @@ class DesignSummary(OneLine):
         """Write a table of the values, beside those of another summary of the problem.
 
         Where errors are estimated, the value on the finer member comes last, with the uncertainty of that. Where they
-        are in both summaries, a line for each induced drag says what was gained on either grid.
-        Where errors are estimated, the value on the finer member comes last, with the uncertainty of that. Below it
-        stands whether a design is infeasible, by what, and by how much.
+        are in both summaries, a line for each induced drag says what was gained on either grid. Below stands whether a
+        design is infeasible, by what, and by how much.
 
         Parameters
         ----------
