@@ -8,8 +8,10 @@ from mover_cases import (
     flare_grid,
     mesh_of,
 )
+from topology_cases import grid_of, patch, sphere_octants
 
 from bspline_mdao import LinearElasticity, Rotations, Transfinite, flat_plate_grid, onera_m6_grid
+from bspline_mdao.topology.index_space import Window
 
 MOVES = {
     "thicker": lambda p: p * np.stack([1.0 + 0.0 * p[:, 0], 1.0 + 0.08 * p[:, 0], 1.0 + 0.08 * p[:, 0]], axis=1),
@@ -61,6 +63,14 @@ def test_faces_of_a_periodic_pair_stay_and_are_named_as_obstacles():
     lone = flare_grid(swirl=0.3)
     lone.blocks[0].nodes[1:-1, -1, :, 0] += 0.01  # no rotation lays the one side onto the other any more
     assert not mesh_of(lone).obstacles
+
+
+def test_a_face_that_is_collapsed_to_an_axis_stays():
+    whole, sides = Window.whole(0, (4, 5, 6)), {0: "wall", 2: "other", 4: "symmetry", 5: "symmetry"}
+    patches = [patch(kind, whole.face(side), name=f"side {side}") for side, kind in sides.items()]
+    mesh = mesh_of(grid_of(sphere_octants()[0], patches=patches))
+    assert not mesh.following
+    assert not mesh.is_free[mesh.blocks[0][:, 0]].any()
 
 
 def test_faces_that_are_fixed_by_name_stay():
