@@ -21,6 +21,7 @@ from ..topology.grid import Block, Grid, find_fault
 from ..topology.index_space import Window
 from ..topology.stored_grid import StoredBlock, StoredGrid
 from ..topology.topology import Topology
+from ..wording import counted
 from .adf import copied_cgns, is_adf, opened_cgns
 from .cgns_faces import add_boundaries, add_connections, read_connections, read_patches_of_zones
 from .cgns_nodes import (
@@ -78,9 +79,10 @@ def read_cgns(path: str | os.PathLike) -> Grid:
 
     Zones come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
     their names (``Zone 9`` before ``Zone 10``) elsewhere. With more than one base the names are ``base/zone``; bases of
-    a lower cell dimension than the highest (surfaces of a volume grid) are left out. Boundary conditions become
-    patches, named after their family where they have one; their kind is that of the condition or, where it says
-    nothing, of the name. One-to-one connections become those of the grid. Linked nodes are followed.
+    a lower cell dimension than the highest (surfaces of a volume grid) are left out, which the dialect says. Boundary
+    conditions become patches, named after their family where they have one, by its path where it is in another; their
+    kind is that of the condition or, where it says nothing, of the name. One-to-one connections become those of the
+    grid. Linked nodes are followed.
 
     Parameters
     ----------
@@ -133,6 +135,7 @@ def open_cgns(path: str | os.PathLike) -> StoredGrid:
         names = [name for name, _, _ in zones]
         shapes: list[tuple[int, ...]] = [_checked_shape(base, zone, name, source) for name, base, zone in zones]
         patches, ignored = read_patches_of_zones([(base, zone) for _, base, zone in zones], shapes)
+        ignored = _bases_left_out(file) + ignored
         connections, unfit = read_connections([zone for _, _, zone in zones], names, shapes)
     blocks = tuple(
         StoredBlock(shape, name, partial(_read_part, source, number, name))
@@ -188,6 +191,18 @@ def _find_zones(file: h5py.File, source: str) -> list[tuple[str, h5py.Group, h5p
                 f"structured blocks; 'bspline-mdao ride MODEL.h5 {source}' takes the mesh along with the model of one"
             )
     return zones
+
+
+def _bases_left_out(file: h5py.File) -> tuple[str, ...]:
+    """Say which bases with zones are not read, since another one has cells of more dimensions."""
+    bases = [(name, int(value(base)[0]), children(base, "Zone_t")) for name, base in children(file, "CGNSBase_t")]
+    most = max(dimensions for _, dimensions, _ in bases)
+    return tuple(
+        f"base '{name}' ({counted(len(zones), 'zone')} of {dimensions}-dimensional cells) is not read, since another "
+        f"one has {most}-dimensional cells; CGNS files that are written have it as it is"
+        for name, dimensions, zones in bases
+        if zones and dimensions < most
+    )
 
 
 def _of_hexahedra(zone: h5py.Group) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..topology.grid import Grid, Patch
 from ..topology.index_space import Interface, Orientation, Window
+from .cgns_families import ORIGINAL_NAME, TYPES_THAT_SAY_NOTHING, Families
 from .cgns_nodes import add_node, children, first_child, free_name, value, word
 from .patch_guess import kind_of_name
 
@@ -33,7 +34,6 @@ _TYPE_OF_KIND = {
     "farfield": "BCFarfield",
     "other": "UserDefined",
 }
-_TYPES_THAT_SAY_NOTHING = ("", "Null", "UserDefined", "BCTypeNull", "BCTypeUserDefined")
 POINT_SIZE = 1e-9
 """A collapsed face smaller than this part of its coordinates is a point: far above their round-off in 8-byte reals."""
 
@@ -46,7 +46,7 @@ def kind_of(bc_type: str, name: str) -> str:
 
     Where the type says nothing, as ICEM writes it, the name of the family or of the condition does.
     """
-    if bc_type in _TYPES_THAT_SAY_NOTHING:
+    if bc_type in TYPES_THAT_SAY_NOTHING:
         return kind_of_name(name)
     return next((kind for prefix, kind in _KIND_OF_PREFIX if bc_type.startswith(prefix)), "other")
 
@@ -72,9 +72,12 @@ def read_patches_of_zones(
     """
     windows: dict[tuple[str, str], list[Window]] = {}
     ignored: list[str] = []
+    further: set[str] = set()
+    known = Families()
     for block, ((base, zone), shape) in enumerate(zip(zones, shapes)):
         for name, condition in _conditions(zone):
-            patch_name, bc_type = _meaning(base, name, condition)
+            patch_name, bc_type, others = known.meaning_of(base, name, condition)
+            further.update(others)
             if bc_type.startswith("BCDegenerate"):
                 continue
             window = _condition_window(block, shape, condition)
@@ -85,31 +88,32 @@ def read_patches_of_zones(
             else:
                 windows.setdefault((patch_name, kind_of(bc_type, patch_name)), []).append(window)
     bases = {base.name: base for base, _ in zones}.values()
-    families = [name for base in bases for name, _ in children(base, "Family_t")]
+    families = [name for base in bases for name in known.of(base)]
+    if further:
+        shown = ", ".join(sorted(further)[:3])
+        ignored.append(
+            f"conditions have further families, {shown}{', ...' * (len(further) > 3)}; patches are named after the "
+            f"first of each, and CGNS files that are written have them all"
+        )
     ignored += [
         f"patch '{name}' is of kind {kind} by its condition, though its name says {kind_of_name(name)}"
         for name, kind in windows
         if kind_of_name(name) not in (kind, "other")
     ]
     order = sorted(windows, key=lambda key: families.index(key[0]) if key[0] in families else len(families))
-    return tuple(Patch(name, kind, tuple(windows[name, kind])) for name, kind in order), tuple(ignored)
+    first = dict(reversed(order))  # of each name, the kind that comes first
+    names = {key: key[0] if first[key[0]] == key[1] else f"{key[0]} ({key[1]})" for key in order}
+    ignored += [
+        f"patch '{name}' has conditions of several kinds; those of kind {kind} are the patch '{names[name, kind]}'"
+        for name, kind in order
+        if names[name, kind] != name
+    ]
+    return tuple(Patch(names[key], key[1], tuple(windows[key])) for key in order), tuple(ignored)
 
 
 def _conditions(zone: h5py.Group) -> list[tuple[str, h5py.Group]]:
     """Name and node of every boundary condition of a zone."""
     return [bc for _, zone_bc in children(zone, "ZoneBC_t") for bc in children(zone_bc, "BC_t")]
-
-
-def _meaning(base: h5py.Group, name: str, condition: h5py.Group) -> tuple[str, ...]:
-    """Name of the patch and type of its boundary condition, through the family where there is one."""
-    bc_type = word(condition)
-    family_name = first_child(condition, "FamilyName_t")
-    family = word(family_name).split("/")[-1] if family_name is not None else ""
-    if bc_type == "FamilySpecified":
-        node = dict(children(base, "Family_t")).get(family)
-        family_bc = first_child(node, "FamilyBC_t") if node is not None else None
-        bc_type = word(family_bc) if family_bc is not None else ""
-    return family or name, bc_type
 
 
 def _condition_window(block: int, shape: tuple[int, ...], condition: h5py.Group) -> Window | None:
@@ -169,8 +173,10 @@ def add_boundaries(base: h5py.Group, zones: list[h5py.Group], grid: Grid, collap
 
 def add_family(base: h5py.Group, name: str, kind: str) -> str:
     """Write the family of a patch with its kind; return its name in the file."""
-    name = free_name(base, name)
+    name, original = free_name(base, name), name
     family = add_node(base, name, "Family_t")
+    if name != original:
+        add_node(family, ORIGINAL_NAME, "Descriptor_t", original)
     is_misleading = kind == "other" != kind_of_name(name)
     add_node(family, "FamilyBC", "FamilyBC_t", _NO_KIND if is_misleading else _TYPE_OF_KIND[kind])
     return name

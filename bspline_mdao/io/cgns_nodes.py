@@ -159,7 +159,7 @@ def word(group: h5py.Group) -> str:
     """Value of a node that holds characters; empty where it has none."""
     if " data" not in group:
         return ""
-    return value(group).tobytes().decode("ascii", "replace").split("\x00")[0].strip()
+    return value(group).tobytes().decode(errors="replace").split("\x00")[0].strip()
 
 
 def _text(attribute) -> str:
@@ -186,7 +186,7 @@ def _natural_order(name: str) -> list[tuple[bool, int | str]]:
 
 def free_name(parent: h5py.Group, name: str) -> str:
     """Give a node name like ``name`` that is allowed below ``parent`` and not taken."""
-    name = name.replace("/", "_").strip()[:32] or "unnamed"
+    name = name.encode("ascii", "replace").decode().replace("/", "_").strip()[:32].strip() or "unnamed"
     stem, number = name, 1
     while name in parent:
         number += 1
@@ -202,7 +202,7 @@ def add_node(parent: h5py.Group, name: str, label: str, data: np.ndarray | str |
     parent : h5py.Group
         Parent node, or the file.
     name : str
-        Name, at most 32 characters.
+        Name, at most 32 characters of ASCII.
     label : str
         CGNS label.
     data : ndarray or str, optional
@@ -216,7 +216,7 @@ def add_node(parent: h5py.Group, name: str, label: str, data: np.ndarray | str |
     group = parent.create_group(name, track_order=True)
     kind = "MT"
     if isinstance(data, str):
-        kind, data = "C1", np.frombuffer(data.encode("ascii", "replace"), np.int8)
+        kind, data = "C1", np.frombuffer(data.encode(), np.int8)
     elif data is not None:
         kind = {"i": "I", "f": "R"}[data.dtype.kind] + str(data.dtype.itemsize)
     set_attributes(group, name, label, kind)

@@ -1,0 +1,106 @@
+"""Families of CGNS files: what parts of the boundary are called and what they are.
+
+A condition names its family; one in another family by its path below the base, ``wing/upper``, also with the base,
+``/Base/wing/upper``. A family without a kind is of that of the family around it. Further families of a condition stand
+in ``AdditionalFamilyName_t``; the first of them counts where there is no other.
+
+Format: ``docs/theory/grid_files.rst``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import h5py
+
+from .cgns_nodes import children, first_child, word
+
+__all__ = ["ORIGINAL_NAME", "TYPES_THAT_SAY_NOTHING", "Families", "Meaning"]
+
+ORIGINAL_NAME = "OriginalName"
+"""Text (``Descriptor_t``) in a family whose patch has a name that is none for a node: too long, or with a slash."""
+
+TYPES_THAT_SAY_NOTHING = ("", "Null", "UserDefined", "BCTypeNull", "BCTypeUserDefined")
+
+_DEEPEST = 8  # families in each other, so that links in a circle end
+
+
+class Meaning(NamedTuple):
+    """What a boundary condition says.
+
+    Parameters
+    ----------
+    name : str
+        Name of its patch: that of its family, or else its own.
+    bc_type : str
+        Type of the condition, or of its family.
+    others : tuple of str
+        Further families that it belongs to.
+    """
+
+    name: str
+    bc_type: str
+    others: tuple[str, ...]
+
+
+class Families:
+    """Families of the bases of a file, each base read once."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, dict[str, h5py.Group]] = {}
+
+    def of(self, base: h5py.Group) -> dict[str, h5py.Group]:
+        """Families of a base by their paths, each before those in it."""
+        if base.name not in self._known:
+            found: dict[str, h5py.Group] = {}
+            _add_below(base, "", found, depth=0)
+            self._known[base.name] = found
+        return self._known[base.name]
+
+    def meaning_of(self, base: h5py.Group, name: str, condition: h5py.Group) -> Meaning:
+        """Say what a condition of a zone in a base means, through its families where it has some."""
+        labels = "FamilyName_t", "AdditionalFamilyName_t"
+        texts = [word(node) for label in labels for _, node in children(condition, label)]
+        places = [self._place(base, text) for text in texts if text]
+        bc_type = word(condition)
+        if bc_type == "FamilySpecified":
+            types = [_type_of(families, path) for families, path in places]
+            bc_type = next((each for each in types if each not in TYPES_THAT_SAY_NOTHING), types[0] if types else "")
+        names = [_name_of(families, path) for families, path in places]
+        return Meaning(names[0] if names else name, bc_type, tuple(names[1:]))
+
+    def _place(self, base: h5py.Group, text: str) -> tuple[dict[str, h5py.Group], str]:
+        """Families of the base that a name belongs to, and its path among them."""
+        parts = [part for part in text.split("/") if part]
+        if text.startswith("/") and len(parts) > 1:
+            bases = dict(children(base.parent, "CGNSBase_t"))
+            if parts[0] in bases:
+                return self.of(bases[parts[0]]), "/".join(parts[1:])
+        families, own = self.of(base), base.name.rpartition("/")[2]
+        is_with_base = len(parts) > 1 and parts[0] == own and parts[0] not in families
+        return families, "/".join(parts[is_with_base:])
+
+
+def _add_below(parent: h5py.Group, path: str, found: dict[str, h5py.Group], depth: int) -> None:
+    """Add the families in a base or a family, whose path ends with a slash."""
+    if depth > _DEEPEST:
+        raise KeyError(f"families at {path} are in more than {_DEEPEST} others")
+    for name, node in children(parent, "Family_t"):
+        found[f"{path}{name}"] = node
+        _add_below(node, f"{path}{name}/", found, depth + 1)
+
+
+def _type_of(families: dict[str, h5py.Group], path: str) -> str:
+    """Type of the condition of a family, or of the innermost family around it that has one."""
+    while path:
+        family_bc = first_child(families[path], "FamilyBC_t") if path in families else None
+        if family_bc is not None:
+            return word(family_bc)
+        path = path.rpartition("/")[0]
+    return ""
+
+
+def _name_of(families: dict[str, h5py.Group], path: str) -> str:
+    """Name of the patch of a family: as it was, where it could not be the name of a node."""
+    texts = dict(children(families[path], "Descriptor_t")) if path in families else {}
+    return word(texts[ORIGINAL_NAME]) if ORIGINAL_NAME in texts else path
