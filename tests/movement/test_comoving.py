@@ -37,6 +37,15 @@ def test_a_rigid_motion_is_found_by_any_angle(normals, degrees):
     np.testing.assert_allclose(motion.undo(motion.apply(points)), points, rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize(("between", "turns"), [(1e-5, True), (1e-3, False)])
+def test_planes_are_one_but_for_single_precision_and_leave_no_rotation_where_they_are_two(between, turns):
+    normal, turn = np.array([0.6, 0.0, 0.8]), Rotation.from_rotvec([0.3, 0.0, 0.4]).as_matrix()
+    points = np.random.default_rng(4).normal(size=(23, 3))
+    other = Rotation.from_rotvec([0.0, between, 0.0]).apply(normal)
+    found = RigidPart(np.stack([normal, other])).at(points, points @ turn.T).rotation
+    np.testing.assert_allclose(found, turn if turns else np.eye(3), rtol=0, atol=1e-4)
+
+
 def test_points_in_a_plane_have_a_rotation():
     points = np.random.default_rng(2).normal(size=(17, 3)) * [1.0, 0.0, 2.0]
     turn = Rotation.from_rotvec([0.3, 2.0, -0.7]).as_matrix()
