@@ -19,19 +19,19 @@ def line(n, weight=1.0):
 
 
 def pieces():
-    """Two equal pieces and another one, their rows mixed."""
-    matrix = block_diag([line(7), line(9, 3.0), line(7)]).tocsc()
-    order = np.argsort([*range(7), *range(9), *range(7)], kind="stable")
+    """Two equal pieces, a longer one, and one of the same pattern with other numbers, their rows mixed."""
+    matrix = block_diag([line(7), line(9, 3.0), line(7), line(7, 2.0)]).tocsc()
+    order = np.argsort([*range(7), *range(9), *range(7), *range(7)], kind="stable")
     return csc_array(matrix[:, order][order])
 
 
 def test_pieces_that_do_not_meet_are_solved_apart_and_equal_ones_share_a_factor():
     matrix = pieces()
-    factor, right = ScalarCholesky().factorize(matrix), np.random.default_rng(1).standard_normal(23)
+    factor, right = ScalarCholesky().factorize(matrix), np.random.default_rng(1).standard_normal(30)
     solution = factor.solve(right, matrix)
     np.testing.assert_allclose(solution.x, np.linalg.solve(matrix.toarray(), right), rtol=1e-12)
     assert solution.residual < 1e-13
-    assert sorted(rows.shape for rows, _ in factor._pieces) == [(7, 2), (9, 1)]
+    assert sorted(rows.shape for rows, _ in factor._pieces) == [(7, 1), (7, 2), (9, 1)]
 
 
 @pytest.mark.parametrize("soft", [1e-2, 1e-5, 1e-8])
@@ -45,7 +45,7 @@ def test_cancellation_says_how_many_digits_a_solution_loses(soft):
 
 def test_copies_of_a_factor_give_equal_bits():
     matrix = pieces()
-    factor, right = ScalarCholesky().factorize(matrix), np.random.default_rng(2).standard_normal(23)
+    factor, right = ScalarCholesky().factorize(matrix), np.random.default_rng(2).standard_normal(30)
     expected = factor.solve(right, matrix).x
     for copied in (pickle.loads(pickle.dumps(factor)), copy.deepcopy(factor)):
         np.testing.assert_array_equal(copied.solve(right, copied.matrix).x, expected)
@@ -65,4 +65,4 @@ def test_a_singular_matrix_and_numbers_that_are_none_are_refused():
 def test_another_matrix_than_the_one_that_was_factored_is_refused():
     matrix = pieces()
     with pytest.raises(InputError, match="factorise it"):
-        ScalarCholesky().factorize(matrix).solve(np.ones(23), 2.0 * matrix)
+        ScalarCholesky().factorize(matrix).solve(np.ones(30), 2.0 * matrix)
