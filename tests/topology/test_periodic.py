@@ -108,7 +108,9 @@ def test_the_rotation_is_that_of_all_nodes_and_not_of_the_corners():
     off = 4e-6 * size_of(with_one_side_off(0.0, corners))
     grid = with_one_side_off(off, corners)
     (pair,) = find_periodic(grid, boundary(grid))
-    assert abs(abs(pair.motion.angle) - ANGLE) < 0.1 * off
+    nodes = grid.blocks[0].nodes
+    one, other = (nodes[side[0].slices].reshape(-1, 3) for side in (pair.windows, pair.others))
+    assert np.median(np.linalg.norm(pair.motion.move(one) - other, axis=1)) < 0.3 * off
 
 
 def test_faces_of_a_wedge_in_the_flow_are_walls():
@@ -200,7 +202,7 @@ def test_sides_that_were_as_far_apart_before_have_not_drifted():
     grid = with_one_side_off(off, one)
     topology = find_topology(grid)
     assert off > 1e-5 * np.ptp(grid.to_vector().reshape(-1, 3), axis=0).max()  # more than the size of the sides allows
-    assert periodic_gaps(topology, grid, grid) == ()
+    assert periodic_gaps(topology, grid, with_one_side_off(1.05 * off, one)) == ()
     assert len(periodic_gaps(topology, grid, with_one_side_off(3.0 * off, one))) == 1
 
 
