@@ -86,6 +86,25 @@ def test_what_a_killed_run_wrote_stays_until_results_are_swapped_in(tmp_path):
     assert texts(tmp_path) == {"x": "3"}
 
 
+@pytest.mark.parametrize("n_put", [0, 1, 2])
+def test_a_run_that_is_killed_while_results_are_swapped_in_leaves_files_of_runs(tmp_path, monkeypatch, n_put):
+    def put_some(made, folder):
+        for name in ("x", "y")[:n_put]:
+            os.replace(made / name, folder / name)
+        raise KeyboardInterrupt
+
+    made(tmp_path, {"x": "1", "y": "1"}).keep()
+    run = made(tmp_path, {"x": "2", "y": "2"})
+    monkeypatch.setattr(run_folder, "put_files", put_some)
+    with pytest.raises(KeyboardInterrupt):
+        run.keep()
+    killed(run)
+    monkeypatch.undo()
+    RunFolder(tmp_path).check(["x", "y"])  # old and new ones are known
+    made(tmp_path, {"x": "3"}).keep()
+    assert texts(tmp_path) == {"x": "3"}
+
+
 def test_where_there_are_no_locks_nothing_is_removed(tmp_path, monkeypatch):
     monkeypatch.setattr(locked_folder, "fcntl", None)
     run = made(tmp_path, {"x": "1"})
