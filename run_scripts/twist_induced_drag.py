@@ -37,9 +37,9 @@ FLOWS = {"euler": bm.EulerFlow, "vortex": bm.LatticeFlow}
 DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
 
 SIZES = {
-    "quick": (((7, 9, 7), (7, 7), (9, 7)), ((5, 6, 5), (5, 5), (6, 5)), (0.03, 0.05, 0.05, 0.08, 0.5), 4, 1e-10),
-    "default": (((9, 13, 9), (9, 9), (17, 9)), ((6, 7, 6), (5, 5), (9, 6)), (0.03, 0.03, 0.03, 0.08, 0.25), 6, 1e-10),
-    "paper": (((17, 33, 17), (25, 25), (33, 17)), ((7, 11, 7), (9, 9), (13, 7)), (0.01, 0.01, 0.01, 0.02), 8, 1e-10),
+    "quick": (((7, 9, 7), (7, 7), (9, 7)), ((5, 6, 5), (5, 5), (6, 5)), (0.03, 0.05, 0.05, 0.08, 0.5), 3, 1e-10),
+    "default": (((9, 13, 9), (9, 9), (17, 9)), ((6, 7, 6), (5, 5), (9, 6)), (0.03, 0.03, 0.03, 0.08, 0.25), 3, 1e-10),
+    "paper": (((17, 33, 17), (25, 25), (33, 17)), ((7, 11, 7), (9, 9), (13, 7)), (0.01, 0.01, 0.01, 0.02), 3, 1e-10),
 }
 """Nodes and control points of the rows of blocks along the stream, away from the wing and along the span; spacing, see
 `Spacing`; stations of the twist; and the tolerance of the objective, the drag relative to the ideal one."""
