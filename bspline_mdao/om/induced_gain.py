@@ -38,8 +38,8 @@ class InducedGain(OneLine):
 
     @property
     def is_shown(self) -> bool:
-        """Whether a finer grid has a gain for sure."""
-        return self.finer > self.doubt
+        """Whether both grids have more of it than errors may be."""
+        return min(self.gain, self.finer) > self.doubt
 
     @property
     def words(self) -> str:

@@ -311,6 +311,38 @@ def test_every_kind_of_variable_measure_and_constraint_works_together(workplace)
     assert "twist[0] (deg)" not in found
 
 
+IN_EULER_FLOW = """\
+[grid]
+file = "@onera_m6:7x9x5"
+[variables.twist]
+stations = 2
+values = [2]
+lower = -3.0
+upper = 3.0
+[flow]
+kind = "euler"
+trim = true
+CL_target = 0.2
+[objective]
+of = "CD_induced"
+[output]
+report = false
+"""
+
+
+def test_a_study_in_euler_flow_says_what_a_finer_grid_has_of_its_gain(workplace, capsys):
+    Path("euler.toml").write_text(IN_EULER_FLOW)
+    assert run(["optimize", "euler.toml", "-o", "out", "--max-iterations", "2", "--json", "out.json"]) == 0
+    found = json.loads(Path("out.json").read_text())
+    gain, shown = found["gains"]["CD_induced"], capsys.readouterr().out
+    drags = [found[when]["CD_induced"]["values"][0] for when in ("before", "after")]
+    assert gain["gain"] == pytest.approx(1.0 - drags[1] / drags[0], rel=1e-6)
+    assert gain["gain"] > 0.0
+    assert f"CD_induced by the square of the lift: {100.0 * gain['gain']:.1f} % less on this grid" in shown
+    assert gain["gain"] < gain["doubt"]  # on so few cells
+    assert "the errors of the grid may be all that was gained" in shown
+
+
 TWO_CONDITIONS = """\
 [grid]
 file = "@onera_m6:7x7x5"
