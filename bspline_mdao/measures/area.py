@@ -5,6 +5,7 @@ Theory: ``docs/theory/geometry.rst``, "Areas".
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -214,7 +215,7 @@ def planform_normal(surface: SurfaceGrid) -> np.ndarray:
     return surface_frame(surface.points, surface.planes).axes[1]
 
 
-def _tangents(corners):
+def _tangents(corners: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Pairs of tangents along s and t at the four Gauss points, and what each corner has in them."""
     for s in _GAUSS:
         for t in _GAUSS:
@@ -223,13 +224,13 @@ def _tangents(corners):
             yield np.einsum("c,ncd->nd", along_s, corners), np.einsum("c,ncd->nd", along_t, corners), along_s, along_t
 
 
-def _areas(corners):
+def _areas(corners: np.ndarray) -> np.ndarray:
     """Areas, shape (n,), of quads, shape (n, 4, 3)."""
     normals = (np.cross(e_s, e_t) for e_s, e_t, _, _ in _tangents(corners))
     return 0.25 * sum(np.sqrt((normal * normal).sum(axis=-1)) for normal in normals)
 
 
-def _areas_gradient(corners):
+def _areas_gradient(corners: np.ndarray) -> np.ndarray:
     """Derivatives of the areas in the corners, shape (n, 4, 3)."""
     gradient = np.zeros_like(corners)
     for e_s, e_t, along_s, along_t in _tangents(corners):

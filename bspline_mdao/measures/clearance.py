@@ -146,7 +146,9 @@ class Clearance(OneLine):
         return cls._of(surface, nodes_of(surface, patches), np.empty(0, dtype=int), points, rho, name)
 
     @classmethod
-    def _of(cls, surface, ids, other_ids, fixed, rho, name):
+    def _of(
+        cls, surface: SurfaceGrid, ids: np.ndarray, other_ids: np.ndarray, fixed: np.ndarray, rho: float, name: str
+    ) -> Clearance:
         others = np.concatenate([surface.points[other_ids], fixed])
         smallest = np.sqrt(_nearest_square(surface.points[ids], others))
         if not smallest > 1e-9 * surface.size:  # patches that join share nodes, equal but for round-off
@@ -172,10 +174,10 @@ class Clearance(OneLine):
         gradient = np.concatenate([bars[0], bars[1][: len(self.other_ids)]])
         return row_at(np.concatenate([self.ids, self.other_ids]), gradient, len(points))
 
-    def _sides(self, points):
+    def _sides(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return points[self.ids], np.concatenate([points[self.other_ids], self.fixed.astype(points.dtype)])
 
-    def _bound(self, side, other):
+    def _bound(self, side: np.ndarray, other: np.ndarray) -> float:
         smallest = np.sqrt(_nearest_square(side, other))
         return self.rule.value(Part(smallest, _total(side, other, self.rule.rho, smallest)))
 
@@ -264,7 +266,7 @@ class PlaneClearance(OneLine):
         weights = self.rule.weights(self._distances(points), self.evaluate(points)[0])
         return row_at(self.ids, np.outer(weights, self.plane.normal), len(points))
 
-    def _distances(self, points):
+    def _distances(self, points: np.ndarray) -> np.ndarray:
         return points[self.ids] @ self.plane.normal - self.plane.offset
 
 
@@ -273,7 +275,7 @@ def nodes_of(surface: SurfaceGrid, patches: str | Sequence[str]) -> np.ndarray:
     return np.unique(np.concatenate([surface.faces[number].ravel() for number in surface.part(patches)]))
 
 
-def _half_diagonal(surface, ids):
+def _half_diagonal(surface: SurfaceGrid, ids: np.ndarray) -> float:
     """Half the longest diagonal of the quads between given nodes (m); 0 where there is none."""
     corners = surface.points[surface.quads[np.isin(surface.quads, ids).all(axis=1)]]
     diagonals = corners[:, 2:] - corners[:, :2]

@@ -189,11 +189,11 @@ class Curvature(OneLine):
         )
         return single_row(self.differences.pull(forms_vjp(vectors, bar)))
 
-    def _densities(self, found):
+    def _densities(self, found: Forms) -> np.ndarray:
         c_mean, c_gaussian = self.coefficients
         return (c_mean * found.mean**2 / found.square + c_gaussian * found.gaussian) / found.square**2
 
-    def _bars(self, found):
+    def _bars(self, found: Forms) -> tuple[np.ndarray, np.ndarray]:
         """Cotangents of the densities and, besides them, of the squares of the areas."""
         densities = self._densities(found)
         if self.rule is None:
@@ -203,13 +203,13 @@ class Curvature(OneLine):
         return self.rule.weights(-densities, bound) / self.scale, np.zeros_like(densities)
 
 
-def _coefficients(kind):
+def _coefficients(kind: str) -> tuple[float, float]:
     if kind not in KINDS:
         raise InputError(f"curvature: no kind '{kind}'; choose from {', '.join(KINDS)}")
     return KINDS[kind]
 
 
-def _places(surface, patches):
+def _places(surface: SurfaceGrid, patches: str | Sequence[str] | None) -> tuple[Combinations, np.ndarray]:
     """Differences and weights of all nodes with a normal."""
     faces = surface.part(surface.patches if patches is None else patches)
     for number in faces:
@@ -281,7 +281,7 @@ def difference_matrices(n: int) -> tuple[csr_array, csr_array]:
     return csr_array(first), csr_array(second)
 
 
-def _on_face(ids, n_points):
+def _on_face(ids: np.ndarray, n_points: int) -> list[csr_array]:
     (first_i, second_i), (first_j, second_j) = (difference_matrices(n) for n in ids.shape)
     here_i, here_j = (eye_array(n) for n in ids.shape)
     pick = csr_array((np.ones(ids.size), (np.arange(ids.size), ids.ravel())), shape=(ids.size, n_points))
@@ -289,13 +289,13 @@ def _on_face(ids, n_points):
     return [csr_array(kron(*pair)) @ pick for pair in pairs]
 
 
-def _trapezoidal(n):
+def _trapezoidal(n: int) -> np.ndarray:
     return np.concatenate([[0.5], np.ones(n - 2), [0.5]])
 
 
-def _metric(u, v):
+def _metric(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return dots(u, u), dots(u, v), dots(v, v)
 
 
-def _times(factors, vectors):
+def _times(factors: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return factors[:, None] * vectors

@@ -14,11 +14,13 @@ W. H. Press et al., *Numerical Recipes*, section 5.6: its roots without cancella
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from ..checks import as_numbers
@@ -72,7 +74,7 @@ class Probes:
         rows = np.repeat(np.arange(self.n_probes), self.nodes.shape[1])
         return csr_array((self.weights.ravel(), (rows, self.nodes.ravel())), shape=(self.n_probes, n_points))
 
-    def take(self, rows: np.ndarray) -> Probes:
+    def take(self, rows: np.ndarray | slice) -> Probes:
         """Some of the probes, in the order of ``rows``."""
         return Probes(self.nodes[rows], self.weights[rows])
 
@@ -103,7 +105,7 @@ def opposite_probes(
     return first, last
 
 
-def as_points(points: np.ndarray, what: str) -> np.ndarray:
+def as_points(points: ArrayLike, what: str) -> np.ndarray:
     """Return finite points as an array of shape (n, 3)."""
     points = np.atleast_2d(as_numbers(points, what))
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
@@ -115,7 +117,7 @@ def as_points(points: np.ndarray, what: str) -> np.ndarray:
     return points
 
 
-def _as_directions(directions, n, what):
+def _as_directions(directions: ArrayLike, n: int, what: str) -> np.ndarray:
     directions = as_numbers(directions, f"{what}: directions")
     if directions.shape not in ((3,), (n, 3)):
         raise InputError(f"{what}: directions of shape {directions.shape}; give shape (3,) or ({n}, 3)")
@@ -125,7 +127,7 @@ def _as_directions(directions, n, what):
     return directions
 
 
-def _require_all(lines, points, what):
+def _require_all(lines: np.ndarray, points: np.ndarray, what: str) -> None:
     """Refuse lines that do not cross the body."""
     missed = np.setdiff1d(np.arange(len(points)), lines)
     if len(missed):
@@ -192,7 +194,7 @@ def body_intervals(
     return found.take(chosen), found.take(chosen + 1)
 
 
-def _frames(directions):
+def _frames(directions: np.ndarray) -> np.ndarray:
     """Two directions across each line and the unit direction along it, as rows, shape (n, 3, 3)."""
     along = directions / np.linalg.norm(directions, axis=1)[:, None]
     start = np.eye(3)[np.argmin(np.abs(along), axis=1)]
@@ -216,7 +218,7 @@ def _near_line(points, quads, origin, frame, touch):
     return np.flatnonzero(is_near)
 
 
-def _meeting(corners):
+def _meeting(corners: np.ndarray) -> Iterator[np.ndarray]:
     """Two pairs of parameters, each shape (n, 2), at which quads in the plane, shape (n, 4, 2), may hold the origin."""
     # With ``x = a + b s + c t + d s t`` the first parameter drops out of ``(a + c t) x (b + d t) = 0``.
     a, b, c = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
@@ -229,20 +231,22 @@ def _meeting(corners):
         yield np.column_stack([np.clip(s, 0.0, 1.0), t])
 
 
-def _roots(a, b, c):
+def _roots(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Both roots c / q and q / a of ``a t^2 + b t + c``, 0 where there is none (Numerical Recipes, section 5.6)."""
     # one sign of the root: b and the root do not cancel
     q = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0)), b))
     return _ratio(c, q), _ratio(q, a)
 
 
-def _ratio(p, q):
+def _ratio(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """``p / q`` where that is a parameter of a quad or near one, else 0."""
     is_small = np.abs(p) < 2.0 * np.abs(q)
     return np.where(is_small, p, 0.0) / np.where(is_small, q, 1.0)
 
 
-def _crossing(corners, parameters, touch):
+def _crossing(
+    corners: np.ndarray, parameters: np.ndarray, touch: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Whether lines meet quads at parameters, the parameters, depths, and whether the lines leave there."""
     # Corners, shape (n, 4, 3), are seen along the line, which is the third axis.
     s, t = parameters.T[..., None]

@@ -235,7 +235,7 @@ class SeamSmoothness(OneLine):
         return [a[0] + b[0], a[1] + b[1], *a[2:], *b[2:]]
 
 
-def _bend(signs, y, yy, x, xx, xy) -> _Bend:
+def _bend(signs: np.ndarray, y: np.ndarray, yy: np.ndarray, x: np.ndarray, xx: np.ndarray, xy: np.ndarray) -> _Bend:
     """Curvature of a side across the seam."""
     normal = signs[:, None] * np.cross(x, y)
     f, g = dots(x, y), dots(y, y)

@@ -142,7 +142,7 @@ class SectionLines:
         rows = np.repeat(np.arange(len(taken)), width)
         return csr_array((weights.ravel(), (rows, taken.ravel())), shape=(len(taken), len(self.points)))
 
-    def _require(self, n):
+    def _require(self, n: int) -> None:
         """Refuse lines of fewer than n nodes."""
         for side, name in zip(self.sides, ("upper", "lower")):
             counts = (side >= 0).sum(axis=1)
@@ -154,16 +154,18 @@ class SectionLines:
                 )
 
 
-def _only(surface, patches):
+def _only(surface: SurfaceGrid, patches: str | Sequence[str]) -> SurfaceGrid:
     """The surface with the faces of some patches."""
-    faces, names, of = (
-        tuple(values[number] for number in surface.part(patches))
-        for values in (surface.faces, surface.names, surface.patches)
+    numbers = surface.part(patches)
+    return replace(
+        surface,
+        faces=tuple(surface.faces[number] for number in numbers),
+        names=tuple(surface.names[number] for number in numbers),
+        patches=tuple(surface.patches[number] for number in numbers),
     )
-    return replace(surface, faces=faces, names=names, patches=of)
 
 
-def _sides(lines, local, level):
+def _sides(lines: GridLines, local: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
     """Upper and lower lines from the leading edge, in the order of the span."""
     below, at, above = lines.behind, lines.at, lines.ahead
     stream, normal = local[:, 0], local[:, 1]
@@ -172,10 +174,11 @@ def _sides(lines, local, level):
     found = found[np.argsort(local[at[found], 2], kind="stable")]
     sides = [_to_trailing_edge(lines.walk(at[found], second[found]), local) for second in (above, below)]
     is_section = np.all([_runs_along_stream(side, local) for side in sides], axis=0)
-    return tuple(side[is_section] for side in sides)
+    upper, lower = (side[is_section] for side in sides)
+    return upper, lower
 
 
-def _to_trailing_edge(lines, local):
+def _to_trailing_edge(lines: np.ndarray, local: np.ndarray) -> np.ndarray:
     """Lines, shape (n, longest), cut off where they no longer run along the stream."""
     steps = np.diff(local[lines], axis=1)
     along = steps[..., 0] / np.maximum(np.linalg.norm(steps, axis=2), np.finfo(float).tiny)
@@ -186,7 +189,7 @@ def _to_trailing_edge(lines, local):
     return kept
 
 
-def _runs_along_stream(lines, local):
+def _runs_along_stream(lines: np.ndarray, local: np.ndarray) -> np.ndarray:
     """Whether lines end further along the stream than along the span from where they start."""
     last = np.take_along_axis(lines, (lines >= 0).sum(axis=1, keepdims=True) - 1, axis=1)[:, 0]
     way = local[last] - local[lines[:, 0]]
@@ -236,14 +239,14 @@ class GridLines:
         return np.stack(columns[:-1], axis=1)
 
 
-def _directed_edges(quads):
+def _directed_edges(quads: np.ndarray) -> np.ndarray:
     """All edges in both directions, shape (n, 2), in ascending order, without those of no length."""
     ends = np.concatenate([quads[:, [corner, (corner + 1) % 4]] for corner in range(4)])
     ends = ends[ends[:, 0] != ends[:, 1]]
     return np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
 
 
-def _turns(quads):
+def _turns(quads: np.ndarray) -> np.ndarray:
     """Successive corners of the quads in both directions, shape (n, 3)."""
     corners = [quads[:, [corner - 1, corner, (corner + 1) % 4]] for corner in range(4)]
     for corner in range(4):  # a side of no length is passed over
@@ -253,7 +256,7 @@ def _turns(quads):
     return np.concatenate([turns, turns[:, ::-1]])
 
 
-def _pairs_of_edges(edges, n_nodes):
+def _pairs_of_edges(edges: np.ndarray, n_nodes: int) -> np.ndarray:
     """Edge into a node and edge out of it to another one: numbers, shape (n, 2), ascending in the first."""
     first = np.searchsorted(edges[:, 0], np.arange(n_nodes + 1))
     degree = np.diff(first)[edges[:, 1]]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -17,7 +18,7 @@ from ..mesh.frame import surface_frame
 from ..mesh.surface import SurfaceGrid
 from ..numerics.vectors import lengths, unit_vectors
 from ..shown import OneLine
-from .edge_cuts import cut_edges, edges_of_quads
+from .edge_cuts import EdgeCuts, cut_edges, edges_of_quads
 from .measure import Combinations
 from .probes import FLAT, ROUND_OFF, Probes, opposite_probes
 
@@ -152,15 +153,17 @@ class SectionThickness(OneLine):
         of_chord = -(weights * ratios).sum(axis=1)[:, None] * vectors[0] / chord
         return self.vectors.chain([of_chord, *(weights.T[..., None] * along)])
 
-    def _scaled(self, ratios):
+    def _scaled(self, ratios: np.ndarray) -> np.ndarray:
         """Ratios in units of the scales, with the sign with which the rule bounds them from below."""
         return -self.sign * ratios / self.scales[:, None]
 
-    def _bounds(self, scaled):
+    def _bounds(self, scaled: np.ndarray) -> np.ndarray:
         return np.array([self.rule.value(self.rule.part(x)) for x in scaled])
 
 
-def _section_vectors(surface, cuts, fractions, what):
+def _section_vectors(
+    surface: SurfaceGrid, cuts: Sequence[Cut], fractions: np.ndarray, what: str
+) -> tuple[Combinations, np.ndarray]:
     """Chords and vectors from the lower to the upper side, and unit normals of the chords."""
     leading, trailing = section_edges(surface, cuts, what)
     start, chord = leading.at(surface.points), trailing.at(surface.points) - leading.at(surface.points)
@@ -175,12 +178,12 @@ def _section_vectors(surface, cuts, fractions, what):
     return Combinations.of(matrices), across
 
 
-def _ratios(vectors):
+def _ratios(vectors: np.ndarray) -> np.ndarray:
     """Lengths of all vectors but the first, divided by that of the first; shape (n_sections, n)."""
     return (lengths(vectors[1:]) / lengths(vectors[0])).T
 
 
-def _fractions(chordwise, name):
+def _fractions(chordwise: Any, name: str) -> np.ndarray:
     """Fractions of the chord, between its ends."""
     n = chordwise if np.ndim(chordwise) == 0 else None
     fractions = np.asarray(chordwise, dtype=float) if n is None else np.arange(1, n + 1) / (n + 1)
@@ -229,7 +232,7 @@ def section_edges(
     return Probes(nodes[:, 0], weights[:, 0]), Probes(nodes[:, 1], weights[:, 1])
 
 
-def _ends(surface, edges, cut, what):
+def _ends(surface: SurfaceGrid, edges: np.ndarray, cut: Cut, what: str) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and weights, each of shape (2, 4), of the leading and the trailing edge of one section."""
     section = _section(surface, edges, cut, what)
     places = section.at(surface.points)
@@ -245,7 +248,7 @@ def _ends(surface, edges, cut, what):
     return section.nodes[ends].reshape(2, 4), 0.5 * section.weights[ends].reshape(2, 4)
 
 
-def _section(surface, edges, cut, what):
+def _section(surface: SurfaceGrid, edges: np.ndarray, cut: Cut, what: str) -> EdgeCuts:
     """Points where a plane cuts edges, at least one."""
     heights = (surface.points - cut.origin) @ (cut.normal / np.linalg.norm(cut.normal))
     section = cut_edges(edges, heights, FLAT * surface.size)

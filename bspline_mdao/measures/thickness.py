@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from ..checks import as_numbers
@@ -192,7 +193,7 @@ class Thickness(OneLine):
         return self.across.chain([along / self.scales[:, None]])
 
 
-def _require_thickness(baseline, surface, points, name):
+def _require_thickness(baseline: np.ndarray, surface: SurfaceGrid, points: np.ndarray, name: str) -> None:
     """Refuse probes at which the baseline has no thickness to be relative to."""
     is_flat = baseline <= FLAT * surface.size
     if is_flat.any():
@@ -246,7 +247,7 @@ def ruled_normals(points: np.ndarray) -> np.ndarray:
     return np.cross(np.gradient(points, axis=0), points[:, -1:] - points[:, :1])
 
 
-def _divided(line, n, what):
+def _divided(line: ArrayLike, n: int, what: str) -> np.ndarray:
     """Points at equal distances along a polyline."""
     line = as_points(line, what)
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])

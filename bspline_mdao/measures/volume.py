@@ -123,7 +123,7 @@ class EnclosedVolume(OneLine):
         gradient = add_to_nodes(self.quads, bar, self.surface.n_points + len(self.apexes))
         return single_row(gradient[: self.surface.n_points] / (3.0 * self.scale))
 
-    def _corners(self, points):
+    def _corners(self, points: np.ndarray) -> np.ndarray:
         return np.concatenate([points - self.origin, self.apexes - self.origin])[self.quads]
 
 
@@ -179,7 +179,7 @@ def apexes_of_caps(
     return common + beside[:, None] * normals
 
 
-def _complaint(surface, edge, what):
+def _complaint(surface: SurfaceGrid, edge: np.ndarray, what: str) -> str:
     """Describe an open edge by its ends and the face that has it."""
     holders = [name for name, ids in zip(surface.names, surface.faces) if np.isin(edge, ids).all()]
     a, b = ("({:g}, {:g}, {:g})".format(*point) for point in surface.points[edge])

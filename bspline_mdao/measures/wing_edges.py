@@ -164,23 +164,23 @@ class LeadingEdgeRadius(OneLine):
         """p', p'' and chord, shape (3, n_stations, 3)."""
         return self.vectors.vectors(points)
 
-    def _bends(self, first, second, chord):
+    def _bends(self, first: np.ndarray, second: np.ndarray, chord: np.ndarray) -> np.ndarray:
         """``(p'' x p') . (chord x p')``, positive where the edge is round."""
         return self.senses * (dots(second, chord) * dots(first, first) - dots(second, first) * dots(first, chord))
 
 
-def _senses(lines, vectors):
+def _senses(lines: SectionLines, vectors: Combinations) -> np.ndarray:
     """Sense of the turn from the chord to p' in the planes of the sections on the baseline."""
     first, _, chord = vectors.vectors(lines.points) @ lines.plane.T
     return np.sign(cross_2d(chord, first))
 
 
-def _tail(lines):
+def _tail(lines: SectionLines) -> np.ndarray:
     """Last nodes of both sides."""
     return np.stack([lines.trailing(side, 1)[:, 0] for side in range(2)], axis=1)
 
 
-def _vectors(lines, nose, places, n_nodes):
+def _vectors(lines: SectionLines, nose: np.ndarray, places: np.ndarray, n_nodes: int) -> list[csr_array]:
     """Matrices that make p', p'' and the chord of sections."""
     cut = lines.cut(nose, places)
     section = (cut @ lines.points @ lines.plane.T).reshape(len(places), -1, 2)
@@ -192,7 +192,7 @@ def _vectors(lines, nose, places, n_nodes):
     return [*(stencil_matrix(part) @ cut for part in weights), tail - stencil_matrix(at_edge) @ cut]
 
 
-def _require_blunt(measure):
+def _require_blunt(measure: LeadingEdgeRadius) -> None:
     """Refuse edges without a radius on the baseline."""
     first, second, chord = measure.derivatives(measure.surface.points)
     bend, normal = measure._bends(first, second, chord), lengths(np.cross(chord, first))
@@ -323,13 +323,15 @@ class TrailingEdgeAngle(OneLine):
         d_lower, *by_lower = self._direction_partials(lower, first, chord)
         return self.vectors.chain([-d_upper, d_lower, *(b - a for a, b in zip(by_upper, by_lower))])
 
-    def _in_plane(self, tangent, first, chord):
+    def _in_plane(self, tangent: np.ndarray, first: np.ndarray, chord: np.ndarray) -> np.ndarray:
         """A tangent along the chord and normal to it in the plane of the section, times the chord's length."""
         normal = np.cross(chord, first)
         across = self.senses * dots(tangent, np.cross(normal, chord)) / lengths(normal)
         return np.stack([dots(tangent, chord), across], axis=1)
 
-    def _direction_partials(self, tangent, first, chord):
+    def _direction_partials(
+        self, tangent: np.ndarray, first: np.ndarray, chord: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of the angle of a tangent in `_in_plane`, with respect to the tangent, p' and the chord."""
         normal = np.cross(chord, first)
         size = lengths(normal)[:, None]
@@ -346,14 +348,16 @@ class TrailingEdgeAngle(OneLine):
         )
 
 
-def _reaching(lines, side, between):
+def _reaching(lines: SectionLines, side: int, between: Sequence[float]) -> int:
     """Number of nodes from the trailing edge forward that reach the first of two fractions of every chord."""
     nodes = lines.sides[side]
     reach = ((nodes >= 0) & (lines.fractions[nodes] >= between[0])).sum(axis=1).max() + 1
     return min(int(reach), int((nodes >= 0).sum(axis=1).min()))
 
 
-def _tangents(lines, nodes, places, degree, between):
+def _tangents(
+    lines: SectionLines, nodes: np.ndarray, places: np.ndarray, degree: int, between: Sequence[float] | None
+) -> csr_array:
     """Matrix of the tangents of one side, from points that start at the trailing edge."""
     cut = lines.cut(nodes, places)
     parameters = arc_parameters((cut @ lines.points @ lines.plane.T).reshape(len(places), -1, 2))
