@@ -10,11 +10,14 @@ whoever does it.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
+from numba.core.base import BaseContext
+from numba.core.typing import Signature
 from numba.extending import intrinsic
 
 __all__ = ["claim", "counters", "finish"]
@@ -36,12 +39,14 @@ def counters(
     return numbers
 
 
-def _element(context, builder, array_type, array, place):
+def _element(
+    context: BaseContext, builder: ir.IRBuilder, array_type: types.Array, array: ir.Value, place: ir.Value
+) -> ir.Value:
     data = context.make_array(array_type)(context, builder, array).data
     return builder.gep(data, [place])
 
 
-def _n_done_place(context, builder, array_type, array):
+def _n_done_place(context: BaseContext, builder: ir.IRBuilder, array_type: types.Array, array: ir.Value) -> ir.Value:
     return _element(context, builder, array_type, array, ir.Constant(ir.IntType(64), DONE))
 
 
@@ -49,7 +54,7 @@ def _n_done_place(context, builder, array_type, array):
 def _mark(typingctx, numbers, place):
     """Mark a chunk as claimed, and return the mark that was there."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         one = ir.Constant(ir.IntType(64), 1)
         return builder.atomic_rmw("xchg", _element(context, builder, numbers, *args), one, "monotonic")
 
@@ -60,7 +65,7 @@ def _mark(typingctx, numbers, place):
 def _n_done(typingctx, numbers):
     """Number of chunks that are done, with all that was written in them."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         return builder.load_atomic(_n_done_place(context, builder, numbers, args[0]), "acquire", 8)
 
     return types.int64(numbers), emit
@@ -70,7 +75,7 @@ def _n_done(typingctx, numbers):
 def finish(typingctx, numbers):
     """Say that a chunk is done."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         one = ir.Constant(ir.IntType(64), 1)
         builder.atomic_rmw("add", _n_done_place(context, builder, numbers, args[0]), one, "release")
         return context.get_dummy_value()
@@ -82,7 +87,7 @@ def finish(typingctx, numbers):
 def _let_others_run(typingctx):
     """Offer the core to other threads, where the system knows such a call."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         if sys.platform != "win32":
             kind = ir.FunctionType(ir.IntType(32), [])
             builder.call(cgutils.get_or_insert_function(builder.module, kind, "sched_yield"), [])

@@ -8,11 +8,14 @@ become fused where the machine has such instructions.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
+from numba.core.base import BaseContext
+from numba.core.typing import Signature
 from numba.extending import intrinsic, models, register_model
 
 __all__ = [
@@ -65,11 +68,13 @@ class _FiveModel(models.PrimitiveModel):
         super().__init__(manager, kind, _VECTOR)
 
 
-def _is_flat(array) -> bool:
+def _is_flat(array: types.Type) -> bool:
     return isinstance(array, types.Array) and array.dtype == types.float32 and array.layout == "C"
 
 
-def _pointer(context, builder, array_type, array, offset):
+def _pointer(
+    context: BaseContext, builder: ir.IRBuilder, array_type: types.Array, array: ir.Value, offset: ir.Value
+) -> ir.Value:
     """Address of an element of the data of an array, whatever its dimensions."""
     data = context.make_array(array_type)(context, builder, array).data
     return builder.gep(data, [offset])
@@ -81,7 +86,7 @@ def load(typingctx, array, offset):
     if not _is_flat(array):
         return None
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         at = _pointer(context, builder, array, args[0], args[1])
         kind = ir.FunctionType(_VECTOR, [_FLOAT.as_pointer(), _INT, _MASK_TYPE, _VECTOR])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.load.v8f32.p0")
@@ -104,7 +109,7 @@ def load_halves(typingctx, array, offset):
     if not (isinstance(array, types.Array) and array.dtype == types.uint16 and array.layout == "C"):
         return None
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         at = _pointer(context, builder, array, args[0], args[1])
         halves = builder.load(builder.bitcast(at, _HALVES.as_pointer()), align=2)
         wide = ir.VectorType(_INT, LANES)
@@ -120,11 +125,11 @@ def store_halves(typingctx, array, offset, vector):
     if not (isinstance(array, types.Array) and array.dtype == types.uint16 and array.layout == "C"):
         return None
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         at = _pointer(context, builder, array, args[0], args[1])
         wide = ir.VectorType(_INT, LANES)
 
-        def all_lanes(number):
+        def all_lanes(number: int) -> ir.Constant:
             return ir.Constant(wide, [number] * LANES)
 
         bits = builder.bitcast(args[2], wide)
@@ -144,7 +149,7 @@ def store_halves(typingctx, array, offset, vector):
 def prefetch(typingctx, array, offset):
     """Ask for the numbers at an offset into the data of an array, which may lie beyond its end."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         at = _pointer(context, builder, array, args[0], args[1])
         kind = ir.FunctionType(ir.VoidType(), [_FLOAT.as_pointer(), _INT, _INT, _INT])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
@@ -161,7 +166,7 @@ def store(typingctx, array, offset, vector):
     if not _is_flat(array):
         return None
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         at = _pointer(context, builder, array, args[0], args[1])
         kind = ir.FunctionType(ir.VoidType(), [_VECTOR, _FLOAT.as_pointer(), _INT, _MASK_TYPE])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.store.v8f32.p0")
@@ -171,7 +176,7 @@ def store(typingctx, array, offset, vector):
     return types.void(array, types.int64, FIVE), emit
 
 
-def _broadcast(builder, number):
+def _broadcast(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
     """Copy a number to all lanes."""
     empty = ir.Constant(_VECTOR, ir.Undefined)
     first = builder.insert_element(empty, number, ir.Constant(_INT, 0))
@@ -182,7 +187,7 @@ def _broadcast(builder, number):
 def zeros(typingctx):
     """Five zeros."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         return ir.Constant(_VECTOR, [0.0] * LANES)
 
     return FIVE(), emit
@@ -192,7 +197,7 @@ def zeros(typingctx):
 def add_scaled(typingctx, total, factor, v):
     """Five numbers ``total + factor v``."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         product = builder.fmul(_broadcast(builder, args[1]), args[2], flags=_CONTRACT)
         return builder.fadd(args[0], product, flags=_CONTRACT)
 
@@ -203,14 +208,14 @@ def add_scaled(typingctx, total, factor, v):
 def subtract_scaled(typingctx, total, factor, v):
     """Five numbers ``total - factor v``."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         product = builder.fmul(_broadcast(builder, args[1]), args[2], flags=_CONTRACT)
         return builder.fsub(args[0], product, flags=_CONTRACT)
 
     return FIVE(FIVE, types.float32, FIVE), emit
 
 
-def _combination(builder, factors, vectors):
+def _combination(builder: ir.IRBuilder, factors: ir.Value, vectors: Sequence[ir.Value]) -> ir.Value:
     """Sum of vectors times the numbers in the lanes of another."""
     total = None
     for k, vector in enumerate(vectors):
@@ -225,7 +230,7 @@ def _combination(builder, factors, vectors):
 def combined(typingctx, factors, rows):
     """Five numbers: the sum of five vectors times those in ``factors``, a row times a block."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         return _combination(builder, args[0], cgutils.unpack_tuple(builder, args[1], N))
 
     return FIVE(FIVE, ROWS), emit
@@ -235,7 +240,7 @@ def combined(typingctx, factors, rows):
 def subtract_combined(typingctx, total, factors, rows):
     """Five numbers ``total - combined(factors, rows)``."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         product = _combination(builder, args[1], cgutils.unpack_tuple(builder, args[2], N))
         return builder.fsub(args[0], product, flags=_CONTRACT)
 
@@ -246,7 +251,7 @@ def subtract_combined(typingctx, total, factors, rows):
 def add_product(typingctx, total, u, v):
     """Five numbers ``total + u v``, one by one."""
 
-    def emit(context, builder, signature, args):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         return builder.fadd(args[0], builder.fmul(args[1], args[2], flags=_CONTRACT), flags=_CONTRACT)
 
     return FIVE(FIVE, FIVE, FIVE), emit
@@ -256,8 +261,8 @@ def add_product(typingctx, total, u, v):
 def lane_sums(typingctx, a, b, c, d, e):
     """Sums of the five numbers of each of five vectors."""
 
-    def emit(context, builder, signature, args):
-        def fold(u, v, width):
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
+        def fold(u: ir.Value, v: ir.Value, width: int) -> ir.Value:
             groups = range(0, LANES, 2 * width)
             low = [at + i for g in groups for at in (g, LANES + g) for i in range(width)]
             index = ir.VectorType(_INT, LANES)

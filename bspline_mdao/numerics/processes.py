@@ -74,7 +74,7 @@ def n_launched() -> int:
 
 @contextmanager
 def together(
-    comm,  # communicator, the processes, all of which come here
+    comm: Any,  # communicator, the processes, all of which come here
 ) -> Iterator[None]:
     """Raise on all processes what the first one raises, in a body without collective calls."""
     # Within another one it does nothing: the outer one tells.
@@ -151,7 +151,7 @@ def gathered(
     return np.concatenate(from_all(comm, array))
 
 
-def from_all(comm, item) -> list:
+def from_all(comm: Any, item: Any) -> list:
     """What every process gives, in the order of their ranks, on every one of them."""
     return [item] if comm.size == 1 else comm.allgather(item)
 
@@ -161,7 +161,7 @@ def from_first(comm, value: Any) -> Any:
     return value if comm.size == 1 else comm.bcast(value, root=0)
 
 
-def node_of(comm) -> Any:
+def node_of(comm: Any) -> Any:
     """Communicator of the processes that share memory with this one, of several; whoever asks frees it."""
     from mpi4py import MPI
 

@@ -189,10 +189,10 @@ def _noticed_compilation(bar: _Bar) -> Iterator[None]:
     from numba.core import event  # takes a while to import: the help of commands does without
 
     class Listener(event.Listener):
-        def on_start(self, kernel) -> None:
+        def on_start(self, kernel: Any) -> None:
             bar.compiling(1)
 
-        def on_end(self, kernel) -> None:
+        def on_end(self, kernel: Any) -> None:
             bar.compiling(-1)
 
     with event.install_listener("numba:compile", Listener()):

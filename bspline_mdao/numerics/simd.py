@@ -9,6 +9,8 @@ arithmetic is left to the compiler.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import llvmlite.binding
 from llvmlite import ir
 from numba.core import cgutils
@@ -41,12 +43,12 @@ class Emitter:
         """Load the vector of ``width`` elements that starts at element ``offset``, of any alignment."""
         return self.builder.load(self._vector_pointer(base, offset, width), align=8)
 
-    def load_singles(self, base, offset):
+    def load_singles(self, base: ir.Value, offset: ir.Value) -> ir.Value:
         """Load `LANES` numbers of single precision, as doubles."""
         pointer = self.builder.bitcast(self.builder.gep(base, [offset]), _SINGLES.as_pointer())
         return self.builder.fpext(self.builder.load(pointer, align=4), VECTOR)
 
-    def store(self, vector, base, offset):
+    def store(self, vector: ir.Value, base: ir.Value, offset: ir.Value) -> None:
         """Store a vector from element ``offset`` on."""
         self.builder.store(vector, self._vector_pointer(base, offset, vector.type.count), align=8)
 
@@ -56,11 +58,11 @@ class Emitter:
         first = self.builder.insert_element(ir.Constant(VECTOR, ir.Undefined), scalar, ir.Constant(_INDEX, 0))
         return self.shuffle(first, first, [0] * LANES)
 
-    def add(self, a, b):
+    def add(self, a: ir.Value, b: ir.Value) -> ir.Value:
         """Lane by lane, ``a + b``."""
         return self.builder.fadd(a, b, flags=_CONTRACT)
 
-    def subtract(self, a, b):
+    def subtract(self, a: ir.Value, b: ir.Value) -> ir.Value:
         """Lane by lane, ``a - b``."""
         return self.builder.fsub(a, b)
 
@@ -68,7 +70,7 @@ class Emitter:
         """One lane of a vector."""
         return self.builder.extract_element(vector, ir.Constant(_INDEX, lane))
 
-    def gather(self, base, offsets):
+    def gather(self, base: ir.Value, offsets: Iterable[ir.Value]) -> ir.Value:
         """Vector of the elements at the offsets."""
         vector = ir.Constant(VECTOR, ir.Undefined)
         for lane, offset in enumerate(offsets):
@@ -76,14 +78,14 @@ class Emitter:
             vector = self.builder.insert_element(vector, element, ir.Constant(_INDEX, lane))
         return vector
 
-    def is_lane_below(self, n):
+    def is_lane_below(self, n: ir.Value) -> ir.Value:
         """Mask of the lanes ``< n``."""
         numbers = ir.VectorType(INT, LANES)
         first = self.builder.insert_element(ir.Constant(numbers, ir.Undefined), n, ir.Constant(_INDEX, 0))
         limit = self.shuffle(first, first, [0] * LANES)
         return self.builder.icmp_signed("<", ir.Constant(numbers, list(range(LANES))), limit)
 
-    def prefetch(self, base, offset):
+    def prefetch(self, base: ir.Value, offset: ir.Value) -> None:
         """Ask for the cache line of element ``offset``, which may lie beyond the end."""
         byte = ir.IntType(8).as_pointer()
         pointer = self.builder.bitcast(self.builder.gep(base, [offset]), byte)
@@ -91,18 +93,18 @@ class Emitter:
         function = cgutils.get_or_insert_function(self.builder.module, kind, "llvm.prefetch.p0")
         self.builder.call(function, [pointer] + [ir.Constant(_INDEX, c) for c in (0, 3, 1)])
 
-    def multiply(self, a, b):
+    def multiply(self, a: ir.Value | None, b: ir.Value | None) -> ir.Value | None:
         """Lane by lane, ``a b``; None stands for a factor of one."""
         if a is None or b is None:
             return b if a is None else a
         return self.builder.fmul(a, b, flags=_CONTRACT)
 
-    def accumulate(self, total, factor, terms):
+    def accumulate(self, total: Sequence[ir.Value] | None, factor: ir.Value | None, terms: Iterable[ir.Value]) -> list:
         """Per component, ``total + factor * term``; a ``total`` of None is zero and a ``factor`` of None is one."""
         products = [self.multiply(factor, term) for term in terms]
         return products if total is None else [self.add(t, product) for t, product in zip(total, products)]
 
-    def lane_sums(self, vectors) -> list:
+    def lane_sums(self, vectors: list) -> list:
         """Sum every vector over its lanes; the sums come back as the lanes of as few vectors as hold them."""
         # Pairs are folded into one vector of half sums, as often as it takes: a third of the work of folding each by
         # itself.
@@ -127,7 +129,7 @@ class Emitter:
         low = [at + i for g in groups for at in (g, LANES + g) for i in range(width)]
         return self.add(self.shuffle(u, v, low), self.shuffle(u, v, [i + width for i in low]))
 
-    def shuffle(self, a, b, lanes):
+    def shuffle(self, a: ir.Value, b: ir.Value, lanes: Sequence[int]) -> ir.Value:
         """Vector of the given lanes of ``a`` followed by ``b``."""
         return self.builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_INDEX, len(lanes)), lanes))
 

@@ -13,6 +13,7 @@ Theory: ``docs/theory/movers.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations, product
 
 import numpy as np
@@ -20,7 +21,7 @@ import numpy as np
 __all__ = ["boolean_sum", "inner_of"]
 
 
-def inner_of(shape) -> tuple[slice, ...]:
+def inner_of(shape: Sequence[int]) -> tuple[slice, ...]:
     """Slices of the inner points of an index space; the whole of a direction of one point, which has no ends."""
     return tuple(slice(1, -1) if n > 1 else slice(None) for n in shape)
 
