@@ -138,12 +138,18 @@ def project(
     return parameters, points
 
 
-def _gaps(parameters, inner, free) -> list[np.ndarray]:
+def _gaps(parameters: np.ndarray, inner: tuple[slice, ...], free: np.ndarray) -> list[np.ndarray]:
     """Distances of neighbouring parameters along the grid lines of each free direction through inner nodes."""
     return [np.diff(parameters[inner[:d] + (slice(None),) + inner[d + 1 :]][..., d], axis=d) for d in free]
 
 
-def _step_limits(parameters, inner, free, least_gaps, steps) -> np.ndarray:
+def _step_limits(
+    parameters: np.ndarray,
+    inner: tuple[slice, ...],
+    free: np.ndarray,
+    least_gaps: Sequence[np.ndarray],
+    steps: np.ndarray,
+) -> np.ndarray:
     """Fraction of each step that keeps the order of the parameters, shape (n, 1)."""
     limits = np.ones(len(steps))
     for d, gaps, least in zip(free, _gaps(parameters, inner, free), least_gaps):

@@ -12,6 +12,7 @@ Theory: ``docs/theory/fit.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -132,7 +133,9 @@ class LiveMatrix:
     def vjp(
         self,
         # cotangents at the nodes and the control points that they multiply
-        pairs,  # sequence of (ndarray of shape (n, 3), ndarray of shape (N0 N1 N2, 3))
+        pairs: Sequence[
+            tuple[np.ndarray, np.ndarray]
+        ],  # sequence of (ndarray of shape (n, 3), ndarray of shape (N0 N1 N2, 3))
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Cotangents of parameters and edge knots of the sum of ``bar . (A b)`` over pairs of bar and b."""
         # returns parameters_bar (n, 3): in the order in which the nodes were given

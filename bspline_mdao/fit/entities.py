@@ -8,7 +8,7 @@ Theory: ``docs/theory/fit.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,7 +52,7 @@ class Entity:
         """One of corner, edge, face and interior."""
         return _KINDS[sum(self.is_free)]
 
-    def describe(self, names) -> str:
+    def describe(self, names: Sequence[str]) -> str:
         """Human name; ``names`` are those of the segments."""
         ends = [FACE_NAMES[2 * d + (end == -1)] for d, end in enumerate(self.section) if end is not None]
         return " ".join([names[self.segment], self.kind, *ends])

@@ -349,7 +349,7 @@ def _missed(sharing: FitNodes, nodes: np.ndarray, solution: FitSolution) -> floa
     return worst.in_widths if worst else 0.0
 
 
-def _kind(choice) -> str:
+def _kind(choice: Any) -> str:
     """Name of a choice; ``"given"`` where it is the user's own."""
     return choice if isinstance(choice, str) else "given"
 

@@ -89,7 +89,7 @@ class FitStep:
             points_bar, _ = self.solve_residual_transpose(control_bar, nodes_bar)
             np.add.at(nodes_bar, self.entity.rows, points_bar)
 
-    def solve_residual_transpose(self, control_bar, nodes_bar) -> tuple[np.ndarray, np.ndarray]:
+    def solve_residual_transpose(self, control_bar: np.ndarray, nodes_bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Reverse of `solve_residual`: cotangents of ``points`` and ``right``; the other two are updated in place."""
         assert self.factor is not None, "this entity has no control points of its own"
         ids = self.entity.control_ids

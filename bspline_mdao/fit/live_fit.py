@@ -228,7 +228,7 @@ class LiveMapping:
             parameters_bar = bars.parameters[segment] + knots_of_segment_vjp(*arguments)
             nodes_bar[rows] += chord_length_parameters_vjp(self.nodes[rows], x, parameters_bar, self.exponent)
 
-    def _joined(self, corners):
+    def _joined(self, corners: list[list[np.ndarray]]) -> list[list[np.ndarray]]:
         """Changes of edge knots, or their cotangents, with those joined that neighbours share."""
         return joined_corners(self.problem.topology, corners) if self.kind == "constant" else corners
 
