@@ -31,7 +31,9 @@ from .earlier_run import earlier_cases, killed_cases
 from .lasting_stdout import lasting_stdout
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
 
-STOPPED = "all bounds hold, and this may be no optimum: see max_iterations and tolerance in [driver]"
+STOPPED = (
+    "all bounds hold to a ten-thousandth, and this may be no optimum: see max_iterations and tolerance in [driver]"
+)
 """What is said of a feasible design at which the driver did not converge."""
 
 REPORT_ADVICE = INSTALL.format(extra="report")

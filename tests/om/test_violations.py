@@ -11,7 +11,7 @@ from driver_cases import on_vectors, paraboloid
 
 from bspline_mdao import design_summary
 from bspline_mdao.om.drivers.case_history import read_history
-from bspline_mdao.om.drivers.violations import LEAST, TOLERATED, in_words, violations_of
+from bspline_mdao.om.drivers.violations import in_words, violations_of
 from bspline_mdao.report.notes import notes_on
 
 
@@ -22,7 +22,7 @@ def words_of(values, lower, upper, unit=1.0):
 
 @pytest.mark.parametrize("size", [0.0048, 1.0, 300.0])
 def test_a_value_may_be_beyond_a_limit_by_a_ten_thousandth_of_it(size):
-    within, beyond = size * (1.0 - 0.9 * TOLERATED), size * (1.0 - 1.1 * TOLERATED)
+    within, beyond = size * (1.0 - 0.9e-4), size * (1.0 - 1.1e-4)
     assert words_of([within], [size], [np.inf], size) == ""
     assert words_of([beyond], [size], [np.nan], size) == f"infeasible: x[0] is {size - beyond:.3g} below {size:g}"
     assert words_of([-within], [-np.inf], [-size], size) == ""
@@ -32,7 +32,8 @@ def test_a_value_may_be_beyond_a_limit_by_a_ten_thousandth_of_it(size):
 def test_the_driver_s_unit_counts_at_zero_and_where_a_limit_is_far_below_it():
     assert words_of([-0.9e-4, 0.9e-4], [0.0, -np.inf], [np.inf, 0.0], unit=1.0) == ""
     assert words_of([-0.9e-4], [0.0], [np.inf], unit=0.1) == "infeasible: x[0] is 9e-05 below 0"
-    assert words_of([1e-9 + 0.9 * LEAST], [-np.inf], [1e-9]) == ""
+    assert words_of([1e-9 + 0.9e-6], [-np.inf], [1e-9]) == ""
+    assert words_of([1e-9 + 1.1e-6], [-np.inf], [1e-9]) == "infeasible: x[0] is 1.1e-06 above 1e-09"
 
 
 def test_the_worst_values_are_named_first_and_the_others_counted():
