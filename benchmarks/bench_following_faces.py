@@ -8,18 +8,21 @@ of the folder that BSPLINE_MDAO_GRIDS names whose walls end on curved faces.
 
 import os
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 import bspline_mdao as bm
 from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.cells.report import report_quality
+from bspline_mdao.cells.report import QualityReport, report_quality
 from bspline_mdao.fit.surface_fit import SurfaceFollower
 from bspline_mdao.io.patch_guess import with_guessed_patches
+from bspline_mdao.movement.mover import Mover
 from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
+from bspline_mdao.walls.grid_map import GridMap
 from bspline_mdao.walls.wall_correction import WallCorrection
 
 REAL = "cgns_5blocks.cgns", "cfl3d_sduct.bin", "cfl3d_rotorstator.fmt"
@@ -96,33 +99,74 @@ def grids() -> Iterator[tuple[str, Grid]]:
         yield name, with_guessed_patches(bm.read_grid(Path(folder) / name))
 
 
-def judged(model: bm.FittedModel, quality: GridQuality, move: str, **patches) -> str:
-    """Make a move; the cells that are inverted, the smallest and the mean Q."""
-    mesh, baseline = bm.moving_mesh(model, **patches), model.regenerate().to_vector().reshape(-1, 3)
-    surface = bm.SurfaceGrid.of(model)
-    try:
-        wall = bm.parse_deformation(move, model, mesh).apply_to_nodes(surface.points, surface.on_planes(model))
-    except bm.InputError:
-        return "not applicable"
-    asked = SurfaceFollower.of(model, mesh, surface).at(wall).control_points
-    points = bm.Rotations(mesh).move(model.control_points, asked).points
-    nodes = model.grid_map().at(points, WallCorrection.of(model.topology, baseline, surface.rows), wall).nodes
-    report = report_quality(quality, nodes)
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """What moves of all walls make of the cells of a model's grid."""
+
+    model: bm.FittedModel
+
+    @cached_property
+    def mesh(self) -> bm.MovingMesh:
+        """The control mesh."""
+        return bm.moving_mesh(self.model)
+
+    @cached_property
+    def surface(self) -> bm.SurfaceGrid:
+        """All walls."""
+        return bm.SurfaceGrid.of(self.model)
+
+    @cached_property
+    def follower(self) -> SurfaceFollower:
+        """Control points of moved walls."""
+        return SurfaceFollower.of(self.model, self.mesh, self.surface)
+
+    @cached_property
+    def quality(self) -> GridQuality:
+        """Cells of the baseline."""
+        return GridQuality.of_baseline(self.model.regenerate())
+
+    @cached_property
+    def grid_map(self) -> GridMap:
+        """The map to the grid."""
+        return self.model.grid_map()
+
+    @cached_property
+    def correction(self) -> WallCorrection:
+        """What puts the walls' nodes where they are asked to be."""
+        return WallCorrection.of(self.model.topology, self.grid_map.nodes, self.surface.rows)
+
+    def after(self, move: str, *movers: Mover) -> list[QualityReport]:
+        """Report on the cells after a move by each mover; nothing where the move is not one of this surface."""
+        planes = self.surface.on_planes(self.model)
+        try:
+            wall = bm.parse_deformation(move, self.model, self.mesh).apply_to_nodes(self.surface.points, planes)
+        except bm.InputError:
+            return []
+        asked, reports = self.follower.at(wall).control_points, []
+        for mover in movers:
+            points = mover.move(self.model.control_points, asked).points
+            nodes = self.grid_map.at(points, self.correction, wall).nodes
+            reports.append(report_quality(self.quality, nodes))
+        return reports
+
+
+def shown(report: QualityReport) -> str:
+    """Inverted cells, smallest and mean Q."""
     return f"{report.n_inverted:5d} {report.q_min:9.1e} {report.q_mean:.4f}"
 
 
 def main() -> None:
     """Print cells inverted, smallest and mean Q of all moves."""
     for name, grid in grids():
-        model = bm.fit_grid(grid)
-        quality = GridQuality.of_baseline(model.regenerate())
-        following = bm.moving_mesh(model).following
+        judge = Judge(bm.fit_grid(grid))
+        following = judge.mesh.following
         names = tuple(what.split("'")[1] for what, _ in following)
+        fixed = bm.moving_mesh(judge.model, fixed=[ids for _, ids in following])
+        movers = [bm.Rotations(mesh) for mesh in (fixed, bm.moving_mesh(judge.model, released=names), judge.mesh)]
         print(f"{name}: {', '.join(names) or 'nothing'} follows; fixed | released | as it is")
-        ways: list[dict] = [{"fixed": [ids for _, ids in following]}, {"released": names}, {}]
         for move in MOVES:
-            row = [judged(model, quality, move, **way) for way in ways]
-            print(f"    {move:22} {' | '.join(row)}", flush=True)
+            reports = judge.after(move, *movers)
+            print(f"    {move:22} {' | '.join(map(shown, reports)) or 'not applicable'}", flush=True)
 
 
 if __name__ == "__main__":

@@ -390,6 +390,14 @@ def warped(wing, nodes, **options):
     return run(problem, x_aero=nodes.ravel())
 
 
+def test_the_far_field_of_a_warper_goes_along_where_that_is_asked(wing):
+    nodes = wing.surface.points + [0.3, 0.1, 0.0]  # along the plane of symmetry
+    grid = wing.model.regenerate().to_vector().reshape(-1, 3)
+    moved = [warped(wing, nodes, comoving=is_asked).get_val("aero_vol_coords") for is_asked in (False, True)]
+    np.testing.assert_allclose(moved[1].reshape(-1, 3) - grid, np.broadcast_to([0.3, 0.1, 0.0], grid.shape), atol=1e-11)
+    assert np.abs(moved[0] - moved[1]).max() > 0.1
+
+
 def kinked(wing, angle=10.0):
     """Nodes of the wing with its outer half turned up, as no control points can have it, and some noise."""
     nodes, slope = wing.surface.points.copy(), np.tan(np.deg2rad(angle))

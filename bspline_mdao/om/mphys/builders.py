@@ -86,7 +86,7 @@ class FlowBuilder(Builder):
         coupling, after the structure, and the loads ``f_aero`` (N) go to the structure; the flow then has an input
         ``dynamic_pressure`` (Pa) and an output ``wall_forces`` (N) on the nodes of the surface, as `EulerFlow` has.
     **movement
-        Further options of `VolumeWarper`: ``mover``, ``require_valid``.
+        Further options of `VolumeWarper`: ``mover``, ``require_valid``, ``comoving``.
 
     Raises
     ------
@@ -171,6 +171,8 @@ class EulerBuilder(FlowBuilder):
         Moves the control mesh; by default `Rotations`.
     require_valid : bool
         Refuse surfaces that invert cells of the grid.
+    comoving : bool
+        Let all that is fixed, such as the far field, go along with the rigid part of the surface's motion.
     generation : int, optional
         1 or 2: the MPhys whose names are used; by default the one that is installed.
     scenario : str
@@ -196,6 +198,7 @@ class EulerBuilder(FlowBuilder):
         surface: SurfaceGrid | None = None,
         mover: Mover | None = None,
         require_valid: bool = True,
+        comoving: bool = False,
         generation: int | None = None,
         scenario: str = "aerodynamic",
         **options,
@@ -211,7 +214,7 @@ class EulerBuilder(FlowBuilder):
         if options.get("trim"):
             results["alpha"] = "deg"
 
-        movement = {"mover": mover, "require_valid": require_valid}
+        movement = {"mover": mover, "require_valid": require_valid, "comoving": comoving}
         super().__init__(
             model, flow, surface=surface, results=results, generation=generation, scenario=scenario, **movement
         )

@@ -66,6 +66,8 @@ class VolumeWarper(Copied, om.Group):
         What the solver calls the volume nodes: "aero_vol_coords" (DAFoam), "adflow_vol_coords" (ADflow).
     require_valid : bool
         Refuse surfaces that invert cells of the grid, see `GridMovement`; none are where ``rows`` are given.
+    comoving : bool
+        Let all that is fixed go along with the rigid part of the surface's motion, see `GridMovement`.
 
     Raises
     ------
@@ -102,6 +104,7 @@ class VolumeWarper(Copied, om.Group):
         self.options.declare("rows", default=None, recordable=False, desc="volume nodes that the solver has")
         self.options.declare("volume_name", default=VOLUME, types=str, desc="name of the volume nodes")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse inverted cells of the grid")
+        self.options.declare("comoving", types=bool, default=False, desc="outer boundaries go along")
 
     def setup(self):
         """Add the components in the order of the chain."""
@@ -110,7 +113,8 @@ class VolumeWarper(Copied, om.Group):
         numbers = nodes_of_rank(self.options["numbers"], surface.n_points, "numbers", comm, self.msginfo)
         counts = summed(comm, np.bincount(numbers, minlength=surface.n_points))
         valid, given = self.options["require_valid"], np.flatnonzero(counts)
-        options = {"model": model, "mover": self.options["mover"], "surface": surface, "numbers": given}
+        options = {"model": model, "surface": surface, "numbers": given}
+        options |= {name: self.options[name] for name in ("mover", "comoving")}
         share = self._share(model)
         movement = GridMovement(**options, partition=share, require_valid=valid, fit=False, quality=False)
         given_nodes = _SolverSurface(surface=surface, numbers=numbers, counts=counts)
