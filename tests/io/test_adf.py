@@ -107,6 +107,23 @@ def test_nodes_that_are_their_own_children_and_pointers_beyond_the_end_are_refus
         read_grid(tmp_path / "other.cgns")
 
 
+def test_a_node_with_fewer_bytes_than_its_shape_and_one_with_too_many_dimensions_are_named(tmp_path):
+    writer = AdfWriter()
+    x = writer.node("CoordinateX", "DataArray_t", "R8", np.arange(3.0), [])
+    data = writer.finished(writer.node("ADF MotherNode", "", "MT", None, [("CoordinateX", x)]))
+    shape = b"R8".ljust(32) + b"0100000003"
+    assert data.count(shape) == 1
+    for wrong, words in (
+        (b"0100000005", r"node 'CoordinateX' of shape \(5,\) has 24 bytes"),
+        (b"0D00000003", "13 dimensions of the node at byte"),
+        (b"xx00000003", "'xx' is no number"),
+    ):
+        (tmp_path / "wrong.cgns").write_bytes(data.replace(shape, shape[:32] + wrong))
+        with pytest.raises(InputError, match=words) as error:
+            copied_cgns(tmp_path / "wrong.cgns", tmp_path / "copy.cgns")
+        assert "\n" not in str(error.value)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("version", ["A", "B"])
 def test_mutants_end_in_one_line_or_hold_the_bytes_that_the_file_holds(tmp_path, version):
