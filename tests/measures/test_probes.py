@@ -48,7 +48,7 @@ def test_probes_lie_on_their_line_and_on_either_side_of_its_point():
 
 def test_weights_are_shares():
     for probes in opposite_probes(rough_sphere(), *random_lines()):
-        np.testing.assert_allclose(probes.weights.sum(axis=1), 1.0, rtol=1e-15)
+        np.testing.assert_allclose(probes.weights.sum(axis=1), 1.0, rtol=1e-14)
         assert probes.weights.min() >= 0.0
 
 
