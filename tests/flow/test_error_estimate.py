@@ -107,8 +107,9 @@ def test_contributions_of_the_cells_sum_to_what_the_residuals_make(coarse, estim
     for estimate in estimates.values():
         assert estimate.contributions.shape == (n_cells,)
         assert abs(estimate.contributions.sum()) <= estimate.bound
-    leaves = estimates["CD_entropy"]  # of the far field, where prolongation changes little
-    assert leaves.contributions.sum() == pytest.approx(leaves.error, abs=0.2 * abs(leaves.error))
+    leaves = estimates["CD_entropy"]  # the rest is what prolongation changes of it at once, at the walls
+    assert leaves.contributions.sum() == pytest.approx(leaves.error, abs=0.3 * abs(leaves.error))
+    assert leaves.remaining < 0.5 * abs(leaves.error)
 
 
 def test_drag_of_a_wing_is_estimated_where_prolonged_states_and_adjoints_alone_do_not(wing):

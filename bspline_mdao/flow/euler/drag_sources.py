@@ -12,7 +12,7 @@ import numpy as np
 from ...numerics.processes import summed_number
 from ...numerics.vectors import dots
 from .discretization import Discretization
-from .forces import entropy_scale, relative_entropy
+from .entropy_drag import entropy_flux, entropy_scale, relative_entropy
 from .gas import GAMMA
 
 __all__ = ["DragSources", "wave_drag"]
@@ -90,7 +90,9 @@ def wave_drag(discretization: Discretization, states: np.ndarray, areas: np.ndar
         shock = np.minimum(1.0, shock + faces.sum_over_cells(across, 1.0))
     outflow = left[:, 0] * dots(left[:, 1:4], areas) * relative_entropy(left)
     outflow[:n] = 0.5 * (outflow[:n] + right[:, 0] * dots(right[:, 1:4], areas[:n]) * relative_entropy(right))
+    far = faces.faces_of("farfield")
+    outflow[far] = entropy_flux(left[far], areas[far])
     is_closed = np.ones(faces.n_faces, dtype=bool)
-    is_closed[:n], is_closed[faces.faces_of("farfield")] = False, False
+    is_closed[:n], is_closed[far] = False, False
     outflow[is_closed] = 0.0
     return float(summed_number(halo.comm, shock @ faces.sum_over_cells(outflow)) / entropy_scale(mach))

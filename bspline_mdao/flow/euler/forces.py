@@ -7,25 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from ...errors import InputError
 from ...numerics.halo import Halo
-from ...numerics.processes import gathered, summed_number
-from ...numerics.vectors import dots
+from ...numerics.processes import gathered
 from ..force_coefficients import ForceCoefficients, WingCoefficients
 from ..hinges import HingeMoment
 from ..induced_drag import InducedDrag
 from ..span_strips import SpanStrips
-from .discretization import Discretization
+from .entropy_drag import EntropyDrag
 from .flow_grid import FlowGrid, area_vectors, area_vectors_jvp, area_vectors_vjp
 from .gas import GAMMA
 from .walls import Walls
 
-__all__ = ["EntropyDrag", "FlowForces", "WallPressure", "entropy_scale", "relative_entropy"]
+__all__ = ["FlowForces", "WallPressure"]
 
 
 _FLAT = 1e-6
@@ -40,8 +38,6 @@ class FlowForces:
     ----------
     walls : Walls
         The walls of all processes.
-    far : ndarray of int, shape (n_far, 4)
-        Corners of the faces of the far field, of this process.
     corners : Halo
         Exchange of nodes with other processes.
     pressure : WallPressure
@@ -50,7 +46,6 @@ class FlowForces:
     """
 
     walls: Walls
-    far: np.ndarray
     corners: Halo
     pressure: WallPressure
     entropy: EntropyDrag
@@ -97,8 +92,8 @@ class FlowForces:
         )
         coefficients = ForceCoefficients(middles, flow.axes, area, chord, reference)
         wing = WingCoefficients.of(coefficients, induced, on_walls, hinges, wall)
-        far = flow.faces.corners_of("farfield")
-        return cls(flow.walls, far, flow.corners, WallPressure.of(flow), EntropyDrag.of(flow.discretization), wing)
+        entropy = EntropyDrag.of(flow.discretization, flow.axes)
+        return cls(flow.walls, flow.corners, WallPressure.of(flow), entropy, wing)
 
     def __repr__(self) -> str:
         return f"<forces on {len(self.walls.corners)} wall faces>"
@@ -117,7 +112,8 @@ class FlowForces:
         """
         on_walls, pressure = self.walls.nodes(nodes), self.pressure.evaluate(states, mach)
         areas = area_vectors(on_walls, self.walls.corners)
-        drag = self.entropy.evaluate(states, area_vectors(self.corners.extend(nodes), self.far), mach)
+        boundary = area_vectors(self.corners.extend(nodes), self.entropy.corners)
+        drag = self.entropy.evaluate(states, boundary, alpha, mach)
         return {
             "Cp": pressure,
             "CD_entropy": drag / self._area,
@@ -131,10 +127,12 @@ class FlowForces:
         pressure, d_pressure = self.pressure.evaluate(states, mach), self.pressure.jvp(states, mach, d_states, d_mach)
         forces, d_forces = pressure[:, None] * areas, d_pressure[:, None] * areas + pressure[:, None] * d_areas
         seen, d_seen = self.corners.extend(nodes), self.corners.extend(d_nodes)
-        far, d_far = area_vectors(seen, self.far), area_vectors_jvp(seen, self.far, d_seen)
+        boundary = area_vectors(seen, self.entropy.corners)
+        d_boundary = area_vectors_jvp(seen, self.entropy.corners, d_seen)
+        d_drag = self.entropy.jvp(states, boundary, alpha, mach, d_states, d_boundary, d_alpha, d_mach)
         return {
             "Cp": d_pressure,
-            "CD_entropy": self.entropy.jvp(states, far, mach, d_states, d_far, d_mach) / self._area,
+            "CD_entropy": d_drag / self._area,
             **self.wing.jvp(forces, on_walls, alpha, d_forces, d_on_walls, d_alpha),
         }
 
@@ -155,12 +153,12 @@ class FlowForces:
         forces_bar, walls_bar, alpha_bar = self.wing.vjp(pressure[:, None] * areas, on_walls, alpha, bars)
         pressure_bar = bars.get("Cp", 0.0) + np.sum(forces_bar * areas, axis=1)
         states_bar, mach_bar = self.pressure.vjp(states, mach, pressure_bar)
-        far, drag_bar = area_vectors(seen, self.far), np.sum(bars.get("CD_entropy", 0.0)) / self._area
-        entropy_bars = self.entropy.vjp(states, far, mach, drag_bar)
+        boundary, drag_bar = area_vectors(seen, self.entropy.corners), np.sum(bars.get("CD_entropy", 0.0)) / self._area
+        entropy_bars = self.entropy.vjp(states, boundary, alpha, mach, drag_bar)
         walls_bar += area_vectors_vjp(on_walls, self.walls.corners, pressure[:, None] * forces_bar)
         nodes_bar = self.walls.nodes_vjp(walls_bar)
-        nodes_bar += self.corners.fold(area_vectors_vjp(seen, self.far, entropy_bars[1]))
-        return states_bar + entropy_bars[0], nodes_bar, alpha_bar, mach_bar + entropy_bars[2]
+        nodes_bar += self.corners.fold(area_vectors_vjp(seen, self.entropy.corners, entropy_bars[1]))
+        return states_bar + entropy_bars[0], nodes_bar, alpha_bar + entropy_bars[2], mach_bar + entropy_bars[3]
 
     @property
     def _area(self) -> float:
@@ -227,70 +225,3 @@ class WallPressure:
     def _extrapolated(self, states: np.ndarray) -> np.ndarray:
         """Pressures on all wall faces."""
         return self.walls.gather(np.sum(self.weights * self.halo.extend(states)[self.cells, 4], axis=1))
-
-
-@dataclass(frozen=True, eq=False)
-class EntropyDrag:
-    """Drag of the entropy that leaves through the far field (Oswatitsch), divided by the dynamic pressure (m^2).
-
-    In flow without shocks there should be none. What there is comes from the errors of the discretization, those that
-    wear trailing vortices down included: their part of the induced drag is in the entropy as well, so that the two do
-    not add up to the drag of the pressures.
-
-    Parameters
-    ----------
-    cells : ndarray of int, shape (n_far,)
-        Cells at the far field, of this process.
-    comm : communicator
-        The processes.
-    """
-
-    cells: np.ndarray
-    comm: Any
-
-    @classmethod
-    def of(cls, discretization: Discretization) -> EntropyDrag:
-        """Take the cells at the far field."""
-        faces = discretization.faces
-        return cls(faces.left[faces.faces_of("farfield")], discretization.halo.comm)
-
-    def evaluate(self, states: np.ndarray, areas: np.ndarray, mach):
-        """Drag of states, shape (n_cells, 5), through faces with area vectors (m^2), shape (n_far, 3)."""
-        w = states[self.cells]
-        return summed_number(self.comm, np.sum(w[:, 0] * dots(w[:, 1:4], areas) * relative_entropy(w))) / entropy_scale(
-            mach
-        )
-
-    def jvp(self, states, areas, mach, d_states, d_areas, d_mach):
-        """Change of the drag with the states, the area vectors and the Mach number."""
-        states_bar, areas_bar, mach_bar = self._gradients(states, areas, mach)
-        own = np.sum(states_bar * d_states[self.cells]) + np.sum(areas_bar * d_areas)
-        return summed_number(self.comm, own) + mach_bar * d_mach
-
-    def vjp(self, states, areas, mach, bar: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Derivatives with respect to the states, the area vectors and the Mach number, times a number."""
-        gradient, areas_bar, mach_bar = self._gradients(states, areas, mach)
-        states_bar = np.zeros_like(states)
-        np.add.at(states_bar, self.cells, bar * gradient)
-        return states_bar, bar * areas_bar, bar * mach_bar
-
-    def _gradients(self, states, areas, mach):
-        """Derivatives with respect to the cells' states, shape (n_far, 5), the area vectors and the Mach number."""
-        w, scale = states[self.cells], entropy_scale(mach)
-        rho, entropy, through = w[:, 0], relative_entropy(w), dots(w[:, 1:4], areas)
-        w_bar = np.empty_like(w)
-        w_bar[:, 0] = through * (entropy - GAMMA)
-        w_bar[:, 1:4] = (rho * entropy)[:, None] * areas
-        w_bar[:, 4] = rho * through / w[:, 4]
-        areas_bar = (rho * entropy)[:, None] * w[:, 1:4] / scale
-        return w_bar / scale, areas_bar, -3.0 / mach * self.evaluate(states, areas, mach)
-
-
-def relative_entropy(w: np.ndarray) -> np.ndarray:
-    """Entropy above that of the free stream, divided by the specific heat at constant volume."""
-    return np.log(GAMMA * w[:, 4]) - GAMMA * np.log(w[:, 0])
-
-
-def entropy_scale(mach):
-    """Dynamic pressure times speed, divided by temperature of the stream and specific heat at constant volume."""
-    return 0.5 * mach**3 * GAMMA * (GAMMA - 1.0)
