@@ -52,7 +52,7 @@ DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
 
 SIZES = {
     "quick": (((7, 9, 7), (7, 7), (9, 5)), ((5, 6, 5), (5, 5), (5, 4)), 3, 1e-3),
-    "default": (((7, 15, 7), (9, 9), (11, 5)), ((5, 8, 5), (6, 6), (6, 4)), 4, 1e-10),
+    "default": (((7, 15, 7), (9, 9), (11, 5)), ((5, 8, 5), (6, 6), (6, 4)), 2, 1e-10),
     "paper": (((17, 33, 17), (25, 25), (25, 13)), ((7, 11, 7), (9, 9), (9, 7)), 5, 1e-10),
 }
 """Nodes and control points of the rows of blocks along the stream, away from the wing and along the span; stations of
