@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class KreisselmeierSteinhauser(OneLine):
         """Derivative of the value with respect to every x."""
         return self._terms(x, value)
 
-    def _terms(self, x, reference):
+    def _terms(self, x: np.ndarray, reference: float) -> np.ndarray:
         terms = x - reference
         terms *= -self.rho
         return np.exp(terms, out=terms)
@@ -105,7 +105,7 @@ class PNorm:
             return np.zeros_like(x)
         return _power(self._deficits(x, 1.0 - value), self.p - 1)
 
-    def _deficits(self, x, largest):
+    def _deficits(self, x: np.ndarray, largest: float) -> np.ndarray:
         """Difference of each from 1, divided by the largest."""
         deficits = 1.0 - x
         deficits /= largest
@@ -113,7 +113,7 @@ class PNorm:
         return deficits
 
 
-def _power(x, n):
+def _power(x: np.ndarray, n: int) -> np.ndarray:
     """``x**n`` by repeated squaring, in place."""
     result = np.ones_like(x)
     while n:
@@ -142,7 +142,7 @@ class Aggregate:
         """Whether it needs walls."""
         return self.measure == "height"
 
-    def numbers(self, measures) -> np.ndarray:
+    def numbers(self, measures: Any) -> np.ndarray:
         """Return what it bounds among the measures of cells, or among changes or adjoints of them, as a view."""
         return getattr(measures, self.measure)
 

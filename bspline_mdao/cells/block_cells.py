@@ -142,7 +142,7 @@ def block_cells(
     return tuple(blocks)
 
 
-def _handedness(pieces, nodes, frames):
+def _handedness(pieces: Pieces, nodes: np.ndarray, frames: Sequence[Frame]) -> dict[int, int]:
     """Sign that most cells of each split block have; where as many have the other, that of its middle layer."""
     counts = []
     with together(pieces.comm):
@@ -154,7 +154,7 @@ def _handedness(pieces, nodes, frames):
     return {block: 1 if tuple(total) >= (0, 0) else -1 for block, total in totals.items()}
 
 
-def _signs(piece, nodes, frame, shape):
+def _signs(piece: Window, nodes: np.ndarray, frame: Frame, shape: tuple[int, ...]) -> tuple[int, int]:
     """Positive minus negative volumes among the cells of a piece, and among those of the middle layer of its block."""
     volume = np.sign(cell_quality(nodes, collapsed_corners(nodes, frame.size), 1, frame.normal).volume)
     along = next(d for d in range(3) if shape[d] > 1)
@@ -205,7 +205,7 @@ class Chunk:
         bar = self._nodes(grid_bar)
         bar += solid_bar if self.block.flat is None else solid_bar.sum(axis=2, keepdims=True)
 
-    def _nodes(self, grid_nodes):
+    def _nodes(self, grid_nodes: np.ndarray) -> np.ndarray:
         nodes = self.block.nodes_of(grid_nodes)
         if self.block.flat is not None:
             nodes = np.moveaxis(nodes, self.block.flat, 2)
@@ -282,12 +282,12 @@ def chunk_vjp(chunk: Chunk, nodes: np.ndarray, measures: Measures, bar: Measures
     chunk.add(solid_bar, nodes_bar)
 
 
-def _empty(chunk):
+def _empty(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     n = chunk.degenerate_corners.size
     return np.empty((8, n)), np.empty((8, n)), np.empty(n)
 
 
-def _scale(chunk, rows, without):
+def _scale(chunk: Chunk, rows: np.ndarray, without: float) -> None:
     """Divide rows by the volumes of the baseline; cells that had none get the value ``without``."""
     inverse = chunk.block.inverse_volume[chunk.in_block]
     had_none = inverse == 0.0

@@ -218,14 +218,14 @@ class FirstCells:
         numbers = summed(self.pieces.comm, np.append(n_left_out, np.count_nonzero(counts)))
         return replace(self, baseline=heights[counts], n_left_out=numbers[:-1], n_of_all=int(numbers[-1]), **kept)
 
-    def _edges_and_normals(self, nodes):
+    def _edges_and_normals(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Edges off the wall, and sums of the area vectors around it, both of shape (n, 3)."""
         return nodes[self.next_rows] - nodes[self.rows[self.at]], self._summed(area_vectors(self._corners(nodes)))
 
-    def _corners(self, nodes):
+    def _corners(self, nodes: np.ndarray) -> np.ndarray:
         return (nodes[self.rows] + self.depth)[self.quads]
 
-    def _summed(self, areas):
+    def _summed(self, areas: np.ndarray) -> np.ndarray:
         """Sum area vectors, shape (n_quads, 3), around the node of every entry."""
         corners = np.broadcast_to(areas[:, None], (*self.quads.shape, 3))
         sums = add_to_nodes(self.quads, corners, self.rows.size)
@@ -240,7 +240,7 @@ class FirstCells:
             sums[points] = (around[:, 2] + around[:, 1] + around[:, 3] + around[:, 0])[numbers]
         return sums[self.at]
 
-    def _at_cuts(self, vectors):
+    def _at_cuts(self, vectors: np.ndarray) -> np.ndarray:
         """Sum vectors of the points, shape (n_points, 3), over all processes that share them."""
         if self.cut_keys.size:
             points, numbers = self._shared

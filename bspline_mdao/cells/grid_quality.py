@@ -14,8 +14,9 @@ Theory: ``docs/theory/quality.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -216,13 +217,13 @@ class GridQuality(OneLine):
         self._add_height_bars(nodes, values.aggregates, bar.aggregates, nodes_bar)
         return nodes_bar
 
-    def _height_parts(self, nodes, names):
+    def _height_parts(self, nodes: np.ndarray, names: Iterable[str]) -> dict[str, Part]:
         """Parts of the aggregates of heights among the names; an upper bound takes the negative numbers."""
         signs = _height_signs(names)
-        ratios = self.first_cells.ratios(nodes) if signs else None
+        ratios = self.first_cells.ratios(nodes) if signs else np.empty(0)
         return {name: self._rule(name).part(sign * ratios) for name, sign in signs.items()}
 
-    def _joined(self, names, parts):
+    def _joined(self, names: Collection[str], parts: Mapping[str, Part]) -> dict[str, float]:
         """Aggregates of the whole grid from the parts of this process, and those of the others."""
         none = {name: self._rule(name).part(np.zeros(0)) for name in names}
         tables = gathered(self.pieces.comm, np.array([[parts.get(name, none[name]) for name in names]]))
@@ -232,33 +233,35 @@ class GridQuality(OneLine):
             found[name] = signs.get(name, 1.0) * self._rule(name).value(whole)
         return found
 
-    def _height_changes(self, nodes, d_nodes, values):
+    def _height_changes(self, nodes: np.ndarray, d_nodes: np.ndarray, values: Mapping[str, float]) -> dict[str, float]:
         """Changes of the aggregates of heights that there are values of."""
         weights = self._height_weights(nodes, values)
-        d_ratios = self.first_cells.ratios_jvp(nodes, d_nodes) if weights else None
+        d_ratios = self.first_cells.ratios_jvp(nodes, d_nodes) if weights else np.empty(0)
         return {name: float(_sum(weight, d_ratios)) for name, weight in weights.items()}
 
-    def _add_height_bars(self, nodes, values, seeds, nodes_bar):
+    def _add_height_bars(
+        self, nodes: np.ndarray, values: Mapping[str, float], seeds: Mapping[str, float], nodes_bar: np.ndarray
+    ) -> None:
         """Add the adjoint of the nodes from those of the aggregates of heights."""
         asked = {name: value for name, value in values.items() if seeds.get(name)}
         weights = self._height_weights(nodes, asked)
         if weights:
-            bar = sum(seeds[name] * weight for name, weight in weights.items())
+            bar: Any = sum(seeds[name] * weight for name, weight in weights.items())
             self.first_cells.ratios_vjp(nodes, bar, nodes_bar)
 
-    def _height_weights(self, nodes, values):
+    def _height_weights(self, nodes: np.ndarray, values: Mapping[str, float]) -> dict[str, np.ndarray]:
         """Derivatives, with respect to every ratio, of the aggregates of heights that there are values of."""
         signs = _height_signs(values)
-        ratios = self.first_cells.ratios(nodes) if signs else None
+        ratios = self.first_cells.ratios(nodes) if signs else np.empty(0)
         return {name: self._rule(name).weights(sign * ratios, sign * values[name]) for name, sign in signs.items()}
 
-    def _rule(self, name):
+    def _rule(self, name: str) -> KreisselmeierSteinhauser | PNorm:
         """Rule of an aggregate, with the sharpness that the settings give it."""
         if AGGREGATES[name].rule == "pnorm":
             return PNorm(self.p)
         return KreisselmeierSteinhauser(self.rho_height if AGGREGATES[name].is_of_heights else self.rho)
 
-    def _weights(self, measures, values, name):
+    def _weights(self, measures: Measures, values: GridValues, name: str) -> np.ndarray:
         return self._rule(name).weights(AGGREGATES[name].numbers(measures), values.aggregates[name])
 
     def _over_chunks(self, work, parity: int | None = None) -> list:
@@ -267,29 +270,29 @@ class GridQuality(OneLine):
         chunks = [chunk for block in self.blocks for chunk in list(block.chunks())[start::step]]
         results = [None] * len(chunks)
 
-        def task(number):
+        def task(number: int) -> None:
             results[number] = work(chunks[number])
 
         run_tasks(task, len(chunks), thread_count(self.n_threads))
         return results
 
 
-def _sum(weights, changes):
+def _sum(weights: np.ndarray, changes: np.ndarray) -> float:
     """Sum of products, in an order that does not depend on the threads of BLAS."""
     weights *= changes
     return weights.sum()
 
 
-def _of_cells(names) -> list[str]:
+def _of_cells(names: Iterable[str]) -> list[str]:
     """Aggregates among the names that measure cells, in their order."""
     return [name for name in names if not AGGREGATES[name].is_of_heights]
 
 
-def _needs_coefficients(names) -> bool:
+def _needs_coefficients(names: Iterable[str]) -> bool:
     """Whether one of the aggregates is of Bernstein coefficients, which take time of their own."""
     return any(AGGREGATES[name].measure == "coefficients" for name in names)
 
 
-def _height_signs(names) -> dict[str, float]:
+def _height_signs(names: Iterable[str]) -> dict[str, float]:
     """Sign of each aggregate of heights among the names, in the order of the table: -1 for an upper bound."""
     return {n: -1.0 if a.is_upper else 1.0 for n, a in AGGREGATES.items() if a.is_of_heights and n in names}

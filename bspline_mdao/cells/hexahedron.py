@@ -15,6 +15,7 @@ Theory: ``docs/theory/quality.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -187,7 +188,7 @@ def element_measures_vjp(
     return np.ascontiguousarray(rows_bar.transpose(1, 0, 2))
 
 
-def _measure(nodes, degenerate_corners, handedness):
+def _measure(nodes: np.ndarray, degenerate_corners: np.ndarray, handedness: int | None) -> tuple[Any, ...]:
     """Compute the fields of `CellQuality` of a block with cells in all three directions."""
     points = as_points(nodes)
     if handedness is None:
@@ -203,7 +204,7 @@ def _measure(nodes, degenerate_corners, handedness):
     return (*measures, handedness)
 
 
-def _summary(points, degenerate_corners, handedness):
+def _summary(points: np.ndarray, degenerate_corners: np.ndarray, handedness: int) -> np.ndarray:
     """Measures of a block, of the shape of its cells; zeros where all corners are degenerate."""
     degenerate_corners = np.ascontiguousarray(degenerate_corners)
     measures = np.empty((4, *degenerate_corners.shape))
@@ -213,12 +214,12 @@ def _summary(points, degenerate_corners, handedness):
     return measures
 
 
-def _majority(volume):
+def _majority(volume: np.ndarray) -> int:
     """Sign that most of the volumes have."""
     return -1 if np.count_nonzero(volume < 0.0) > np.count_nonzero(volume > 0.0) else 1
 
 
-def _extrude(nodes, flat, normal=None):
+def _extrude(nodes: np.ndarray, flat: int, normal: np.ndarray | None = None) -> np.ndarray:
     """Return a planar block with depth along a normal, its unit mean one by default, its flat direction moved last."""
     plane = np.moveaxis(nodes, flat, 2)[:, :, 0]
     return stack_plane(plane, mean_normal(plane) if normal is None else normal)
@@ -271,7 +272,7 @@ def _collapsed_bits(x, shortest):
     return bits
 
 
-def _signs(corners, handedness, degenerate_corners):
+def _signs(corners: np.ndarray, handedness: np.ndarray | float, degenerate_corners: np.ndarray) -> np.ndarray:
     """Check the arrays and return the handedness as numbers."""
     sign = np.asarray(handedness, dtype=np.float64)
     n = len(corners)
@@ -283,5 +284,5 @@ def _signs(corners, handedness, degenerate_corners):
     return sign
 
 
-def _corner_rows(corners):
+def _corner_rows(corners: np.ndarray) -> np.ndarray:
     return as_points(corners.transpose(1, 0, 2))

@@ -6,7 +6,9 @@ orientation and end at boundaries.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -112,14 +114,16 @@ def _behind(cells: np.ndarray, window) -> tuple[np.ndarray, int]:
     return cells[tuple(parts)], 2 * d + side
 
 
-def _weighted(rows, columns, *conditions_and_weight):
+def _weighted(
+    rows: np.ndarray, columns: np.ndarray, *conditions_and_weight: Any
+) -> Iterator[tuple[np.ndarray, np.ndarray, Any]]:
     """Yield the entries of a matrix where all conditions hold, with one weight."""
     *conditions, weight = conditions_and_weight
     kept = np.logical_and.reduce(conditions)
     yield rows[kept], columns[kept], weight
 
 
-def _matrix(entries, shape) -> csr_array:
+def _matrix(entries: Iterable[tuple[np.ndarray, np.ndarray, Any]], shape: tuple[int, int]) -> csr_array:
     """Sparse matrix of lists of rows, columns and values."""
     rows, columns, values = zip(*((r, c, np.broadcast_to(v, r.shape)) for r, c, v in entries))
     return coo_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape).tocsr()

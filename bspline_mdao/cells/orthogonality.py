@@ -68,7 +68,7 @@ def orthogonality_vjp(triples: np.ndarray, q_bar: np.ndarray, axis: int = -1) ->
     return _products_of_others(triples, axis) * np.expand_dims(q_bar, axis)
 
 
-def _products_of_others(triples, axis):
+def _products_of_others(triples: np.ndarray, axis: int) -> np.ndarray:
     """Products of all corners but one: Q divided by one triple product, which may be zero itself."""
     corners = np.moveaxis(triples, axis, 0)
     others = np.ones_like(corners)

@@ -117,7 +117,7 @@ class Pieces:
         with together(self.comm):
             return [self._frame(int(row[0]), row[1:4], row[4:7], row[7:]) for row in rows]
 
-    def _frame(self, block, low, high, area):
+    def _frame(self, block: int, low: np.ndarray, high: np.ndarray, area: np.ndarray) -> Frame:
         if not (high > low).any():
             raise InputError(f"{self.source}: all nodes of block {block + 1} are at one point; leave it out")
         size = float(np.linalg.norm(high - low))
@@ -129,7 +129,7 @@ def has_cells(shape: tuple[int, ...]) -> bool:
     return sum(n > 1 for n in shape) > 1
 
 
-def _n_cells(shape):
+def _n_cells(shape: tuple[int, ...]) -> int:
     """Cells of a block, or a piece, of ``shape`` nodes."""
     return math.prod(max(1, n - 1) for n in shape) if has_cells(shape) else 0
 

@@ -137,18 +137,18 @@ def distribution(
     return _distribution(*_counts(q, n_bins))
 
 
-def _require_bins(n_bins):
+def _require_bins(n_bins: int) -> None:
     if n_bins < 1:
         raise InputError(f"distribution of quality: {n_bins} bins; give at least 1")
 
 
-def _counts(q, n_bins):
+def _counts(q: np.ndarray, n_bins: int) -> tuple[np.ndarray, int]:
     """Cells in every bin, and those that have none."""
     counted = np.minimum(q[q >= 0.0], 1.0)
     return np.histogram(counted, bins=n_bins, range=(0.0, 1.0))[0], int(q.size - counted.size)
 
 
-def _distribution(counts, n_negative):
+def _distribution(counts: np.ndarray, n_negative: int) -> Distribution:
     n_bins = len(counts)
     return Distribution(np.linspace(0.0, 1.0, n_bins + 1), counts * (n_bins / max(1, counts.sum())), n_negative)
 
@@ -179,7 +179,7 @@ class _Summary(NamedTuple):
         return cls(n_cells, q_sum, least, n_inverted, counts, n_negative)
 
 
-def _exact_sum(q):
+def _exact_sum(q: np.ndarray) -> int | float:
     """Sum of numbers of size 1, in whole units of 2**-60: the same in any order. NaN if one of them is none."""
     if np.isnan(q).any():
         return np.nan
@@ -232,7 +232,8 @@ def judge_move(
     nodes: np.ndarray,  # (n_nodes, 3), moved nodes of all blocks (m)
 ) -> CellsAfterMove:
     """Judge a move by the cells that were valid on the baseline."""
-    n_inverted, q_min, total = 0, np.inf, 0
+    n_inverted, q_min = 0, np.inf
+    total: float = 0
     for block, measures in zip(quality.blocks, quality.cells_in_turn(nodes)):
         was_valid = np.ones(measures.q.size, dtype=bool)
         was_valid[block.was_invalid] = False

@@ -13,7 +13,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -213,7 +213,7 @@ def _handedness(topology: Topology, pieces, comm, nodes: np.ndarray) -> np.ndarr
     return volumes > 0.0
 
 
-def _strides(shape) -> tuple[int, int, int]:
+def _strides(shape: Sequence[int]) -> tuple[int, int, int]:
     """Steps of the numbers of cells of a block, of a given number of nodes, in each direction."""
     return (shape[1] - 1) * (shape[2] - 1), shape[2] - 1, 1
 

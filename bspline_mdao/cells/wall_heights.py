@@ -8,6 +8,7 @@ Theory: ``docs/theory/quality.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +69,7 @@ def report_heights(
     return on_first(comm, lambda: _reports_by_patch(cells, every))
 
 
-def _reports_by_patch(cells, every):
+def _reports_by_patch(cells: FirstCells, every: Sequence[tuple[np.ndarray, ...]]) -> tuple[PatchHeights, ...]:
     """Reports on the walls from numbers, patches, heights, their ratios and places of the entries of all processes."""
     keys, patch_ids, heights, ratios, places = (np.concatenate(column) for column in zip(*every))
     in_order = np.argsort(keys)
@@ -81,7 +82,9 @@ def _reports_by_patch(cells, every):
     )
 
 
-def _patch_heights(cells, number, heights, ratios, places):
+def _patch_heights(
+    cells: FirstCells, number: int, heights: np.ndarray, ratios: np.ndarray, places: np.ndarray
+) -> PatchHeights:
     low, median, high = np.quantile(ratios, [0.01, 0.5, 0.99])
     lowest, highest = (places[at].tolist() for at in (ratios.argmin(), ratios.argmax()))
     return PatchHeights(
