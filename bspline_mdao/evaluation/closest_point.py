@@ -230,7 +230,15 @@ def _inward_cosine(xi, residual, jacobian):
     return best
 
 
-def _descend_simultaneously(volume, net, points, starts, target, parameters, distance):
+def _descend_simultaneously(
+    volume: Volume,
+    net: np.ndarray,
+    points: np.ndarray,
+    starts: np.ndarray,
+    target: float,
+    parameters: np.ndarray,
+    distance: np.ndarray,
+) -> None:
     """`_descend_each` for any knots: one start after the other, all points at once."""
     n_agreeing = np.zeros(len(points), dtype=np.int64)
     todo = np.arange(len(points))
@@ -249,7 +257,9 @@ def _count_all_agreeing(found, best, n_agreeing):
     return n_agreeing
 
 
-def _descend_all_from(volume, net, points, starts, target):
+def _descend_all_from(
+    volume: Volume, net: np.ndarray, points: np.ndarray, starts: np.ndarray, target: float
+) -> tuple[np.ndarray, np.ndarray]:
     n = len(points)
     xi, kept, progress = starts.copy(), np.empty((n, 8, 3)), np.empty((n, 3))
     _start_all(progress)

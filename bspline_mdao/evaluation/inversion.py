@@ -25,6 +25,7 @@ from scipy.spatial import cKDTree
 from ..errors import InputError
 from ..numerics.threads import thread_count
 from ..shown import OneLine
+from ..splines.knots import Knots
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume, evaluate
 from .closest_point import descend
@@ -313,7 +314,7 @@ def nearest_samples(samples: Sequence[VolumeSamples]):
     parameters = np.concatenate([s.parameters for s in samples])
     volumes = np.repeat(np.arange(len(samples)), [len(s.parameters) for s in samples])
 
-    def search(points):
+    def search(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         _, ids = tree.query(points)
         return volumes[ids], parameters[ids]
 
@@ -332,7 +333,7 @@ def span_lattice(volume: Volume) -> np.ndarray:  # (m0, m1, m2, 3), inside (0, 1
     return parameters.reshape(*(s.size for s in stations), 3)
 
 
-def _stations(knots) -> np.ndarray:
+def _stations(knots: Knots) -> np.ndarray:
     """Places of the samples of one direction, counted in spans."""
     if knots.order == 1 and knots.n_control == 1:
         return np.zeros(1)

@@ -109,7 +109,7 @@ def store_groups(starts, order, values, basis):
                     basis[first * n_functions + m * n + i] = values[order[first + i], m]
 
 
-def _sort_copies(order, copies) -> tuple[np.ndarray, np.ndarray]:
+def _sort_copies(order: np.ndarray, copies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sorted nodes that have copies, and the rows of these."""
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))

@@ -21,12 +21,16 @@ last node. Theory: ``docs/theory/evaluation.rst``.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.base import BaseContext
 from numba.core.errors import RequireLiteralValue
+from numba.core.typing import Signature
 from numba.extending import intrinsic
 
 from ..numerics import simd
@@ -67,7 +71,9 @@ def load_net(
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(control_points, corner, steps, net, p_0, p_1, p_2)
 
-    def codegen(context, builder, signature, args):
+    def codegen(
+        context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+    ) -> ir.Value:
         control_points, corner, steps, net = _arguments(context, builder, signature, args)[:4]
         emit = Emitter(builder)
         lines = _SubNet(emit, control_points, corner, steps, orders)
@@ -89,7 +95,9 @@ def add_net(typingctx, control_points, corner, steps, net, p_0, p_1, p_2):
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(control_points, corner, steps, net, p_0, p_1, p_2)
 
-    def codegen(context, builder, signature, args):
+    def codegen(
+        context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+    ) -> ir.Value:
         control_points, corner, steps, net = _arguments(context, builder, signature, args)[:4]
         emit = Emitter(builder)
         width = 3 * orders[2]
@@ -136,7 +144,7 @@ class _SubNet:
         steps = [builder.mul(constant(m), stride) for m, stride in zip((a, b), self.strides)]
         return builder.add(self.first, builder.add(*steps))
 
-    def _turn(self, row):
+    def _turn(self, row: ir.Value) -> ir.Value:
         """Put the anchor's end of a line first, or back."""
         turned = [c + d for c in range(self.width - 3, -1, -3) for d in range(3)]
         return self.emit.builder.select(self.is_reversed, self.emit.shuffle(row, row, turned), row)
@@ -175,7 +183,9 @@ def sum_over_net(
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(net, basis, n, rows, out, p_0, p_1, p_2)
 
-    def codegen(context, builder, signature, args):
+    def codegen(
+        context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+    ) -> ir.Value:
         net, basis, n, rows, out = _arguments(context, builder, signature, args)[:5]
         emit = Emitter(builder)
         functions = _emit_functions(emit, basis, n, rows, out, orders)
@@ -205,7 +215,9 @@ def sum_over_net_turned(
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(net, basis, turn, fractions, vectors, n, rows, out, p_0, p_1, p_2)
 
-    def codegen(context, builder, signature, args):
+    def codegen(
+        context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+    ) -> ir.Value:
         net, basis, turn, fractions, vectors, n, rows, out = _arguments(context, builder, signature, args)[:8]
         emit = Emitter(builder)
         functions = _emit_functions(emit, basis, n, rows, out, orders)
@@ -250,9 +262,9 @@ def _emit_sum_over_net(emit: Emitter, net, functions, orders):
     """Emit the nested sums of Eq. (3) and return the three components."""
     total = None
     for a in range(orders[0]):
-        plane = None
+        plane: Any = None
         for b in range(orders[1]):
-            line = None
+            line: Any = None
             for c in range(orders[2]):
                 first = 3 * ((a * orders[1] + b) * orders[2] + c)
                 control_point = [emit.broadcast(net, first + d) for d in range(3)]
@@ -290,7 +302,9 @@ def gather_points(
     """Copy rows of ``bar`` to ``points``, group by group, one vector per component and zero beyond the last node."""
     signature = types.void(bar, rows, n, points)
 
-    def codegen(context, builder, signature, args):
+    def codegen(
+        context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+    ) -> ir.Value:
         bar, rows, n, points = _arguments(context, builder, signature, args)
         emit = Emitter(builder)
         with emit.loop(n, LANES) as (i, _):
@@ -325,7 +339,9 @@ def sum_over_nodes(
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(net, basis, n, points, rows, bar, p_0, p_1, p_2)
 
-    def codegen(context, builder, signature, args):
+    def codegen(
+        context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+    ) -> ir.Value:
         emit = Emitter(builder)
         net, *data = _arguments(context, builder, signature, args)[:6]
         nodes = _Nodes(emit, orders, *data)
@@ -351,7 +367,9 @@ def sum_turns(
     # n, points: as for `gather_points`
     signature = types.void(sums, fractions, vectors, n, points)
 
-    def codegen(context, builder, signature, args):
+    def codegen(
+        context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+    ) -> ir.Value:
         sums, fractions, vectors, n, points = _arguments(context, builder, signature, args)
         emit = Emitter(builder)
         for d in range(3):
@@ -399,7 +417,7 @@ class _Nodes:
                 builder.store(emit.add(builder.load(variable), term), variable)
         return sums
 
-    def _line_terms(self, i, lines):
+    def _line_terms(self, i: ir.Value, lines: Sequence[tuple[int, int]]) -> Iterator[ir.Value]:
         """Emit what one group adds to the sums."""
         emit, load = self.emit, self._functions_of_group(i)
         points = [emit.load(self.points, _point(self.builder, i, d)) for d in range(3)]
@@ -409,7 +427,7 @@ class _Nodes:
             for c in range(self.orders[2]):
                 yield from (emit.multiply(load(2, c), w) for w in weighted)
 
-    def _functions_of_group(self, i):
+    def _functions_of_group(self, i: ir.Value) -> Callable[[int, int], ir.Value | None]:
         """Return a function that loads function ``a`` of direction ``d`` (None for function 0, which is one)."""
         left = self.builder.sub(self.n, i)
         is_last = self.builder.icmp_signed("<", left, constant(LANES))
@@ -446,7 +464,7 @@ def _emit_add_sums(emit: Emitter, sums, net, first: int):
         emit.store(emit.add(emit.load(net, offset), vector), net, offset)
 
 
-def _first_component(builder, rows, i):
+def _first_component(builder: ir.IRBuilder, rows: ir.Value, i: ir.Value) -> ir.Value:
     """Element of a flat array of points at which row ``rows[i]`` starts."""
     row = builder.load(builder.gep(rows, [i]))
     return builder.mul(builder.zext(row, INT), constant(3))
@@ -459,7 +477,7 @@ def _literal_values(*literals) -> list[int]:
     return [literal.literal_value for literal in literals]
 
 
-def _arguments(context, builder, signature, args) -> list:
+def _arguments(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> list:
     """Return the data pointers of arrays, and scalars as they are."""
     return [
         cgutils.create_struct_proxy(kind)(context, builder, value=value).data
