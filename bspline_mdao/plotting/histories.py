@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,7 @@ LEAST = 1e-12
 """Violations below it are drawn as if they were this, since a logarithmic axis has no zero."""
 
 
-def driver_colors(names) -> dict[str, str]:
+def driver_colors(names: Iterable[str]) -> dict[str, str]:
     """Give every driver a colour: the first is orange, the second blue.
 
     Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import importlib.util
 import io
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from html import escape
 from typing import Any
 
@@ -110,7 +110,7 @@ def _thinned(sheet: Sheet, step: int) -> Sheet:
 def _histogram(report: QualityReport) -> str:
     """Picture of the distribution of Q."""
 
-    def draw(axes) -> None:
+    def draw(axes: Any) -> None:
         edges = report.histogram.edges
         axes.bar(edges[:-1], report.histogram.density, np.diff(edges), align="edge", color=BLUE)
         axes.set(xlabel="Q", ylabel="density of cells", xlim=(0.0, 1.0))
@@ -118,7 +118,7 @@ def _histogram(report: QualityReport) -> str:
     return _png(draw)
 
 
-def _png(draw) -> str:
+def _png(draw: Callable[[Any], None]) -> str:
     """Bytes, in base 64, of a small picture."""
     with require().rc_context(STYLE):
         canvas = require("matplotlib.figure").Figure(figsize=INCHES, layout="constrained")

@@ -172,7 +172,7 @@ def _limits(panels: Sequence[Panel], look: FieldLook | None) -> tuple[float, flo
     return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)
 
 
-def _show(plotter):
+def _show(plotter: Any) -> Any:
     """Show a plotter: in a notebook, in a window, or nowhere, which is said."""
     if _in_notebook():
         try:

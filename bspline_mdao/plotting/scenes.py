@@ -6,6 +6,7 @@ import functools
 import subprocess
 import sys
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -200,7 +201,7 @@ def has_renderer() -> bool:
     return False
 
 
-def _rendered(scene, camera, size) -> np.ndarray:
+def _rendered(scene: Scene, camera: Camera, size: tuple[float, float]) -> np.ndarray:
     """Image of a scene by PyVista, off screen."""
     pyvista = require("pyvista")
 
@@ -242,7 +243,7 @@ def _add_paint(plotter, paint: Paint) -> None:
     plotter.add_mesh(mesh, scalars="scalar", lighting=False, n_colors=256, **look)
 
 
-def _draw_polygons(axes, scene, camera) -> None:
+def _draw_polygons(axes: Any, scene: Scene, camera: Camera) -> None:
     """Draw everything as polygons, the farthest first."""
     parts = [_quads(net, camera, *PLANE, lit=0.0) for net in scene.planes]
     parts += [_quads(net, camera, *WALL, lit=0.45) for net in scene.walls]
@@ -259,7 +260,7 @@ def _draw_polygons(axes, scene, camera) -> None:
     axes.add_collection(collection, autolim=False)
 
 
-def _quads(net, camera, face, edge, lit):
+def _quads(net: np.ndarray, camera: Camera, face: str, edge: str, lit: float) -> tuple[np.ndarray, ...]:
     """Quadrilaterals of a net on the picture, their depths and the colours of their faces and edges."""
     corners = net_quads(net)
     flat = camera.project(corners)
@@ -279,7 +280,7 @@ def _painted(paint: Paint, camera):
     return flat[..., :2], flat[..., 2].mean(axis=1), colors, colors
 
 
-def _discs(marks, camera):
+def _discs(marks: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
     """Discs in the places of the marks, their depths and the colours of their faces and edges."""
     flat, radius = camera.project(marks), MARK * camera.height
     polygons = flat[:, None, :2] + radius * np.stack([DISC.real, DISC.imag], axis=-1)

@@ -7,7 +7,7 @@ The span is along z, from the plane of symmetry to the tip. Nodes may be given a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -191,7 +191,7 @@ def draw_span_load(axes, edges: np.ndarray, load: np.ndarray, **style) -> None:
     axes.plot(0.5 * (edges[1:] + edges[:-1]) / np.abs(edges).max(), load / mean, **style)
 
 
-def draw_ellipse(axes, **style) -> None:
+def draw_ellipse(axes: Any, **style: Any) -> None:
     """Draw the elliptical load along the half span, relative to its mean, and name the axes of a span load.
 
     Parameters
