@@ -8,8 +8,18 @@ from ..cad.files import check_cad_name
 from ..cad.opencascade import require_opencascade
 from ..cad.write_cad import CadReport, write_cad
 from ..model.fitted_model import FittedModel
+from ..topology.length_unit import metres_of
 from ..wording import counted
-from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
+from .output import (
+    check_outputs,
+    counts_text,
+    print_lines,
+    print_table,
+    print_title,
+    print_warnings,
+    progress_bar,
+    written_json,
+)
 
 
 def write_cad_file(
@@ -52,6 +62,12 @@ def write_cad_file(
     ]
     print_table(["face", "control points", "off (m)", "(deg)"], rows)
     show_cad(report)
+    if fitted.header.length_unit != "m":
+        unit = fitted.header.unit
+        factor = f"{metres_of(unit):g}"
+        print_warnings(
+            [f"lengths of the model are in {unit}, and the file takes them for metres: scale it by {factor}"]
+        )
 
 
 def cad_numbers(report: CadReport) -> dict:

@@ -21,6 +21,7 @@ from ..io.formats import curved_names, read_names, written_names
 from ..io.meshes.files import mesh_names
 from .counts import n_control_option
 from .movers import MoverOptions, moving_options
+from .units import units_option
 from .words import DEFINITIONS, PROGRAM
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -95,8 +96,9 @@ def bspline_mdao(context: click.Context) -> None:
     "--reynolds",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="RE",
-    help="Reynolds number per metre, for an estimate of y+ at walls.",
+    help="Reynolds number per unit of length, for an estimate of y+ at walls.",
 )
+@units_option
 @json_option
 def inspect(**options) -> None:
     """Show blocks, interfaces, boundary faces, first cells at walls and what looks wrong in a grid.
@@ -147,6 +149,7 @@ def inspect(**options) -> None:
 @click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
 @click.option("--no-wall-layer", is_flag=True, help="Do not let nodes near walls follow them as a rigid body.")
 @click.option("--no-certify", is_flag=True, help="Do not prove, element by element, that the splines are valid.")
+@units_option
 @json_option
 def fit(**options) -> None:
     """Fit a grid with B-spline volumes and write the model.
@@ -351,6 +354,7 @@ def optimize(**options) -> None:
     metavar="N",
     help="Iterations in each of four rounds, at most.",
 )
+@units_option
 @json_option
 def improve(grid_name: str, output: Path, json: Path | None, **options) -> None:
     """Raise the worst cells of a grid by moving interior control points; the surface stays.
@@ -382,6 +386,7 @@ def improve(grid_name: str, output: Path, json: Path | None, **options) -> None:
     metavar="N",
     help="Bins of the distribution of Q between 0 and 1.",
 )
+@units_option
 @json_option
 def quality(**options) -> None:
     """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells, first cells at walls.

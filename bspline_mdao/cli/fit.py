@@ -50,6 +50,7 @@ def fit_model(
     no_residual: bool = False,
     no_wall_layer: bool = False,
     no_certify: bool = False,
+    units: str | None = None,
 ) -> None:
     """Fit a grid, write the model and show how good it is.
 
@@ -75,6 +76,8 @@ def fit_model(
         Do not keep the residual; do not let nodes near walls follow them.
     no_certify : bool
         Do not prove which elements of the splines are valid everywhere.
+    units : str, optional
+        Unit of lengths, where the file does not say it.
 
     Raises
     ------
@@ -99,11 +102,11 @@ def fit_model(
         progress(0.0, "reading")
         model: FittedModel | FittedBlocks
         if comm.size == 1:
-            grid = load_grid(grid_name, patches)
+            grid = load_grid(grid_name, patches, units=units)
             _warn_of_patches(grid, grid_name)
             model = fit_grid(grid, progress=progress, **options)
         else:
-            stored = stored_grid(grid_name, patches, comm)
+            stored = stored_grid(grid_name, patches, comm, units=units)
             _warn_of_patches(stored, grid_name)
             model = fit_blocks(stored, comm, progress=progress, **options)
         certificate = None
@@ -183,19 +186,19 @@ def show_fit(model: FittedModel | FittedBlocks, output: Path, certificate: Certi
 
 def show_report(model: FittedModel | FittedBlocks) -> None:
     """Print the errors and sizes of a fit."""
-    report, worst = model.report, model.report.worst
+    report, worst, unit = model.report, model.report.worst, model.header.length_unit
     sizes = f"{counted(report.n_nodes, 'node')}, {counted(report.n_control_points, 'control point')}"
     print_title(f"{model.header.source}: {sizes}")
     rows = [
         (number, counts_text(shape), " + ".join(map(counts_text, counts)), math.hypot(*block.rms), *block.max_error)
         for number, (block, shape, counts) in enumerate(zip(report.blocks, model.topology.shapes, _counts(model)), 1)
     ]
-    print_table(["block", "nodes", "control points", "RMS (m)", "max x", "max y", "max z"], rows)
+    print_table(["block", "nodes", "control points", f"RMS ({unit})", "max x", "max y", "max z"], rows)
     print_lines(
         [
-            f"RMS error {report.rms:.3e} m, which is {report.relative_rms:.2e} of the mean cell edge; "
-            f"largest in x, y, z: {', '.join(f'{error:.3e}' for error in report.max_error)} m",
-            f"worst node: block {worst.block}, ({worst.i}, {worst.j}, {worst.k}), {worst.error:.3e} m",
+            f"RMS error {report.rms:.3e} {unit}, which is {report.relative_rms:.2e} of the mean cell edge; "
+            f"largest in x, y, z: {', '.join(f'{error:.3e}' for error in report.max_error)} {unit}",
+            f"worst node: block {worst.block}, ({worst.i}, {worst.j}, {worst.k}), {worst.error:.3e} {unit}",
             *_local_lines(report),
         ]
     )
@@ -207,7 +210,7 @@ def show_report(model: FittedModel | FittedBlocks) -> None:
             ]
         )
     if report.fallback is not None:
-        print_lines(_fallback_lines(report, report.fallback))
+        print_lines(_fallback_lines(report, report.fallback, unit))
     if report.factor_bytes:
         size = f"{report.factor_bytes / 1e9:.2g} GB"
         print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
@@ -220,7 +223,7 @@ def _local_lines(report: FitReport) -> list[str]:
     return [f"largest by the width of the cells there: {'; '.join(found)}"] if found else []
 
 
-def _fallback_lines(report: FitReport, fallback: Fallback) -> list[str]:
+def _fallback_lines(report: FitReport, fallback: Fallback, unit: str) -> list[str]:
     """Say what the control points are, and what least squares would be."""
     counts = ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in zip(CANDIDATES, fallback.n_points) if n)
     lines = [f"control points, by what most of each is: {counts}"]
@@ -228,7 +231,7 @@ def _fallback_lines(report: FitReport, fallback: Fallback) -> list[str]:
         lines.append(
             f"{fallback.n_moved:,} of {report.n_control_points:,} are not least squares alone, which leave "
             f"{counted(fallback.least_squares_invalid, 'invalid element')}, RMS error "
-            f"{fallback.least_squares_rms:.3e} m, largest {fallback.least_squares_max:.3e} m"
+            f"{fallback.least_squares_rms:.3e} {unit}, largest {fallback.least_squares_max:.3e} {unit}"
         )
     return lines
 

@@ -46,6 +46,8 @@ class ImproveOptions:
         Patches whose nodes slide in their planes.
     iterations : int
         Iterations of the optimiser in each round.
+    units : str, optional
+        Unit of lengths of such a grid, where its file does not say it.
     """
 
     patches: Path | None = None
@@ -54,6 +56,7 @@ class ImproveOptions:
     height_tolerance: float = 0.01
     slide: tuple[str, ...] = ()
     iterations: int = ITERATIONS
+    units: str | None = None
 
 
 def improve(grid_name: str, output: Path, json: Path | None, options: ImproveOptions) -> None:
@@ -102,10 +105,15 @@ def _model(grid_name: str, options: ImproveOptions, progress) -> FittedModel:
     if Path(grid_name).suffix != MODEL:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FitWarning)  # the control mesh is a measure of displacements alone here
-            return fit_grid(load_grid(grid_name, options.patches), n_control=options.n_control, progress=progress)
-    if options.patches or options.n_control:
-        what = "--patches" if options.patches else "--n-control"
-        raise InputError(f"{grid_name}: a model has its own patches and control points; leave out {what}")
+            return fit_grid(
+                load_grid(grid_name, options.patches, units=options.units),
+                n_control=options.n_control,
+                progress=progress,
+            )
+    given = {"--patches": options.patches, "--n-control": options.n_control, "--units": options.units}
+    if any(given.values()):
+        what = next(name for name, value in given.items() if value)
+        raise InputError(f"{grid_name}: a model has its own patches, control points and unit; leave out {what}")
     return FittedModel.load(grid_name)
 
 
@@ -134,7 +142,10 @@ def show_improvement(grid_name: str, output: Path, found: Improvement, options: 
     print_title(f"{grid_name}: {found.before.n_cells:,} cells, {n_points}")
     print_table(
         ["quality of the grid", "before", "after"],
-        [(label, getattr(found.before, name), getattr(found.after, name)) for name, label in QUALITY.items()],
+        [
+            (label.format(unit=found.grid.length_unit), getattr(found.before, name), getattr(found.after, name))
+            for name, label in QUALITY.items()
+        ],
     )
     print_table(
         ["block", "smallest Q before", "after", "where before", "after"],

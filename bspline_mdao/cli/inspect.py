@@ -37,7 +37,12 @@ from .sources import file_of, load_grid
 
 
 def inspect_grid(
-    grid_name: str, patches: Path | None, draft: Path | None, json: Path | None, reynolds: float | None = None
+    grid_name: str,
+    patches: Path | None,
+    draft: Path | None,
+    json: Path | None,
+    reynolds: float | None = None,
+    units: str | None = None,
 ) -> None:
     """Find the topology of a grid and show it; of a model also how well it is fitted.
 
@@ -50,7 +55,9 @@ def inspect_grid(
     draft, json : Path, optional
         TOML file of patches to start from, and numbers, to write.
     reynolds : float, optional
-        Reynolds number per metre, for an estimate of y+ (1/m).
+        Reynolds number per unit of length, for an estimate of y+.
+    units : str, optional
+        Unit of lengths, where the file does not say it.
 
     Raises
     ------
@@ -59,12 +66,13 @@ def inspect_grid(
     """
     check_outputs([draft, json], [file_of(grid_name), patches])
     is_model = Path(grid_name).suffix == MODEL
-    if is_model and patches:
-        raise InputError(f"{grid_name}: a model has the patches that it was fitted with; leave {patches} out")
+    if is_model and (patches or units):
+        what = f"{patches}" if patches else "--units"
+        raise InputError(f"{grid_name}: a model has the patches and the unit that it was fitted with; leave {what} out")
     with progress_bar() as progress:
         progress(0.0, "reading")
         model = FittedModel.load(grid_name) if is_model else None
-        grid = model.regenerate() if model else load_grid(grid_name, patches)
+        grid = model.regenerate() if model else load_grid(grid_name, patches, units=units)
         progress(0.5, "topology")
         topology = model.topology if model else find_topology(grid)
         progress(0.9, "walls")
@@ -80,7 +88,7 @@ def inspect_grid(
             declared = [replace(patch, windows=_boundary_windows(patch, topology)) for patch in grid.patches]
             write_draft(draft, grid, [patch for patch in declared if patch.windows], guesses, certainties)
     show_grid(grid, topology)
-    show_spacings(spacings, reynolds)
+    show_spacings(spacings, reynolds, grid.length_unit)
     if model:
         show_report(model)
     if draft:
@@ -154,6 +162,7 @@ def grid_numbers(grid: Grid, topology: Topology) -> dict:
     """Collect the numbers of a grid for JSON; block, face and node numbers are from 1."""
     return {
         "grid": grid.source,
+        "units": grid.unit or None,
         "blocks": grid.shapes,
         "block_names": [block.name for block in grid.blocks],
         "n_nodes": grid.n_nodes,
@@ -187,7 +196,8 @@ def _miss_numbers(miss: NearMiss) -> dict:
 
 def show_grid(grid: Grid, topology: Topology) -> None:
     """Print blocks, boundary faces, interfaces and what looks wrong."""
-    print_title(f"{grid.source}: {counted(len(grid.blocks), 'block')}, {counted(grid.n_nodes, 'node')}")
+    said = f", lengths in {grid.unit}" if grid.unit else ""
+    print_title(f"{grid.source}: {counted(len(grid.blocks), 'block')}, {counted(grid.n_nodes, 'node')}{said}")
     columns = ["block", "nodes", "interfaces", "boundary", "collapsed", "name"]
     print_table(columns, _block_rows(grid, topology))
     print_table(["patch", "kind", "faces", "where"], _patch_rows(grid, topology))
@@ -223,8 +233,8 @@ def _describe_miss(miss: NearMiss, grid: Grid) -> str:
     """Say which faces nearly meet, and how far they are apart."""
     other = f" and {describe(miss.other, grid)}" if miss.other else ""
     return (
-        f"near miss: {describe(miss.window, grid)}{other} are {miss.gap:.3g} m apart where cells are "
-        f"{miss.spacing:.3g} m; if they belong together, make their nodes coincide"
+        f"near miss: {describe(miss.window, grid)}{other} are {miss.gap:.3g} {grid.length_unit} apart where "
+        f"cells are {miss.spacing:.3g} {grid.length_unit}; if they belong together, make their nodes coincide"
     )
 
 

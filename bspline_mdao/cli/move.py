@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,12 +55,13 @@ from .output import (
     show_height_ratios,
     written_json,
 )
+from .units import unit_warnings
 
 QUALITY = {
     "q_min": "smallest Q",
     "q_mean": "mean Q",
     "min_corner": "smallest corner",
-    "min_volume": "smallest volume (m^3)",
+    "min_volume": "smallest volume ({unit}^3)",
     "n_inverted": "inverted cells",
 }
 """Labels of what is shown of the quality."""
@@ -256,7 +257,7 @@ def _grid(
     state = model.grid_map().at(points, WallCorrection.of(topology, nodes, surface.rows), wall)
     source = node_sharing(topology).source_rows()
     miss = SurfaceMiss.of(topology, source, surface.rows, wall - state.mismatch, wall)
-    return model.header.grid(topology.shapes, state.nodes), miss
+    return model.header.grid(topology.shapes, state.nodes), replace(miss, unit=model.header.length_unit)
 
 
 def _compared(baseline: Grid, grid: Grid) -> tuple[QualityReport, QualityReport, tuple[InvertedCell, ...], Certificate]:
@@ -324,14 +325,14 @@ def gap_numbers(gap: PeriodicGap) -> dict:
 
 def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions) -> None:
     """Print the report of a move."""
-    report = moved.movement.report
+    report, unit = moved.movement.report, moved.grid.length_unit
     sizes = f"{counted(moved.mesh.n_points, 'control point')}, {len(moved.surface):,} on the design surface"
     print_title(f"{model_file}: {sizes}")
     rows = [_row(number, increment) for number, increment in enumerate(report.increments, start=1)]
     solve = report.increments[-1].solve
     how = f"mover {options.mover.mover}{f', solver {solve.solver}' if solve else ''}"
     made = counted(report.n_increments, "increment")
-    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} m; {how}", made])
+    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} {unit}; {how}", made])
     if moved.mesh.following:
         names = ", ".join(what for what, _ in moved.mesh.following)
         print_lines([f"the surface ends on curved faces, which follow it unless they are fixed (--fix): {names}"])
@@ -339,13 +340,16 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     print_table(INCREMENT_COLUMNS[: len(rows[0])], rows)
     print_table(
         ["quality of the grid", "before", "after"],
-        [(label, getattr(moved.before, name), getattr(moved.after, name)) for name, label in QUALITY.items()],
+        [
+            (label.format(unit=unit), getattr(moved.before, name), getattr(moved.after, name))
+            for name, label in QUALITY.items()
+        ],
     )
     show_certificate(moved.certificate)
     show_height_ratios(moved.after.heights)
     if moved.miss:
         print_lines([f"the wall's nodes are where the deformation puts them; of control points alone, {moved.miss}"])
-    print_lines(_warnings(moved), style="yellow")
+    print_lines([*_warnings(moved), *unit_warnings(output, moved.grid)], style="yellow")
     print_lines([f"{output} written, {report.seconds:.2f} s for the move"])
 
 
@@ -440,10 +444,8 @@ def _cause(model: FittedModel, moved: Moved) -> str:
     if missed and _is_the_residual(model, moved):
         worst = model.report.worst_local
         widths = f" (by the width of the cells {worst})" if worst else ""
-        return (
-            f"the splines' own grid is valid there, what they miss of the grid, up to {missed:.2g} m{widths}, is in "
-            f"the way; not tried here: more control points (fit --n-control)"
-        )
+        what = f"what they miss of the grid, up to {missed:.2g} {model.header.length_unit}{widths}, is in the way"
+        return f"the splines' own grid is valid there, {what}; not tried here: more control points (fit --n-control)"
     first = report.first_tangled()
     if not first:
         return "the splines fold between control points, whose mesh stays valid"

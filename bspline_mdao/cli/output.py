@@ -237,11 +237,11 @@ def height_numbers(heights: Sequence[PatchHeights], *, is_compared: bool) -> lis
     ]
 
 
-def show_heights(heights: Sequence[PatchHeights]) -> None:
+def show_heights(heights: Sequence[PatchHeights], unit: str) -> None:
     """Print the heights at walls, if there are any."""
     if heights:
-        columns = ["first cells at", "nodes", "height (m): min", "median", "max"]
-        print_table(columns, [(h.patch, h.n_nodes, *_metres(h)) for h in heights])
+        columns = ["first cells at", "nodes", f"height ({unit}): min", "median", "max"]
+        print_table(columns, [(h.patch, h.n_nodes, *_heights(h)) for h in heights])
     print_lines(
         [f"'{h.patch}': {counted(h.n_left_out, 'node')} without height left out" for h in heights if h.n_left_out]
     )
@@ -255,8 +255,8 @@ def show_height_ratios(heights: Sequence[PatchHeights]) -> None:
         print_table(columns, [(h.patch, *_ratios(h), _place(h.worst[1])) for h in heights])
 
 
-def _metres(wall: PatchHeights | WallSpacing) -> list[str]:
-    """Write the heights of the first cells at a wall (m)."""
+def _heights(wall: PatchHeights | WallSpacing) -> list[str]:
+    """Write the heights of the first cells at a wall."""
     return [f"{getattr(wall, name):.2e}" for name in HEIGHTS]
 
 
@@ -282,26 +282,26 @@ def height_warnings(heights: Sequence[PatchHeights]) -> list[str]:
 
 
 def spacing_numbers(spacings: Sequence[WallSpacing], reynolds: float | None) -> list[dict]:
-    """Collect the spacings at walls for JSON, with an estimate of y+ where a Reynolds number per metre is given."""
+    """Collect the spacings at walls for JSON, with an estimate of y+ where a Reynolds number per length is given."""
     return [{**vars(s), **({"y_plus": y_plus(s, reynolds)} if reynolds else {})} for s in spacings]
 
 
-def show_spacings(spacings: Sequence[WallSpacing], reynolds: float | None) -> None:
+def show_spacings(spacings: Sequence[WallSpacing], reynolds: float | None, unit: str) -> None:
     """Print the spacings at walls, if there are any."""
     if not spacings:
         return
-    columns = ["first cells at", "height (m): min", "median", "max", "growth", "aspect"]
-    rows = [(s.patch, *_metres(s), s.growth_median, s.aspect_median) for s in spacings]
+    columns = ["first cells at", f"height ({unit}): min", "median", "max", "growth", "aspect"]
+    rows = [(s.patch, *_heights(s), s.growth_median, s.aspect_median) for s in spacings]
     if reynolds:
         columns.append("y+")
         rows = [(*row, y_plus(s, reynolds)) for row, s in zip(rows, spacings)]
     print_table(columns, rows)
     if reynolds:
-        print_lines([f"y+ at the median height, of a turbulent flat plate at {reynolds:.3g} per metre, is an estimate"])
+        print_lines([f"y+ at the median height, of a turbulent plate at {reynolds:.3g} per {unit}, is an estimate"])
 
 
 def y_plus(spacing: WallSpacing, reynolds: float) -> float:
-    """Estimate y+ at the median height of a wall, at a Reynolds number per metre.
+    """Estimate y+ at the median height of a wall, at a Reynolds number per unit of length.
 
     The plate is as long as the middle one of the sides of the wall's box, the chord of most wings: y+ goes with the
     fourteenth root of the length.

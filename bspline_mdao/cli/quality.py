@@ -53,7 +53,12 @@ MOST_SHOWN = 10
 
 
 def measure_quality(
-    grid_name: str, bins: int, json: Path | None, patches: Path | None = None, baseline: str | None = None
+    grid_name: str,
+    bins: int,
+    json: Path | None,
+    patches: Path | None = None,
+    baseline: str | None = None,
+    units: str | None = None,
 ) -> None:
     """Measure the cells of a grid and show what they are like.
 
@@ -73,6 +78,8 @@ def measure_quality(
     baseline : str, optional
         The grid before it was moved, as ``grid_name``: decides which cells are inverted now and were not, and what the
         heights at walls are compared with.
+    units : str, optional
+        Unit of lengths, where the file does not say it.
 
     Raises
     ------
@@ -92,7 +99,7 @@ def measure_quality(
         return
     with progress_bar() as progress:
         progress(0.0, "reading")
-        grid = _read(grid_name, patches, comm)
+        grid = _read(grid_name, patches, comm, units)
         before = grid if baseline is None else _baseline_of(baseline, grid, grid_name, comm)
         progress(0.5, "cells")
         quality = GridQuality.of_pieces(before.pieces, before.nodes)
@@ -101,7 +108,7 @@ def measure_quality(
         newly = () if baseline is None else inverted_cells(quality, quality.cells(grid.nodes), newly=True)
     with written_json(json, _numbers(grid_name, baseline, report, certificate, newly), comm):
         pass
-    _show(grid_name, baseline, report, certificate, newly)
+    _show(grid_name, baseline, report, certificate, newly, grid.header.length_unit)
     print_warnings(grid.warnings)
     if baseline is not None:
         print_warnings(height_warnings(report.heights))
@@ -131,17 +138,21 @@ class _Read(NamedTuple):
         return Pieces(self.partition, names, header.patches, header.source, self.comm)
 
 
-def _read(grid_name: str, patches: Path | None, comm: Any) -> _Read:
+def _read(grid_name: str, patches: Path | None, comm: Any, units: str | None = None) -> _Read:
     """The grid of a file, or the one that a fitted model regenerates."""
     is_model = Path(grid_name).suffix == MODEL
+    if is_model and units:
+        raise InputError(f"{grid_name}: a model has the unit that it was fitted with; leave --units out")
     if comm.size > 1:
-        return (_model_in_parts if is_model else _grid_in_parts)(grid_name, patches, comm)
+        if is_model:
+            return _model_in_parts(grid_name, patches, comm)
+        return _grid_in_parts(grid_name, patches, comm, units)
     if is_model:
         model = FittedModel.load(grid_name)
         grid, topology = model.regenerate(), model.topology
         grid = read_patches(patches, grid) if patches else grid
     else:
-        grid = load_grid(grid_name, patches, is_lifted=patches is not None)
+        grid = load_grid(grid_name, patches, is_lifted=patches is not None, units=units)
         topology = find_topology(grid)
     return _Read(grid, Pieces.of_grid(grid).partition, grid.to_vector().reshape(-1, 3), topology.warnings, comm)
 
@@ -155,15 +166,15 @@ def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
         raise InputError(f"{patches}: its connections need the nodes of a grid; give patches as TOML, or one process")
 
     blocks = (StoredBlock(shape, name, no_nodes) for shape, name in zip(shapes, header.names))
-    grid = StoredGrid(tuple(blocks), header.patches, header.source)
+    grid = StoredGrid(tuple(blocks), header.patches, header.source, unit=header.unit)
     with together(comm):
         grid, nodes = read_patches(patches, grid) if patches else grid, share.regenerate()
     return _Read(grid, Partition.of(share.topology, comm.size), nodes, share.topology.warnings, comm)
 
 
-def _grid_in_parts(grid_name: str, patches: Path | None, comm: Any) -> _Read:
+def _grid_in_parts(grid_name: str, patches: Path | None, comm: Any, units: str | None) -> _Read:
     """The nodes of the pieces of this process; the first one sees all of them once, to find what joins them."""
-    grid = stored_grid(grid_name, patches, comm, is_lifted=patches is not None)
+    grid = stored_grid(grid_name, patches, comm, is_lifted=patches is not None, units=units)
     topology = on_first(comm, lambda: find_topology(grid.grid()))
     partition = Partition.of(topology, comm.size)
     with together(comm):
@@ -221,11 +232,11 @@ def _numbers(
     }
 
 
-def _worst_text(cell: WorstCell) -> str:
+def _worst_text(cell: WorstCell, unit: str) -> str:
     """Write what a cell is like and where it is."""
     place = ", ".join(f"{x:.4g}" for x in cell.place)
     patch = f", at {cell.patch}" if cell.patch else ""
-    return f"{cell}: corner {cell.corner:.3g}, Q {cell.q:.3g}, around ({place}) m{patch}"
+    return f"{cell}: corner {cell.corner:.3g}, Q {cell.q:.3g}, around ({place}) {unit}{patch}"
 
 
 def _show(
@@ -234,6 +245,7 @@ def _show(
     report: QualityReport,
     certificate: Certificate,
     newly: Sequence[InvertedCell],
+    unit: str,
 ) -> None:
     """Print the measures of the cells, the first cells at walls, and inverted cells."""
     print_title(f"{grid_name}: {counted(report.n_cells, 'cell')}")
@@ -248,8 +260,8 @@ def _show(
     print_table(["measure", "value"], rows)
     show_certificate(certificate)
     print_lines(["cells with the smallest corners:"])
-    print_lines([f"  {_worst_text(cell)}" for cell in report.worst[:MOST_WORST]])
-    show_heights(report.heights)
+    print_lines([f"  {_worst_text(cell, unit)}" for cell in report.worst[:MOST_WORST]])
+    show_heights(report.heights, unit)
     if baseline_name is not None:
         show_height_ratios(report.heights)
     print_lines([f"{cell} was valid on the baseline" for cell in newly[:MOST_SHOWN]], style="yellow")

@@ -23,6 +23,7 @@ from .output import (
     progress_bar,
     written_json,
 )
+from .units import unit_warnings
 
 MOST_NODES = 100_000_000
 """A member with more nodes is refused: its evaluation takes some 200 bytes a node."""
@@ -77,6 +78,7 @@ def refine_model(
     ]
     print_table(["block", "nodes before", "nodes", "name"], rows)
     print_warnings(fitted.topology.warnings)
+    print_lines(unit_warnings(output, grid), style="yellow")
     print_lines([f"{output} written"])
 
 

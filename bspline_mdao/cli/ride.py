@@ -128,7 +128,7 @@ def ride_along(model_file: Path, mesh_file: Path, output: Path, json: Path | Non
         progress(0.9, "writing")
         with written_json(json, ride_numbers(model_file, mesh_file, output, found, options)):
             file.write(output, found.mesh.points)
-    show_ride(output, found)
+    show_ride(output, found, model.header.length_unit)
     print_warnings(_warnings(found))
 
 
@@ -253,22 +253,22 @@ def _least(quality: CellQuality) -> float:
     return float(quality.volumes.min(initial=np.inf))
 
 
-def show_ride(output: Path, found: _Ridden) -> None:
+def show_ride(output: Path, found: _Ridden, unit: str) -> None:
     """Print the report of a ride."""
     of, n_nodes = found.mesh.of, _stored_counts(found.mesh.of)
     in_plane = " of two dimensions" if of.mesh.n_copies > 1 else ""
     print_title(f"{of.mesh.source}: {counted(of.mesh.n_stored, 'node')}, {counted(of.mesh.n_cells, 'cell')}{in_plane}")
     moved = np.linalg.norm(found.mesh.points - of.mesh.points, axis=1).max(initial=0.0)
-    lines = [f"nodes moved by up to {moved:.3g} m"]
+    lines = [f"nodes moved by up to {moved:.3g} {unit}"]
     if of.walls is not None:
         names = ", ".join(of.walls.faces.names)
         lines.append(f"walls: {names}, {counted(n_nodes.walls, 'node')}, {n_nodes.followers:,} follow them")
     farthest = float(np.delete(of.distances, of.held).max(initial=0.0))
     held = f"; {counted(n_nodes.held, 'node')} held" if n_nodes.held else ""
-    lines.append(f"farthest outside the fitted grid: {farthest:.2g} m{held}")
+    lines.append(f"farthest outside the fitted grid: {farthest:.2g} {unit}{held}")
     print_lines(lines)
     rows = [
-        ("smallest volume (m^3)", _least(found.before), _least(found.after)),
+        (f"smallest volume ({unit}^3)", _least(found.before), _least(found.after)),
         ("inverted cells", int(found.before.is_inverted.sum()), int(found.after.is_inverted.sum())),
     ]
     print_table(["cells of the mesh", "before", "after"], rows)

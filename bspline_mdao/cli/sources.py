@@ -21,7 +21,7 @@ def file_of(grid_name: str) -> str | None:
     return None if grid_name.startswith("@") else grid_name
 
 
-def load_grid(grid_name: str, patches: Path | None = None, is_lifted: bool = True) -> Grid:
+def load_grid(grid_name: str, patches: Path | None = None, is_lifted: bool = True, units: str | None = None) -> Grid:
     """Read or generate a grid, and declare its patches.
 
     Parameters
@@ -32,6 +32,8 @@ def load_grid(grid_name: str, patches: Path | None = None, is_lifted: bool = Tru
         TOML or NMF file.
     is_lifted : bool
         Make a plane grid one cell deep.
+    units : str, optional
+        Unit of its lengths, where its file does not say it.
 
     Returns
     -------
@@ -45,18 +47,21 @@ def load_grid(grid_name: str, patches: Path | None = None, is_lifted: bool = Tru
     from ..io.files import read_grid  # NumPy and HDF5, for which help should not wait
     from ..io.patches import read_patches
     from ..io.plane_grids import lift_plane_grid
+    from ..topology.length_unit import in_unit
 
-    grid = read_grid(grid_name) if file_of(grid_name) else _generate(grid_name)
+    grid = in_unit(read_grid(grid_name) if file_of(grid_name) else _generate(grid_name), units)
     grid = lift_plane_grid(grid) if is_lifted else grid
     return read_patches(patches, grid) if patches else grid
 
 
-def stored_grid(grid_name: str, patches: Path | None, comm: Any, is_lifted: bool = True) -> StoredGrid:
+def stored_grid(
+    grid_name: str, patches: Path | None, comm: Any, is_lifted: bool = True, units: str | None = None
+) -> StoredGrid:
     """Open a grid for several processes, which read what they need of a file; a built-in grid each of them makes.
 
     Parameters
     ----------
-    grid_name, patches, is_lifted
+    grid_name, patches, is_lifted, units
         See `load_grid`.
     comm : communicator
         The processes, all of which call this.
@@ -72,14 +77,15 @@ def stored_grid(grid_name: str, patches: Path | None, comm: Any, is_lifted: bool
     """
     from ..io.files import open_grid
     from ..numerics.processes import together
+    from ..topology.length_unit import in_unit
     from ..topology.stored_grid import StoredGrid
 
     if file_of(grid_name):
         stored = open_grid(grid_name, None, comm)
         if not (is_lifted and all(1 in shape for shape in stored.shapes)):  # others may be plane, and are small
-            return open_grid(grid_name, patches, comm) if patches else stored
+            return in_unit(open_grid(grid_name, patches, comm) if patches else stored, units)
     with together(comm):
-        return StoredGrid.of(load_grid(grid_name, patches))
+        return StoredGrid.of(load_grid(grid_name, patches, units=units))
 
 
 def _generate(grid_name: str) -> Grid:

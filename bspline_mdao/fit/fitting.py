@@ -263,7 +263,7 @@ def _fit(
         "topology": topology,
         "mesh": problem.mesh,
         "control_points": solution.control_points,
-        "header": GridHeader(names, grid.patches, grid.source, grid.dialect, iblanks),
+        "header": GridHeader(names, grid.patches, grid.source, grid.dialect, iblanks, grid.unit),
         "report": report,
         "settings": FitSettings(_kind(knots), corrections, _kind(parametrization), method, wall_layer),
         "candidate_weights": solution.weights,

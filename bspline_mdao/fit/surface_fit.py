@@ -65,6 +65,7 @@ class SurfaceMiss(OneLine):
     patch: str
     block: str
     node: tuple[int, int, int]  # its place in the block, from 1
+    unit: str = "m"  # of lengths
 
     @classmethod
     def of(
@@ -87,8 +88,8 @@ class SurfaceMiss(OneLine):
         size = f" ({self.largest / self.size:.2g} of its size)" if self.size else ""
         patch = f", patch {self.patch}" if self.patch else ""
         return (
-            f"the surface misses its target by {self.largest:.3g} m at most{size}, {self.rms:.3g} m RMS; the worst is "
-            f"node {self.node} of {self.block}{patch}"
+            f"the surface misses its target by {self.largest:.3g} {self.unit} at most{size}, {self.rms:.3g} "
+            f"{self.unit} RMS; the worst is node {self.node} of {self.block}{patch}"
         )
 
     def log(self, prefix: str = "") -> None:

@@ -39,6 +39,7 @@ from .cgns_nodes import (
     value,
     word,
 )
+from .cgns_units import add_unit, read_unit
 from .disk import deferred_interrupts, replaced_file, replaced_hdf5_file
 from .element_order import HEXAHEDRA
 from .formats import MODEL, MODEL_FORMAT
@@ -47,9 +48,6 @@ __all__ = ["CgnsDialect", "add_coordinates", "open_cgns", "read_cgns", "write_ba
 
 LIBRARY_VERSION = 3.4
 """Version written into new files; older tools refuse 4.0."""
-
-_DATA_CLASS = "NormalizedByUnknownDimensional"
-"""Units of new files: none are stated, because most grid files that are converted do not state theirs."""
 
 _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
@@ -107,7 +105,7 @@ def read_cgns(path: str | os.PathLike) -> Grid:
     fault = find_fault(blocks)
     if fault:
         raise InputError(f"{stored.source}: {fault}")
-    return Grid(tuple(blocks), stored.patches, stored.source, stored.dialect, stored.connections)
+    return Grid(tuple(blocks), stored.patches, stored.source, stored.dialect, stored.connections, stored.unit)
 
 
 def open_cgns(path: str | os.PathLike) -> StoredGrid:
@@ -136,12 +134,13 @@ def open_cgns(path: str | os.PathLike) -> StoredGrid:
         shapes: list[tuple[int, ...]] = [_checked_shape(base, zone, name, source) for name, base, zone in zones]
         patches, ignored = read_patches_of_zones([(base, zone) for _, base, zone in zones], shapes)
         ignored = _bases_left_out(file) + ignored
+        unit = read_unit(source, [(base, zone) for _, base, zone in zones])
         connections, unfit = read_connections([zone for _, _, zone in zones], names, shapes)
     blocks = tuple(
         StoredBlock(shape, name, partial(_read_part, source, number, name))
         for number, (name, shape) in enumerate(zip(names, shapes))
     )
-    return StoredGrid(blocks, patches, source, CgnsDialect(os.path.abspath(path), ignored + unfit), connections)
+    return StoredGrid(blocks, patches, source, CgnsDialect(os.path.abspath(path), ignored + unfit), connections, unit)
 
 
 @contextmanager
@@ -332,6 +331,9 @@ def _replace_coordinates(path: Path, source: str, grid: Grid, topology: Topology
         declared = [side for item in read_connections(nodes, names, grid.shapes)[0] for side in (item.a, item.b)]
         lacking = [item for item in topology.interfaces if not any(item.a.overlaps(side) for side in declared)]
         add_connections(nodes, lacking)
+        if grid.unit and not read_unit(source, [(base, zone) for _, base, zone in zones]):
+            for base in {base.name: base for _, base, _ in zones}.values():
+                add_unit(base, grid.unit)
 
 
 def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
@@ -353,18 +355,18 @@ def _write_new(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
     with replaced_hdf5_file(path) as file, deferred_interrupts():
         is_flat = all(block.shape[2] == 1 for block in grid.blocks)
         n_indices = 2 if is_flat else 3
-        base = write_base(file, n_indices)
+        base = write_base(file, n_indices, grid.unit)
         zones = [_write_zone(base, block, n_indices) for block in grid.blocks]
         add_boundaries(base, zones, grid, [w for w in topology.collapsed if w.is_on_face(topology.shapes[w.block])])
         add_connections(zones, topology.interfaces)
 
 
-def write_base(file: h5py.File, n_dimensions: int) -> h5py.Group:
+def write_base(file: h5py.File, n_dimensions: int, unit: str = "") -> h5py.Group:
     """Write what the CGNS library puts at the root of an HDF5 file, and a base whose cells have 2 or 3 dimensions."""
     set_root_attributes(file)
     add_node(file, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([LIBRARY_VERSION], np.float32))
     base = add_node(file, "Base", "CGNSBase_t", np.array([n_dimensions, 3], np.int32))
-    add_node(base, "DataClass", "DataClass_t", _DATA_CLASS)
+    add_unit(base, unit)
     return base
 
 

@@ -36,7 +36,7 @@ TYPES = {"wall": "wall", "symmetry": "symmetry"}
 
 _HEAD = "FoamFile\n{{\n    version 2.0;\n    format ascii;\n    class {};\n{}    object {};\n}}\n\n"
 _CHUNK = 100_000  # lines that are put into words at once
-_NO_WORD = re.compile(r"[\s\"'/;{}()$#]")  # what a name cannot hold in OpenFOAM's dictionaries
+_NO_WORD = re.compile(r"[^\x21-\x7e]|[\"'/;{}()$#]")  # what a name cannot hold in OpenFOAM's dictionaries
 
 
 def write_polymesh(folder: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:

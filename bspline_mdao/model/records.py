@@ -40,6 +40,8 @@ class GridHeader(OneLine):
         How its file was written.
     iblanks : tuple of (ndarray or None)
         Blanking of every block.
+    unit : str
+        Unit of lengths; empty where nobody says it.
     """
 
     names: tuple[str, ...]
@@ -47,12 +49,18 @@ class GridHeader(OneLine):
     source: str = "grid"
     dialect: object | None = None
     iblanks: tuple[np.ndarray | None, ...] = ()
+    unit: str = ""
+
+    @property
+    def length_unit(self) -> str:
+        """Unit that lengths are shown in: metres where nobody says another one."""
+        return self.unit or "m"
 
     @classmethod
     def of(cls, grid: Grid) -> GridHeader:
         """Take the header of a grid."""
         names, iblanks = tuple(b.name for b in grid.blocks), tuple(b.iblank for b in grid.blocks)
-        return cls(names, grid.patches, grid.source, grid.dialect, iblanks)
+        return cls(names, grid.patches, grid.source, grid.dialect, iblanks, grid.unit)
 
     def grid(self, shapes, nodes: np.ndarray) -> Grid:
         """Grid with these nodes, shape (n_nodes, 3), in blocks of these shapes."""
@@ -61,7 +69,7 @@ class GridHeader(OneLine):
             stop = start + int(np.prod(shape))
             blocks.append(Block(nodes[start:stop].reshape(*shape, 3), name, iblank))
             start = stop
-        return Grid(tuple(blocks), self.patches, self.source, self.dialect)
+        return Grid(tuple(blocks), self.patches, self.source, self.dialect, unit=self.unit)
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def quality_chart(shapes: Sequence[Shape], reports: Sequence[QualityReport]) -> 
     return Chart("quality", "Distribution of Q", text, data, layout)
 
 
-def height_chart(shapes: Sequence[Shape], cells: FirstCells) -> Chart:
+def height_chart(shapes: Sequence[Shape], cells: FirstCells, unit: str) -> Chart:
     """Heights of the first cells of every wall, in the order of their size."""
     data, lowest, highest = [], np.inf, -np.inf
     parts = np.linspace(0.0, 1.0, 101)
@@ -106,10 +106,10 @@ def height_chart(shapes: Sequence[Shape], cells: FirstCells) -> Chart:
             data.append(
                 {"type": "scatter", "mode": "lines", "name": name, "x": 100.0 * parts, "y": sizes, "line": line}
             )
-    text = f"Heights of the first cells at walls, from {lowest:.3g} to {highest:.3g} m."
+    text = f"Heights of the first cells at walls, from {lowest:.3g} to {highest:.3g} {unit}."
     layout = {
         "xaxis": {"title": {"text": "% of the nodes that are lower"}},
-        "yaxis": {"title": {"text": "height (m)"}, "type": "log", "exponentformat": "e"},
+        "yaxis": {"title": {"text": f"height ({unit})"}, "type": "log", "exponentformat": "e"},
     }
     return Chart("heights", "Heights of the first cells", text, data, layout)
 
@@ -192,8 +192,8 @@ def section_chart(shapes: Sequence[Shape], quads: np.ndarray, axes: Axes) -> Cha
             data.append(
                 {"type": "scatter", "mode": "lines", "name": shape.label, "line": style, "showlegend": row == 1, **at}
             )
-        layout[f"yaxis{suffix}"] = {"scaleanchor": f"x{suffix}", "title": {"text": f"{'xyz'[axes.up]} (m)"}}
-        layout[f"xaxis{suffix}"] = {"title": {"text": f"{'xyz'[axes.downstream]} (m)" if row == len(places) else ""}}
+        layout[f"yaxis{suffix}"] = {"scaleanchor": f"x{suffix}", "title": {"text": f"{'xyz'[axes.up]} ({axes.unit})"}}
+        layout[f"xaxis{suffix}"] = {"title": {"text": _downstream_text(axes) if row == len(places) else ""}}
         layout["annotations"].append(_named(row, _place_text(axes, place)))
     text = f"Sections of the walls at {', '.join(_place_text(axes, place) for place in places)}."
     return Chart("sections", "Sections", text, data, layout, height=60 + 170 * len(places))
@@ -219,7 +219,7 @@ def pressure_chart(shapes: Sequence[Shape], name: str, corners: np.ndarray, axes
                 {"type": "scatter", "mode": "lines", "name": shape.label, "line": style, "showlegend": row == 1, **at}
             )
         layout[f"yaxis{suffix}"] = {"autorange": "reversed", "title": {"text": name}}
-        layout[f"xaxis{suffix}"] = {"title": {"text": f"{'xyz'[axes.downstream]} (m)" if row == len(places) else ""}}
+        layout[f"xaxis{suffix}"] = {"title": {"text": _downstream_text(axes) if row == len(places) else ""}}
         layout["annotations"].append(_named(row, _place_text(axes, place)))
     peak = float(shapes[-1].pressures[name].min())
     where = ", ".join(_place_text(axes, place) for place in places)
@@ -289,7 +289,11 @@ def _places(corners: np.ndarray, axes: Axes) -> list[float]:
 
 
 def _place_text(axes: Axes, place: float) -> str:
-    return f"{'xyz'[axes.span]} = {place:.3g} m"
+    return f"{'xyz'[axes.span]} = {place:.3g} {axes.unit}"
+
+
+def _downstream_text(axes: Axes) -> str:
+    return f"{'xyz'[axes.downstream]} ({axes.unit})"
 
 
 def _named(row: int, text: str) -> dict[str, Any]:

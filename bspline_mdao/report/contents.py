@@ -36,12 +36,15 @@ class Axes:
         Numbers of the axes of the grid, from 0.
     is_guessed : bool
         Whether no flow says so.
+    unit : str
+        Unit of lengths along them.
     """
 
     downstream: int
     span: int
     up: int
     is_guessed: bool = False
+    unit: str = "m"
 
     @property
     def names(self) -> str:
@@ -187,12 +190,12 @@ def axes_of(model: FittedModel, walls: np.ndarray, options: Mapping[str, Mapping
         text = str(of_system.get("axes", ""))
         if sorted(text) == ["x", "y", "z"]:
             downstream, span, up = ("xyz".index(letter) for letter in text)
-            return Axes(downstream, span, up)
+            return Axes(downstream, span, up, unit=model.header.length_unit)
     extents = np.ptp(walls, axis=0)
     across = _across_symmetry(model)
     span = int(np.argmax(extents)) if across is None else across
     downstream, up = sorted((axis for axis in range(3) if axis != span), key=lambda axis: (-extents[axis], axis))
-    return Axes(downstream, span, up, is_guessed=True)
+    return Axes(downstream, span, up, True, model.header.length_unit)
 
 
 def _across_symmetry(model: FittedModel) -> int | None:

@@ -275,12 +275,13 @@ def _of_grid(contents: Contents, model: FittedModel, most_triangles: int):
         sections.append(
             Section("sections", title, [f"Cuts of the walls across the axis {'xyz'[axes.span]}.{guess}"], charts)
         )
-    quality_tables = [quality_table(shapes, reports), *(worst_table(s, w) for s, w in zip(shapes[-1:], worst[-1:]))]
+    unit = axes.unit
+    worst_tables = (worst_table(shape, cells, unit) for shape, cells in zip(shapes[-1:], worst[-1:]))
+    quality_tables = [quality_table(shapes, reports), *worst_tables]
     sections.append(Section("quality", "Quality of the cells", [], [quality_chart(shapes, reports)], quality_tables))
     if cells is not None:
-        sections.append(
-            Section("heights", "Wall heights", [], [height_chart(shapes, cells)], [height_table(shapes, cells)])
-        )
+        parts = [height_chart(shapes, cells, unit)], [height_table(shapes, cells, unit)]
+        sections.append(Section("heights", "Wall heights", [], *parts))
     sections.append(Section("fit", "Fit", [], [], [fit_table(model)]))
     return (traces, layout), numbers, sections
 
@@ -361,7 +362,7 @@ def _cards(contents: Contents, numbers: dict[str, Any]) -> list[tuple[str, str, 
             cards.append(
                 (
                     "RMS of the fit",
-                    f"{number(report.rms, 3)} m",
+                    f"{number(report.rms, 3)} {contents.model.header.length_unit}",
                     f"{number(100 * report.relative_rms, 2)} % of the mean edge",
                 )
             )

@@ -83,13 +83,13 @@ def quality_table(shapes: Sequence[Shape], reports: Sequence[QualityReport]) -> 
     return Table("Quality of the cells", ("measure", *(s.label for s in shapes)), [(n, *v) for n, v in rows], note)
 
 
-def worst_table(shape: Shape, cells: Sequence[WorstCell]) -> Table:
+def worst_table(shape: Shape, cells: Sequence[WorstCell], unit: str) -> Table:
     """The worst cells, and where they are."""
     rows = []
     for c in cells:
         place = ", ".join(number(x, 4) for x in c.place)
         rows.append((c.block, f"{c.i}, {c.j}, {c.k}", number(c.corner, 3), number(c.q, 3), place, c.patch or "–"))
-    columns = ("block", "cell i, j, k", "corner", "Q", "place x, y, z (m)", "at")
+    columns = ("block", "cell i, j, k", "corner", "Q", f"place x, y, z ({unit})", "at")
     return Table(
         f"Worst cells: {shape.label.lower()}",
         columns,
@@ -98,7 +98,7 @@ def worst_table(shape: Shape, cells: Sequence[WorstCell]) -> Table:
     )
 
 
-def height_table(shapes: Sequence[Shape], cells: FirstCells) -> Table:
+def height_table(shapes: Sequence[Shape], cells: FirstCells, unit: str) -> Table:
     """Heights of the first cells at every wall."""
     rows = []
     for shape in shapes:
@@ -109,7 +109,8 @@ def height_table(shapes: Sequence[Shape], cells: FirstCells) -> Table:
             label = (cells.patches[patch], *([shape.label] if len(shapes) > 1 else []))
             rows.append((*label, f"{ids.size:,}", *values, f"{ratios.min():.3f} to {ratios.max():.3f}"))
     shape_column = ["grid"] if len(shapes) > 1 else []
-    columns = ("wall", *shape_column, "nodes", "lowest (m)", "median (m)", "highest (m)", "by the model's grid")
+    sizes = (f"{what} ({unit})" for what in ("lowest", "median", "highest"))
+    columns = ("wall", *shape_column, "nodes", *sizes, "by the model's grid")
     return Table("Heights of the first cells at walls", columns, rows)
 
 
@@ -209,15 +210,15 @@ def variable_table(history: CaseHistory) -> Table:
 
 def fit_table(model: FittedModel) -> Table:
     """How good the fit is."""
-    report, worst = model.report, model.report.worst
+    report, worst, unit = model.report, model.report.worst, model.header.length_unit
     place = f"node ({worst.i}, {worst.j}, {worst.k}) of block {worst.block}"
     rows = [
         ("blocks", f"{len(model.topology.shapes):,}"),
         ("nodes", f"{model.n_nodes:,}"),
         ("control points", f"{model.mesh.n_control_points:,}"),
-        ("RMS distance of nodes from the splines (m)", number(report.rms)),
+        (f"RMS distance of nodes from the splines ({unit})", number(report.rms)),
         ("the same by the mean cell edge", number(report.relative_rms)),
-        ("largest distance (m)", f"{number(worst.error)}, at {place}"),
+        (f"largest distance ({unit})", f"{number(worst.error)}, at {place}"),
         ("the same by the width of the cells", _in_widths(report)),
         ("invalid control elements", f"{report.n_invalid:,}"),
         ("residual carried", "yes: the grid that was read comes back" if model.residual is not None else "no"),

@@ -148,7 +148,7 @@ def _topology_of(grid: Grid | StoredGrid, blocks: Sequence[Shell]) -> Topology:
         warnings=_shortened(
             [
                 *(f"block {again + 1} is block {first + 1} once more; leave one out" for first, again in repeated),
-                *_gap_warnings(near_misses, joined_gaps),
+                *_gap_warnings(near_misses, joined_gaps, grid.length_unit),
                 *_warnings(grid, blocks, coincidence, faces, quads, matches, segmentation, patch_ids, is_closed),
             ]
         ),
@@ -276,28 +276,28 @@ def _gaps(blocks: Sequence[Shell], coincidence: Coincidence, interface: Interfac
     return gaps, coincidence.spacing[a.block].at(a)
 
 
-def _gap_warnings(near_misses: Sequence[NearMiss], joined: Sequence[NearMiss]) -> list[str]:
+def _gap_warnings(near_misses: Sequence[NearMiss], joined: Sequence[NearMiss], unit: str) -> list[str]:
     """Say that faces nearly meet, and whether they are joined."""
     lines = []
     if near_misses:
         lines.append(
             f"not joined, though they nearly meet, so that blocks come apart there: "
-            f"{_describe_gap(near_misses, 'pairs of faces')}; if they belong together, make their nodes coincide"
+            f"{_describe_gap(near_misses, 'pairs of faces', unit)}; if they belong together, make their nodes coincide"
         )
     if joined:
         lines.append(
-            f"joined, though not all of their nodes coincide: {_describe_gap(joined, 'interfaces')}; a fit gives both "
-            f"sides the nodes of the first"
+            f"joined, though not all of their nodes coincide: {_describe_gap(joined, 'interfaces', unit)}; a fit gives "
+            f"both sides the nodes of the first"
         )
     return lines
 
 
-def _describe_gap(misses: Sequence[NearMiss], what: str) -> str:
+def _describe_gap(misses: Sequence[NearMiss], what: str, unit: str) -> str:
     """Count pairs that nearly meet, and describe the worst."""
     worst = max(misses, key=lambda miss: miss.gap / miss.spacing)
     return (
         f"{f'{len(misses)} {what}, the worst ' if len(misses) > 1 else ''}{describe(worst.window)} and "
-        f"{describe(worst.other)}, by {worst.gap:.3g} m where cells are {worst.spacing:.3g} m"
+        f"{describe(worst.other)}, by {worst.gap:.3g} {unit} where cells are {worst.spacing:.3g} {unit}"
     )
 
 
@@ -374,8 +374,8 @@ def _disagreements(
         is_apart = (gaps > SPACING_TOLERANCE * spacing).any()
         if is_apart and not is_closed[_covered(faces, [item.a])].all():
             lines.append(
-                f"the file connects {describe(item.a)} to {describe(item.b)}, whose nodes are up to {gaps.max():.3g} m "
-                f"apart: taken as boundary; mend the nodes, unless it is periodic"
+                f"the file connects {describe(item.a)} to {describe(item.b)}, whose nodes are up to {gaps.max():.3g} "
+                f"{grid.length_unit} apart: taken as boundary; mend the nodes, unless it is periodic"
             )
     if grid.connections:
         is_connected = _covered(faces, [side for item in grid.connections for side in (item.a, item.b)])

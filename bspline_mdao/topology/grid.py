@@ -107,6 +107,8 @@ class Grid(Shown):
     connections : tuple of Interface
         One-to-one connections that the file declares, each once. The topology is found from the nodes; it warns where
         the two do not agree.
+    unit : str
+        Unit of lengths, such as ``"mm"``; empty where nobody says it. Numbers are never rescaled.
 
     Examples
     --------
@@ -123,6 +125,12 @@ class Grid(Shown):
     source: str = "grid"
     dialect: Any = field(default=None, compare=False)
     connections: tuple[Interface, ...] = ()
+    unit: str = ""
+
+    @property
+    def length_unit(self) -> str:
+        """Unit that lengths are shown in: metres where nobody says another one."""
+        return self.unit or "m"
 
     def __post_init__(self):
         for name, kind in (("blocks", Block), ("patches", Patch)):

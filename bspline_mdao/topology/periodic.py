@@ -58,18 +58,21 @@ class Motion:
         The point of the axis nearest to the origin (m).
     shift : tuple of float
         The translation (m).
+    unit : str
+        Unit of lengths.
     """
 
     axis: tuple[float, ...] = (0.0, 0.0, 0.0)
     angle: float = 0.0
     point: tuple[float, ...] = (0.0, 0.0, 0.0)
     shift: tuple[float, ...] = (0.0, 0.0, 0.0)
+    unit: str = "m"
 
     def __str__(self) -> str:
         if self.is_translation:
-            return f"translation by {_text(self.shift)} m"
+            return f"translation by {_text(self.shift)} {self.unit}"
         axis = "xyz"[int(np.argmax(self.axis))] if max(self.axis) == 1.0 else f"the direction {_text(self.axis)}"
-        through = f" through {_text(self.point)} m" if any(self.point) else ""
+        through = f" through {_text(self.point)} {self.unit}" if any(self.point) else ""
         return f"rotation about {axis}{through} by {np.degrees(self.angle):.6g} deg"
 
     @property
@@ -157,7 +160,8 @@ def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, 
         if there and back and not there & back:
             first, second = (tuple(windows[n] for n in sorted(part)) for part in (there, back))
             nodes, others = (np.concatenate([sides[n].nodes for n in sorted(part)]) for part in (there, back))
-            pairs.append(PeriodicPair(first, second, _refined(motion, nodes, others, size)))
+            refined = replace(_refined(motion, nodes, others, size), unit=grid.length_unit)
+            pairs.append(PeriodicPair(first, second, refined))
             left -= there | back
     return tuple(pairs)
 

@@ -39,10 +39,11 @@ class PeriodicGap:
     node: Window
 
     def __str__(self) -> str:
+        unit = self.pair.motion.unit
         return (
             f"periodic faces drift apart: {describe(self.pair.windows[0])} and {describe(self.pair.others[0])}, by a "
-            f"{self.pair.motion}, are {self.gap:.3g} m apart at {describe(self.node)}; nothing ties them, and flow "
-            f"solvers will not take them for periodic. Deform walls alike where they end on both, or not there"
+            f"{self.pair.motion}, are {self.gap:.3g} {unit} apart at {describe(self.node)}; nothing ties them, and "
+            f"flow solvers will not take them for periodic. Deform walls alike where they end on both, or not there"
         )
 
 

@@ -65,6 +65,8 @@ class StoredGrid(OneLine):
         How the file was written.
     connections : tuple of Interface
         One-to-one connections that the file declares, each once.
+    unit : str
+        Unit of lengths; empty where nobody says it.
     """
 
     blocks: tuple[StoredBlock, ...]
@@ -72,6 +74,12 @@ class StoredGrid(OneLine):
     source: str = "grid"
     dialect: Any = field(default=None, compare=False)
     connections: tuple[Interface, ...] = ()
+    unit: str = ""
+
+    @property
+    def length_unit(self) -> str:
+        """Unit that lengths are shown in: metres where nobody says another one."""
+        return self.unit or "m"
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
@@ -128,6 +136,7 @@ class StoredGrid(OneLine):
                 for item in self.connections
                 if item.a.block in numbers and item.b.block in numbers
             ),
+            self.unit,
         )
 
     def _require_block(self, number: int) -> None:
@@ -140,7 +149,7 @@ class StoredGrid(OneLine):
     def of(cls, grid: Grid) -> StoredGrid:
         """See a grid in memory as a stored one."""
         blocks = tuple(StoredBlock(block.shape, block.name, partial(_part, block)) for block in grid.blocks)
-        return cls(blocks, grid.patches, grid.source, grid.dialect, grid.connections)
+        return cls(blocks, grid.patches, grid.source, grid.dialect, grid.connections, grid.unit)
 
 
 def _part(block: Block, window: Window | None) -> Block:
