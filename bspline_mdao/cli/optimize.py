@@ -194,7 +194,8 @@ def _kept(run: _Run, folder: RunFolder) -> str:
     with deferred_interrupts():
         has_cases = count_cases(run.private / CASES) > run.n_earlier
         has_more = any(path.name not in (SCRIPT, CASES) for path in run.private.iterdir())
-        if has_cases or (has_more and not folder.names and not folder.left_behind()):
+        is_first = not (run.n_earlier or folder.names or folder.left_behind())
+        if has_cases or (has_more and is_first):
             try:
                 folder.keep()
             except (InputError, OSError) as error:

@@ -99,6 +99,41 @@ def test_reports_of_damaged_case_files_end_well_or_in_one_line(recorded, tmp_pat
     assert not (tmp_path / "mark").exists()
 
 
+STUDY = """
+[grid]
+file = "@onera_m6:5x5x5"
+
+[variables.twist]
+stations = 2
+lower = -3.0
+upper = 3.0
+
+[objective]
+of = "surface_area"
+
+[constraints.volume]
+lower = 0.9
+"""
+
+
+@pytest.mark.parametrize("number", [0, 2, 3, 4, 6, 9, 10])
+def test_a_restart_from_a_damaged_case_file_ends_in_one_line(recorded, tmp_path, capfd, monkeypatch, number):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "study.toml").write_text(STUDY)
+    (tmp_path / "out").mkdir()
+    shutil.copy(recorded[0], tmp_path / "out" / "cases.sql")
+    damage(tmp_path / "out" / "cases.sql", number)
+    file = tmp_path / "out" / "cases.sql"
+    data = file.read_bytes()
+    assert run(["optimize", "study.toml", "-o", "out", "--restart"]) == 2
+    said = [line for line in capfd.readouterr().err.splitlines() if line.startswith("bspline-mdao: ")]
+    assert len(said) == 1
+    assert "unexpected" not in said[0]
+    assert "cases.sql" in said[0] or "has no recorded case to go on from" in said[0]
+    assert file.read_bytes() == data  # also where it can be read, and is of another problem
+    assert not (tmp_path / "mark").exists()
+
+
 @pytest.mark.parametrize("name", ["posix.system", "os.system", "builtins.open", "subprocess.Popen"])
 def test_nothing_that_a_pickle_names_is_called(recorded, tmp_path, name):
     module, _, function = name.rpartition(".")
