@@ -21,7 +21,7 @@ from bspline_mdao.om.drivers.nlopt_rules import (
     uphill,
     worst,
 )
-from bspline_mdao.om.drivers.optimality import optimality
+from bspline_mdao.om.drivers.optimality import multipliers, optimality
 from bspline_mdao.om.drivers.scaled_model import ScaledModel
 
 GRADIENT = [a.name for a in ALGORITHMS.values() if a.gradients and a.is_compiled and not a.is_global]
@@ -370,7 +370,51 @@ def test_an_upper_bound_holds_a_point_that_would_rise():
     assert optimality(problem, at_bound, np.array([[3.0, 0.0]])) == pytest.approx(3.0)
 
 
+@pytest.mark.parametrize(("limit", "near", "away"), [(0.2, 0.9e-4, 1.1e-4), (300.0, 0.029, 0.031)])
+def test_a_limit_holds_a_point_within_a_ten_thousandth_of_its_size_or_of_one(limit, near, away):
+    rows = split_constraints(np.array([limit]), np.array([np.inf]), np.array([np.nan]))
+    problem = Statement(np.full(2, -np.inf), np.array([limit, np.inf]), *rows, tolerance=1e-6)
+    totals = np.array([[-3.0, 2.0], [0.0, 1.0]])  # the bound holds the first variable, the constraint the second
+    for off, expected in ((near, 0.0), (away, np.hypot(3.0, 2.0))):
+        point = problem.point(np.array([limit - off, 0.0]), 0.0, np.array([limit + off]))
+        assert optimality(problem, point, totals) == pytest.approx(expected, abs=1e-12)
+
+
+def test_multipliers_of_equalities_have_either_sign_and_those_of_limits_one():
+    limits = np.array([np.nan, 2.0, -np.inf]), np.array([np.nan, np.inf, 5.0]), np.array([1.0, np.nan, np.nan])
+    problem = Statement(np.full(3, -np.inf), np.full(3, np.inf), *split_constraints(*limits), tolerance=1e-6)
+    gradients = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
+    point = problem.point(np.zeros(3), 0.0, np.array([1.0, 2.0, 5.0]))
+    for expected in ([0.7, -0.4, 0.3], [-0.7, -0.4, 0.3]):
+        totals = np.vstack([-np.array(expected) @ gradients, gradients])
+        np.testing.assert_allclose(multipliers(problem, point, totals), expected, rtol=1e-12)
+
+
 # AlgorithmRules
+
+
+def test_no_point_is_accepted_that_is_not_below_all_feasible_ones():
+    rules, at = ConservativeRules(), lambda f, c: statement().point(np.zeros(3), f, np.array([c, 0.0]))
+    rules.keep(at(2.0, 1.001), np.zeros(3))  # not feasible: the first constraint is at most one
+    assert not rules.is_rejected(at(3.0, 0.0))
+    rules.keep(at(4.0, 1.0), np.zeros(3))
+    assert [rules.is_rejected(at(f, 0.0)) for f in (3.999, 4.0, 4.001)] == [False, True, True]
+    rules.keep(at(5.0, 0.0), np.zeros(3))
+    assert rules.is_rejected(at(4.0, 0.0))
+
+
+def test_what_stands_for_failed_analyses_is_made_of_the_size_of_the_objective_and_totals_of_its_base():
+    first = statement().point(np.zeros(3), -4.0, np.zeros(2))
+    record = SearchRecord.at(first).with_totals(first, np.ones((3, 3)))
+    assert record.spread == pytest.approx(0.4)
+    assert worst(record, np.ones(3)).objective == pytest.approx(-3.6)
+    better = statement().point(np.ones(3), -6.0, np.zeros(2))
+    record = record.with_point(better, 1e-6)
+    assert record.base is better
+    assert not record.totals.any()  # they were those of another point
+    assert record.spread == pytest.approx(2.0)
+    assert record.with_totals(first, np.ones((3, 3))) is record
+    assert record.with_point(first, 1e-6).with_totals(better, 2.0 * np.ones((3, 3))).totals.all()
 
 
 def visited(case, algorithm, make_rules, monkeypatch):
