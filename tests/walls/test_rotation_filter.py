@@ -60,6 +60,18 @@ def test_equal_rotations_stay_equal_however_long_the_residual(length):
     np.testing.assert_allclose(found, np.tile(same, (len(found), 1)), rtol=0, atol=4e-16)
 
 
+@pytest.mark.parametrize("length", [1e3, 1e7])
+def test_stiff_edges_cost_no_digits(length):
+    """Where nothing is given, all that is joined keeps its mean; the weights have up to ten digits more than one."""
+    rng = np.random.default_rng(8)
+    starts, neighbours, scales, free = graph(rng, n_edges=200)
+    smoothing = RotationFilter.of(starts, neighbours, scales, np.full(len(free), length), np.ones_like(free))
+    rotations = rng.standard_normal((len(free), 9))
+    found = smoothing.forward(rotations, np.zeros((0, 9)))
+    np.testing.assert_allclose(found.mean(axis=0), rotations.mean(axis=0), rtol=0, atol=1e-13)
+    assert np.ptp(found, axis=0).max() < 1e-3
+
+
 @pytest.mark.parametrize("length", [1.0, 1e7])
 def test_transpose_is_the_transpose(length):
     rng = np.random.default_rng(3)
