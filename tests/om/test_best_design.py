@@ -57,6 +57,17 @@ def test_the_start_is_the_feasible_design_of_lowest_objective(tmp_path):
     assert [other.get_val(name).item() for name in "xy"] == pytest.approx(points[np.argmin(values)], rel=1e-14)
 
 
+@pytest.mark.parametrize(("options", "best"), [({}, 0), ({"constraint_tolerance": 1e-2}, 1)])
+def test_the_tolerance_of_the_driver_says_what_is_feasible(tmp_path, options, best):
+    points = [(2.0, -7.5), (2.0, -6.999)]  # the second one violates the constraint by 0.001, and is lower
+    samples = om.DOEDriver(om.ListGenerator([[("x", x), ("y", y)] for x, y in points]))
+    run(recorded(paraboloid(c={"upper": -5.0}), tmp_path / "a.sql", samples))
+    problem = paraboloid(c={"upper": -5.0})
+    problem.driver = NLoptDriver(**NLOPT, **options)
+    problem.setup()
+    assert load_best(problem, tmp_path / "a.sql") == best
+
+
 def test_limits_of_now_decide_what_is_feasible_and_where_the_start_is(cases):
     (x,) = (q.values for q in read_history(cases).quantities if q.kind == "variable")
     sizes = (x**2).sum(axis=1)
