@@ -35,7 +35,7 @@ from .model_file import read_fields
 from .model_parts import opened_parts
 from .records import FitReport, FitSettings, GridHeader
 
-__all__ = ["ModelShare", "NodeSource", "boundary_layers", "nodes_at", "rows_of_share"]
+__all__ = ["ModelShare", "NodeSource", "nodes_at", "rows_of_share"]
 
 
 class NodeSource(Protocol):
@@ -66,14 +66,6 @@ def nodes_at(model: NodeSource, rows: np.ndarray) -> np.ndarray:
     nodes = Evaluator.of_nodes(held, model.mesh, model.parameters_of(held)).forward(model.control_points)
     nodes, residual = nodes[: held.n_asked], model.residual_at(held.rows[: held.n_asked])
     return nodes if residual is None else nodes + residual
-
-
-def boundary_layers(model: NodeSource) -> list[np.ndarray]:
-    """Nodes of the baseline on every boundary face and on the layer next to it, each of shape (2, n, m, 3) (m)."""
-    layers = [np.stack(face_layer_rows(model.topology, face.window)) for face in model.topology.boundary]
-    rows = each_once(np.concatenate([np.zeros(0, dtype=np.int64), *(pair.ravel() for pair in layers)]))
-    nodes = NodesByRow(rows, nodes_at(model, rows))
-    return [nodes[pair] for pair in layers]
 
 
 def rows_of_share(topology: Topology, share: Share) -> np.ndarray:

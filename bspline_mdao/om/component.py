@@ -2,7 +2,8 @@
 
 To add a component:
 
-1. ``setup`` declares the variables and calls `check_along_directions`, with the step that suits them.
+1. ``setup`` declares the variables and how they are checked: by `check_along_edges` for points of a grid on which
+   outputs do not depend linearly, or else by `check_along_directions`, with the step that suits them.
 2. ``compute`` looks at its inputs with `finite_points` or `finite_values`, calls one kernel, and writes its outputs.
    Failures of the kernel to follow a design go through `failures_as_analysis_errors`, so that drivers can back off.
    A state that ``compute`` and derivatives share is kept in a `LastState`.
@@ -23,7 +24,7 @@ To add a component:
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TypeVar, cast
@@ -34,9 +35,9 @@ from openmdao.utils.om_warnings import issue_warning
 from scipy.sparse import coo_array, csr_array
 
 from ..errors import InputError, MovementError
-from ..numerics.processes import ONE, from_all, gathered, together
+from ..numerics.processes import ONE, together
 from ..wording import value_name
-from .model_option import Copied
+from .checked_along_edges import TOUCHING, CheckedAlongEdges, shortest_edges
 
 LINEAR_STEP = 1.0
 """Step of differences of what is linear: it is exact at any step, and at a large one rounding counts least."""
@@ -46,10 +47,6 @@ SMOOTH_STEP = 1e-5
 
 OWN, SAME, LEFT_OUT = "own", "same", "left out"
 """Ways to check derivatives on several processes, see `CheckedOnProcesses`."""
-
-TOUCHING = 1e-9
-"""Neighbours nearer than this part of the grid's size count as one point: no step could be small beside their
-distance."""
 
 
 def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
@@ -291,30 +288,20 @@ def check_along_directions(component: om.Component, step: float, wrt: str = "*",
         component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=True)
 
 
-def difference_step(lines: Iterable[np.ndarray], sharpness: float = 1.0, comm=ONE) -> float:
-    """Find the step (m) at which central differences with respect to all points of a grid are most accurate.
+def difference_step(net: np.ndarray) -> float:
+    """Find the step (m) at which central differences with respect to all points of a net are most accurate.
 
-    See `central_step`; the length is that of the shortest edge, divided by the sharpness of the function.
+    See `central_step`; the length is that of the shortest edge.
 
     Parameters
     ----------
-    lines : iterable of ndarray, shapes (..., 3)
-        Points (m) of every block or face; neighbours along any direction are joined by edges.
-    sharpness : float
-        Lengths of the edges divided by those over which the function changes.
-    comm : communicator
-        Processes that hold other blocks of the grid; all of them come here.
-
-    Returns
-    -------
-    float
+    net : ndarray, shape (..., 3)
+        Points (m); neighbours along any direction are joined by edges.
     """
-    lines = list(lines)
-    boxes = [(points.reshape(-1, 3).min(axis=0), points.reshape(-1, 3).max(axis=0)) for points in lines]
-    corners = gathered(comm, np.array(boxes).reshape(-1, 2, 3))
-    size = float(np.linalg.norm(corners[:, 1].max(axis=0) - corners[:, 0].min(axis=0)))
-    shortest = min((_shortest_edge(points, TOUCHING * size) for points in lines), default=size)
-    return central_step(size, min(*from_all(comm, shortest), size) / sharpness)
+    points = net.reshape(-1, 3)
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    edges = shortest_edges(points, [np.arange(len(points)).reshape(net.shape[:-1])], TOUCHING * size)
+    return central_step(size, min(edges.min(), size))
 
 
 def central_step(size: float, length: float) -> float:
@@ -333,16 +320,7 @@ def central_step(size: float, length: float) -> float:
     return float(np.cbrt(np.finfo(float).eps * size * length**2))
 
 
-def _shortest_edge(points: np.ndarray, least: float) -> float:
-    """Length of the shortest edge that is longer than ``least``; infinite where there is none."""
-    shortest = np.inf
-    for axis in range(points.ndim - 1):
-        squares = np.square(np.diff(points, axis=axis)).sum(axis=-1)
-        shortest = min(shortest, np.min(squares, where=squares > least**2, initial=np.inf))
-    return float(np.sqrt(shortest))
-
-
-class CheckedOnProcesses(Copied):
+class CheckedOnProcesses(CheckedAlongEdges):
     """Part of a component whose processes depend on each other, for ``check_partials`` on several of them.
 
     OpenMDAO draws the directions of a check on every process by itself, and takes its dot products there. That is right

@@ -25,14 +25,13 @@ from ..names import (
     SURFACE_CONTROL_POINTS,
 )
 from ..numerics.processes import on_first
+from .checked_along_edges import check_along_edges, lines_among
 from .component import (
     SAME,
     CheckedOnProcesses,
     add_product,
     as_analysis_errors,
     by_parts,
-    check_along_directions,
-    difference_step,
     direction_in,
     fails_together,
     failures_as_analysis_errors,
@@ -150,9 +149,10 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(CONTROL_POINTS, val=mesh.points.ravel(), units="m")
         self.add_output(CONTROL_CORNER_KS, desc="bound of the corner triple products of the control mesh")
-        # rounding of the points and curvature of the bound weigh about the same then
-        step = difference_step((mesh.points[ids] for ids in mesh.blocks), self.options["rho"])
-        check_along_directions(self, step)
+        check_along_edges(self, CONTROL_POINTS_INITIAL, mesh.blocks, self.options["rho"])
+        # elements at walls are lower than their faces are wide, and the systems of movers lose two digits
+        lines, sharpness = lines_among(mesh.surface_ids, mesh.blocks), 10.0 * self.options["rho"]
+        check_along_edges(self, SURFACE_CONTROL_POINTS, lines, sharpness, digits=100.0)
 
     def compute(self, inputs, outputs):
         """Move the control mesh, unless that was done for these inputs."""

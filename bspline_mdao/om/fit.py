@@ -15,6 +15,7 @@ from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS_INITIAL, GRID_INITIAL
 from ..numerics.processes import together
 from ..topology.partition import Partition
+from .checked_along_edges import check_along_edges, numbered_blocks
 from .component import (
     LINEAR_STEP,
     CheckedOnProcesses,
@@ -28,7 +29,11 @@ from .component import (
     refuse_complex_step,
 )
 from .model_option import declare_model
-from .shares import WholeNodes, blocks_of, check_step, declare_partition
+from .shares import WholeNodes, blocks_of, declare_partition
+
+LIVE_SHARPNESS = 1000.0
+"""Edges of the grid divided by lengths over which a live fit changes, for `check_along_edges`: chord lengths of
+neighbours that stand close together decide about knots, and knots about many control points."""
 
 
 class Fit(CheckedOnProcesses, om.ExplicitComponent):
@@ -114,7 +119,11 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
             self._frozen = self._operator(partition)
         self.add_input(GRID_INITIAL, val=nodes.ravel(), units="m", distributed=comm.size > 1)
         self.add_output(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
-        check_along_directions(self, check_step(model) if is_live else LINEAR_STEP)
+        if is_live:
+            shapes = (window.shape for window in partition.pieces[comm.rank])
+            check_along_edges(self, GRID_INITIAL, numbered_blocks(shapes), LIVE_SHARPNESS, digits=300.0)
+        else:
+            check_along_directions(self, LINEAR_STEP)
 
     def _operator(self, partition: Partition) -> FitOperator | SharedFitOperator:
         """Linear map of the frozen fit."""

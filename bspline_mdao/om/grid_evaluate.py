@@ -13,6 +13,7 @@ from ..names import CONTROL_POINTS, GRID, SURFACE
 from ..numerics.processes import summed
 from ..walls.grid_map import GridMap, GridState
 from ..walls.wall_correction import WallCorrection
+from .checked_along_edges import check_along_edges, lines_among
 from .component import (
     LINEAR_STEP,
     LastState,
@@ -25,7 +26,7 @@ from .component import (
     finite_points,
 )
 from .model_option import declare_model
-from .shares import check_step, declare_partition, part_of_model
+from .shares import declare_partition, part_of_model
 
 
 class GridEvaluate(SparseComponent):
@@ -120,8 +121,12 @@ class GridEvaluate(SparseComponent):
         self._map, self._correction = self._maps(model)
         if surface is not None:
             self.add_input(SURFACE, val=surface.points[self._numbers(surface)].ravel(), units="m")
+            check_along_edges(self, SURFACE, lines_among(self._numbers(surface), surface.faces), digits=300.0)
         self.add_output(GRID, shape=3 * self._map.n_asked, units="m", distributed=self.comm.size > 1)
-        check_along_directions(self, LINEAR_STEP if self.is_linear else check_step(model))
+        if self.is_linear:
+            check_along_directions(self, LINEAR_STEP)
+        else:
+            check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)
 
     @fails_together
     def setup_partials(self):

@@ -9,17 +9,17 @@ from ..errors import InputError
 from ..fit.live_fit import LiveGrid, LiveGridState, live_grid
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
+from .checked_along_edges import check_along_edges, numbered_blocks
 from .component import (
     CheckedOnProcesses,
     LastState,
     add_product,
-    check_along_directions,
-    difference_step,
     fails_together,
     failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
 )
+from .fit import LIVE_SHARPNESS
 from .model_option import declare_model
 from .shares import WholeNodes, blocks_of, declare_partition
 
@@ -89,7 +89,8 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     def setup(self):
         """Declare the variables, of the sizes of the model."""
         model, is_shared = self.options["model"], self.comm.size > 1
-        self._whole = WholeNodes.of(self.comm, blocks_of(self))
+        partition = blocks_of(self)
+        self._whole = WholeNodes.of(self.comm, partition)
         grid = model.regenerate()
         baseline = grid.to_vector().reshape(-1, 3)
         self._baseline, self._last = LastState(), LastState()
@@ -100,7 +101,10 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
             self.add_input(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
         self.add_output(GRID, val=own, units="m", distributed=is_shared)
-        check_along_directions(self, difference_step(block.nodes for block in grid.blocks))
+        shapes = (window.shape for window in partition.pieces[self.comm.rank])
+        check_along_edges(self, GRID_INITIAL, numbered_blocks(shapes), LIVE_SHARPNESS)
+        for name in (CONTROL_POINTS_INITIAL, CONTROL_POINTS) if needs_initial else (CONTROL_POINTS,):
+            check_along_edges(self, name, model.mesh.control_ids)
 
     def compute(self, inputs, outputs):
         """Evaluate the volumes at the nodes, and let nodes follow walls."""

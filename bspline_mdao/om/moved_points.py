@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from .checked_along_edges import CheckedAlongEdges
 from .component import LastState, add_product, failures_as_analysis_errors, finite_points
-from .model_option import Copied
 
 
-class MovedPoints(Copied):
+class MovedPoints(CheckedAlongEdges):
     """Outputs and products of a component whose output, under its option ``name``, is points.
 
     Its ``setup`` calls `_moves_by` once the map is known.

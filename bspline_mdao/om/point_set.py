@@ -15,7 +15,8 @@ from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, GRID, SURFACE
 from ..walls.embedded_points import EmbeddedState
-from .component import LINEAR_STEP, check_along_directions, difference_step, fails_together
+from .checked_along_edges import check_along_edges, numbered_blocks
+from .component import LINEAR_STEP, check_along_directions, fails_together
 from .model_option import declare_model
 from .moved_points import MovedPoints
 
@@ -125,8 +126,10 @@ class PointSet(MovedPoints, om.ExplicitComponent):
             self._moves_by(self._of_walls, SURFACE)
             self.add_input(SURFACE, val=nodes[self._embedded.wall_rows].ravel(), units="m")
         self.add_output(self.options["name"], val=self._embedded.points.ravel(), units="m")
-        lines = (block.nodes for block in model.regenerate().blocks)
-        check_along_directions(self, LINEAR_STEP if self.is_linear else difference_step(lines))
+        check_along_directions(self, LINEAR_STEP)
+        if not self.is_linear:  # of points in the volumes, some follow walls
+            check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)
+            check_along_edges(self, GRID, numbered_blocks(model.topology.shapes))
 
     def _of_grid(self, control_points: np.ndarray, nodes: np.ndarray) -> EmbeddedState:
         return self._embedded.at(control_points, _Nodes(nodes))

@@ -13,10 +13,9 @@ from ..model.model_share import nodes_at
 from ..names import GRID
 from ..numerics.processes import from_all, together
 from ..topology.partition import Partition
+from .checked_along_edges import check_along_edges, numbered_blocks
 from .component import (
     CheckedOnProcesses,
-    check_along_directions,
-    difference_step,
     failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
@@ -125,7 +124,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst of all corners
         if any(AGGREGATES[name].is_of_heights for name in self.options["aggregates"]):
             sharpness = max(sharpness, 10.0 * self.options["rho_height"])
-        check_along_directions(self, difference_step(pieces.nodes_of(nodes), sharpness, self.comm))
+        check_along_edges(self, GRID, numbered_blocks(piece.shape for piece in pieces.own), sharpness)
 
     def _baseline(self):
         """Pieces of the grid that the processes hold, and the nodes (n, 3) of those of this one on the baseline."""

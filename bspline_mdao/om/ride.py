@@ -13,7 +13,8 @@ from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS
 from ..riding.riding_mesh import RidingMesh
-from .component import LINEAR_STEP, check_along_directions, difference_step, fails_together
+from .checked_along_edges import check_along_edges
+from .component import LINEAR_STEP, check_along_directions, fails_together
 from .model_option import declare_model
 from .moved_points import MovedPoints
 
@@ -109,5 +110,6 @@ class Ride(MovedPoints, om.ExplicitComponent):
         if options["asked"]:
             self.add_input(WALL, val=mesh.points[self.wall_nodes].ravel(), units="m")
         self.add_output(options["name"], val=mesh.points.ravel(), units="m")
-        lines = (block.nodes for block in model.regenerate().blocks)
-        check_along_directions(self, LINEAR_STEP if self.is_linear else difference_step(lines))
+        check_along_directions(self, LINEAR_STEP)
+        if not self.is_linear:
+            check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)

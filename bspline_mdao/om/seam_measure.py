@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..checks import require_kind
 from ..measures.seam_smoothness import SeamSmoothness
 from ..names import SURFACE_CONTROL_POINTS
@@ -54,5 +56,5 @@ class SeamMeasure(SurfaceMeasure):
         require_kind(measure, SeamSmoothness, f"{self.msginfo}: the measure", "make it with SeamSmoothness.kinks(...)")
         return measure.points
 
-    def _nets(self):
-        return [self._baseline()]
+    def _lines(self):
+        return [np.arange(len(self._baseline()))]

@@ -11,10 +11,9 @@ import openmdao.api as om
 from ..errors import InputError
 from ..fit.fit_nodes import whole_blocks
 from ..model.fitted_model import FittedModel
-from ..model.model_share import ModelShare, boundary_layers
+from ..model.model_share import ModelShare
 from ..topology.index_space import Window
 from ..topology.partition import Partition, Share
-from .component import difference_step
 
 
 def declare_partition(component: om.ExplicitComponent) -> None:
@@ -132,10 +131,3 @@ class WholeNodes:
     def own(self, whole: np.ndarray) -> np.ndarray:
         """Nodes of this process, shape (n, 3), out of those of the grid."""
         return whole if self.comm.size == 1 else whole[self.rows[self.comm.rank]]
-
-
-def check_step(model: FittedModel | ModelShare) -> float:
-    """Find the step (m) of differences of a grid, the same on all processes; see `.component.difference_step`."""
-    if isinstance(model, FittedModel):
-        return difference_step(block.nodes for block in model.regenerate().blocks)
-    return difference_step(boundary_layers(model))

@@ -15,20 +15,19 @@ from ..model.fitted_model import FittedModel
 from ..movement.mover import PLANE_TOLERANCE
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
 from ..topology.sharing import node_sharing
+from .checked_along_edges import CheckedAlongEdges, check_along_edges, lines_among
 from .component import (
     LastState,
     add_product,
     as_node_numbers,
-    check_along_directions,
-    difference_step,
     fails_together,
     failures_as_analysis_errors,
     finite_points,
 )
-from .model_option import Copied, declare_model
+from .model_option import declare_model
 
 
-class SurfaceControlFit(Copied, om.ExplicitComponent):
+class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
     """Let the surface control points follow surface nodes: smoothly, and rigid motions exactly.
 
     They are a quasi-interpolant of the nodes, which does not swing about kinks as least squares do. What control points
@@ -110,7 +109,7 @@ class SurfaceControlFit(Copied, om.ExplicitComponent):
         self._places = model.topology, node_sharing(model.topology).source_rows(), surface.rows[self._numbers]
         self.add_input(SURFACE, val=self._follower.baseline.ravel(), units="m")
         self.add_output(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
-        check_along_directions(self, difference_step(surface.points[ids] for ids in surface.faces))
+        check_along_edges(self, SURFACE, lines_among(self._numbers, surface.faces))
 
     @fails_together
     def compute(self, inputs, outputs):

@@ -8,20 +8,20 @@ from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap, SurfaceState
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
+from .checked_along_edges import CheckedAlongEdges, check_along_edges, lines_among
 from .component import (
     LINEAR_STEP,
     LastState,
     add_product,
     check_along_directions,
-    difference_step,
     fails_together,
     failures_as_analysis_errors,
     finite_points,
 )
-from .model_option import Copied, declare_model
+from .model_option import declare_model
 
 
-class SurfaceEvaluate(Copied, om.ExplicitComponent):
+class SurfaceEvaluate(CheckedAlongEdges, om.ExplicitComponent):
     """Regenerate the nodes of some patches from the surface control points, Eq. (3), without moving the grid.
 
     They are those of `GridEvaluate` to round-off, at a fraction of the cost. The component is linear (`is_linear`)
@@ -84,8 +84,10 @@ class SurfaceEvaluate(Copied, om.ExplicitComponent):
         self._map, self._last = SurfaceMap.of(self.options["model"], mesh, surface), LastState()
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(SURFACE, val=surface.points.ravel(), units="m")
-        lines = (surface.points[ids] for ids in surface.faces)
-        check_along_directions(self, LINEAR_STEP if self.is_linear else difference_step(lines))
+        if self.is_linear:
+            check_along_directions(self, LINEAR_STEP)
+        else:
+            check_along_edges(self, SURFACE_CONTROL_POINTS, lines_among(mesh.surface_ids, mesh.blocks))
 
     @fails_together
     def compute(self, inputs, outputs):

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from ..names import SURFACE
+from .checked_along_edges import check_along_edges
 from .component import (
     SparseComponent,
     SparsePattern,
-    check_along_directions,
-    difference_step,
     fails_together,
     finite_points,
     refuse_complex_step,
@@ -66,7 +65,7 @@ class SurfaceMeasure(SparseComponent):
         measure = self.options["measure"]
         self.add_input(self.wrt, val=self._baseline().ravel(), units="m")
         self.add_output(measure.name, shape=measure.shape, units=measure.units)
-        check_along_directions(self, difference_step(self._nets()), is_complex=True)
+        check_along_edges(self, self.wrt, self._lines(), is_complex=True)
 
     @fails_together
     def setup_partials(self):
@@ -95,7 +94,6 @@ class SurfaceMeasure(SparseComponent):
     def _baseline(self):
         return self.options["measure"].surface.points
 
-    def _nets(self):
-        """Nets of points, by whose sizes steps of differences are chosen."""
-        surface = self.options["measure"].surface
-        return [surface.points[ids] for ids in surface.faces]
+    def _lines(self):
+        """Numbers of the points in faces or lines, for checks."""
+        return self.options["measure"].surface.faces

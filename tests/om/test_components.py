@@ -250,7 +250,7 @@ def test_a_bare_check_partials_takes_one_direction_in_each_input_and_finds_no_fa
     checked = checked["component"][of, wrt]
     assert checked["J_fd"].shape == (problem.get_val(of).size, 1)
     assert np.abs(checked["J_fd"]).max() > 0.1
-    assert len(runs) <= 2 + 2 * len(problem.model.component.list_inputs(out_stream=None))
+    assert len(runs) <= 2 + 4 * len(problem.model.component.list_inputs(out_stream=None))
     forward, reverse = checked["directional_fwd_rev"]
     assert abs(forward - reverse) < 1e-10 * np.linalg.norm(checked["J_fwd"]) * np.sqrt(len(checked["J_fwd"]))
 

@@ -320,7 +320,7 @@ class LatticeForces(Copied, om.ExplicitComponent):
         n_chord, n_span, _ = camber.shape
         nodes = camber.evaluate(camber.surface.points)
         check_along_directions(self, SMOOTH_STEP, is_complex=True)
-        check_along_directions(self, difference_step([nodes]), "camber_surface", is_complex=True)
+        check_along_directions(self, difference_step(nodes), "camber_surface", is_complex=True)
         self.add_input("panel_forces", shape=(n_chord - 1, n_span - 1, 3), units="N")
         self.add_input("camber_surface", val=nodes, units="m")
         self.add_input("alpha", units="deg")

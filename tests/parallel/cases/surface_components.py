@@ -48,5 +48,5 @@ for one, many in zip(expected, found):
     assert one.tobytes() == many.tobytes()
 data = problem.check_partials(out_stream=None)
 assert len(data) == 3
-assert_check_partials(data, atol=1e-4, rtol=1e-4)
+assert_check_partials(data)
 print("done", comm.rank)
