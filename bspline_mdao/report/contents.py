@@ -94,6 +94,8 @@ class Contents:
         The N2 diagram, a whole HTML page.
     estimates : mapping of str to ErrorEstimate
         What lift and drag at the end would be on a finer grid, see `DesignSummary`.
+    gains : tuple of str
+        What was gained in induced drag, on the grid and on a finer one.
     """
 
     title: str
@@ -103,6 +105,7 @@ class Contents:
     missing: tuple[str, ...] = ()
     diagram: str | None = None
     estimates: Mapping[str, ErrorEstimate] = field(default_factory=dict)
+    gains: tuple[str, ...] = ()
 
     def without(self, *texts: str) -> Contents:
         """The same, and what cannot be shown besides."""

@@ -24,6 +24,7 @@ from ..io.formats import MODEL
 from ..model.fitted_model import FittedModel
 from ..om.drivers.case_history import CaseHistory, read_history
 from ..om.drivers.sound_cases import sound_cases
+from ..om.induced_gain import induced_gains
 from ..om.model_option import named_model
 from ..plotting.figures import require
 from ..wording import counted
@@ -91,6 +92,7 @@ def write_report(
     *,
     title: str | None = None,
     estimates: Mapping[str, ErrorEstimate] | None = None,
+    baseline: Mapping[str, ErrorEstimate] | None = None,
     most_triangles: int = MOST_TRIANGLES,
 ) -> dict[str, Any]:
     """Write a report on a model, or on an optimisation, as one HTML file that needs no network.
@@ -114,6 +116,8 @@ def write_report(
         Heading of the page; by default the name of the source.
     estimates : mapping of str to ErrorEstimate, optional
         What lift and drag at the end of an optimisation would be on a finer grid: ``estimates`` of `design_summary`.
+    baseline : mapping of str to ErrorEstimate, optional
+        The same of the baseline: the page then says what was gained in induced drag on either grid.
     most_triangles : int
         Triangles of the walls that are drawn of each shape, about; of larger grids every n-th line is drawn.
 
@@ -140,7 +144,8 @@ def write_report(
     if most_triangles < 100:
         raise InputError(f"most_triangles: {most_triangles} are too few to see a wall; give 100 or more")
     require("plotly.graph_objects", EXTRA), require("jinja2", EXTRA)
-    contents = replace(_contents(source, model, title), estimates=estimates or {})
+    gains = tuple(gain.warning or gain.words for gain in induced_gains(baseline or {}, estimates or {}))
+    contents = replace(_contents(source, model, title), estimates=estimates or {}, gains=gains)
     return write_contents(path, contents, most_triangles)
 
 
@@ -221,7 +226,7 @@ def _sections(contents: Contents, most_triangles: int):
         space, numbers, of_grid = _of_grid(contents, contents.model, most_triangles)
         sections.append(of_grid.pop(0))
     if contents.history is not None:
-        sections += _of_history(contents.history, contents.estimates)
+        sections += _of_history(contents.history, contents)
     sections += of_grid
     if contents.diagram is not None:
         line = "The components of the problem and what is passed between them, as OpenMDAO draws it."
@@ -286,10 +291,10 @@ def _of_grid(contents: Contents, model: FittedModel, most_triangles: int):
     return (traces, layout), numbers, sections
 
 
-def _of_history(history: CaseHistory, estimates: Mapping[str, ErrorEstimate]) -> list[Section]:
+def _of_history(history: CaseHistory, contents: Contents) -> list[Section]:
     """Sections on an optimisation."""
     lines = [f"{history.n_evaluations} evaluations by {history.driver} in {_time_text(history.seconds[-1])}."]
-    lines += notes_on(history)
+    lines += [*contents.gains, *notes_on(history)]
     if history.n_others:
         lines.append(f"{history.n_others} evaluations before are not shown: they are of other variables or responses.")
     if history.convergence is not None and not history.convergence.residuals.size:
@@ -300,7 +305,7 @@ def _of_history(history: CaseHistory, estimates: Mapping[str, ErrorEstimate]) ->
     variables = len(history.of_kind("variable"))
     charts = history_charts(history)
     split, panels = len(charts) - variables, lattice_charts(history)
-    flows = [table for table in (flow_table(history), estimate_table(estimates)) if table is not None]
+    flows = [table for table in (flow_table(history), estimate_table(contents.estimates)) if table is not None]
     return [
         Section("history", "Optimisation", lines, charts[:split], [history_table(history)]),
         *([Section("flow", "Flow", [], panels, flows)] if flows or panels else []),

@@ -260,7 +260,8 @@ class _Script:
         yield statement("after = made", made=self._summary())
         report = ""
         if study.output["report"]:
-            estimates = ", estimates=after.estimates" if self._is_estimated else ""
+            both = ", estimates=after.estimates, baseline=before.estimates"
+            estimates = both if self._is_estimated else ""
             results = 'HERE / "report.html", HERE / "cases.sql"'
             report = f"\n        bm.write_report({results}, model, title=STUDY{estimates})"
         yield statement(

@@ -285,3 +285,17 @@ def test_a_page_tells_what_lift_and_drag_would_be_on_a_finer_grid(model, case_fi
     assert "Errors of the grid" not in without
     assert "which may be wrong by CD 0.02 0.0125 0.00075" in with_them
     assert "a grid of 1.5 times the cells per direction" in with_them
+
+
+def test_a_page_tells_what_was_gained_on_a_finer_grid_and_where_it_is_in_doubt(model, case_file, tmp_path):
+    before, sure, unsure = (
+        {"CL": ErrorEstimate(0.2, 0.2, 1.5, np.zeros(3), 0.0)}
+        | {"CD_induced": ErrorEstimate(drag, drag, 1.5, np.zeros(3), 0.0001)}
+        for drag in (0.005, 0.004, 0.00495)
+    )
+    words = "CD_induced by the square of the lift: {} % less on this grid, {} % less on the finer one"
+    for estimates, gain, is_doubted in ((sure, "20.0", False), (unsure, "1.0", True)):
+        write_report(tmp_path / "gain.html", case_file, model, estimates=estimates, baseline=before)
+        text = Page((tmp_path / "gain.html").read_text()).text
+        assert words.format(gain, gain) in text
+        assert ("may be all that was gained" in text) is is_doubted
