@@ -50,17 +50,17 @@ class SectionMap:
         moved = self._in_space(np.einsum("nij,nj->ni", rates, self._in_plane(points)))
         return MapPartials(self._points_jacobian(changes), along_vectors(moved, self.spline))
 
-    def _amounts(self, values):
+    def _amounts(self, values: np.ndarray) -> np.ndarray:
         return self.neutral + self.spline @ (values - self.neutral)
 
-    def _in_plane(self, points):
+    def _in_plane(self, points: np.ndarray) -> np.ndarray:
         """Coordinates about the axis in the plane of the section, shape (n_rows, 2)."""
         return np.einsum("nij,nj->ni", self.axes, points - self.attached.centres(points))
 
-    def _in_space(self, local):
+    def _in_space(self, local: np.ndarray) -> np.ndarray:
         return np.einsum("nij,ni->nj", self.axes, local)
 
-    def _points_jacobian(self, changes) -> csr_array:
+    def _points_jacobian(self, changes: np.ndarray) -> csr_array:
         """Derivative with respect to the row itself and to the points of the axis, of changes (n_rows, 3, 3)."""
         weights, n = self.attached.weights.tocoo(), len(changes)
         influenced = np.concatenate([np.arange(n), weights.row])
@@ -117,7 +117,7 @@ class ShiftMap:
         d_points = (self._sums * (self._means @ self.slopes(values))) @ self._steps
         return MapPartials(self._points_jacobian(d_points), self._matrix(d_values, self._influence_of_values))
 
-    def _lengths(self, points):
+    def _lengths(self, points: np.ndarray) -> np.ndarray:
         return np.sum(np.diff(points[self.attached.axis_rows], axis=0) * self.paths, axis=1)
 
     @cached_property
@@ -149,7 +149,7 @@ class ShiftMap:
         """Whether each row may depend on each coordinate of the axis, shape (n_rows, 3 n_axis)."""
         return (self._sums != 0.0) @ (self._steps != 0.0)
 
-    def _points_jacobian(self, rates) -> csr_array:
+    def _points_jacobian(self, rates: np.ndarray) -> csr_array:
         """Derivative of the rows with respect to the rows, from that of the shifts with respect to the axis."""
         shifts = self._matrix(rates, self._influence_of_points).tocoo()
         columns = (3 * self.attached.axis_rows[:, None] + np.arange(3)).ravel()
@@ -158,7 +158,7 @@ class ShiftMap:
         rows, columns = np.append(np.arange(n), shifts.row), np.append(np.arange(n), columns[shifts.col])
         return csr_array((data, (rows, columns)), shape=(n, n))
 
-    def _matrix(self, rates, influence) -> csr_array:
+    def _matrix(self, rates: np.ndarray, influence: np.ndarray) -> csr_array:
         """Displacements of shifts of rates (n_rows, n), with entries wherever there may be an influence."""
         coordinates = np.flatnonzero(self.direction)
         shifted, sources = np.nonzero(influence)

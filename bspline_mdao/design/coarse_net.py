@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csr_array, eye_array, kron
 
 from ..errors import InputError
@@ -54,8 +55,8 @@ class Refinement(OneLine):
     def bounds(
         self,
         # those of the coarse values; infinite where there is none
-        lower,  # float or array_like (n_coarse,)
-        upper,  # float or array_like (n_coarse,)
+        lower: ArrayLike,  # float or array_like (n_coarse,)
+        upper: ArrayLike,  # float or array_like (n_coarse,)
     ) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the finer values: every shape within those of the coarse ones is within them."""
         # returns lower, upper (n_fine,): next to points that are held, too, as wide as those of the points that are

@@ -10,7 +10,7 @@ maps do to wing sections is in `section_formulas`, which the design variables of
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, ClassVar, Protocol
@@ -106,7 +106,7 @@ class Deformation(OneLine):
             points_bar = vjp(point_map, at, points_bar)
         return points_bar + bar - slid
 
-    def _keep_in_planes(self, points, moved):
+    def _keep_in_planes(self, points: np.ndarray, moved: np.ndarray) -> np.ndarray:
         """Refuse to leave a plane of symmetry, and take off round-off."""
         rows, normals = self.mesh.in_plane_rows, self.mesh.in_plane_normals
         off = np.abs(np.sum((moved - points)[rows] * normals, axis=1))
@@ -171,7 +171,9 @@ class InFrame(ABC):
         return self.frame.to_space(np.stack(self._moved(*self.frame.to_local(points).T), axis=1))
 
     @abstractmethod
-    def _moved(self, stream, normal, span):
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stream, normal and span coordinates of the moved points, of those of the points."""
 
 
@@ -180,7 +182,9 @@ class RotateSections(InFrame):
 
     # ``amount`` is the angle at the tip (rad), upstream end up positive.
 
-    def _moved(self, stream, normal, span):
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         centre = self.frame.middle_at(span)
         return *_about(centre, rotation(self.amount * span / self.frame.span), stream, normal), span
 
@@ -193,7 +197,9 @@ class Pitch(InFrame):
 
     at: float = 0.25  # place of the axis between the upstream (0) and the downstream end (1) of the surface's box
 
-    def _moved(self, stream, normal, span):
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         centre = self.at * self.frame.chord, self.frame.middle_at(0.0)[1]
         return *_about(centre, rotation(self.amount), stream, normal), span
 
@@ -208,11 +214,13 @@ class Bend(InFrame):
     at: float = 0.7  # span fraction at which the arc begins
     length: float = 0.15  # length of the arc as a fraction of the span
 
-    def height(self, normal):
+    def height(self, normal: np.ndarray) -> np.ndarray:
         """Height of normal coordinates (m) above the middle line where the arc begins."""
         return normal - self.frame.middle_at(self.at * self.frame.span)[1]
 
-    def _moved(self, stream, normal, span):
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         start, length, height = self.at * self.frame.span, self.length * self.frame.span, self.height(normal)
         on_arc, outboard = _clip(span - start, 0.0, length), _clip(span - start - length, 0.0, np.inf)
         angle = self.amount * on_arc / length
@@ -224,35 +232,45 @@ class Bend(InFrame):
 class Stretch(InFrame):
     """Scale the span from the root; ``amount`` is the factor."""
 
-    def _moved(self, stream, normal, span):
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return stream, normal, self.amount * span
 
 
 class ScaleChord(InFrame):
     """Scale lengths along the stream about the middle line; ``amount`` is the factor."""
 
-    def _moved(self, stream, normal, span):
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return *_about(self.frame.middle_at(span), scaling(self.amount, 1.0), stream, normal), span
 
 
 class ScaleThickness(InFrame):
     """Scale lengths normal to stream and span about the middle line; ``amount`` is the factor."""
 
-    def _moved(self, stream, normal, span):
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return *_about(self.frame.middle_at(span), scaling(1.0, self.amount), stream, normal), span
 
 
 class ShearDownstream(InFrame):
     """Shear the surface downstream in proportion to the distance from the root; ``amount`` is the angle (rad)."""
 
-    def _moved(self, stream, normal, span):
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return stream + shear(self.amount) * span, normal, span
 
 
 class ShearUpwards(InFrame):
     """Shear the surface upwards in proportion to the distance from the root; ``amount`` is the angle (rad)."""
 
-    def _moved(self, stream, normal, span):
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return stream, normal + shear(self.amount) * span, span
 
 
@@ -324,13 +342,15 @@ def random_bumps(
     return Bumps(height, waves, phases, directions / largest, reach, planes)
 
 
-def _directions(rng):
+def _directions(rng: np.random.Generator) -> np.ndarray:
     """Directions that favour none, shape (n, 3)."""
     vectors = rng.standard_normal((_N_WAVES, 3))
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
-def _about(centre, matrix, stream, normal):
+def _about(
+    centre: Sequence[Any], matrix: np.ndarray, stream: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Apply matrices (..., 2, 2) to stream and normal coordinates about a centre."""
     along, above = centre
     x, y = stream - along, normal - above
@@ -340,22 +360,22 @@ def _about(centre, matrix, stream, normal):
     )
 
 
-def _clip(x, low, high):
+def _clip(x: np.ndarray, low: float, high: float) -> np.ndarray:
     """Clip numbers, real or complex, to bounds on their real part."""
     return np.where(x.real < low, low, np.where(x.real > high, high, x))
 
 
-def _sine_ratio(angle):
+def _sine_ratio(angle: np.ndarray) -> np.ndarray:
     """Return sin(a) / a, 1 at zero."""
     return _ratio(angle, np.sin, lambda a: 1.0 - a**2 / 6.0 * (1.0 - a**2 / 20.0 * (1.0 - a**2 / 42.0)))
 
 
-def _versine_ratio(angle):
+def _versine_ratio(angle: np.ndarray) -> np.ndarray:
     """Return (1 - cos(a)) / a, 0 at zero."""
     series = lambda a: a / 2.0 * (1.0 - a**2 / 12.0 * (1.0 - a**2 / 30.0 * (1.0 - a**2 / 56.0)))  # noqa: E731
     return _ratio(angle, lambda a: 2.0 * np.sin(0.5 * a) ** 2, series)
 
 
-def _ratio(angle, numerator, series):
+def _ratio(angle: np.ndarray, numerator: Callable, series: Callable) -> np.ndarray:
     is_small = np.abs(angle) < _SMALL
     return np.where(is_small, series(angle), numerator(angle) / np.where(is_small, 1.0, angle))

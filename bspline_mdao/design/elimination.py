@@ -187,7 +187,9 @@ def _groups(matrix: csr_array) -> np.ndarray:
     return connected_components(joint, directed=False)[1][: matrix.shape[0]]
 
 
-def _elimination(mesh, pivots, sources, rows, named) -> Elimination:
+def _elimination(
+    mesh: MovingMesh, pivots: np.ndarray, sources: np.ndarray, rows: csr_array, named: tuple[tuple[str, Equations], ...]
+) -> Elimination:
     """Identity in the independent coordinates, and the rows of the dependent ones."""
     n = rows.shape[1]
     source = np.full(n, -1)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, eye_array, kron, vstack
 
 from ..checks import as_numbers
@@ -285,7 +286,7 @@ class Lattice(OneLine):
             )
 
 
-def _corners(around) -> np.ndarray:
+def _corners(around: MovingMesh | ArrayLike) -> np.ndarray:
     """Points that a box surrounds."""
     if isinstance(around, MovingMesh):
         return around.points[around.surface_ids]
@@ -295,7 +296,7 @@ def _corners(around) -> np.ndarray:
     return points
 
 
-def _box_axes(axes) -> np.ndarray:
+def _box_axes(axes: ArrayLike) -> np.ndarray:
     """Unit vectors along the edges of a box."""
     axes = as_numbers(axes, "lattice: axes")
     lengths = np.linalg.norm(axes, axis=-1, keepdims=True)

@@ -281,7 +281,7 @@ class Mirrored(OneLine):
             len(points), np.column_stack([leaders, partners]), np.stack([-reflection, np.eye(3)], axis=1)
         )
 
-    def _on_the_side_of_the_normal(self, heights, near) -> np.ndarray:
+    def _on_the_side_of_the_normal(self, heights: np.ndarray, near: float) -> np.ndarray:
         rows = np.flatnonzero(heights >= -near)
         if not len(rows):
             raise InputError(
@@ -290,7 +290,9 @@ class Mirrored(OneLine):
             )
         return rows
 
-    def _partners(self, mesh, tree, mirrored, leaders, near) -> np.ndarray:
+    def _partners(
+        self, mesh: MovingMesh, tree: cKDTree, mirrored: np.ndarray, leaders: np.ndarray, near: float
+    ) -> np.ndarray:
         """Number of the one point of the tree at each mirrored place."""
         counts = tree.query_ball_point(mirrored, near, return_length=True)
         gaps, partners = tree.query(mirrored)

@@ -45,7 +45,7 @@ class Oscillation:
         """Change of the amount per second at a time (s)."""
         return self.amplitude * 2.0 * np.pi * self.frequency * np.cos(self._angle(time))
 
-    def _angle(self, time):
+    def _angle(self, time: float) -> float:
         return 2.0 * np.pi * self.frequency * time + self.phase
 
 

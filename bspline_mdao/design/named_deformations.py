@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -151,7 +151,7 @@ def read_points(
     return points
 
 
-def _read_text(path):
+def _read_text(path: Path) -> np.ndarray:
     """Rows of numbers; the first line may be a heading."""
     lines = path.read_text(encoding="utf-8-sig").replace(",", " ").splitlines()
     rows = [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
@@ -163,7 +163,7 @@ def _read_text(path):
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def _is_numeric(words):
+def _is_numeric(words: Sequence[str]) -> bool:
     try:
         [float(word) for word in words]
     except ValueError:
@@ -216,13 +216,13 @@ class Request:
             raise self.fail("give three lengths with strokes between them, such as translate=0.1/0/0")
         return float(match[1]), float(match[2]), float(match[3])
 
-    def _match(self, text, pattern, what) -> float:
+    def _match(self, text: str, pattern: str, what: str) -> float:
         match = re.fullmatch(pattern, text)
         if match is None:
             raise self.fail(f"'{text}' is not {what}")
         return float(match[1])
 
-    def _between(self, number, low, high) -> float:
+    def _between(self, number: float, low: float, high: float) -> float:
         if not low < number < high:
             bounds = f"above {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
             raise self.fail(f"{number:g} is out of bounds; give a number {bounds}")
@@ -273,7 +273,7 @@ def _make(request: Request | Path, surface: _Surface) -> PointMap:
     return DEFORMATIONS[request.name](request, surface)
 
 
-def _by_angle(make, limit=360.0):
+def _by_angle(make: Callable[..., PointMap], limit: float = 360.0) -> Callable[[Request, _Surface], PointMap]:
     """Deformation by an angle alone."""
 
     def build(request: Request, surface: _Surface) -> PointMap:
@@ -283,7 +283,7 @@ def _by_angle(make, limit=360.0):
     return build
 
 
-def _by_factor(make):
+def _by_factor(make: Callable[..., PointMap]) -> Callable[[Request, _Surface], PointMap]:
     """Deformation by a positive factor alone."""
 
     def build(request: Request, surface: _Surface) -> PointMap:

@@ -220,7 +220,7 @@ class Parametrization(OneLine):
         initial, values = self._checked(initial, values)
         return self._chain(self._steps(initial, values), self._matrix, self._identity - self._matrix)
 
-    def _checked(self, initial, values) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def _checked(self, initial: ArrayLike, values: Mapping[str, ArrayLike]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Points and values as arrays of the right shapes."""
         shape = (self.layout.n_surface, 3)
         if np.shape(initial) != shape:
@@ -242,11 +242,11 @@ class Parametrization(OneLine):
     def _identity(self) -> csr_array:
         return eye_array(3 * self.layout.n_surface, format="csr")
 
-    def _rows(self, surface):
+    def _rows(self, surface: np.ndarray) -> np.ndarray:
         """All rows: the surface, and the auxiliary points on the baseline."""
         return np.concatenate([surface, self.layout.points[self.layout.n_surface :]])
 
-    def _steps(self, surface, values) -> Iterator[MapPartials]:
+    def _steps(self, surface: np.ndarray, values: Mapping[str, np.ndarray]) -> Iterator[MapPartials]:
         """Derivatives of every map where its turn comes."""
         rows = self._rows(surface)
         for name, design_map in self.maps.items():

@@ -120,7 +120,7 @@ class _InSections(AtStations):
         return attached.section_axes
 
     @abstractmethod
-    def _matrices(self, amounts) -> np.ndarray:
+    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
         """Matrices, shape (n, 2, 2), of the values at sections, shape (n,)."""
 
 
@@ -154,7 +154,7 @@ class Twist(_InSections):
 
     units = "deg"
 
-    def _matrices(self, amounts):
+    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
         return rotation(np.radians(1.0) * amounts)
 
 
@@ -193,10 +193,10 @@ class Chord(_InSections):
 
     scales_thickness: bool = field(default=True, kw_only=True)
 
-    def _matrices(self, amounts):
+    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
         return scaling(amounts, amounts if self.scales_thickness else 1.0)
 
-    def _axes(self, attached):
+    def _axes(self, attached: AttachedRows) -> np.ndarray:
         return attached.chord_axes if not self.scales_thickness else attached.section_axes
 
 
@@ -232,10 +232,10 @@ class ThicknessFactor(_InSections):
 
     neutral = 1.0
 
-    def _matrices(self, amounts):
+    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
         return scaling(1.0, amounts)
 
-    def _axes(self, attached):
+    def _axes(self, attached: AttachedRows) -> np.ndarray:
         return attached.chord_axes
 
 
@@ -269,7 +269,7 @@ class Taper(AlongAxis):
         return SectionMap(1.0, attached, attached.section_axes, csr_array(attached.stations[:, None]), _similar)
 
 
-def _similar(factor):
+def _similar(factor: np.ndarray) -> np.ndarray:
     return scaling(factor, factor)
 
 
@@ -370,7 +370,7 @@ class Span(_Shifting):
 
     neutral = 1.0
 
-    def _bind(self, attached):
+    def _bind(self, attached: AttachedRows) -> ShiftMap:
         return self._shift(attached, 2, self._along_span(attached), _excess)
 
 
@@ -405,7 +405,7 @@ class Sweep(_Shifting):
 
     units = "deg"
 
-    def _bind(self, attached):
+    def _bind(self, attached: AttachedRows) -> ShiftMap:
         return self._shift(attached, 0, attached.directions, _slope_of_degrees)
 
 
@@ -440,13 +440,13 @@ class Dihedral(_Shifting):
 
     units = "deg"
 
-    def _bind(self, attached):
+    def _bind(self, attached: AttachedRows) -> ShiftMap:
         return self._shift(attached, 1, self._along_span(attached), _slope_of_degrees)
 
 
-def _excess(factor):
+def _excess(factor: np.ndarray) -> np.ndarray:
     return factor - 1.0
 
 
-def _slope_of_degrees(angle):
+def _slope_of_degrees(angle: np.ndarray) -> np.ndarray:
     return shear(np.radians(1.0) * angle)

@@ -165,7 +165,7 @@ class ReferenceAxis(OneLine):
     def _begins_in(self, plane: Plane, tolerance: float) -> bool:
         return abs(self.points[0] @ plane.normal - plane.offset) <= tolerance
 
-    def _require_overlap(self, places, stations, frame):
+    def _require_overlap(self, places: np.ndarray, stations: np.ndarray, frame: Frame) -> None:
         """Refuse an axis that all of the surface is inboard or outboard of."""
         if not stations.max() > 0.0 or not stations.min() < 1.0:
             ends = self.points[[0, -1]] @ frame.axes[2]
@@ -174,7 +174,7 @@ class ReferenceAxis(OneLine):
                 f"{places.min():.4g} to {places.max():.4g} m; lay it along the surface, in metres"
             )
 
-    def _require_advance(self, steps):
+    def _require_advance(self, steps: np.ndarray) -> None:
         """Refuse points that do not go out along the span, or of a curved axis coincide."""
         is_bad = ~steps.any(axis=1) if self.is_curved else steps[:, 0] <= 0.0
         if is_bad.any():
@@ -184,7 +184,9 @@ class ReferenceAxis(OneLine):
             )
 
 
-def _closest(starts, steps, points, goes_on_inboard):
+def _closest(
+    starts: np.ndarray, steps: np.ndarray, points: np.ndarray, goes_on_inboard: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the segment closest to each point (n, m) and the place on it from 0 to 1."""
     # 1. Every point is projected onto the line of every segment.
     # 2. Places are clipped to the segment; the last goes on outboard, the first inboard if it may.
@@ -273,7 +275,7 @@ class AttachedRows(OneLine):
         return chord_lines(self.layout.points[rows], quads, self.stations[rows], self.knots, self.frame.axes[0])
 
 
-def _unit(vectors):
+def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / lengths(vectors)[:, None]
 
 
@@ -387,12 +389,14 @@ def chord_lines(
     return lines
 
 
-def _cut(points, edges, places, levels, stream):
+def _cut(
+    points: np.ndarray, edges: np.ndarray, places: np.ndarray, levels: Sequence[float] | np.ndarray, stream: np.ndarray
+) -> np.ndarray:
     """Ends of the chord lines of sections at several places, shape (n_levels, 2, 3)."""
     return np.array([_ends(cut_edges(edges, places - level).at(points), stream) for level in levels])
 
 
-def _ends(section, stream):
+def _ends(section: np.ndarray, stream: np.ndarray) -> Sequence[np.ndarray] | np.ndarray:
     """Most upstream and most downstream place of a section, points (n, 3), in the middle of both sides."""
     along = section @ stream
     if not len(section) or not np.ptp(along):
@@ -401,7 +405,7 @@ def _ends(section, stream):
     return [_end(section, along, part, stream) for part in (behind, 1.0 - behind)]
 
 
-def _end(section, along, distance, stream):
+def _end(section: np.ndarray, along: np.ndarray, distance: np.ndarray, stream: np.ndarray) -> np.ndarray:
     """Mean of the points near an end of a chord, by their distances from it in chords, shifted to that end."""
     weights = np.maximum(_NEAR - distance, 0.0)
     middle = weights @ section / weights.sum()

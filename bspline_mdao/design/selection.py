@@ -384,7 +384,7 @@ def _limits(ends, without: float) -> np.ndarray:
     return np.array([without if end is None else end for end in ends], dtype=float)
 
 
-def _indices(part) -> str:
+def _indices(part: Any) -> str:
     """An index as it is written."""
     if part is ...:
         return "..."
