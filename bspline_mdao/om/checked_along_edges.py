@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..cells.hexahedron import COLLAPSE_TOLERANCE
 from .model_option import Copied
 
 __all__ = ["CheckedAlongEdges", "check_along_edges"]
@@ -41,10 +42,6 @@ REACH = 1e-6
 ROUNDING = 1e-7
 """Part of the derivatives that rounding of coordinates makes: a tenth of the absolute tolerance of
 ``assert_check_partials``."""
-
-TOUCHING = 1e-9
-"""Neighbours nearer than this part of the grid's size count as one point: no step could be small beside their
-distance."""
 
 
 def check_along_edges(
@@ -67,7 +64,8 @@ def check_along_edges(
         The input, points with x, y and z interleaved (m).
     lines : sequence of ndarray of int, each of 1 to 3 dimensions
         Numbers of its points in blocks, faces or lines; neighbours along any direction are joined by edges. Points that
-        the input does not have are -1. One without edges moves by `REACH` times the size of all.
+        the input does not have are -1. One without edges moves by `REACH` times the size of all; one with a collapsed
+        edge stays, since lines of no length are a case of their own, from which functions jump.
     sharpness : float
         Lengths of the edges divided by those over which the function changes.
     digits : float
@@ -170,7 +168,7 @@ class _Stretch:
     def of(cls, points: np.ndarray, lines: Sequence[np.ndarray], step: float, digits: float) -> _Stretch:
         """Measure the edges of points (n, 3); u is that many last digits of their coordinates, divided by the step."""
         size = float(np.linalg.norm(np.ptp(points, axis=0)))
-        edges = np.minimum(shortest_edges(points, lines, TOUCHING * size), REACH / step * size)
+        edges = np.minimum(shortest_edges(points, lines, COLLAPSE_TOLERANCE * size), REACH / step * size)
         unit = np.finfo(float).eps * digits * float(np.abs(points).max()) / step
         return cls(points.ravel().copy(), step, unit, np.repeat(edges, 3), np.zeros(points.size))
 
@@ -189,14 +187,15 @@ class _Stretch:
 
 
 def shortest_edges(points: np.ndarray, lines: Sequence[np.ndarray], least: float) -> np.ndarray:
-    """Length of the shortest edge at every point (m), shape (n,), that is longer than ``least``; infinite without."""
+    """Shortest edge of every point (m), shape (n,): 0 where it is ``least`` or less, infinite without."""
     shortest = np.full(len(points), np.inf)
     for ids in lines:
         here, is_there = np.full(ids.shape, np.inf), ids >= 0
         for axis in range(ids.ndim):
             lower, upper = ((slice(None),) * axis + (ends,) for ends in (slice(None, -1), slice(1, None)))
             squares = np.square(points[ids[upper]] - points[ids[lower]]).sum(axis=-1)
-            squares[(squares <= least**2) | ~(is_there[lower] & is_there[upper])] = np.inf
+            squares[squares <= least**2] = 0.0
+            squares[~(is_there[lower] & is_there[upper])] = np.inf
             for ends in (lower, upper):
                 np.minimum(here[ends], squares, out=here[ends])
         np.minimum.at(shortest, ids[is_there], here[is_there])

@@ -34,10 +34,11 @@ import openmdao.api as om
 from openmdao.utils.om_warnings import issue_warning
 from scipy.sparse import coo_array, csr_array
 
+from ..cells.hexahedron import COLLAPSE_TOLERANCE
 from ..errors import InputError, MovementError
 from ..numerics.processes import ONE, together
 from ..wording import value_name
-from .checked_along_edges import TOUCHING, CheckedAlongEdges, shortest_edges
+from .checked_along_edges import CheckedAlongEdges, shortest_edges
 
 LINEAR_STEP = 1.0
 """Step of differences of what is linear: it is exact at any step, and at a large one rounding counts least."""
@@ -300,8 +301,8 @@ def difference_step(net: np.ndarray) -> float:
     """
     points = net.reshape(-1, 3)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    edges = shortest_edges(points, [np.arange(len(points)).reshape(net.shape[:-1])], TOUCHING * size)
-    return central_step(size, min(edges.min(), size))
+    edges = shortest_edges(points, [np.arange(len(points)).reshape(net.shape[:-1])], COLLAPSE_TOLERANCE * size)
+    return central_step(size, float(edges.min(where=edges > 0.0, initial=size)))
 
 
 def central_step(size: float, length: float) -> float:

@@ -213,3 +213,10 @@ def every_fourth(grid: Grid) -> Grid:
 def test_a_bare_check_passes_on_viscous_grids_of_other_projects(real_grids, name):
     grid = with_guessed_patches(every_fourth(read_grid(real_grids / name)))
     assert checked(chain(fit_grid(grid)))
+
+
+def test_a_bare_check_leaves_collapsed_edges_alone():
+    ends = ((0.0, 1.0, 7), (0.2, 1.0, 9), (0.0, 0.8, 7))
+    x, angle, radius = np.meshgrid(*(np.linspace(*end) for end in ends), indexing="ij")
+    nodes = np.stack([x, radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+    assert checked(live_fit(fit_grid(Grid((Block(nodes, "sector"),)))))
