@@ -142,7 +142,7 @@ def _read(grid_name: str, patches: Path | None, comm: Any, units: str | None = N
     """The grid of a file, or the one that a fitted model regenerates."""
     is_model = Path(grid_name).suffix == MODEL
     if is_model and units:
-        raise InputError(f"{grid_name}: a model has the unit that it was fitted with; leave --units out")
+        raise InputError(f"{grid_name}: a model has the unit that it was fitted with; leave out --units")
     if comm.size > 1:
         if is_model:
             return _model_in_parts(grid_name, patches, comm)

@@ -50,7 +50,7 @@ def in_unit(grid: AnyGrid, unit: str | None) -> AnyGrid:
     if unit not in LENGTH_UNITS:
         raise InputError(f"{grid.source}: no unit is called '{unit}'; choose one of {', '.join(LENGTH_UNITS)}")
     if grid.unit not in ("", unit):
-        raise InputError(f"{grid.source}: its file says that lengths are in {grid.unit}, not {unit}; leave --units out")
+        raise InputError(f"{grid.source}: its file says that lengths are in {grid.unit}, not {unit}; leave out --units")
     return replace(grid, unit=unit)
 
 

@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import openmdao.api as om
 import pytest
-from euler_cases import case_of, one_of_each_kind
-from topology_cases import box
+from euler_cases import case_of
+from topology_cases import box, grid_of, patch
 
 from bspline_mdao import EulerFlow, SpuriousDragWarning, fit_grid, infinite_wing_grid, naca_section
 from bspline_mdao.flow.euler import drag_sources as kernel
 from bspline_mdao.flow.euler.drag_sources import DragSources, wave_drag
-from bspline_mdao.flow.euler.forces import entropy_scale
+from bspline_mdao.flow.euler.entropy_drag import entropy_scale
 from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.stream import RADIAN
 from bspline_mdao.om.flow.spurious_drag import (
@@ -21,6 +21,7 @@ from bspline_mdao.om.flow.spurious_drag import (
     warn_below_the_ellipse,
     warn_of_spurious_drag,
 )
+from bspline_mdao.topology.index_space import Window
 
 
 @cache
@@ -53,7 +54,10 @@ def sources_of(problem):
 def jump(mach, pressure, density):
     """Wave drag of a stream along x whose pressure and density jump by these factors, and that of all its entropy."""
     x = np.array([0.0, 0.7, 1.5, 2.0, 2.8, 3.3, 4.1, 5.0, 5.6, 6.5])
-    case = case_of(one_of_each_kind(box(x, np.linspace(0.0, 1.3, 4), np.linspace(0.0, 0.6, 3))), mach=mach, degrees=0.0)
+    nodes = box(x, np.linspace(0.0, 1.3, 4), np.linspace(0.0, 0.6, 3))
+    face, kinds = Window.whole(0, nodes.shape[:3]).face, ("farfield", "wall", "symmetry")
+    patches = [patch(kind, face(2 * axis), face(2 * axis + 1)) for axis, kind in enumerate(kinds)]
+    case = case_of(grid_of(nodes, patches=patches), mach=mach, degrees=0.0)
     states = np.tile([1.0, mach, 0.0, 0.0, 1.0 / GAMMA], (len(x) - 1, 3, 2, 1))
     states[5:] *= [density, 1.0 / density, 0.0, 0.0, pressure]
     entropy = mach * 1.3 * 0.6 * (np.log(pressure) - GAMMA * np.log(density)) / entropy_scale(mach)

@@ -69,7 +69,7 @@ def test_a_unit_that_the_user_gives_goes_into_the_copy_of_a_file_without_one(tmp
     write_cgns(tmp_path / "grid.cgns", smooth_grid())
     write_cgns(tmp_path / "copy.cgns", in_unit(read_cgns(tmp_path / "grid.cgns"), "ft"))
     assert read_cgns(tmp_path / "copy.cgns").unit == "ft"
-    with pytest.raises(InputError, match="its file says that lengths are in ft, not mm; leave --units out"):
+    with pytest.raises(InputError, match="its file says that lengths are in ft, not mm; leave out --units"):
         in_unit(read_cgns(tmp_path / "copy.cgns"), "mm")
     with pytest.raises(InputError, match="no unit is called 'mile'; choose one of m, cm, mm, in, ft"):
         in_unit(smooth_grid(), "mile")

@@ -373,5 +373,7 @@ def test_a_difference_step_may_leave_a_symmetry_plane():
     problem.run_model()
     (checks,) = problem.check_partials(out_stream=None).values()
     check = checks[CONTROL_POINTS, SURFACE_CONTROL_POINTS]
-    assert np.count_nonzero(check["J_fd"]) == 3 * len(mesh.surface_ids)
+    moved = check["J_fd"].reshape(-1, 3)[mesh.surface_ids]
+    assert np.count_nonzero(moved) >= moved.size - 2  # coordinates next to a power of two may stay
+    assert np.all(moved[mesh.points[mesh.surface_ids][:, 2] == 0.0] != 0.0)
     np.testing.assert_allclose(check["J_fwd"], check["J_fd"], atol=1e-7)
