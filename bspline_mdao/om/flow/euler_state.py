@@ -44,8 +44,8 @@ INPUTS = (GRID, "alpha", "Mach_number")
 
 
 MACH_STEP = 1e-7
-"""Step of differences by the Mach number: coefficients are divided by up to its cube. About a cylinder at 0.1, with states
-kept, central differences of the drag of the entropy with a step of 1e-5 are off by 4e-4 of them."""
+"""Step of differences by the Mach number: coefficients are divided by up to its cube. About a cylinder at 0.1, with
+states kept, central differences of the drag of the entropy with a step of 1e-5 are off by 4e-4 of them."""
 
 LARGEST_RESIDUAL = 1e-8
 """Residual, relative to that of the uniform stream, up to which a flow that no longer converges is accepted."""
