@@ -155,14 +155,7 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
         moved = _move(model, model_file, options, progress)
         if moved.newly_inverted and not options.allow_invalid:
             progress(0.85, "looking for what cures it")
-            trials = try_cures(
-                options,
-                model.topology,
-                moved.mesh,
-                patches_of(moved.newly_inverted),
-                lambda other: _n_inverted(model, model_file, other),
-            )
-            raise MovementError(complaint(model, moved, trials))
+            raise MovementError(complaint(model, moved, _trials(model, model_file, moved, options)))
         progress(0.9, "writing")
         with written_json(json, move_numbers(model_file, output, moved, options)):
             if is_cad:
@@ -424,12 +417,17 @@ def complaint(model: FittedModel, moved: Moved, trials: Sequence[Trial]) -> str:
     )
 
 
-def _n_inverted(model: FittedModel, model_file: Path, options: MoveOptions) -> int:
-    """Make a move with other options, and count the cells that it inverts."""
-    _, deformation, _, movement = moved_control_mesh(model, model_file, options)
+def _trials(model: FittedModel, model_file: Path, moved: Moved, options: MoveOptions) -> list[Trial]:
+    """Try what may cure a move, letting go of the patches that inverted cells lie on first."""
     baseline = model.regenerate()
-    grid = _grid(model, options, deformation, movement.points, baseline)[0]
-    return judge_move(GridQuality.of_baseline(baseline), grid.to_vector().reshape(-1, 3)).n_inverted
+    quality = GridQuality.of_baseline(baseline)
+
+    def n_inverted(other: MoveOptions) -> int:
+        _, deformation, _, movement = moved_control_mesh(model, model_file, other)
+        grid = _grid(model, other, deformation, movement.points, baseline)[0]
+        return judge_move(quality, grid.to_vector().reshape(-1, 3)).n_inverted
+
+    return try_cures(options, model.topology, moved.mesh, patches_of(moved.newly_inverted), n_inverted)
 
 
 def _cause(model: FittedModel, moved: Moved) -> str:

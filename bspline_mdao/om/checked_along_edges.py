@@ -19,12 +19,13 @@ The products are the component's own, and so are the values that are differenced
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..cells.hexahedron import COLLAPSE_TOLERANCE
+from .check_directions import check_along_directions
 from .model_option import Copied
 
 __all__ = ["CheckedAlongEdges", "check_along_edges"]
@@ -74,19 +75,13 @@ def check_along_edges(
         Take complex steps in the place of differences where the problem has room for them, after
         ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them.
     """
-    if is_complex and component._force_alloc_complex:  # OpenMDAO has no public name for it
-        component.set_check_partial_options(wrt, method="cs", directional=True)
-    else:
-        step = PART / sharpness
-        component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=True)
-        component._edges[wrt] = tuple(lines), step, digits / ROUNDING
+    step = PART / sharpness
+    check_along_directions(component, step, wrt, is_complex)
+    component._edges[wrt] = tuple(lines), step, digits / ROUNDING
 
 
 class CheckedAlongEdges(Copied):
     """Part of a component whose inputs are points of grids, see `check_along_edges`."""
-
-    set_check_partial_options: Callable
-    _force_alloc_complex: bool
 
     def __init__(self, **options):
         super().__init__(**options)
@@ -97,7 +92,7 @@ class CheckedAlongEdges(Copied):
         """Check the partial derivatives, see ``om.ExplicitComponent.check_partials``."""
         asked = self._get_check_partial_options()
         for name, (lines, step, digits) in self._edges.items():
-            if asked.get(name, {}).get("step") == step:  # other steps are the user's, in metres
+            if asked.get(name, {}).get("step") == step:  # complex ones have none, others are the user's, in metres
                 self._stretches[name] = _Stretch.of(self._inputs[name].reshape(-1, 3), lines, step, digits)
         try:
             return super().check_partials(*arguments, **options)

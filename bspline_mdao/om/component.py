@@ -263,32 +263,6 @@ def add_bar(d_inputs, name: str, bar: np.ndarray) -> None:
         d_inputs[name] += bar.reshape(d_inputs[name].shape)
 
 
-def check_along_directions(component: om.Component, step: float, wrt: str = "*", is_complex: bool = False) -> None:
-    """Make ``check_partials`` compare products along one random direction in each input with central differences.
-
-    OpenMDAO's default runs the component once for every number in the inputs, and holds all of the Jacobian. Call it in
-    ``setup``; what a user sets on the component after ``Problem.setup`` comes before it.
-
-    A component whose processes depend on each other also is a `CheckedOnProcesses`.
-
-    Parameters
-    ----------
-    component : Component
-        The component.
-    step : float
-        Step of the differences, in the units of the inputs.
-    wrt : str
-        Inputs, by name or pattern.
-    is_complex : bool
-        Take complex steps in the place of differences where the problem has room for them, after
-        ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them.
-    """
-    if is_complex and component._force_alloc_complex:  # OpenMDAO has no public name for it
-        component.set_check_partial_options(wrt, method="cs", directional=True)
-    else:
-        component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=True)
-
-
 def difference_step(net: np.ndarray) -> float:
     """Find the step (m) at which central differences with respect to all points of a net are most accurate.
 

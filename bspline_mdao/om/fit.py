@@ -15,6 +15,7 @@ from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS_INITIAL, GRID_INITIAL
 from ..numerics.processes import together
 from ..topology.partition import Partition
+from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges, numbered_blocks
 from .component import (
     LINEAR_STEP,
@@ -22,7 +23,6 @@ from .component import (
     LastState,
     add_product,
     by_parts,
-    check_along_directions,
     fails_together,
     failures_as_analysis_errors,
     finite_points,

@@ -13,6 +13,7 @@ from ..names import CONTROL_POINTS, GRID, SURFACE
 from ..numerics.processes import summed
 from ..walls.grid_map import GridMap, GridState
 from ..walls.wall_correction import WallCorrection
+from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges, lines_among
 from .component import (
     LINEAR_STEP,
@@ -20,7 +21,6 @@ from .component import (
     SparseComponent,
     add_product,
     as_node_numbers,
-    check_along_directions,
     fails_together,
     failures_as_analysis_errors,
     finite_points,

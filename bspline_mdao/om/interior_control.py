@@ -9,14 +9,8 @@ from ..design.interior_points import InteriorShift
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..names import ALL_NAMES, CONTROL_POINTS, CONTROL_POINTS_INITIAL
-from .component import (
-    LINEAR_STEP,
-    SparseComponent,
-    check_along_directions,
-    fails_together,
-    finite_points,
-    finite_values,
-)
+from .check_directions import check_along_directions
+from .component import LINEAR_STEP, SparseComponent, fails_together, finite_points, finite_values
 from .model_option import declare_model
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..measures.monotonic import neighbour_differences
-from .component import LINEAR_STEP, SparseComponent, check_along_directions, fails_together, finite_values
+from .check_directions import check_along_directions
+from .component import LINEAR_STEP, SparseComponent, fails_together, finite_values
 
 
 class Monotonic(SparseComponent):

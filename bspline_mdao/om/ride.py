@@ -13,8 +13,9 @@ from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS
 from ..riding.riding_mesh import RidingMesh
+from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges
-from .component import LINEAR_STEP, check_along_directions, fails_together
+from .component import LINEAR_STEP, fails_together
 from .model_option import declare_model
 from .moved_points import MovedPoints
 

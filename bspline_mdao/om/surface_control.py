@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from ..design.parametrization import Parametrization
 from ..names import CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
+from .check_directions import check_along_directions
 from .component import (
     SMOOTH_STEP,
     SparseComponent,
     SparsePattern,
-    check_along_directions,
     fails_together,
     finite_points,
     finite_values,

@@ -8,16 +8,9 @@ from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap, SurfaceState
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
+from .check_directions import check_along_directions
 from .checked_along_edges import CheckedAlongEdges, check_along_edges, lines_among
-from .component import (
-    LINEAR_STEP,
-    LastState,
-    add_product,
-    check_along_directions,
-    fails_together,
-    failures_as_analysis_errors,
-    finite_points,
-)
+from .component import LINEAR_STEP, LastState, add_product, fails_together, failures_as_analysis_errors, finite_points
 from .model_option import declare_model
 
 

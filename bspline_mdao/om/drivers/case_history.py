@@ -335,7 +335,9 @@ def _others(cases, taken: set[str]) -> dict[str, dict[int, np.ndarray]]:
     found: dict[str, dict[int, np.ndarray]] = {}
     for n, case in enumerate(cases):
         for name in case.outputs.keys() if case.outputs is not None else ():
-            values = np.asarray(case.outputs[name]) if name not in taken else np.array("")
+            if name in taken:
+                continue
+            values = np.asarray(case.outputs[name])
             if values.dtype.kind in "fiu":
                 found.setdefault(name, {})[n] = values
     return found

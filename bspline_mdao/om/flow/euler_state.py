@@ -24,12 +24,12 @@ from ...flow.stream import RADIAN
 from ...names import GRID
 from ...numerics.processes import largest, summed_number
 from ...numerics.progress import Progress, shown
+from ..check_directions import check_along_directions
 from ..component import (
     SMOOTH_STEP,
     CheckedOnProcesses,
     add_bar,
     central_step,
-    check_along_directions,
     direction_in,
     fails_together,
     finite_points,

@@ -23,7 +23,8 @@ from ...mesh.surface import SurfaceGrid
 from ...model.model_share import ModelShare, nodes_at
 from ...names import GRID, SURFACE
 from ...topology.partition import Partition
-from ..component import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in, fails_together
+from ..check_directions import check_along_directions
+from ..component import SMOOTH_STEP, add_bar, difference_step, direction_in, fails_together
 from ..model_option import Copied, declare_model
 from ..surface_measure import SurfaceMeasure
 from .references import REFERENCES, declare_coefficients, declare_references

@@ -10,7 +10,8 @@ from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import SURFACE
 from ...numerics.processes import summed
-from ..component import LINEAR_STEP, CheckedOnProcesses, check_along_directions
+from ..check_directions import check_along_directions
+from ..component import LINEAR_STEP, CheckedOnProcesses
 from ..model_option import Copied, declare_model
 from ..surface_control import SurfaceControl
 from ..surface_evaluate import SurfaceEvaluate

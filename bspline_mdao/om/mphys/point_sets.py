@@ -10,7 +10,8 @@ import openmdao.api as om
 from ...mesh.surface import SurfaceGrid
 from ...names import SURFACE
 from ...walls.body_points import Body, BodyPoints, require_contained
-from ..component import LINEAR_STEP, add_bar, check_along_directions, fails_together, finite_points
+from ..check_directions import check_along_directions
+from ..component import LINEAR_STEP, add_bar, fails_together, finite_points
 from ..model_option import Copied
 from .conventions import COORDINATES, names_of, point_set_names
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import openmdao.api as om
 
-from ..component import LINEAR_STEP, check_along_directions
+from ..check_directions import check_along_directions
+from ..component import LINEAR_STEP
 
 __all__ = ["Renamed", "Renaming"]
 

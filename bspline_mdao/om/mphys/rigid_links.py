@@ -11,7 +11,8 @@ from mphys import Builder
 
 from ...flow.rigid_links import N_DOF, RigidLinks
 from ...numerics.processes import summed
-from ..component import SMOOTH_STEP, CheckedOnProcesses, check_along_directions, fails_together, finite_points
+from ..check_directions import check_along_directions
+from ..component import SMOOTH_STEP, CheckedOnProcesses, fails_together, finite_points
 from .conventions import COORDINATES, COUPLING, F_AERO, U_AERO, U_STRUCT, X_JIG, X_STRUCT, names_of
 from .distribution import nodes_of_rank
 

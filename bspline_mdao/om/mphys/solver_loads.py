@@ -6,7 +6,8 @@ import numpy as np
 import openmdao.api as om
 
 from ...numerics.processes import summed
-from ..component import LINEAR_STEP, CheckedOnProcesses, check_along_directions
+from ..check_directions import check_along_directions
+from ..component import LINEAR_STEP, CheckedOnProcesses
 from .conventions import COUPLING, F_AERO
 from .distribution import nodes_of_rank
 

@@ -11,7 +11,8 @@ from ...model.fitted_model import FittedModel
 from ...names import GRID, SURFACE
 from ...numerics.processes import summed, together
 from ...topology.partition import Partition, Share
-from ..component import LINEAR_STEP, CheckedOnProcesses, check_along_directions, finite_points
+from ..check_directions import check_along_directions
+from ..component import LINEAR_STEP, CheckedOnProcesses, finite_points
 from ..grid_movement import GridMovement
 from ..model_option import Copied, declare_model
 from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG
