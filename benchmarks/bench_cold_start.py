@@ -47,7 +47,7 @@ def main(commands=tuple(COMMANDS)) -> dict:
         imports = _cpu_seconds(["-c", IMPORTS], folder, environment)
         results = {"imports": imports}
         for name in commands:
-            call = ["-m", "bspline_mdao.cli", *COMMANDS[name]]
+            call = ["-m", "bspline_mdao", *COMMANDS[name]]
             first, second = (_cpu_seconds(call, folder, environment) for _ in range(2))
             results[name] = {"first": first, "second": second, "first_by_imports": first / imports}
     return results

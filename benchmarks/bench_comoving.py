@@ -14,8 +14,8 @@ from pathlib import Path
 from bench_following_faces import Judge, shown
 
 import bspline_mdao as bm
-from bspline_mdao.cells.report import QualityReport
-from bspline_mdao.io.patch_guess import with_guessed_patches
+from bspline_mdao.grids.cells.report import QualityReport
+from bspline_mdao.grids.io.patch_guess import with_guessed_patches
 
 REAL = (
     "hh_naca0012_12blocks.xyz",

@@ -35,7 +35,7 @@ from bspline_mdao.flow.euler.newton import FlowSolution, solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor
 from bspline_mdao.flow.euler.reconstruction import INNER
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse, useful_levels
-from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.grids.topology.detection import find_topology
 
 SHAPES = {
     5_376: (9, 9, 8),

@@ -26,15 +26,15 @@ from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao import Spacing, onera_m6_grid
-from bspline_mdao.fit.design_matrix import build_design_matrix
-from bspline_mdao.fit.edge_knots import knots_of_segment
-from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.fit.least_squares import factorize
-from bspline_mdao.fit.options import METHODS
-from bspline_mdao.fit.parameters import chord_length_parameters
-from bspline_mdao.fit.problem import problem_of_mesh
-from bspline_mdao.topology.detection import find_topology
-from bspline_mdao.topology.grid import Grid
+from bspline_mdao.core.fit.design_matrix import build_design_matrix
+from bspline_mdao.core.fit.edge_knots import knots_of_segment
+from bspline_mdao.core.fit.fitting import fit_grid
+from bspline_mdao.core.fit.least_squares import factorize
+from bspline_mdao.core.fit.options import METHODS
+from bspline_mdao.core.fit.parameters import chord_length_parameters
+from bspline_mdao.core.fit.problem import problem_of_mesh
+from bspline_mdao.grids.topology.detection import find_topology
+from bspline_mdao.grids.topology.grid import Grid
 
 ORDERS = (4, 4, 4)
 

@@ -23,21 +23,21 @@ from pathlib import Path
 
 import numpy as np
 
+from bspline_mdao.core.generators.canonical import onera_m6_grid
+from bspline_mdao.core.generators.hh_wing import Spacing, hh_wing_grid
+from bspline_mdao.core.generators.section_o_grid import section_o_grid
+from bspline_mdao.core.generators.wing import Planform, Wing, naca_section
 from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.sequencing import coarse_levels, useful_levels
-from bspline_mdao.flow.stream import RADIAN
-from bspline_mdao.generators.canonical import onera_m6_grid
-from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
-from bspline_mdao.generators.section_o_grid import section_o_grid
-from bspline_mdao.generators.wing import Planform, Wing, naca_section
-from bspline_mdao.io.files import read_grid
-from bspline_mdao.io.patch_guess import with_guessed_patches
-from bspline_mdao.om.flow.euler_state import LARGEST_RESIDUAL
-from bspline_mdao.topology.detection import find_topology
-from bspline_mdao.topology.grid import Grid
+from bspline_mdao.flow.loads.stream import RADIAN
+from bspline_mdao.flow.om.euler_state import LARGEST_RESIDUAL
+from bspline_mdao.grids.io.files import read_grid
+from bspline_mdao.grids.io.patch_guess import with_guessed_patches
+from bspline_mdao.grids.topology.detection import find_topology
+from bspline_mdao.grids.topology.grid import Grid
 
 CONDITIONS = ((0.3, 4.0), (0.57, -2.0), (0.7, 2.0), (0.84, 3.0))
 """Mach numbers and angles (deg)."""

@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 
 import bspline_mdao as bm
-from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.cells.report import QualityReport, report_quality
-from bspline_mdao.fit.surface_fit import SurfaceFollower
-from bspline_mdao.io.patch_guess import with_guessed_patches
-from bspline_mdao.movement.mover import Mover
-from bspline_mdao.topology.grid import Block, Grid, Patch
-from bspline_mdao.topology.index_space import Window
-from bspline_mdao.walls.grid_map import GridMap
-from bspline_mdao.walls.wall_correction import WallCorrection
+from bspline_mdao.core.fit.surface_fit import SurfaceFollower
+from bspline_mdao.core.movement.mover import Mover
+from bspline_mdao.core.walls.grid_map import GridMap
+from bspline_mdao.core.walls.wall_correction import WallCorrection
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import QualityReport, report_quality
+from bspline_mdao.grids.io.patch_guess import with_guessed_patches
+from bspline_mdao.grids.topology.grid import Block, Grid, Patch
+from bspline_mdao.grids.topology.index_space import Window
 
 REAL = "cgns_5blocks.cgns", "cfl3d_sduct.bin", "cfl3d_rotorstator.fmt"
 """Grids of the folder on whose curved faces walls end; those of the last are periodic, and stay."""

@@ -32,9 +32,9 @@ from bspline_mdao import (
     moving_mesh,
     onera_m6_grid,
 )
-from bspline_mdao.mesh.moving_mesh import MovingMesh
-from bspline_mdao.om.drivers.recorded_run import time_components
-from bspline_mdao.sparse.cholesky import Cholesky
+from bspline_mdao.base.sparse.cholesky import Cholesky
+from bspline_mdao.core.mesh.moving_mesh import MovingMesh
+from bspline_mdao.core.om.drivers.recorded_run import time_components
 
 SHAPE, N_CONTROL = (45, 65, 33), (13, 13, 9)
 LATTICE = (7, 4, 7)

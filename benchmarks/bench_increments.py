@@ -20,16 +20,16 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao import fit_shape, onera_m6_grid, rectangular_wing
-from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.cells.report import report_quality
-from bspline_mdao.design.named_deformations import parse_deformation
-from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.mesh.boundary import moving_mesh
-from bspline_mdao.mesh.moving_mesh import MovingMesh
-from bspline_mdao.model.fitted_model import FittedModel
-from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.increments import increments_for
-from bspline_mdao.sparse.cholesky import Cholesky
+from bspline_mdao.base.sparse.cholesky import Cholesky
+from bspline_mdao.core.design.named_deformations import parse_deformation
+from bspline_mdao.core.fit.fitting import fit_grid
+from bspline_mdao.core.mesh.boundary import moving_mesh
+from bspline_mdao.core.mesh.moving_mesh import MovingMesh
+from bspline_mdao.core.model.fitted_model import FittedModel
+from bspline_mdao.core.movement.elasticity import LinearElasticity
+from bspline_mdao.core.movement.increments import increments_for
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import report_quality
 
 SHAPE, N_CONTROL = (45, 65, 33), (13, 13, 9)
 IDWARP = {"move": 5.09, "reverse": 6.40}

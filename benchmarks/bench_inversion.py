@@ -20,10 +20,10 @@ from scipy.interpolate import NdBSpline
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
-from bspline_mdao.evaluation.inversion import invert_points
-from bspline_mdao.splines.knots import BilinearKnots, ConstantKnots
-from bspline_mdao.splines.mesh import BSplineMesh
-from bspline_mdao.splines.volume import Volume, evaluate
+from bspline_mdao.core.evaluation.inversion import invert_points
+from bspline_mdao.core.splines.knots import BilinearKnots, ConstantKnots
+from bspline_mdao.core.splines.mesh import BSplineMesh
+from bspline_mdao.core.splines.volume import Volume, evaluate
 
 N_CONTROL = (13, 13, 9)
 

@@ -123,7 +123,7 @@ def call(*arguments, numbers: Path | None = None) -> dict:
         If the command fails.
     """
     told = ["--json", numbers] if numbers else []
-    words = [sys.executable, "-m", "bspline_mdao.cli", *map(str, [*arguments, *told])]
+    words = [sys.executable, "-m", "bspline_mdao", *map(str, [*arguments, *told])]
     start = time.perf_counter()
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)

@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao import onera_m6_grid
-from bspline_mdao.cells.grid_quality import GridQuality, GridValues
+from bspline_mdao.grids.cells.grid_quality import GridQuality, GridValues
 
 NAMES = ("quality_ks", "corner_ks", "volume_ks")
 HEIGHTS = ("height_low_ks", "height_high_ks")

@@ -24,9 +24,9 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from bspline_mdao import LinearElasticity, MixedMesh, RidingMesh, Spacing, fit_grid, moving_mesh, onera_m6_grid
-from bspline_mdao.design.named_deformations import parse_deformation
-from bspline_mdao.topology.boundary_surface import BoundarySurface
-from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.core.design.named_deformations import parse_deformation
+from bspline_mdao.grids.topology.boundary_surface import BoundarySurface
+from bspline_mdao.grids.topology.detection import find_topology
 
 SPACING = Spacing(off_wall=1e-4)
 SHAPE = (23, 33, 17)

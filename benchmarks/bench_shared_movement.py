@@ -20,11 +20,11 @@ import numpy as np
 from bench_movement import SIZES
 
 from bspline_mdao import LinearElasticity, fit_shape, moving_mesh, onera_m6_grid, rectangular_wing
-from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.movement.shared import shared_mover
-from bspline_mdao.numerics.processes import on_first, world
-from bspline_mdao.sparse.cholesky import Cholesky
-from bspline_mdao.sparse.petsc import PetscCholesky, PetscMultigrid
+from bspline_mdao.base.numerics.processes import on_first, world
+from bspline_mdao.base.sparse.cholesky import Cholesky
+from bspline_mdao.base.sparse.petsc import PetscCholesky, PetscMultigrid
+from bspline_mdao.core.fit.fitting import fit_grid
+from bspline_mdao.core.movement.shared import shared_mover
 
 SHAPE = (29, 29, 22)
 """Nodes of each block: a few more than the finest control mesh has points."""

@@ -9,7 +9,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from bspline_mdao.numerics.simd import LANES, VECTOR, Emitter
+from bspline_mdao.base.numerics.simd import LANES, VECTOR, Emitter
 
 N_CHAINS = 16
 """Independent chains of multiply-adds, which hide the latency of one."""

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern, LinearSolution, residual_norm
+from bspline_mdao.base.sparse.blocks import BlockMatrix, BlockPattern, LinearSolution, residual_norm
 
 IS_INSTALLED = find_spec("pypardiso") is not None
 

@@ -6,7 +6,7 @@ package stays cheap and editors know all of them.
 
 import lazy_loader
 
-from .kernel_cache import ensure_kernel_cache
+from .base.kernel_cache import ensure_kernel_cache
 
 __version__ = "0.2.0"
 

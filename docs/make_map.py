@@ -1,8 +1,9 @@
-"""Draw the folders of the package and the imports between them, as the page "Where things are" shows them.
+"""Draw the layers of the package, their folders and the imports, as the page "Where things are" shows them.
 
 ``python docs/make_map.py`` writes ``docs/_static/map.svg``; a test fails where that picture is not the tree's. Imports
-count wherever they stand: in functions, and under ``TYPE_CHECKING``. An arrow is drawn where there is no longer way
-from one folder to the other (the transitive reduction), since with all of them nothing can be seen.
+count wherever they stand: in functions, and under ``TYPE_CHECKING``. Layers stand on all layers below them; within a
+layer an arrow is drawn where there is no longer way from one folder to the other (the transitive reduction), since with
+all of them nothing can be seen.
 """
 
 from __future__ import annotations
@@ -17,8 +18,11 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "bspline_mdao"
 PICTURE = ROOT / "docs" / "_static" / "map.svg"
 
-WIDTH, BOX, HEIGHT, GAP = 1080, 172, 48, 34
-"""Pixels: of the picture, of a box in both directions, and between two floors."""
+WIDTH, BAND, BOX, HEIGHT, GAP = 1080, 190, 150, 46, 30
+"""Pixels: of the picture, of the column with the layers' names, of a box in both directions, between two floors."""
+
+COLORS = ("#f4f4f4", "#eef5ea", "#e8f0f8", "#f8efe4", "#f3ebf7", "#fbe9e9")
+"""Of the layers, from below."""
 
 
 def modules() -> dict[str, Path]:
@@ -44,11 +48,6 @@ def imports(name: str, path: Path, known: Mapping[str, Path]) -> Iterator[str]:
                 yield from (target for target in (full if full in known else base,) if target in known)
 
 
-def folder(name: str) -> str:
-    """Folder of a module, or the module itself where it lies beside the folders."""
-    return name.split(".")[1]
-
-
 @cache
 def file_arrows() -> dict[str, set[str]]:
     """For every module of the package those that it imports; the face of the package, which names all, left out."""
@@ -57,12 +56,28 @@ def file_arrows() -> dict[str, set[str]]:
     return {name: set(imports(name, path, known)) - {name} for name, path in known.items()}
 
 
-def folder_arrows() -> dict[str, set[str]]:
-    """For every folder, and every module beside the folders, those that it imports from."""
+def layer(name: str) -> str:
+    """Layer of a module, or the module itself where it lies beside the layers."""
+    return name.split(".")[1]
+
+
+def folder(name: str) -> str:
+    """Folder of a module within its layer, as ``core/fit``, or the module itself where it lies beside the folders."""
+    return "/".join(name.split(".")[1:3])
+
+
+def arrows_between(place) -> dict[str, set[str]]:
+    """For every layer (``place=layer``) or folder (``place=folder``) those that it imports from."""
     arrows: dict[str, set[str]] = {}
     for name, targets in file_arrows().items():
-        arrows.setdefault(folder(name), set()).update(folder(target) for target in targets)
+        arrows.setdefault(place(name), set()).update(place(target) for target in targets)
     return {name: targets - {name} for name, targets in arrows.items()}
+
+
+def layers() -> list[str]:
+    """The layers from below: folders of the package, each above all that it imports."""
+    arrows = {name: targets for name, targets in arrows_between(layer).items() if (PACKAGE / name).is_dir()}
+    return [name for row in floors({name: targets & set(arrows) for name, targets in arrows.items()}) for name in row]
 
 
 def circles(arrows: Mapping[str, set[str]]) -> list[str]:
@@ -97,89 +112,84 @@ def reduced(arrows: Mapping[str, set[str]]) -> dict[str, set[str]]:
 
 
 def summary(name: str) -> str:
-    """First words of the docstring of a folder or module, up to a colon or full stop."""
-    path = PACKAGE / name / "__init__.py" if (PACKAGE / name).is_dir() else PACKAGE / f"{name}.py"
-    return (
-        (ast.get_docstring(ast.parse(path.read_text())) or "").split("\n")[0].split(":")[0].rstrip(".").replace("`", "")
-    )
+    """First words of the docstring of a folder, up to a colon or full stop."""
+    text = ast.get_docstring(ast.parse((PACKAGE / name / "__init__.py").read_text())) or ""
+    return text.split("\n")[0].split(":")[0].rstrip(".").replace("`", "")
 
 
-def wrapped(text: str, length: int = 30) -> list[str]:
-    """A text in two lines at most."""
-    lines = [""]
+def wrapped(text: str, length: int, lines: int) -> list[str]:
+    """A text in a few lines at most."""
+    found = [""]
     for word in text.split():
-        if lines[-1] and len(lines[-1]) + len(word) >= length:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
-    return lines if len(lines) < 3 else [lines[0], f"{lines[1]} …"]
+        if found[-1] and len(found[-1]) + len(word) >= length:
+            found.append("")
+        found[-1] = f"{found[-1]} {word}".strip()
+    return found if len(found) <= lines else [*found[: lines - 1], f"{found[lines - 1]} …"]
 
 
-def places(rows: list[list[str]], arrows: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]:
-    """Upper left corner of every box: floor by floor from below, each near those that it stands on."""
-    found: dict[str, tuple[float, float]] = {}
-    for n, row in enumerate(rows):
-        wish = {}
-        for name in row:
-            below = [found[target][0] for target in arrows[name]]
-            wish[name] = sum(below) / len(below) if below else (WIDTH - BOX) / 2
-        order = sorted(row, key=lambda name: (wish[name], name))
-        room = (WIDTH - len(row) * BOX) / (len(row) + 1)
-        y = (len(rows) - 1 - n) * (HEIGHT + GAP) + 8
-        found |= {name: (room + i * (BOX + room), y) for i, name in enumerate(order)}
-    return found
-
-
-def beside() -> list[str]:
-    """Modules that lie beside the folders; all may import them, and they import no folder."""
-    return sorted(name for name in folder_arrows() if not (PACKAGE / name).is_dir())
-
-
-def box(x: float, y: float, width: float, color: str, title: str, lines: list[str]) -> str:
-    """One box with a title and lines under it."""
-    middle = f'x="{x + width / 2:.0f}" text-anchor="middle"'
-    out = [
-        f'<rect x="{x:.0f}" y="{y:.0f}" width="{width:.0f}" height="{HEIGHT}" rx="6" fill="{color}" stroke="#31587e"/>',
-        f'<text {middle} y="{y + 15:.0f}" font-size="13" font-weight="bold">{escape(title)}</text>',
+def texts(x: float, y: float, title: str, lines: list[str], anchor: str) -> list[str]:
+    """A title and lines under it."""
+    place = f'x="{x:.0f}" text-anchor="{anchor}"'
+    rows = [
+        f'<text {place} y="{y + 29 + 12 * n:.0f}" font-size="10" fill="#333">{escape(line)}</text>'
+        for n, line in enumerate(lines)
     ]
-    for n, line in enumerate(lines):
-        out.append(f'<text {middle} y="{y + 29 + 12 * n:.0f}" font-size="10" fill="#333">{escape(line)}</text>')
-    return "\n".join(out)
+    return [f'<text {place} y="{y + 15:.0f}" font-size="13" font-weight="bold">{escape(title)}</text>', *rows]
+
+
+def band(name: str, top: float, color: str) -> tuple[list[str], float]:
+    """A layer with its folders and the arrows between them, and where it ends."""
+    within = {
+        place: {target for target in targets if target.startswith(f"{name}/")}
+        for place, targets in arrows_between(folder).items()
+        if (PACKAGE / place).is_dir() and place.startswith(f"{name}/")
+    }
+    within = {place: targets & set(within) for place, targets in within.items()}
+    rows, arrows = (floors(within), reduced(within)) if within else ([], {})
+    height = max(len(rows), 1) * (HEIGHT + GAP) + 6
+    at: dict[str, tuple[float, float]] = {}
+    for n, row in enumerate(rows):
+        wish = {place: sum(at[target][0] for target in arrows[place]) / max(len(arrows[place]), 1) for place in row}
+        room = (WIDTH - BAND - len(row) * BOX) / (len(row) + 1)
+        y = top + (len(rows) - 1 - n) * (HEIGHT + GAP) + GAP / 2 + 3
+        at |= {
+            place: (BAND + room + i * (BOX + room), y)
+            for i, place in enumerate(sorted(row, key=lambda place: (wish[place], place)))
+        }
+    out = [
+        f'<rect x="8" y="{top:.0f}" width="{WIDTH - 16}" height="{height:.0f}" rx="8" fill="{color}" stroke="#999"/>'
+    ]
+    out += texts(20, top + 6, f"{name}/", wrapped(summary(name).partition(".")[0], 34, 5), "start")
+    for place in sorted(arrows):
+        for target in sorted(arrows[place]):
+            (x, y), (u, v) = at[place], at[target]
+            x, y, u = x + BOX / 2, y + HEIGHT, u + BOX / 2
+            bend = max((v - y) / 2, GAP / 2)
+            way = f"M{x:.0f} {y:.0f} C{x:.0f} {y + bend:.0f} {u:.0f} {v - bend:.0f} {u:.0f} {v:.0f}"
+            out.append(f'<path d="{way}" fill="none" stroke="#5b6b7b" marker-end="url(#tip)"/>')
+    for place, (x, y) in sorted(at.items()):
+        out.append(
+            f'<rect x="{x:.0f}" y="{y:.0f}" width="{BOX}" height="{HEIGHT}" rx="6" fill="#fff" stroke="#31587e"/>'
+        )
+        out += texts(x + BOX / 2, y, place.partition("/")[2], wrapped(summary(place), 28, 2), "middle")
+    return out, top + height
 
 
 def picture() -> str:
     """The picture as an SVG, the same text for the same tree."""
-    ground = beside()
-    everything = {name: targets - set(ground) for name, targets in folder_arrows().items() if name not in ground}
-    arrows, rows = reduced(everything), floors(everything)
-    at = places(rows, arrows)
-    height = (len(rows) + 1) * (HEIGHT + GAP)
-    out = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" font-family="sans-serif">',
-        "<title>Folders of the package; an arrow points to what is imported</title>",
+    body: list[str] = []
+    end = 8.0
+    for n, name in reversed(list(enumerate(layers()))):
+        drawn, end = band(name, end, COLORS[n])
+        body, end = [*body, *drawn], end + 8
+    head = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {end:.0f}" font-family="sans-serif">',
+        "<title>Layers of the package: each imports from those below; arrows between folders of a layer</title>",
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
         '<path d="M0 0 8 4 0 8z" fill="#5b6b7b"/></marker></defs>',
-        f'<rect width="{WIDTH}" height="{height}" fill="#ffffff"/>',
+        f'<rect width="{WIDTH}" height="{end:.0f}" fill="#ffffff"/>',
     ]
-    long: list[str] = []
-    for name in sorted(arrows):
-        for target in sorted(arrows[name]):
-            (x, y), (u, v) = at[name], at[target]
-            x, y, u = x + BOX / 2, y + HEIGHT, u + BOX / 2
-            bend = max((v - y) / 2, GAP / 2)
-            way = f"M{x:.0f} {y:.0f} C{x:.0f} {y + bend:.0f} {u:.0f} {v - bend:.0f} {u:.0f} {v:.0f}"
-            is_long = (
-                v - y > HEIGHT + GAP
-            )  # past other floors: in front of their boxes, else it seems to come from them
-            dashes = ' stroke-dasharray="5 4"' if is_long else ""
-            (long if is_long else out).append(
-                f'<path d="{way}" fill="none" stroke="#5b6b7b"{dashes} marker-end="url(#tip)"/>'
-            )
-    out += [box(*at[name], BOX, "#e8f0f8", f"{name}/", wrapped(summary(name))) for name in sorted(at)]
-    out += long
-    modules_beside = "  ".join(f"{name}.py" for name in ground)
-    low = len(rows) * (HEIGHT + GAP) + 8
-    out.append(box(24, low, WIDTH - 48, "#f4f4f4", modules_beside, ["beside the folders, for all of them"]))
-    return "\n".join([*out, "</svg>", ""])
+    return "\n".join([*head, *body, "</svg>", ""])
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from pathlib import Path
 DOCS = Path(__file__).parent
 PAGE, SCRIPTS = DOCS / "tutorial.rst", DOCS / "tutorial"
 
-PROGRAMS = {"python": [sys.executable], "bspline-mdao": [sys.executable, "-m", "bspline_mdao.cli"]}
+PROGRAMS = {"python": [sys.executable], "bspline-mdao": [sys.executable, "-m", "bspline_mdao"]}
 """What runs the commands of the page: the Python that runs this."""
 
 BLOCK = re.compile(

@@ -18,13 +18,21 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
+from bspline_mdao.core.om.drivers.recorded_run import disagreement, nlopt, optimise_with, scipy_slsqp
+from bspline_mdao.grids.topology.grid import Block, Grid, Patch
+from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.names import GRID
-from bspline_mdao.om.drivers.recorded_run import disagreement, nlopt, optimise_with, scipy_slsqp
-from bspline_mdao.plotting import GRAY, draw_history, draw_optimality, draw_pressures, driver_colors, figure, wall_quads
-from bspline_mdao.run_script import pick_size, run
+from bspline_mdao.plotting import (
+    GRAY,
+    draw_history,
+    draw_optimality,
+    draw_pressures,
+    driver_colors,
+    figure,
+    wall_quads,
+)
+from bspline_mdao.studio.run_script import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
-from bspline_mdao.topology.grid import Block, Grid, Patch
-from bspline_mdao.topology.index_space import Window
 
 MACH = 0.85
 

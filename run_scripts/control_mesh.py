@@ -10,7 +10,7 @@ import numpy as np
 
 from bspline_mdao import FittedModel, fit_grid, onera_m6_grid
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_net, figure, patch_faces
-from bspline_mdao.run_script import run
+from bspline_mdao.studio.run_script import run
 
 
 def main(paper: bool = False, figures=None) -> dict:

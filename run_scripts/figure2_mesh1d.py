@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from bspline_mdao.core.splines.curve import Curve, uniform_parameters
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, figure
-from bspline_mdao.run_script import run
-from bspline_mdao.splines.curve import Curve, uniform_parameters
+from bspline_mdao.studio.run_script import run
 
 N_CONTROL, N_MESH = 11, 41
 CLUSTER, STRENGTH = 0.6, 0.75  # the adapted control points gather about here, this much

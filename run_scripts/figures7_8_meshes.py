@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 import bspline_mdao as bm
-from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.cells.report import report_quality
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import report_quality
 from bspline_mdao.plotting import Camera, Scene, draw_scene, figure, patch_faces
-from bspline_mdao.run_script import run
+from bspline_mdao.studio.run_script import run
 
 CASES = {
     "figure7_m6": (bm.onera_m6_grid, bm.rectangular_wing),

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from bspline_mdao import FitWarning, Grid, InputError, fit_grid, improve_grid, read_grid
-from bspline_mdao.adaptation.improvement import Improvement
-from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.io.patch_guess import with_guessed_patches
-from bspline_mdao.run_script import run
+from bspline_mdao.core.adaptation.improvement import Improvement
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.io.patch_guess import with_guessed_patches
+from bspline_mdao.studio.run_script import run
 
 GRIDS = {
     "multi-ascii.xyz": (),

@@ -15,10 +15,10 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
+from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
 from bspline_mdao.names import GRID
-from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_history, figure, wing_section
-from bspline_mdao.run_script import run
+from bspline_mdao.studio.run_script import run
 from bspline_mdao.testing import check_totals
 
 SIZES = {True: ((45, 65, 33), (13, 13, 9), 1, "y"), False: ((11, 9, 11), (7, 5, 7), 2, "xyz")}

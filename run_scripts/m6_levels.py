@@ -18,9 +18,9 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.om.drivers.recorded_run import RecordedRun, nlopt, optimise
+from bspline_mdao.core.om.drivers.recorded_run import RecordedRun, nlopt, optimise
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, figure
-from bspline_mdao.run_script import pick_size, run
+from bspline_mdao.studio.run_script import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 MACH, LIFT, THINNEST = 0.5, 0.27, 0.9

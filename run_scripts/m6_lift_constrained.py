@@ -16,12 +16,12 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.cells.report import report_quality
+from bspline_mdao.core.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import report_quality
 from bspline_mdao.names import GRID
-from bspline_mdao.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
 from bspline_mdao.plotting import draw_designs, figure
-from bspline_mdao.run_script import pick_size, run
+from bspline_mdao.studio.run_script import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 LIFT, ALPHA = 0.25, 3.0

@@ -15,9 +15,9 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
+from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, RED, draw_history, draw_net, figure
-from bspline_mdao.run_script import run
+from bspline_mdao.studio.run_script import run
 from bspline_mdao.testing import check_totals, perturb_design
 
 AREA = (36.0 * np.pi) ** (1.0 / 3.0)

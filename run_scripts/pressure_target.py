@@ -17,11 +17,20 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.cells.quads import area_vectors
+from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
+from bspline_mdao.grids.cells.quads import area_vectors
 from bspline_mdao.names import GRID
-from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
-from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_history, draw_optimality, faces_around, figure, wall_quads
-from bspline_mdao.run_script import pick_size, run
+from bspline_mdao.plotting import (
+    BLUE,
+    GRAY,
+    ORANGE,
+    draw_history,
+    draw_optimality,
+    faces_around,
+    figure,
+    wall_quads,
+)
+from bspline_mdao.studio.run_script import pick_size, run
 from bspline_mdao.testing import check_totals
 
 MACH, ALPHA = 0.3, 2.0

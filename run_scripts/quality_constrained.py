@@ -18,12 +18,12 @@ import openmdao.api as om
 from scipy.sparse import csr_array
 
 import bspline_mdao as bm
-from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.cells.report import report_quality
+from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import report_quality
 from bspline_mdao.names import GRID
-from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
 from bspline_mdao.plotting import BLUE, GRAY, RED, draw_history, draw_net, figure
-from bspline_mdao.run_script import run
+from bspline_mdao.studio.run_script import run
 from bspline_mdao.testing import check_totals, perturb_design
 
 ANGLE = np.radians(45.0)

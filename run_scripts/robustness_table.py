@@ -18,11 +18,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import bspline_mdao as bm
-from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.cells.report import judge_move
-from bspline_mdao.io.patch_guess import with_guessed_patches
-from bspline_mdao.movement.young_modulus import ConstantLaw, InverseVolumeLaw, WallDistanceLaw
-from bspline_mdao.run_script import run
+from bspline_mdao.core.movement.young_modulus import ConstantLaw, InverseVolumeLaw, WallDistanceLaw
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import judge_move
+from bspline_mdao.grids.io.patch_guess import with_guessed_patches
+from bspline_mdao.studio.run_script import run
 
 CANONICAL = {
     "plate": (bm.flat_plate_grid, bm.generic_blended_wing_body),

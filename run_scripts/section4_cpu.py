@@ -21,10 +21,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import bspline_mdao as bm
+from bspline_mdao.base.sparse.cholesky import Cholesky
+from bspline_mdao.base.sparse.conjugate_gradient import ConjugateGradients
 from bspline_mdao.plotting import BLUE, ORANGE, figure
-from bspline_mdao.run_script import run
-from bspline_mdao.sparse.cholesky import Cholesky
-from bspline_mdao.sparse.conjugate_gradient import ConjugateGradients
+from bspline_mdao.studio.run_script import run
 
 CASES = {
     "onera_m6": ("ONERA M6 to rectangular wing", bm.onera_m6_grid, bm.rectangular_wing),

@@ -21,9 +21,9 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with
+from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, PURPLE, figure
-from bspline_mdao.run_script import run
+from bspline_mdao.studio.run_script import run
 from bspline_mdao.testing import check_totals, perturb_design
 
 LARGER = 1.15

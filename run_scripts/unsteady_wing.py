@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from bspline_mdao import LinearElasticity, fit_grid, moving_mesh, onera_m6_grid
-from bspline_mdao.cells.hexahedron import cell_quality
-from bspline_mdao.design.motion import UnsteadyGrid, flapping, pitching
+from bspline_mdao.core.design.motion import UnsteadyGrid, flapping, pitching
+from bspline_mdao.grids.cells.hexahedron import cell_quality
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_net, figure
-from bspline_mdao.run_script import run
+from bspline_mdao.studio.run_script import run
 from bspline_mdao.testing import richardson
 
 PERIOD = 1.0

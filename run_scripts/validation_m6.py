@@ -15,10 +15,10 @@ import openmdao.api as om
 
 import bspline_mdao as bm
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
+from bspline_mdao.flow.om.flow_run import run_flow
 from bspline_mdao.names import GRID
-from bspline_mdao.om.flow.flow_run import run_flow
 from bspline_mdao.plotting import BLUE, RED, faces_around, figure, wall_quads
-from bspline_mdao.run_script import pick_size, run
+from bspline_mdao.studio.run_script import pick_size, run
 
 MACH, ALPHA = 0.8395, 3.06
 """Of the stream; angle of attack (deg)."""

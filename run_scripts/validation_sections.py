@@ -16,12 +16,12 @@ import openmdao.api as om
 
 import bspline_mdao as bm
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
-from bspline_mdao.io.patch_guess import guess_patches
+from bspline_mdao.flow.om.flow_run import run_flow
+from bspline_mdao.grids.io.patch_guess import guess_patches
+from bspline_mdao.grids.topology.grid import Block, Grid
 from bspline_mdao.names import GRID
-from bspline_mdao.om.flow.flow_run import run_flow
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, figure, wall_quads
-from bspline_mdao.run_script import pick_size, run
-from bspline_mdao.topology.grid import Block, Grid
+from bspline_mdao.studio.run_script import pick_size, run
 
 ALPHA = 1.25
 """Angle of attack (deg)."""

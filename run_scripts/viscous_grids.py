@@ -21,17 +21,17 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import bspline_mdao as bm
-from bspline_mdao.cells.first_cells import FirstCells
-from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.cells.report import judge_move
-from bspline_mdao.fit.surface_fit import SurfaceFollower
-from bspline_mdao.io.patch_guess import with_guessed_patches
-from bspline_mdao.movement.wall_inverse_distance import move_nodes
+from bspline_mdao.core.fit.surface_fit import SurfaceFollower
+from bspline_mdao.core.movement.wall_inverse_distance import move_nodes
+from bspline_mdao.core.walls.wall_correction import WallCorrection
+from bspline_mdao.grids.cells.first_cells import FirstCells
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import judge_move
+from bspline_mdao.grids.io.patch_guess import with_guessed_patches
+from bspline_mdao.grids.topology.grid import Patch
+from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.plotting import draw_first_heights, draw_wall_cells
-from bspline_mdao.run_script import run
-from bspline_mdao.topology.grid import Patch
-from bspline_mdao.topology.index_space import Window
-from bspline_mdao.walls.wall_correction import WallCorrection
+from bspline_mdao.studio.run_script import run
 
 SECTIONS = (*(f"pitch={angle}deg" for angle in (5, 20, 45)), *(f"thickness={factor}" for factor in (1.3, 0.8, 0.7)))
 """What is asked of sections between two planes."""

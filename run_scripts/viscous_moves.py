@@ -22,14 +22,14 @@ from scipy.interpolate import BSpline
 from threadpoolctl import threadpool_limits
 
 import bspline_mdao as bm
-from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.cells.report import judge_move
-from bspline_mdao.design.section_formulas import rotation
-from bspline_mdao.fit.surface_fit import SurfaceFollower
-from bspline_mdao.io.patch_guess import with_guessed_patches
-from bspline_mdao.mesh.frame import mesh_frame
-from bspline_mdao.run_script import run
-from bspline_mdao.walls.wall_correction import WallCorrection
+from bspline_mdao.core.design.section_formulas import rotation
+from bspline_mdao.core.fit.surface_fit import SurfaceFollower
+from bspline_mdao.core.mesh.frame import mesh_frame
+from bspline_mdao.core.walls.wall_correction import WallCorrection
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import judge_move
+from bspline_mdao.grids.io.patch_guess import with_guessed_patches
+from bspline_mdao.studio.run_script import run
 
 FILES = {
     "bwb": "../strangers/pyhyp_bwb_9blocks.xyz",

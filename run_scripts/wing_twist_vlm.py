@@ -13,10 +13,10 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.flow.induced_drag import Wake, least_drag
-from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
+from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
+from bspline_mdao.flow.loads.induced_drag import Wake, least_drag
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_ellipse, figure
-from bspline_mdao.run_script import run
+from bspline_mdao.studio.run_script import run
 from bspline_mdao.testing import check_totals
 
 LIFT, ALPHA, MACH = 0.5, 4.0, 0.3

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.topology.grid import Block, Grid, Patch
-from bspline_mdao.topology.index_space import Window
+from bspline_mdao.core.fit.fitting import fit_grid
+from bspline_mdao.grids.topology.grid import Block, Grid, Patch
+from bspline_mdao.grids.topology.index_space import Window
 
 SHAPES = ((9, 8, 10), (7, 8, 10))
 

@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array, eye_array
 
-from bspline_mdao.design.variable import Layout, MapPartials, block_diagonal
-from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.mesh.moving_mesh import MovingMesh
-from bspline_mdao.mesh.surface import SurfaceGrid
-from bspline_mdao.movement.increments import in_increments
-from bspline_mdao.movement.interpolation import interpolated_step
-from bspline_mdao.topology.grid import Block, Grid, Patch
-from bspline_mdao.topology.index_space import Window
+from bspline_mdao.core.design.variable import Layout, MapPartials, block_diagonal
+from bspline_mdao.core.fit.fitting import fit_grid
+from bspline_mdao.core.mesh.moving_mesh import MovingMesh
+from bspline_mdao.core.mesh.surface import SurfaceGrid
+from bspline_mdao.core.movement.increments import in_increments
+from bspline_mdao.core.movement.interpolation import interpolated_step
+from bspline_mdao.grids.topology.grid import Block, Grid, Patch
+from bspline_mdao.grids.topology.index_space import Window
 
 
 def two_blocks(seed: int = 0) -> Grid:

@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 
-from bspline_mdao.mesh.moving_mesh import MovingMesh
-from bspline_mdao.sparse.blocks import BlockPattern, slots
+from bspline_mdao.base.sparse.blocks import BlockPattern, slots
+from bspline_mdao.core.mesh.moving_mesh import MovingMesh
 
 
 def crooked_points(shape, amount, seed=0):

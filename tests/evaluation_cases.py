@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from bspline_mdao.evaluation.evaluator import Evaluator
-from bspline_mdao.splines.knots import BilinearKnots, ConstantKnots, FunctionKnots
-from bspline_mdao.splines.mesh import BSplineMesh
-from bspline_mdao.splines.volume import Volume
+from bspline_mdao.core.evaluation.evaluator import Evaluator
+from bspline_mdao.core.splines.knots import BilinearKnots, ConstantKnots, FunctionKnots
+from bspline_mdao.core.splines.mesh import BSplineMesh
+from bspline_mdao.core.splines.volume import Volume
 
 ORDERS = [(4, 4, 4), (2, 3, 4), (6, 5, 2), (1, 4, 4), (4, 1, 3), (3, 6, 1), (1, 1, 5), (2, 2, 2), (5, 4, 6), (4, 4, 1)]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bspline_mdao.topology.grid import Block, Grid
+from bspline_mdao.grids.topology.grid import Block, Grid
 
 
 def bend(points):

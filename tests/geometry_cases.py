@@ -6,16 +6,16 @@ import numpy as np
 from mover_cases import rotation
 
 from bspline_mdao import naca_section
-from bspline_mdao.measures.area import ProjectedArea, SurfaceArea
-from bspline_mdao.measures.camber_surface import CamberSurface
-from bspline_mdao.measures.clearance import Clearance, PlaneClearance
-from bspline_mdao.measures.curvature import Curvature
-from bspline_mdao.measures.section_thickness import SectionThickness
-from bspline_mdao.measures.thickness import Thickness
-from bspline_mdao.measures.volume import EnclosedVolume
-from bspline_mdao.measures.wing_edges import LeadingEdgeRadius, TrailingEdgeAngle
-from bspline_mdao.mesh.frame import Plane
-from bspline_mdao.mesh.surface import SurfaceGrid
+from bspline_mdao.core.measures.area import ProjectedArea, SurfaceArea
+from bspline_mdao.core.measures.camber_surface import CamberSurface
+from bspline_mdao.core.measures.clearance import Clearance, PlaneClearance
+from bspline_mdao.core.measures.curvature import Curvature
+from bspline_mdao.core.measures.section_thickness import SectionThickness
+from bspline_mdao.core.measures.thickness import Thickness
+from bspline_mdao.core.measures.volume import EnclosedVolume
+from bspline_mdao.core.measures.wing_edges import LeadingEdgeRadius, TrailingEdgeAngle
+from bspline_mdao.core.mesh.frame import Plane
+from bspline_mdao.core.mesh.surface import SurfaceGrid
 
 
 def surface_of(*sheets, planes=()):

@@ -3,9 +3,9 @@
 import numpy as np
 from splines_cases import random_bilinear_knots, random_inner_knots
 
-from bspline_mdao.splines.knots import BilinearKnots
-from bspline_mdao.splines.mesh import BSplineMesh
-from bspline_mdao.splines.volume import Volume, evaluate
+from bspline_mdao.core.splines.knots import BilinearKnots
+from bspline_mdao.core.splines.mesh import BSplineMesh
+from bspline_mdao.core.splines.volume import Volume, evaluate
 
 
 def row_of_volumes(rng, orders=(4, 3, 5), n_inner=(3, 4, 2), n_volumes=3, spacing=None):

@@ -20,12 +20,12 @@ from bspline_mdao import (
     flat_plate_grid,
     onera_m6_grid,
 )
-from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.mesh.boundary import moving_grid, moving_mesh
-from bspline_mdao.sparse.cholesky import Cholesky
+from bspline_mdao.base.sparse.cholesky import Cholesky
+from bspline_mdao.core.fit.fitting import fit_grid
+from bspline_mdao.core.mesh.boundary import moving_grid, moving_mesh
+from bspline_mdao.grids.topology.detection import find_topology
+from bspline_mdao.grids.topology.index_space import Orientation, Window
 from bspline_mdao.testing import central_difference
-from bspline_mdao.topology.detection import find_topology
-from bspline_mdao.topology.index_space import Orientation, Window
 
 
 def rotation(seed=3):

@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 
 from bspline_mdao import onera_m6_grid
-from bspline_mdao.design.coarse_net import CoarseNet
-from bspline_mdao.design.displacement import Local
-from bspline_mdao.design.free_form import FreeForm
-from bspline_mdao.design.lattice import Lattice
-from bspline_mdao.design.linear_constraints import (
+from bspline_mdao.core.design.coarse_net import CoarseNet
+from bspline_mdao.core.design.displacement import Local
+from bspline_mdao.core.design.free_form import FreeForm
+from bspline_mdao.core.design.lattice import Lattice
+from bspline_mdao.core.design.linear_constraints import (
     EqualDisplacement,
     InPlane,
     Linked,
@@ -17,12 +17,12 @@ from bspline_mdao.design.linear_constraints import (
     Opposite,
     Pinned,
 )
-from bspline_mdao.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
-from bspline_mdao.design.reference_axis import ReferenceAxis
-from bspline_mdao.design.selection import NearPlane
-from bspline_mdao.design.tangent_continuity import TangentContinuity
-from bspline_mdao.design.user_defined import UserVariable
-from bspline_mdao.fit.fitting import fit_grid
+from bspline_mdao.core.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
+from bspline_mdao.core.design.reference_axis import ReferenceAxis
+from bspline_mdao.core.design.selection import NearPlane
+from bspline_mdao.core.design.tangent_continuity import TangentContinuity
+from bspline_mdao.core.design.user_defined import UserVariable
+from bspline_mdao.core.fit.fitting import fit_grid
 
 
 @cache

@@ -13,7 +13,7 @@ import openmdao.api as om
 from fuzz_cases import MUTATIONS_OF_LINES, mutate
 
 from bspline_mdao import NLoptDriver, ball_grid, fit_grid
-from bspline_mdao.om.model_option import declare_model
+from bspline_mdao.core.om.model_option import declare_model
 
 
 class StretchedBall(om.ExplicitComponent):

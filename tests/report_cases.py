@@ -12,7 +12,7 @@ from bspline_mdao import (
     moving_mesh,
     onera_m6_grid,
 )
-from bspline_mdao.report.contents import INCLUDES
+from bspline_mdao.studio.report.contents import INCLUDES
 
 
 def small_model():

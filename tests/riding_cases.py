@@ -18,11 +18,11 @@ from bspline_mdao import (
     read_mesh,
     section_o_grid,
 )
-from bspline_mdao.design.named_deformations import parse_deformation
-from bspline_mdao.io.cgns import write_base
-from bspline_mdao.io.cgns_nodes import add_node
-from bspline_mdao.io.meshes.foam_lists import FoamFile
-from bspline_mdao.riding.wall_faces import GridBoundary
+from bspline_mdao.core.design.named_deformations import parse_deformation
+from bspline_mdao.core.riding.wall_faces import GridBoundary
+from bspline_mdao.grids.io.cgns import write_base
+from bspline_mdao.grids.io.cgns_nodes import add_node
+from bspline_mdao.grids.io.meshes.foam_lists import FoamFile
 
 SPACING = Spacing(off_wall=1e-4)
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from bspline_mdao.topology.grid import Block, Grid, Patch
-from bspline_mdao.topology.index_space import Window
+from bspline_mdao.grids.topology.grid import Block, Grid, Patch
+from bspline_mdao.grids.topology.index_space import Window
 
 
 def globe_grid():

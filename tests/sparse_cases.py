@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern
+from bspline_mdao.base.sparse.blocks import BlockMatrix, BlockPattern
 
 
 def box_elements(shape, periodic=False):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern, slots
+from bspline_mdao.base.sparse.blocks import BlockMatrix, BlockPattern, slots
 
 
 def box_elements(shape):

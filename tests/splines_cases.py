@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from bspline_mdao.splines.knots import BilinearKnots, ConstantKnots, FunctionKnots
-from bspline_mdao.splines.volume import Volume
+from bspline_mdao.core.splines.knots import BilinearKnots, ConstantKnots, FunctionKnots
+from bspline_mdao.core.splines.volume import Volume
 
 ORDERS = (2, 3, 4, 5, 6)
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from topology_cases import ORIENTATIONS, box
 
-from bspline_mdao.cli.main import run
-from bspline_mdao.io.files import read_grid, write_grid
-from bspline_mdao.io.plane_grids import lift_plane_grid
-from bspline_mdao.io.plot3d import write_plot3d
-from bspline_mdao.io.plot3d_dialect import Plot3dDialect
-from bspline_mdao.model.fitted_model import FittedModel
-from bspline_mdao.topology.grid import Block, Grid
+from bspline_mdao.core.model.fitted_model import FittedModel
+from bspline_mdao.grids.io.files import read_grid, write_grid
+from bspline_mdao.grids.io.plane_grids import lift_plane_grid
+from bspline_mdao.grids.io.plot3d import write_plot3d
+from bspline_mdao.grids.io.plot3d_dialect import Plot3dDialect
+from bspline_mdao.grids.topology.grid import Block, Grid
+from bspline_mdao.studio.cli.main import run
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,19 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "map.rst"
 sys.path.insert(0, str(ROOT / "docs"))
 
-from make_map import PICTURE, beside, circles, file_arrows, floors, folder_arrows, picture, reduced  # noqa: E402
+from make_map import (  # noqa: E402
+    PICTURE,
+    arrows_between,
+    circles,
+    file_arrows,
+    floors,
+    folder,
+    layer,
+    layers,
+    modules,
+    picture,
+    reduced,
+)
 
 FRAMEWORKS = {
     "openmdao",
@@ -27,8 +39,11 @@ FRAMEWORKS = {
 }
 """What kernels know nothing of."""
 
-ABOVE = {"om", "cli", "plotting", "report", "study", "testing"}
-"""Folders that may know them."""
+ABOVE = {"core/om", "flow/om", "studio", "testing", "__main__"}
+"""Folders and layers that may know them."""
+
+LAYERS = ["base", "grids", "core", "flow", "testing", "studio"]
+"""From below: each imports from those before it alone."""
 
 
 def rows() -> list[tuple[str, list[int], list[str], list[str]]]:
@@ -91,23 +106,27 @@ def test_an_equation_is_cited_in_the_file_where_it_is(subject, equations, files,
 
 
 @pytest.mark.slow
+def test_layers_import_from_those_below_them_alone():
+    arrows = arrows_between(layer)
+    assert layers() == LAYERS
+    for n, name in enumerate(LAYERS):
+        assert arrows[name] <= {*LAYERS[:n], "errors", "names"}, name
+    assert arrows["errors"] | arrows["names"] == set()
+    assert arrows["__main__"] == {"studio"}
+    assert arrows["testing"] <= {"base", "grids", "core", "errors", "names"}
+    assert not any("testing" in targets for targets in arrows.values())
+
+
+@pytest.mark.slow
 def test_imports_between_folders_make_no_circle():
-    arrows = folder_arrows()
-    assert len(arrows) > 15
+    arrows = arrows_between(folder)
+    assert len(arrows) > 25
     assert circles(arrows) == []
 
 
 @pytest.mark.slow
 def test_imports_between_files_make_no_circle():
     assert circles(file_arrows()) == []
-
-
-@pytest.mark.slow
-def test_modules_beside_the_folders_import_no_folder_but_what_calls_run_scripts_which_no_folder_imports():
-    arrows, below = folder_arrows(), set(beside()) - {"run_script"}
-    assert {"errors", "run_script"} < set(beside())
-    assert {target for name in below for target in arrows[name]} <= below
-    assert not any("run_script" in targets for targets in arrows.values())
 
 
 def test_circles_are_found():
@@ -120,17 +139,18 @@ def test_circles_are_found():
 
 @pytest.mark.slow
 def test_kernels_import_no_framework():
-    arrows = folder_arrows()
-    assert set(arrows) >= ABOVE
-    for name in set(arrows) - ABOVE:
-        assert not arrows[name] & ABOVE, f"{name} imports {sorted(arrows[name] & ABOVE)}"
-        place = ROOT / "bspline_mdao" / name
-        for path in place.rglob("*.py") if place.is_dir() else [place.with_suffix(".py")]:
-            for node in ast.walk(ast.parse(path.read_text())):
-                outside = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-                outside += [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
-                found = {module.split(".")[0] for module in outside} & FRAMEWORKS
-                assert not found, f"{path.relative_to(ROOT)} imports {sorted(found)}"
+    def is_above(name: str) -> bool:
+        return bool({layer(name), folder(name)} & ABOVE)
+
+    kernels = {name: targets for name, targets in file_arrows().items() if not is_above(name)}
+    assert len(kernels) > 250
+    for name, targets in kernels.items():
+        assert not any(map(is_above, targets)), f"{name} imports {sorted(filter(is_above, targets))}"
+        for node in ast.walk(ast.parse(modules()[name].read_text())):
+            outside = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            outside += [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
+            found = {module.split(".")[0] for module in outside} & FRAMEWORKS
+            assert not found, f"{name} imports {sorted(found)}"
 
 
 @pytest.mark.slow

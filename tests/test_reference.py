@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import bspline_mdao
-from bspline_mdao.design import planform
+from bspline_mdao.core.design import planform
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = re.findall(r"^   (reference/\w+)$", (DOCS / "api.rst").read_text(), re.M)

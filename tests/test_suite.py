@@ -15,13 +15,13 @@ import pytest
 import bspline_mdao
 
 ROOT = Path(__file__).parents[1]
-FRAMEWORKS = ("cli", "om", "plotting", "report", "study", "testing")
+FRAMEWORKS = ("core.om", "flow.om", "studio", "testing", "__main__")
 MODULES = [module.name for module in pkgutil.walk_packages(bspline_mdao.__path__, "bspline_mdao.")]
 
 
 def is_kernel(name: str) -> bool:
     """Whether a module is to know nothing of the frameworks."""
-    return name.split(".")[1] not in FRAMEWORKS
+    return not f"{name}.".startswith(tuple(f"bspline_mdao.{place}." for place in FRAMEWORKS))
 
 
 KERNELS = [name for name in MODULES if is_kernel(name)]
@@ -56,7 +56,7 @@ def test_importing_the_package_loads_nothing_heavy():
 def test_help_of_the_command_line_loads_nothing_heavy():
     heavy = ("numpy", "scipy", "numba", "openmdao", "h5py", "matplotlib")
     code = (
-        "import sys; from bspline_mdao.cli.main import run; assert run(['fit', '--help']) == 0; "
+        "import sys; from bspline_mdao.studio.cli.main import run; assert run(['fit', '--help']) == 0; "
         f"print(sorted(set(sys.modules) & set({heavy!r})))"
     )
     assert python(code).splitlines()[-1] == "[]"
@@ -147,6 +147,7 @@ def test_a_run_script_that_is_merely_mentioned_counts_as_not_run(tmp_path):
 def kinds(folder: str, *members: str) -> set[type]:
     """Classes of a folder that users make objects of, told by the members that they have."""
     modules = [importlib.import_module(name) for name in MODULES if name.startswith(f"bspline_mdao.{folder}.")]
+    assert modules, folder
     found = {value for module in modules for value in vars(module).values() if isinstance(value, type)}
     return {
         kind
@@ -160,12 +161,12 @@ def test_every_variable_constraint_and_measure_is_in_a_table_of_derivative_tests
     from geometry_cases import MEASURES
     from parametrization_cases import CONSTRAINTS, VARIABLES
 
-    from bspline_mdao.design.interior_points import InteriorPoints
+    from bspline_mdao.core.design.interior_points import InteriorPoints
 
-    inside = {InteriorPoints}  # binds to a model, not to a surface: tests/design/test_interior_points.py
-    assert kinds("design", "bind") == set(VARIABLES) | inside
-    assert kinds("design", "equations") == set(CONSTRAINTS)
-    assert kinds("measures", "surface", "evaluate", "partials") == set(MEASURES)
+    inside = {InteriorPoints}  # binds to a model, not to a surface: tests/core/design/test_interior_points.py
+    assert kinds("core.design", "bind") == set(VARIABLES) | inside
+    assert kinds("core.design", "equations") == set(CONSTRAINTS)
+    assert kinds("core.measures", "surface", "evaluate", "partials") == set(MEASURES)
 
 
 @pytest.mark.slow
@@ -250,7 +251,7 @@ def test_the_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
 
 
 def test_the_commands_of_the_readme_exist():
-    from bspline_mdao.cli.commands import bspline_mdao as program
+    from bspline_mdao.studio.cli.commands import bspline_mdao as program
 
     used = set(re.findall(r"`?bspline-mdao (\w+)", (ROOT / "README.md").read_text()))
     assert used == set(program.commands)

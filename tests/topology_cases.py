@@ -5,8 +5,8 @@ from itertools import permutations, product
 import h5py
 import numpy as np
 
-from bspline_mdao.topology.grid import Block, Grid, Patch
-from bspline_mdao.topology.index_space import Orientation, Window
+from bspline_mdao.grids.topology.grid import Block, Grid, Patch
+from bspline_mdao.grids.topology.index_space import Orientation, Window
 
 ORIENTATIONS = [Orientation(perm, flip) for perm in permutations(range(3)) for flip in product((False, True), repeat=3)]
 

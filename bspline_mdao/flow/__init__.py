@@ -1,1 +1,1 @@
-"""Flow about the shape: the Euler equations, forces, span loads and induced drag, as kernels."""
+"""Flows on grids that move: the Euler solver and its adjoint, loads, the vortex lattice, and their components."""

@@ -20,13 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..cells.cell_faces import CellFaces
-from ..cells.quads import area_vectors
-from ..checks import as_axes
+from ..base.checks import as_axes
 from ..errors import InputError
-from ..flow.stream import stream_axes
-from ..io.openfoam import CaseField, PolyMesh
-from ..topology.topology import Topology
+from ..grids.cells.cell_faces import CellFaces
+from ..grids.cells.quads import area_vectors
+from ..grids.io.openfoam import CaseField, PolyMesh
+from ..grids.topology.topology import Topology
+from .loads.stream import stream_axes
 
 __all__ = ["Forces", "openfoam_forces"]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..design.variable import Layout, Variable
-from ..mesh.moving_mesh import MovingMesh
-from ..shown import OneLine
+from ..base.display import OneLine
+from ..core.design.variable import Layout, Variable
+from ..core.mesh.moving_mesh import MovingMesh
 from .derivatives import central_difference
 
 __all__ = ["VariableCheck", "check_variable"]

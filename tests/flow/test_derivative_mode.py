@@ -8,7 +8,7 @@ import pytest
 from test_spurious_drag import section
 
 from bspline_mdao import DerivativeModeWarning, EulerFlow, NLoptDriver, SpuriousDragWarning
-from bspline_mdao.om.flow.derivative_mode import flow_solves
+from bspline_mdao.flow.om.derivative_mode import flow_solves
 
 
 def problem(n_angles, pressures, mode, n_thicknesses=0, objective="CL"):

@@ -21,13 +21,13 @@ from bspline_mdao import (
     rectangular_wing,
     section_o_grid,
 )
-from bspline_mdao.cells.cell_faces import CellFaces
-from bspline_mdao.evaluation.transfer import NodeTransfer
+from bspline_mdao.core.evaluation.transfer import NodeTransfer
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.induced_drag import InducedDrag
-from bspline_mdao.om.flow.error_estimate import finer_member
+from bspline_mdao.flow.loads.induced_drag import InducedDrag
+from bspline_mdao.flow.om.error_estimate import finer_member
+from bspline_mdao.grids.cells.cell_faces import CellFaces
 
 NAMES = "CL", "CD", "CD_entropy"
 

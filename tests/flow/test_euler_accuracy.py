@@ -20,8 +20,8 @@ from euler_cases import (
 
 from bspline_mdao.flow.euler.entropy_drag import EntropyDrag
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.stream import stream_axes
-from bspline_mdao.io.files import read_grid
+from bspline_mdao.flow.loads.stream import stream_axes
+from bspline_mdao.grids.io.files import read_grid
 
 pytestmark = pytest.mark.slow
 

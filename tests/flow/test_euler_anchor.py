@@ -5,7 +5,7 @@ import openmdao.api as om
 import pytest
 
 from bspline_mdao import EulerFlow, fit_grid, naca_section, section_o_grid
-from bspline_mdao.om.flow.euler_state import EulerState
+from bspline_mdao.flow.om.euler_state import EulerState
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,8 @@ from euler_cases import case_of, one_of_each_kind, sphere_quarters
 from topology_cases import smooth_box
 
 from bspline_mdao import Spacing, flat_plate_grid, infinite_wing_grid
+from bspline_mdao.base.numerics.vec5 import zero_halves
+from bspline_mdao.core.generators.wing import cambered_section
 from bspline_mdao.flow.euler import factor_pattern as pattern_module
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.block_factor import BLOCK, BlockFactor
@@ -29,8 +31,6 @@ from bspline_mdao.flow.euler.preconditioner import (
     time_terms,
 )
 from bspline_mdao.flow.euler.reconstruction import FIRST, INNER
-from bspline_mdao.generators.wing import cambered_section
-from bspline_mdao.numerics.fives import zero_halves
 
 SINGLE = float(np.finfo(np.float32).eps)
 

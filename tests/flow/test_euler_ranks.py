@@ -10,6 +10,7 @@ from euler_cases import AXES, GRIDS, section_grid, sphere_quarters, with_guessed
 from rank_cases import on_ranks
 
 from bspline_mdao import FarField, InputError, Spacing, hh_wing_grid, onera_m6_grid, rectangular_wing
+from bspline_mdao.base.numerics.halo import Halo
 from bspline_mdao.flow.euler import factor_pattern
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
@@ -20,10 +21,9 @@ from bspline_mdao.flow.euler.preconditioner import compact_factor, time_terms
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
 from bspline_mdao.flow.euler.tangent import FlowTangent
 from bspline_mdao.flow.euler.wall_forces import WallForces
-from bspline_mdao.numerics.halo import Halo
-from bspline_mdao.topology.detection import find_topology
-from bspline_mdao.topology.holders import Holders
-from bspline_mdao.topology.partition import Partition
+from bspline_mdao.grids.topology.detection import find_topology
+from bspline_mdao.grids.topology.holders import Holders
+from bspline_mdao.grids.topology.partition import Partition
 
 STREAM = free_stream(0.3, 0.07, AXES)
 KINDS = ("wall", "farfield", "symmetry")

@@ -7,6 +7,8 @@ import pytest
 from euler_cases import one_of_each_kind
 
 from bspline_mdao import flat_plate_grid, onera_m6_grid
+from bspline_mdao.core.generators.hh_wing import Spacing, infinite_wing_grid
+from bspline_mdao.core.generators.wing import naca_section
 from bspline_mdao.flow.euler import cold_start, newton
 from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
@@ -14,9 +16,7 @@ from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.newton import relative_residual, solve_flow
 from bspline_mdao.flow.euler.newton_step import NewtonStep
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse, useful_levels
-from bspline_mdao.generators.hh_wing import Spacing, infinite_wing_grid
-from bspline_mdao.generators.wing import naca_section
-from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.grids.topology.detection import find_topology
 
 pytestmark = pytest.mark.slow
 

@@ -8,12 +8,12 @@ from euler_cases import case_of, with_guessed_patches
 from numba import njit
 from topology_cases import grid_of, smooth_box, split
 
+from bspline_mdao.base.numerics.threads import run_tasks
+from bspline_mdao.base.numerics.work_queue import claim, counters, finish
 from bspline_mdao.flow.euler import block_factor, cell_sums
 from bspline_mdao.flow.euler.block_factor import levels_of
 from bspline_mdao.flow.euler.factor_pattern import FactorPattern
 from bspline_mdao.flow.euler.preconditioner import compact_factor, time_terms
-from bspline_mdao.numerics.claims import claim, counters, finish
-from bspline_mdao.numerics.threads import run_tasks
 
 
 @cache

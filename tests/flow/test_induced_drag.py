@@ -24,10 +24,10 @@ from bspline_mdao import (
     read_grid,
     rectangular_wing,
 )
-from bspline_mdao.cells.cell_faces import CellFaces
-from bspline_mdao.fit.surface_fit import replace_nodes
-from bspline_mdao.flow.induced_drag import InducedDrag, Wake
-from bspline_mdao.flow.span_strips import SpanStrips
+from bspline_mdao.core.fit.surface_fit import replace_nodes
+from bspline_mdao.flow.loads.induced_drag import InducedDrag, Wake
+from bspline_mdao.flow.loads.span_strips import SpanStrips
+from bspline_mdao.grids.cells.cell_faces import CellFaces
 
 AXES = np.eye(3)[[0, 2, 1]]
 """Of the project's grids: x downstream, z along the span, y up."""

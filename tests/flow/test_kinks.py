@@ -9,7 +9,7 @@ from bspline_mdao.flow.euler.cell_shapes import cell_shapes, face_centres
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.kinks import LARGEST
-from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.grids.topology.detection import find_topology
 
 CASES = {
     "wing": lambda: with_guessed_patches(onera_m6_grid((7, 6, 5))),

@@ -19,13 +19,13 @@ from bspline_mdao import (
     hh_wing_grid,
     naca_section,
 )
-from bspline_mdao.flow.force_coefficients import ForceCoefficients, WingCoefficients
-from bspline_mdao.flow.induced_drag import InducedDrag
-from bspline_mdao.flow.section_loads import SECTION_LOADS
-from bspline_mdao.flow.span_strips import SpanStrips
-from bspline_mdao.mesh.surface import SurfaceGrid
-from bspline_mdao.om.flow.lattice_flow import LatticeForces
-from bspline_mdao.om.flow.vortex_lattice import VortexLattice
+from bspline_mdao.core.mesh.surface import SurfaceGrid
+from bspline_mdao.flow.loads.force_coefficients import ForceCoefficients, WingCoefficients
+from bspline_mdao.flow.loads.induced_drag import InducedDrag
+from bspline_mdao.flow.loads.section_loads import SECTION_LOADS
+from bspline_mdao.flow.loads.span_strips import SpanStrips
+from bspline_mdao.flow.om.lattice_flow import LatticeForces
+from bspline_mdao.flow.om.vortex_lattice import VortexLattice
 from bspline_mdao.testing import total_difference
 
 AXES = np.eye(3)[[0, 2, 1]] * np.array([1.0, -1.0, 1.0])[:, None]

@@ -17,7 +17,7 @@ from bspline_mdao import (
     naca_section,
     onera_m6_grid,
 )
-from bspline_mdao.om.flow.mach_range import EULER, LATTICE
+from bspline_mdao.flow.om.mach_range import EULER, LATTICE
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from bspline_mdao import InputError, find_topology, onera_m6_grid, read_grid
-from bspline_mdao.cells.cell_faces import CellFaces
-from bspline_mdao.cells.quads import area_vectors
 from bspline_mdao.flow import openfoam
-from bspline_mdao.io.patch_guess import guess_patches
+from bspline_mdao.grids.cells.cell_faces import CellFaces
+from bspline_mdao.grids.cells.quads import area_vectors
+from bspline_mdao.grids.io.patch_guess import guess_patches
 
 needs_openfoam = pytest.mark.skipif(shutil.which("rhoSimpleFoam") is None, reason="OpenFOAM is not installed")
 

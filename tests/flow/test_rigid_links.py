@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bspline_mdao import InputError
-from bspline_mdao.flow.rigid_links import RigidLinks
+from bspline_mdao.flow.loads.rigid_links import RigidLinks
 
 RNG = np.random.default_rng(0)
 BEAM = np.cumsum(RNG.uniform(0.1, 0.5, (5, 3)), axis=0)

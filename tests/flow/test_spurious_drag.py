@@ -14,14 +14,14 @@ from bspline_mdao.flow.euler import drag_sources as kernel
 from bspline_mdao.flow.euler.drag_sources import DragSources, wave_drag
 from bspline_mdao.flow.euler.entropy_drag import entropy_scale
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.stream import RADIAN
-from bspline_mdao.om.flow.spurious_drag import (
+from bspline_mdao.flow.loads.stream import RADIAN
+from bspline_mdao.flow.om.spurious_drag import (
     drag_sources,
     is_optimised,
     warn_below_the_ellipse,
     warn_of_spurious_drag,
 )
-from bspline_mdao.topology.index_space import Window
+from bspline_mdao.grids.topology.index_space import Window
 
 
 @cache

@@ -9,9 +9,9 @@ import pytest
 from parallel_cases import run_ranks
 
 from bspline_mdao import read_grid
-from bspline_mdao.io.run_folder import MANIFEST
-from bspline_mdao.model.fitted_model import FittedModel
-from bspline_mdao.om.drivers.case_file import count_cases
+from bspline_mdao.core.model.fitted_model import FittedModel
+from bspline_mdao.core.om.drivers.case_file import count_cases
+from bspline_mdao.grids.io.run_folder import MANIFEST
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bspline_mdao import fit_grid, onera_m6_grid
-from bspline_mdao.plotting import scenes
+from bspline_mdao.studio.plotting import scenes
 
 pytestmark = pytest.mark.slow
 

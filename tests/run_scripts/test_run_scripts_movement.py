@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bspline_mdao.plotting import scenes
+from bspline_mdao.studio.plotting import scenes
 
 pytestmark = pytest.mark.slow
 

@@ -20,8 +20,8 @@ from typing import Protocol
 import numpy as np
 from numba import njit
 
-from ...numerics.claims import claim, counters, finish
-from ...numerics.fives import (
+from ...base.numerics.threads import run_tasks, thread_count
+from ...base.numerics.vec5 import (
     add_product,
     block_product,
     combined,
@@ -41,7 +41,7 @@ from ...numerics.fives import (
     zero_halves,
     zeros,
 )
-from ...numerics.threads import run_tasks, thread_count
+from ...base.numerics.work_queue import claim, counters, finish
 from .cell_sums import visit
 
 __all__ = ["BLOCK", "BlockFactor", "Schedule", "levels_of"]

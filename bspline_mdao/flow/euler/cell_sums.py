@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ...numerics.fives import add_scaled, load, prefetch, store, zeros
-from ...numerics.threads import run_tasks, thread_count
+from ...base.numerics.threads import run_tasks, thread_count
+from ...base.numerics.vec5 import add_scaled, load, prefetch, store, zeros
 
 __all__ = ["CellSums", "visit"]
 

@@ -11,7 +11,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from ...numerics.processes import summed
+from ...base.numerics.processes import summed
 from .discretization import Discretization
 from .flow_grid import FlowGrid
 from .gas import free_stream

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ...cells.cell_faces import CellFaces
-from ...numerics.halo import ALONE, Halo
-from ...numerics.processes import norm
+from ...base.numerics.halo import ALONE, Halo
+from ...base.numerics.processes import norm
+from ...grids.cells.cell_faces import CellFaces
 from .cell_sums import CellSums, visit
 from .far_vortex import FarVortex
 from .flux import face_flux

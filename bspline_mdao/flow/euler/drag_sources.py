@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...numerics.processes import summed_number
-from ...numerics.vectors import dots
+from ...base.numerics.processes import summed_number
+from ...base.numerics.vectors import dots
 from .discretization import Discretization
 from .entropy_drag import entropy_flux, entropy_scale, relative_entropy
 from .gas import GAMMA

@@ -28,9 +28,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...numerics.halo import Halo
-from ...numerics.processes import summed, summed_number
-from ...numerics.vectors import dots
+from ...base.numerics.halo import Halo
+from ...base.numerics.processes import summed, summed_number
+from ...base.numerics.vectors import dots
 from .discretization import Discretization
 from .far_vortex import FarVortex
 from .flux import ROUNDING

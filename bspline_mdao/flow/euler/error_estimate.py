@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...evaluation.family import refined_topology
-from ...evaluation.transfer import CellTransfer, NodeTransfer
-from ...numerics.vectors import dots
-from ...shown import OneLine
-from ...topology.topology import Topology
+from ...base.display import OneLine
+from ...base.numerics.vectors import dots
+from ...core.evaluation.family import refined_topology
+from ...core.evaluation.transfer import CellTransfer, NodeTransfer
+from ...grids.topology.topology import Topology
 from .flow_grid import FlowGrid
 from .forces import FlowForces
 from .newton import Field, advance

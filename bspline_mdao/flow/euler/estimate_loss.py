@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...numerics.vectors import dots
+from ...base.numerics.vectors import dots
 from .error_estimate import FinerMember
 
 __all__ = ["EstimateLoss", "WeightedAdjoint"]

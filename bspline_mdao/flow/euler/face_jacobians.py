@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ...numerics.fives import add_product, add_scaled, lane_sums, load, prefetch, store, zeros
-from ...numerics.processes import summed_number
+from ...base.numerics.processes import summed_number
+from ...base.numerics.vec5 import add_product, add_scaled, lane_sums, load, prefetch, store, zeros
 from .cell_sums import visit
 from .flux import STILL, face_flux_jvp, state_jacobian
 from .gas import N_STATES

@@ -16,13 +16,13 @@ import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
 
-from ...cells.cell_faces import NONE
-from ...numerics.processes import summed_number
-from ...sparse.blocks import Graph
-from ...sparse.incomplete import IncompletePattern, narrow_order
+from ...base.numerics.processes import summed_number
+from ...base.sparse.blocks import Graph
+from ...base.sparse.incomplete import IncompletePattern, narrow_order
+from ...grids.cells.cell_faces import NONE
 from .block_factor import Schedule, levels_of
-from .border import Border
 from .discretization import Discretization
+from .interface_schur import Border
 from .reconstruction import FARFIELD
 
 __all__ = ["FactorPattern", "factor_pattern"]

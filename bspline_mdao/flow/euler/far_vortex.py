@@ -25,10 +25,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...cells.cell_faces import CellFaces
-from ...cells.quads import area_vectors
-from ...numerics.halo import Halo
-from ...numerics.processes import largest, summed, summed_number
+from ...base.numerics.halo import Halo
+from ...base.numerics.processes import largest, summed, summed_number
+from ...grids.cells.cell_faces import CellFaces
+from ...grids.cells.quads import area_vectors
 from .gas import GAMMA, N_STATES
 from .reconstruction import Stencil
 

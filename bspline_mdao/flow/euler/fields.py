@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ...cells.cell_fields import face_layer
-from ...io.fields import quality_fields, writer_of
-from ...topology.grid import Block, Grid
-from ...topology.held_nodes import face_rows, node_copies, source_rows
-from ...topology.holders import cell_shapes
-from ...topology.index_space import block_rows
-from ...topology.topology import Topology
+from ...grids.cells.cell_fields import face_layer
+from ...grids.io.fields import quality_fields, writer_of
+from ...grids.topology.grid import Block, Grid
+from ...grids.topology.held_nodes import face_rows, node_copies, source_rows
+from ...grids.topology.holders import cell_shapes
+from ...grids.topology.index_space import block_rows
+from ...grids.topology.topology import Topology
 from .gas import GAMMA, mach_numbers
 
 __all__ = ["field_values", "node_means", "wall_path", "write_flow"]
@@ -99,8 +99,8 @@ def write_flow(
     """Write the fields of a flow, on nodes and cells, and those on the walls beside them, for ParaView or Tecplot.
 
     ``path`` is the file of the blocks; that of the walls has ``_walls`` after its name, see `wall_path`. Cells have
-    those of `bspline_mdao.cells.cell_fields` as well. Faces of walls have the fields of the cells behind them, but
-    their own pressures.
+    those of `bspline_mdao.grids.cells.cell_fields` as well. Faces of walls have the fields of the cells behind them,
+    but their own pressures.
 
     Parameters
     ----------

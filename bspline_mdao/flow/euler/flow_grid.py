@@ -10,14 +10,14 @@ from functools import cached_property
 
 import numpy as np
 
-from ...cells import quads
-from ...cells.cell_faces import CellFaces
-from ...cells.share_faces import faces_of_share
-from ...checks import as_axes
-from ...numerics.halo import ALONE, Halo
-from ...numerics.processes import ONE, largest, summed_number, together
-from ...topology.partition import Partition
-from ...topology.topology import Topology
+from ...base.checks import as_axes
+from ...base.numerics.halo import ALONE, Halo
+from ...base.numerics.processes import ONE, largest, summed_number, together
+from ...grids.cells import quads
+from ...grids.cells.cell_faces import CellFaces
+from ...grids.cells.share_faces import faces_of_share
+from ...grids.topology.partition import Partition
+from ...grids.topology.topology import Topology
 from .discretization import Discretization
 from .factor_pattern import FactorPattern, factor_pattern
 from .far_vortex import FarVortex

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from ...base.numerics.halo import Halo
+from ...base.numerics.processes import gathered
 from ...errors import InputError
-from ...numerics.halo import Halo
-from ...numerics.processes import gathered
-from ..force_coefficients import ForceCoefficients, WingCoefficients
-from ..hinges import HingeMoment
-from ..induced_drag import InducedDrag
-from ..span_strips import SpanStrips
+from ..loads.force_coefficients import ForceCoefficients, WingCoefficients
+from ..loads.hinges import HingeMoment
+from ..loads.induced_drag import InducedDrag
+from ..loads.span_strips import SpanStrips
 from .entropy_drag import EntropyDrag
 from .flow_grid import FlowGrid, area_vectors, area_vectors_jvp, area_vectors_vjp
 from .gas import GAMMA

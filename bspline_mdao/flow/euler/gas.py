@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..stream import stream_axes
+from ..loads.stream import stream_axes
 
 GAMMA = 1.4
 """Ratio of the specific heats of air."""

@@ -24,9 +24,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from ...cells.cell_faces import CellFaces
-from ...numerics.halo import Halo
-from ...numerics.processes import summed_number
+from ...base.numerics.halo import Halo
+from ...base.numerics.processes import summed_number
+from ...grids.cells.cell_faces import CellFaces
 from .cell_shapes import (
     cell_shapes,
     cell_shapes_jvp,

@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 from scipy.linalg import solve_triangular
 
-from ...numerics.processes import ONE, norm, summed
-from ...numerics.threads import one_blas_thread
+from ...base.numerics.processes import ONE, norm, summed
+from ...base.numerics.threads import one_blas_thread
 from .cell_sums import visit
 
 __all__ = ["KrylovSolution", "solve_refined", "solve_roughly", "solve_system"]

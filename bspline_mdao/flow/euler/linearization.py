@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ...numerics.processes import summed
+from ...base.numerics.processes import summed
 from .cell_sums import visit
 from .face_jacobians import FaceJacobians
 from .far_vortex import VortexTangent

@@ -18,7 +18,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from ...numerics.fives import (
+from ...base.numerics.vec5 import (
     add_scaled,
     block_product,
     load,
@@ -30,12 +30,12 @@ from ...numerics.fives import (
     zeros,
 )
 from .block_factor import BlockFactor
-from .border import BorderedFactor
 from .cell_sums import visit
 from .discretization import Discretization
 from .factor_pattern import FactorPattern
 from .flux import ROUNDING
 from .gas import GAMMA
+from .interface_schur import BorderedFactor
 from .linearization import Linearization
 from .reconstruction import FARFIELD, INNER
 

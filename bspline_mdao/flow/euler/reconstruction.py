@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from ...cells.cell_faces import NONE, CellFaces
 from ...errors import InputError
+from ...grids.cells.cell_faces import NONE, CellFaces
 from .cell_sums import CellSums
 from .gas import GAMMA
 

@@ -1,7 +1,7 @@
 """Grid sequencing: a start from the flow on coarser members of the grid's family, which pick from its nodes.
 
-Every level has half the cells of the next in each direction, see `bspline_mdao.evaluation.family`. Its states, solved
-roughly, are given to the cells of the next that lie in its cells.
+Every level has half the cells of the next in each direction, see `bspline_mdao.core.evaluation.family`. Its states,
+solved roughly, are given to the cells of the next that lie in its cells.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...evaluation.family import IndexScaling, refined_topology
-from ...numerics.halo import ALONE, Halo
-from ...numerics.processes import ONE
-from ...topology.holders import Holders, cell_shapes
-from ...topology.index_space import Window, block_rows
-from ...topology.partition import Partition
-from ...topology.topology import Topology
+from ...base.numerics.halo import ALONE, Halo
+from ...base.numerics.processes import ONE
+from ...core.evaluation.family import IndexScaling, refined_topology
+from ...grids.topology.holders import Holders, cell_shapes
+from ...grids.topology.index_space import Window, block_rows
+from ...grids.topology.partition import Partition
+from ...grids.topology.topology import Topology
 from .flow_grid import FlowGrid
 from .newton import FlowSolution, solve_flow
 
@@ -121,7 +121,7 @@ def useful_levels(topology: Topology) -> int:
     Examples
     --------
     >>> from bspline_mdao import flat_plate_grid
-    >>> from bspline_mdao.topology.detection import find_topology
+    >>> from bspline_mdao.grids.topology.detection import find_topology
     >>> [useful_levels(find_topology(flat_plate_grid((n, n, n)))) for n in (8, 16)]
     [1, 2]
     """

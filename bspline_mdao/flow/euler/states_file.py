@@ -19,13 +19,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from ...core.evaluation.family import IndexScaling, refined_topology
+from ...core.evaluation.transfer import CellTransfer
+from ...core.model.model_file import checksum_of, datasets_of
 from ...errors import InputError
-from ...evaluation.family import IndexScaling, refined_topology
-from ...evaluation.transfer import CellTransfer
-from ...io.disk import deferred_interrupts, replaced_hdf5_file
-from ...model.model_file import checksum_of, datasets_of
-from ...topology.holders import cell_shapes
-from ...topology.topology import Topology
+from ...grids.io.disk import deferred_interrupts, replaced_hdf5_file
+from ...grids.topology.holders import cell_shapes
+from ...grids.topology.topology import Topology
 from .gas import N_STATES
 
 __all__ = ["StatesFile", "read_states"]

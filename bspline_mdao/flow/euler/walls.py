@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from ...cells.cell_faces import CellFaces
-from ...numerics.halo import Halo
-from ...numerics.processes import ONE, summed
-from ...topology.holders import Holders
-from ...topology.partition import Partition
+from ...base.numerics.halo import Halo
+from ...base.numerics.processes import ONE, summed
+from ...grids.cells.cell_faces import CellFaces
+from ...grids.topology.holders import Holders
+from ...grids.topology.partition import Partition
 
 __all__ = ["Walls"]
 

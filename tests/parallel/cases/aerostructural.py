@@ -20,8 +20,8 @@ from bspline_mdao import (
     moving_mesh,
     onera_m6_grid,
 )
-from bspline_mdao.numerics.processes import world
-from bspline_mdao.om.flow.aerostructure import Spar
+from bspline_mdao.base.numerics.processes import world
+from bspline_mdao.flow.om.aerostructure import Spar
 
 comm, model = world(), fit_grid(onera_m6_grid((7, 6, 5)))
 BEAM = np.linspace([0.95, 0.0, 1.4], [0.3, 0.0, 0.0], 5)

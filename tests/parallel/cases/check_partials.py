@@ -6,7 +6,7 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.numerics.processes import world
+from bspline_mdao.base.numerics.processes import world
 
 np.random.seed(1)  # noqa: NPY002 - where OpenMDAO draws the directions of checks: products may be small along some
 model = bm.fit_grid(bm.flat_plate_grid((5, 6, 5)), n_control=(4, 5, 4))

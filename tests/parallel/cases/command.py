@@ -2,6 +2,6 @@
 
 import sys
 
-from bspline_mdao.cli.main import run
+from bspline_mdao.studio.cli.main import run
 
 print(run(sys.argv[1:]), flush=True)

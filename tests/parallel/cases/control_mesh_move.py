@@ -10,10 +10,10 @@ from mover_cases import MOVERS, bent_surface, channel, made, random_changes
 from parallel_checks import assert_same_everywhere, raised_everywhere
 
 from bspline_mdao import ControlMeshMove, LinearElasticity, PetscMultigrid
-from bspline_mdao.movement import shared
-from bspline_mdao.movement.equilibrium import EquilibriumMover
+from bspline_mdao.base.numerics.processes import world
+from bspline_mdao.core.movement import shared
+from bspline_mdao.core.movement.equilibrium import EquilibriumMover
 from bspline_mdao.names import CONTROL_CORNER_KS, CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
-from bspline_mdao.numerics.processes import world
 
 comm, mesh = world(), channel()
 WRT = [CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS]
@@ -119,7 +119,7 @@ class Kept(logging.Handler):
 
 
 kept = Kept()
-logging.getLogger("bspline_mdao.om.control_mesh_move").addHandler(kept)
+logging.getLogger("bspline_mdao.core.om.control_mesh_move").addHandler(kept)
 problem = problem_of(LinearElasticity(mesh, n_increments=1))
 far = surface + np.array([0.0, 0.0, 3.0]) * np.sin(5.0 * surface[:, :1])
 for points in (surface, far, far, surface):

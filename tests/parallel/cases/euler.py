@@ -11,7 +11,7 @@ import openmdao.api as om
 from mpi4py import MPI
 
 from bspline_mdao import EulerFlow, fit_grid, onera_m6_grid
-from bspline_mdao.topology.partition import Partition
+from bspline_mdao.grids.topology.partition import Partition
 
 COEFFICIENTS = ("CL", "CD", "CM", "CD_induced")
 OUTPUTS = (*COEFFICIENTS, "span_load", "Cp")

@@ -5,8 +5,8 @@ import openmdao.api as om
 from mpi4py import MPI
 
 from bspline_mdao import EulerFlow, GridEvaluate, InputError, fit_grid, onera_m6_grid
-from bspline_mdao.om.flow.flow_run import run_flow
-from bspline_mdao.topology.partition import Partition, Share
+from bspline_mdao.flow.om.flow_run import run_flow
+from bspline_mdao.grids.topology.partition import Partition, Share
 
 COMM = MPI.COMM_WORLD
 OF, WRT = ("CL", "CD", "CM", "CD_induced"), ("control_points", "alpha")

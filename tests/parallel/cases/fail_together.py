@@ -3,8 +3,8 @@
 import numpy as np
 from mpi4py import MPI
 
+from bspline_mdao.base.numerics.processes import on_first, summed, together, world
 from bspline_mdao.errors import InputError
-from bspline_mdao.numerics.processes import on_first, summed, together, world
 
 comm = world()
 assert comm is MPI.COMM_WORLD

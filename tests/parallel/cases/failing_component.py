@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import openmdao.api as om
 
-sys.path.append(str(Path(__file__).parents[2] / "om"))
+sys.path.append(str(Path(__file__).parents[2] / "flow"))
 from test_products import COMPONENTS, VALUES, model, residual, surface
 
 from bspline_mdao import GridMovement
+from bspline_mdao.base.numerics.processes import world
 from bspline_mdao.errors import InputError
-from bspline_mdao.numerics.processes import world
 
 comm = world()
 is_last = comm.rank == comm.size - 1

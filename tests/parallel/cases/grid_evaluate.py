@@ -10,8 +10,8 @@ from mpi4py import MPI
 from openmdao.utils.assert_utils import assert_check_partials
 
 from bspline_mdao import GridEvaluate, Partition, Share, SurfaceGrid, fit_grid, onera_m6_grid
-from bspline_mdao.generators.hh_wing import Spacing
-from bspline_mdao.topology.grid import Block, Grid
+from bspline_mdao.core.generators.hh_wing import Spacing
+from bspline_mdao.grids.topology.grid import Block, Grid
 
 warnings.simplefilter("ignore", om.DerivativesWarning)
 comm = MPI.COMM_WORLD

@@ -8,10 +8,10 @@ from component_cases import movable_model
 from mpi4py import MPI
 
 from bspline_mdao import Fit, FitWarning, LiveGridEvaluate, fit_grid
-from bspline_mdao.fit.fit_nodes import whole_blocks
-from bspline_mdao.numerics.processes import summed
-from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.partition import Partition, Share
+from bspline_mdao.base.numerics.processes import summed
+from bspline_mdao.core.fit.fit_nodes import whole_blocks
+from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.grids.topology.partition import Partition, Share
 
 comm = MPI.COMM_WORLD
 base = movable_model()

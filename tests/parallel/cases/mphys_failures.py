@@ -6,10 +6,10 @@ from mphys_cases import Wing
 from mpi4py import MPI
 
 from bspline_mdao import InputError
-from bspline_mdao.om.mphys.distribution import nodes_of_rank
-from bspline_mdao.om.mphys.warper import VolumeWarper
-from bspline_mdao.topology.sharing import numbers_of_points, rows_of_points
-from bspline_mdao.topology.stored_grid import StoredGrid
+from bspline_mdao.core.om.mphys.distribution import nodes_of_rank
+from bspline_mdao.core.om.mphys.warper import VolumeWarper
+from bspline_mdao.grids.topology.sharing import numbers_of_points, rows_of_points
+from bspline_mdao.grids.topology.stored_grid import StoredGrid
 
 comm, wing = MPI.COMM_WORLD, Wing()
 is_wrong = comm.rank == 1

@@ -6,10 +6,10 @@ from mphys import MultipointParallel
 from mphys_cases import DESIGN, ScenarioAerodynamic, Wing
 from mpi4py import MPI
 
-from bspline_mdao.numerics.processes import summed
-from bspline_mdao.om.mphys.builders import FlowBuilder, GeometryBuilder
-from bspline_mdao.topology.partition import Partition
-from bspline_mdao.topology.sharing import node_sharing
+from bspline_mdao.base.numerics.processes import summed
+from bspline_mdao.flow.om.mphys.builders import FlowBuilder, GeometryBuilder
+from bspline_mdao.grids.topology.partition import Partition
+from bspline_mdao.grids.topology.sharing import node_sharing
 
 comm, wing = MPI.COMM_WORLD, Wing()
 

@@ -23,7 +23,7 @@ from bspline_mdao import (
     Twist,
     moving_mesh,
 )
-from bspline_mdao.numerics.processes import together, world
+from bspline_mdao.base.numerics.processes import together, world
 
 name, cases = sys.argv[1:]
 comm = world()

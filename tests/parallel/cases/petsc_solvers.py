@@ -7,9 +7,9 @@ from mover_cases import assert_derivative_is_transposed, bent_surface, oblique_c
 from parallel_checks import assert_same_everywhere, raised_everywhere
 
 from bspline_mdao import LinealSprings, LinearElasticity, PetscCholesky, PetscMultigrid
-from bspline_mdao.movement.equilibrium import Unknowns
-from bspline_mdao.numerics.processes import world
-from bspline_mdao.sparse.blocks import BlockMatrix
+from bspline_mdao.base.numerics.processes import world
+from bspline_mdao.base.sparse.blocks import BlockMatrix
+from bspline_mdao.core.movement.equilibrium import Unknowns
 
 comm = world()
 

@@ -17,7 +17,7 @@ from bspline_mdao import (
     moving_mesh,
     onera_m6_grid,
 )
-from bspline_mdao.numerics.processes import world
+from bspline_mdao.base.numerics.processes import world
 
 comm, model = world(), fit_grid(onera_m6_grid((9, 8, 7)))
 SPAR = np.linspace([0.3, 0.0, 0.0], [0.9, 0.0, 1.3], 9)

@@ -5,12 +5,12 @@ import openmdao.api as om
 from component_cases import movable_model
 from mpi4py import MPI
 
-from bspline_mdao.cells.aggregates import AGGREGATES
+from bspline_mdao.base.numerics.processes import summed, world
+from bspline_mdao.core.om.quality import Quality
 from bspline_mdao.errors import InputError
-from bspline_mdao.numerics.processes import summed, world
-from bspline_mdao.om.quality import Quality
-from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.partition import Partition, Share
+from bspline_mdao.grids.cells.aggregates import AGGREGATES
+from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.grids.topology.partition import Partition, Share
 
 SETTINGS = {"aggregates": tuple(AGGREGATES), "rho": 20.0, "p": 8, "rho_height": 20.0}
 comm, model = world(), movable_model()

@@ -17,7 +17,7 @@ from bspline_mdao import (
     moving_mesh,
     onera_m6_grid,
 )
-from bspline_mdao.numerics.processes import world
+from bspline_mdao.base.numerics.processes import world
 
 comm, model = world(), fit_grid(onera_m6_grid((9, 8, 7)))
 block = model.regenerate().blocks[3].nodes

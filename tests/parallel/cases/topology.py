@@ -9,7 +9,7 @@ import topology_cases
 from mpi4py import MPI
 
 from bspline_mdao import InputError, open_grid, write_grid
-from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.grids.topology.detection import find_topology
 
 comm = MPI.COMM_WORLD
 

@@ -1,0 +1,1 @@
+"""What everything stands on: numbers, sparse systems, texts and optional packages; no geometry."""

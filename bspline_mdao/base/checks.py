@@ -1,0 +1,152 @@
+"""Checks of what users hand over.
+
+Functions ``as_*`` return it in the form that is computed with, and ``require_*`` refuse what is of another kind. Their
+argument ``what`` is what a message calls it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from ..errors import InputError
+
+__all__ = [
+    "as_array",
+    "as_axes",
+    "as_direction",
+    "as_finite_points",
+    "as_numbers",
+    "as_vector",
+    "require_kind",
+    "require_list",
+]
+
+
+def as_array(values, what: str) -> np.ndarray:
+    """Turn numbers into an array of 8-byte reals in C order; complex ones, of complex steps, stay complex.
+
+    Raises
+    ------
+    InputError
+        If they are no numbers, or lists of unequal lengths.
+    """
+    try:
+        array = np.asarray(values)
+        return np.ascontiguousarray(array, dtype=complex if array.dtype.kind == "c" else float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what}: no array of numbers ({error}); give an array") from error
+
+
+def as_numbers(values, what: str) -> np.ndarray:
+    """Return numbers as an array of floats of their own, which are not necessarily finite.
+
+    Raises
+    ------
+    InputError
+        If they are no numbers, or lists of unequal lengths.
+    """
+    try:
+        return np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: '{values}' are no numbers; give an array of them") from None
+
+
+def as_finite_points(values, n_points: int, what: str) -> np.ndarray:
+    """Return points as an array of shape (n_points, 3) of finite numbers.
+
+    Raises
+    ------
+    InputError
+        If they are something else.
+    """
+    array = as_array(values, what)
+    if array.shape != (n_points, 3):
+        raise InputError(f"{what} of shape {array.shape}; give shape ({n_points}, 3)")
+    is_bad = ~np.isfinite(array).all(axis=1)
+    if is_bad.any():
+        number = int(np.argmax(is_bad))
+        raise InputError(f"{what}: number {number + 1} of {n_points} is {array[number]}, not finite; correct it")
+    return array
+
+
+def as_vector(values, what: str) -> np.ndarray:
+    """Return a finite vector, shape (3,).
+
+    Raises
+    ------
+    InputError
+        If it is not three finite numbers.
+    """
+    vector = as_numbers(values, what)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise InputError(f"{what} is {vector.tolist()}; give three finite numbers")
+    return vector
+
+
+def as_direction(values, what: str) -> np.ndarray:
+    """Return the unit vector, shape (3,), along a vector of any length.
+
+    Raises
+    ------
+    InputError
+        If it is no finite vector, or zero.
+    """
+    vector = as_vector(values, what)
+    if not vector.any():
+        raise InputError(f"{what} is {vector.tolist()}; give three numbers that are not all zero")
+    return vector / np.linalg.norm(vector)
+
+
+def as_axes(axes: str, what: str) -> np.ndarray:
+    """Return unit vectors downstream, along the span, and up, shape (3, 3), from names of axes such as "xzy".
+
+    Raises
+    ------
+    InputError
+        If they are not x, y and z in some order.
+    """
+    if sorted(axes) != ["x", "y", "z"]:
+        raise InputError(f"{what}: axes '{axes}'; name x, y and z in the order downstream, along the span, up")
+    return np.eye(3)[["xyz".index(axis) for axis in axes]]
+
+
+def require_kind(value, kind: type, what: str, advice: str) -> None:
+    """Refuse an argument of another type.
+
+    Parameters
+    ----------
+    value : object
+        The argument.
+    kind : type
+        What it should be.
+    what, advice : str
+        What it is called, and what to do.
+
+    Raises
+    ------
+    InputError
+        If it is of another type.
+    """
+    if not isinstance(value, kind):
+        raise InputError(f"{what} is of type {type(value).__name__}; {advice}")
+
+
+def require_list(items, kind: str, members: Iterable[str], what: str) -> Sequence:
+    """Return a list of objects of one kind, which is recognised by the members that they need.
+
+    Raises
+    ------
+    InputError
+        If there is no list, or something in it is of another kind.
+    """
+    if not isinstance(items, Sequence) or isinstance(items, str):
+        raise InputError(f"{what}: the {kind}s are one {type(items).__name__}; give a list of them")
+    for number, item in enumerate(items, start=1):
+        missing = [member for member in members if not hasattr(item, member)]
+        if missing or isinstance(item, type):
+            found = f"the class {item.__name__}" if isinstance(item, type) else f"of type {type(item).__name__}"
+            lacks = f", which has no '{missing[0]}'" if missing else ""
+            raise InputError(f"{what}: {kind} {number} is {found}{lacks}; give a {kind}")
+    return items

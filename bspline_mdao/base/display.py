@@ -1,0 +1,117 @@
+"""How objects show themselves: in one line at a prompt, as a small table and a picture in a notebook, and by ``plot``.
+
+What draws is on top of all folders, so it is asked for by its name, and only when something is drawn.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+__all__ = ["InNotebook", "OneLine", "Shown", "in_brief"]
+
+WIDTH = 120
+"""Characters that a line has at most, as a rule."""
+
+FEW = 4
+"""Numbers, or items of a list, that are written out."""
+
+
+class OneLine:
+    """What is printed as one line: the class and its fields, arrays by their shapes and long lists by their lengths."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Keep the line, or what a base made of it, which a dataclass would replace by one of all digits."""
+        super().__init_subclass__(**options)
+        cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        names = [item.name for item in fields(self) if item.repr] if is_dataclass(self) else list(vars(self))
+        parts = [f"{name}={in_brief(getattr(self, name))}" for name in names if not name.startswith("_")]
+        return _shortened(f"{type(self).__name__}({', '.join(parts)})")
+
+
+def in_brief(value: Any) -> str:
+    """Write a value in a few characters.
+
+    Examples
+    --------
+    >>> in_brief(np.zeros((12, 3))), in_brief(np.array([1.0, 2.5])), in_brief((1, 2, 3, 4, 5))
+    ('array(12, 3)', '[1, 2.5]', '5 x int')
+    """
+    if isinstance(value, np.ndarray):
+        if value.ndim == 1 and value.size <= FEW and value.dtype.kind in "biuf":
+            return f"[{', '.join(f'{x:.4g}' for x in value)}]"
+        return f"array{value.shape}"
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, tuple | list):
+        is_short = len(value) <= FEW and all(isinstance(item, str | int | float | None) for item in value)
+        if is_short:
+            return f"({', '.join(map(in_brief, value))})"
+        return f"{len(value)} x {type(value[0]).__name__}"
+    if isinstance(value, dict):
+        return f"{len(value)} by name"
+    if value is None or isinstance(value, str | int | bool):
+        return repr(value)
+    if isinstance(value, InNotebook):
+        return repr(value)
+    return type(value).__name__
+
+
+def _shortened(text: str) -> str:
+    if len(text) <= WIDTH:
+        return text
+    head = text[: WIDTH - len(", ...)")]
+    return f"{head.rpartition(', ')[0] or head}, ...)"
+
+
+class InNotebook(OneLine):
+    """What a notebook shows as a table and a picture; its line serves where there is none."""
+
+    def _repr_html_(self) -> str | None:
+        """Show a small table and, where it is quick, a picture; None, so that the line is shown, if that fails."""
+        try:
+            return _drawing().html_of(self)
+        except Exception:  # whatever is wrong, a notebook falls back to the line
+            return None
+
+
+class Shown(InNotebook):
+    """What can be looked at: a grid, a fitted grid."""
+
+    def plot(self, show=None, file=None, **how):
+        """Look at it: in a window, in a notebook, or as a picture in a file.
+
+        Parameters
+        ----------
+        show : str or sequence of str, optional
+            What to see, see `bspline_mdao.plotting.plot`: surfaces (``"walls"``, ``"symmetry"``, ``"farfield"``,
+            ``"boundary"``, ``"control mesh"``, names of patches), and one field that colours them (``"quality"``,
+            ``"corner"``, ``"wall height"``, ``"block"``, ``"patch"``).
+        file : path-like, optional
+            PNG file to write, instead of a window.
+        **how
+            See `bspline_mdao.plotting.plot`: ``before``, ``direction``, ``up``, ``zoom``, ``size``, ``worst``.
+
+        Returns
+        -------
+        pathlib.Path or pyvista.Plotter or None
+            The file; else the plotter of the window, or what a notebook shows.
+
+        Raises
+        ------
+        InputError
+            If there is nothing of the kind, the file is no PNG, or the libraries that draw are missing.
+        """
+        return _drawing().plot(self, show, file, **how)
+
+
+def _drawing() -> Any:
+    """Import the package that draws, which is above all others."""
+    return importlib.import_module("bspline_mdao.plotting")

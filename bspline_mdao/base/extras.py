@@ -1,0 +1,47 @@
+"""Libraries that are installed on request, as extras of the package, and what is said where one is missing."""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+from ..errors import InputError
+
+__all__ = ["INSTALL", "library"]
+
+INSTALL = 'pip install "bspline_mdao[{extra}]"'
+"""Command that installs an extra, in the quotes that every shell knows."""
+
+
+def library(module: str, need: str, extra: str, otherwise: str = "") -> ModuleType:
+    """Import a module of a library that only some users have.
+
+    Parameters
+    ----------
+    module : str
+        Name of the module.
+    need : str
+        How the message begins: what needs which library, such as ``"files of Gmsh need meshio"``.
+    extra : str
+        Extra that installs it.
+    otherwise : str
+        What can be done without it.
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    InputError
+        If it is not installed; or is, and cannot be imported, as where a library of the system is missing.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or module.split(".")[0] == error.name.split(".")[0]:
+            ways = [INSTALL.format(extra=extra), *([otherwise] if otherwise else [])]
+            raise InputError(f"{need}: {', or '.join(ways)}") from None
+        raise InputError(f"{need}, which needs {error.name}: pip install {error.name}") from error
+    except (ImportError, OSError) as error:
+        raise InputError(f"{need}, which is installed but cannot be imported: {error}") from error

@@ -1,0 +1,444 @@
+"""Solvers of PETSc, where petsc4py is installed: a multigrid and a direct one, on one process or on many.
+
+`PetscMultigrid` is for meshes whose factors do not fit, `PetscCholesky` for factors that are spread over processes.
+With a communicator each process hands over the rows that it owns, a `DistributedPattern`, and every one of them gets
+the whole solution, with the same bits. Right-hand sides are given as a whole, too.
+
+Theory: ``docs/theory/sparse_parallel.rst``.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from ...errors import InputError, MovementError
+from ..display import OneLine
+from ..extras import library
+from ..numerics.processes import together
+from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, relative_residual
+from .conjugate_gradient import System, preconditioned_solve
+from .distributed import DistributedMatrix, DistributedPattern, FullRows
+
+__all__ = [
+    "PetscCholesky",
+    "PetscCholeskyAnalysis",
+    "PetscCholeskyFactor",
+    "PetscMultigrid",
+    "PetscMultigridAnalysis",
+    "PetscMultigridFactor",
+    "has_petsc",
+]
+
+MULTIGRID = {
+    "pc_type": "hypre",
+    "pc_hypre_type": "boomeramg",
+    "pc_hypre_boomeramg_coarsen_type": "HMIS",
+    "pc_hypre_boomeramg_interp_type": "ext+i",
+    "pc_hypre_boomeramg_P_max": 4,
+    "pc_hypre_boomeramg_relax_type_down": "l1-Gauss-Seidel",
+    "pc_hypre_boomeramg_relax_type_up": "backward-l1-Gauss-Seidel",
+}
+"""Options of BoomerAMG: of those that were tried, the least time on grids with boundary layers."""
+
+STRONG_THRESHOLD = "pc_hypre_boomeramg_strong_threshold"
+"""Name of an option of BoomerAMG."""
+
+CHOLESKY = {"pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": 50}
+"""Options of MUMPS: half as much memory again as it estimates, for pivots that it delays."""
+
+NOT_DEFINITE = (-10, -40)
+"""Errors of MUMPS for a pivot that is zero, or negative where it is not counted."""
+
+N_NEGATIVE, TOTAL_MEGABYTES = 12, 22
+"""Places, from 1, of negative pivots and of the memory of all processes in MUMPS's list of global information."""
+
+PREFIX = "bspline_mdao_"
+"""Of options in PETSc's database, which come before those above, such as ``-bspline_mdao_pc_hypre_boomeramg_P_max 6``
+in the environment variable PETSC_OPTIONS."""
+
+
+@dataclass(frozen=True)
+class PetscMultigrid(OneLine):
+    """Conjugate gradients preconditioned with the algebraic multigrid of hypre, BoomerAMG; needs the package petsc4py.
+
+    Its iterations hardly grow with the mesh, and its memory is proportional to the number of points: for meshes whose
+    Cholesky factor does not fit, as where all nodes of a grid are moved. The multigrid is that of the three components
+    of the displacement by themselves [Blaheta, Displacement decomposition (1994)]: a third of the entries, and half of
+    the time of a coupled one where Poisson's ratio is far from 0.5.
+
+    Parameters
+    ----------
+    comm : communicator of mpi4py, optional
+        Processes that share rows and work; by default this one alone.
+    tolerance : float, optional
+        Residual to reach in the 2-norm, relative to the right-hand side, or what rounding leaves if that is more.
+    max_iterations : int, optional
+        Iterations after which to give up.
+    strong_threshold : float, optional
+        Part of the largest coupling of an unknown from which another one is strong: elements much longer than high
+        want a large one.
+
+    Examples
+    --------
+    >>> from bspline_mdao import LinearElasticity, PetscMultigrid, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> LinearElasticity(mesh, solver=PetscMultigrid(tolerance=1e-10)).solver.name
+    'CG, BoomerAMG'
+    """
+
+    comm: Any = None
+    tolerance: float = 1e-12
+    max_iterations: int = 5000
+    strong_threshold: float = 0.7
+
+    @property
+    def name(self) -> str:
+        """Name of the solver in reports."""
+        return "CG, BoomerAMG" + _on(self.comm)
+
+    def analyze(self, pattern: BlockPattern, points: np.ndarray) -> PetscMultigridAnalysis:
+        """Find the full rows of a pattern; the points are not used. `InputError` where petsc4py is not installed."""
+        _petsc()
+        return PetscMultigridAnalysis(self, pattern, DistributedPattern.whole(pattern))
+
+
+@dataclass(frozen=True, eq=False)
+class PetscMultigridAnalysis(OneLine):
+    """A pattern, with the settings of the solver."""
+
+    settings: PetscMultigrid
+    pattern: BlockPattern  # what was given
+    share: DistributedPattern  # the same, as what a process holds
+
+    def factorize(self, matrix: BlockMatrix) -> PetscMultigridFactor:
+        """Set up the multigrid of a matrix of the pattern; `MovementError` if its diagonal is not positive."""
+        settings, share = self.settings, self.share
+        if matrix.pattern is not self.pattern:
+            raise InputError("multigrid: the matrix has another pattern; analyze its own")
+        comm, options = _clean_comm(share.comm), {STRONG_THRESHOLD: settings.strong_threshold, **MULTIGRID}
+        operator = _operator(FullRows.of(share), share, matrix, comm)
+        return PetscMultigridFactor(settings, share, matrix, _preconditioner(operator, comm, options))
+
+
+class _Factor:
+    """What factors and multigrids share: one right-hand side of own rows goes through PETSc's preconditioner."""
+
+    # A leaf has the fields ``share``, ``matrix`` and ``inner``, a petsc4py.PETSc.PC.
+
+    share: DistributedPattern
+    matrix: BlockMatrix
+    inner: Any
+
+    def apply(self, right: np.ndarray) -> np.ndarray:
+        """Apply it to own rows of a right-hand side, shape (n_own, 3)."""
+        right, x = np.ascontiguousarray(right), np.empty(right.shape)
+        self.inner.apply(_vector(self.share, right), _vector(self.share, x))
+        return x
+
+    def _iterated(self, right: np.ndarray, matrix: BlockMatrix, **settings) -> LinearSolution:
+        """Solve for a right-hand side of all rows by conjugate gradients: the whole solution, on every process."""
+        began, share = time.perf_counter(), self.share
+        right = check_right(right, int(share.starts[-1]))
+        found = preconditioned_solve(self._system(matrix), self, right[share.own], **settings)
+        seconds = time.perf_counter() - began
+        return LinearSolution(share.gathered(found.x), found.iterations, found.residual, seconds)
+
+    def _system(self, matrix: BlockMatrix) -> System:
+        return matrix if self.share.comm.size == 1 else DistributedMatrix(self.share, matrix, self._exchange)
+
+    @cached_property
+    def _exchange(self):
+        return _Exchange.of(self.share)
+
+
+@dataclass(frozen=True, eq=False)
+class PetscMultigridFactor(_Factor):
+    """The multigrid of a matrix."""
+
+    settings: PetscMultigrid
+    share: DistributedPattern
+    matrix: BlockMatrix
+    inner: Any
+
+    @property
+    def cancellation(self) -> float:
+        """Counterpart of `CholeskyFactor.cancellation`, from the tolerance: more digits take a smaller one."""
+        return self.settings.tolerance / np.finfo(float).eps
+
+    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
+        """Solve for a right-hand side of all rows, shape (n, 3) or (n, 3, m); with ``matrix`` instead, if given."""
+        # Every process gives the same and gets the whole solution.
+        settings, matrix = self.settings, self.matrix if matrix is None else matrix
+        return self._iterated(right, matrix, tolerance=settings.tolerance, max_iterations=settings.max_iterations)
+
+
+@dataclass(frozen=True)
+class PetscCholesky(OneLine):
+    """Cholesky factor by MUMPS, spread over the processes of a communicator; needs the package petsc4py.
+
+    On one process `Cholesky` takes no more time and less memory; this one is for factors that are too large for one.
+    It tells nothing of its accuracy, so that movers refine what it solves.
+
+    Parameters
+    ----------
+    comm : communicator of mpi4py, optional
+        Processes that share rows and work; by default this one alone.
+
+    Examples
+    --------
+    >>> from bspline_mdao import LinearElasticity, PetscCholesky, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> LinearElasticity(mesh, solver=PetscCholesky()).solver.name
+    'MUMPS'
+    """
+
+    comm: Any = None
+
+    @property
+    def name(self) -> str:
+        """Name of the solver in reports."""
+        return "MUMPS" + _on(self.comm)
+
+    def analyze(self, pattern: BlockPattern, points: np.ndarray) -> PetscCholeskyAnalysis:
+        """Find the full rows of a pattern; the points are not used. `InputError` where petsc4py is not installed.
+
+        MUMPS itself analyses the pattern again with every matrix.
+        """
+        _petsc()
+        share = DistributedPattern.whole(pattern)
+        return PetscCholeskyAnalysis(pattern, share, FullRows.of(share))
+
+
+@dataclass(frozen=True, eq=False)
+class PetscCholeskyAnalysis(OneLine):
+    """A pattern, of which MUMPS keeps nothing."""
+
+    pattern: BlockPattern  # what was given
+    share: DistributedPattern  # the same, as what a process holds
+    full: FullRows
+
+    def factorize(self, matrix: BlockMatrix) -> PetscCholeskyFactor:
+        """Factor a matrix of the pattern."""
+        share = self.share
+        if matrix.pattern is not self.pattern:
+            raise InputError("MUMPS: the matrix has another pattern; analyze its own")
+        comm = _clean_comm(share.comm)
+        factor = _preconditioner(_upper_rows_matrix(self.full, share, matrix, comm), comm, CHOLESKY)
+        code, detail, n_negative = map(factor.getFactorMatrix().getMumpsInfog, (1, 2, N_NEGATIVE))
+        if code in NOT_DEFINITE or n_negative > 0:
+            raise MovementError(
+                "MUMPS: the matrix is not positive definite; look for an inverted or collapsed element, or for a point "
+                "that nothing holds"
+            )
+        if code < 0:
+            raise MovementError(
+                f"MUMPS: error {code} ({detail}), which is mostly a lack of memory; take more processes, or "
+                "PetscMultigrid()"
+            )
+        return PetscCholeskyFactor(share, matrix, factor)
+
+
+@dataclass(frozen=True, eq=False)
+class PetscCholeskyFactor(_Factor):
+    """The part of a factor by MUMPS that is on this process."""
+
+    share: DistributedPattern
+    matrix: BlockMatrix
+    inner: Any
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that MUMPS takes on all processes together (bytes), in whole megabytes."""
+        return 1_000_000 * int(self.inner.getFactorMatrix().getMumpsInfog(TOTAL_MEGABYTES))
+
+    @property
+    def cancellation(self) -> float:
+        """Infinite: this engine does not tell; see `CholeskyFactor.cancellation`."""
+        return np.inf
+
+    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
+        """Solve for a right-hand side of all rows, shape (n, 3) or (n, 3, m)."""
+        # With another matrix by conjugate gradients, with this factor as the preconditioner. Every process gives the
+        # same and gets the whole solution.
+        if matrix is not None and matrix is not self.matrix:
+            return self._iterated(right, matrix)
+        began, share = time.perf_counter(), self.share
+        right = check_right(right, int(share.starts[-1]))
+        sides = right.reshape(len(right), 3, -1)
+        x = np.stack([share.gathered(self.apply(side[share.own])) for side in np.moveaxis(sides, 2, 0)], axis=-1)
+        x = x.reshape(right.shape)
+        rest = right[share.own] - self._product(x)
+        residual = share.gathered(rest)
+        return LinearSolution(x, 0, relative_residual(residual, right), time.perf_counter() - began)
+
+    def _product(self, x: np.ndarray) -> np.ndarray:
+        """Own rows of the product of the matrix with all rows of x, without a message."""
+        share = self.share
+        return self.matrix.dot(x[share.rows])[: share.n_own]
+
+
+@dataclass(frozen=True, eq=False)
+class _Exchange:
+    """Values of the rows of others from those of own ones, by a vector of PETSc with ghosts."""
+
+    vector: Any
+    n_own: int
+
+    @classmethod
+    def of(cls, share: DistributedPattern) -> _Exchange:
+        ghosts, comm = np.asarray(share.others, _petsc().IntType), _petsc_comm(share.comm)
+        return cls(_petsc().Vec().createGhost(ghosts, _sizes(share)[0], bsize=3, comm=comm), share.n_own)
+
+    def __call__(self, own: np.ndarray) -> np.ndarray:
+        """Values of the rows of others, shape (n - n_own, 3): collective."""
+        self.vector.array = own.ravel()
+        self.vector.ghostUpdate()
+        with self.vector.localForm() as local:
+            return local.array[3 * self.n_own :].reshape(-1, 3).copy()
+
+
+def has_petsc() -> bool:
+    """Whether petsc4py is installed; it is not imported."""
+    return find_spec("petsc4py") is not None
+
+
+def _petsc():
+    """Module PETSc of petsc4py; `InputError` where it is not installed."""
+    return library("petsc4py.PETSc", "PETSc needs petsc4py", "mpi", "use Cholesky()")
+
+
+def _petsc_comm(comm: Any) -> Any:
+    """Communicator for PETSc: this process alone where there is one."""
+    return _petsc().COMM_SELF if comm is None or comm.size == 1 else comm
+
+
+def _clean_comm(comm: Any) -> Any:
+    """Communicator for PETSc, after it has freed what is no more: for several processes, PETSc waits to be told."""
+    comm = _petsc_comm(comm)
+    _petsc().garbage_cleanup(comm)
+    return comm
+
+
+def _preconditioner(operator, comm, options: dict):
+    """Preconditioner of PETSc of an operator; options of the user's come before those given."""
+    preconditioner, database = _petsc().PC().create(comm), _petsc().Options(PREFIX)
+    ours = {name: value for name, value in options.items() if not database.hasName(name)}
+    for name, value in ours.items():
+        database[name] = value
+    preconditioner.setOptionsPrefix(PREFIX)
+    preconditioner.setOperators(operator)
+    preconditioner.setFromOptions()
+    preconditioner.setUp()
+    for name in ours:
+        del database[name]
+    return preconditioner
+
+
+def _on(comm: Any) -> str:
+    """What a solver's name says of its processes."""
+    return "" if comm is None or comm.size == 1 else f" on {comm.size} processes"
+
+
+def _vector(share: DistributedPattern, values: np.ndarray):
+    """Vector of PETSc in the memory of own values, shape (n_own, 3)."""
+    return _petsc().Vec().createWithArray(values.reshape(-1), size=_sizes(share)[0], comm=_petsc_comm(share.comm))
+
+
+def _operator(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, comm):
+    """The couplings of each component with itself, as a matrix of hypre; nothing of it is there twice at the end."""
+    petsc = _petsc()
+    with together(share.comm):
+        _require_room(3 * len(full.columns), "multigrid")
+        rows = _component_rows(full.indptr, full.columns, full.places, matrix.data)
+        _require_definite(share, matrix, rows[2], "multigrid")
+    csr = tuple(np.asarray(part, kind) for part, kind in zip(rows, (petsc.IntType, petsc.IntType, float)))
+    scalar = petsc.Mat().createAIJWithArrays(_sizes(share), csr, comm=comm)
+    operator = scalar.convert("hypre", petsc.Mat())
+    scalar.destroy()
+    operator.setBlockSize(3)
+    return operator
+
+
+def _upper_rows_matrix(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, comm):
+    """The upper triangle, by rows, as PETSc and MUMPS want it of a symmetric matrix."""
+    petsc = _petsc()
+    with together(share.comm):
+        _require_room(9 * len(full.columns), "MUMPS")
+        rows = _upper_rows(full.indptr, full.columns, full.places, matrix.data, share.own.start)
+        _require_definite(share, matrix, rows[2], "MUMPS")
+    csr = tuple(np.asarray(part, kind) for part, kind in zip(rows, (petsc.IntType, petsc.IntType, float)))
+    upper = petsc.Mat().createSBAIJ(_sizes(share), 1, csr=csr, comm=comm)
+    upper.setOption(petsc.Mat.Option.SPD, True)
+    return upper
+
+
+def _sizes(share: DistributedPattern):
+    """Sizes of a matrix for PETSc: own rows and all, and the same of columns."""
+    size = (3 * share.n_own, 3 * int(share.starts[-1]))
+    return size, size
+
+
+def _require_room(n_entries: int, what: str) -> None:
+    """Refuse more entries on one process than the integers of PETSc can count."""
+    if n_entries > np.iinfo(_petsc().IntType).max:
+        raise InputError(
+            f"{what}: {n_entries:,} entries on one process are more than this PETSc can count; take more processes, "
+            "or a PETSc with 64-bit indices"
+        )
+
+
+def _require_definite(share: DistributedPattern, matrix: BlockMatrix, values: np.ndarray, what: str) -> None:
+    """Refuse entries that are not finite and diagonals that are not positive, which these engines do not look for."""
+    diagonal = np.einsum("ncc->nc", matrix.data[share.indptr[1 : share.n_own + 1] - 1])
+    if np.isfinite(values.sum()) and (diagonal > 0.0).all():
+        return
+    row = share.own.start + int(np.argmin((diagonal > 0.0).all(axis=1))) + 1
+    raise MovementError(
+        f"{what}: the matrix is not positive definite, or not finite, at or beside block row {row}; "
+        "look for an inverted or collapsed element there, or for a point that nothing holds"
+    )
+
+
+@njit(cache=True)
+def _component_rows(indptr, columns, places, data):
+    """Scalar rows of the diagonals of all blocks: starts, columns and values."""
+    n = len(indptr) - 1
+    starts, of = np.empty(3 * n + 1, np.int32), np.empty(3 * len(columns), np.int32)
+    values, end = np.empty(3 * len(columns)), 0
+    starts[0] = 0
+    for row in range(n):
+        for r in range(3):
+            for entry in range(indptr[row], indptr[row + 1]):
+                place = places[entry]
+                of[end], values[end] = 3 * columns[entry] + r, data[place if place >= 0 else -1 - place, r, r]
+                end += 1
+            starts[3 * row + r + 1] = end
+    return starts, of, values
+
+
+@njit(cache=True)
+def _upper_rows(indptr, columns, places, data, first):
+    """Scalar rows of the upper triangle, of own block rows from ``first``: starts, columns and values."""
+    n, size = len(indptr) - 1, 0
+    for row in range(n):
+        for entry in range(indptr[row], indptr[row + 1]):
+            size += 0 if columns[entry] < first + row else 6 if columns[entry] == first + row else 9
+    starts, of, values, end = np.empty(3 * n + 1, np.int32), np.empty(size, np.int32), np.empty(size), 0
+    starts[0] = 0
+    for row in range(n):
+        for r in range(3):
+            for entry in range(indptr[row], indptr[row + 1]):
+                column, place = columns[entry], places[entry]
+                for c in range(3 if column < first + row else r if column == first + row else 0, 3):
+                    of[end] = 3 * column + c
+                    values[end] = data[place, r, c] if place >= 0 else data[-1 - place, c, r]
+                    end += 1
+            starts[3 * row + r + 1] = end
+    return starts, of, values

@@ -1,0 +1,1 @@
+"""The paper: B-spline volumes fitted to a grid, control points moved, the grid regenerated, with derivatives."""

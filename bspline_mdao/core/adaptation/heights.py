@@ -1,0 +1,56 @@
+"""A loss that keeps the heights of the first cells at walls: nothing near those of the baseline, steep at a tolerance.
+
+    loss = sum_n ((h_n / h_n0 - 1) / (0.9 tolerance))^12
+
+Theory: ``docs/theory/adaptation.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...grids.cells.first_cells import FirstCells
+
+__all__ = ["HeightLoss"]
+
+WEIGHT, POWER, INSIDE = 1.0, 12, 0.9
+"""Factor and power of the loss, and the part of the tolerance at which one height costs the factor."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeightLoss:
+    """The loss.
+
+    Parameters
+    ----------
+    first_cells : FirstCells
+        The first cells, with their heights on the baseline.
+    tolerance : float
+        By how much heights may change, relative to those of the baseline.
+    """
+
+    first_cells: FirstCells
+    tolerance: float
+
+    def add(self, nodes: np.ndarray, nodes_bar: np.ndarray) -> float:
+        """Loss of a grid, its derivative added to that of all else.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes of all blocks (m).
+        nodes_bar : ndarray, shape (n_nodes, 3)
+            What the derivative with respect to the nodes is added to.
+
+        Returns
+        -------
+        float
+        """
+        if not self.first_cells.at.size:
+            return 0.0
+        limit = INSIDE * self.tolerance
+        off = (self.first_cells.ratios(nodes) - 1.0) / limit
+        self.first_cells.ratios_vjp(nodes, WEIGHT * POWER / limit * off ** (POWER - 1), nodes_bar)
+        return float(WEIGHT * np.sum(off**POWER))

@@ -1,0 +1,83 @@
+"""Raise the worst cells of a grid by moving interior control points; the surface stays.
+
+Theory: ``docs/theory/adaptation.rst``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from ...errors import InputError
+from ..design.interior_points import InteriorPoints
+from ..model.fitted_model import FittedModel
+from .improvement import Improvement
+from .search import Search
+
+__all__ = ["improve_grid"]
+
+SHARPNESS = (10.0, 30.0, 100.0, 300.0)
+"""Sharpness of the smooth minimum in the rounds: the last one is off by a few hundredths of the ratio of Q."""
+
+ITERATIONS = 60
+"""Iterations of a round, at most."""
+
+
+def improve_grid(
+    model: FittedModel,
+    *,
+    reach: float = 0.4,
+    height_tolerance: float = 0.01,
+    sliding: str | Sequence[str] = (),
+    iterations: int = ITERATIONS,
+    progress: Callable[[float, str], None] | None = None,
+) -> Improvement:
+    """Raise the worst cells of every block of a grid at fixed surface.
+
+    The worst Q of no block falls, nor does the smallest corner of the grid, and no cell is inverted that was valid.
+    Nodes of walls, of the far field and of undeclared faces stay to the last bit, those of symmetry planes slide in
+    them, and heights of first cells at walls stay within a tolerance.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid. What the splines miss of it is carried along as it is.
+    reach : float
+        How far control points may go, by the distance to their nearest neighbours; below 0.5.
+    height_tolerance : float
+        By how much the heights of first cells at walls may change, relative to what they are.
+    sliding : str or sequence of str
+        Planar patches whose nodes slide in their planes, beside symmetry planes.
+    iterations : int
+        Iterations in each of the four rounds, at most.
+    progress : callable, optional
+        Called with the fraction done and what is being done.
+
+    Returns
+    -------
+    Improvement
+        With the grid that was given, and the reason, where nothing could be improved.
+
+    Raises
+    ------
+    InputError
+        If an option cannot be used, no control point may move, or the grid has no cells.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid, onera_m6_grid
+    >>> found = improve_grid(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 6, 5)), iterations=10)
+    >>> found.after.q_min >= found.before.q_min
+    True
+    """
+    if not 0.0 < height_tolerance < 1.0:
+        raise InputError(f"improve: height_tolerance is {height_tolerance}; give a number between 0 and 1")
+    if iterations < 1:
+        raise InputError(f"improve: iterations is {iterations}; give 1 or more")
+    started = time.perf_counter()
+    search = Search(model, InteriorPoints("interior", reach=reach, sliding=sliding).bind(model), height_tolerance)
+    for number, sharpness in enumerate(SHARPNESS):
+        if progress is not None:
+            progress(number / len(SHARPNESS), f"round {number + 1} of {len(SHARPNESS)}")
+        search.run_round(sharpness, iterations)
+    return search.result(time.perf_counter() - started)

@@ -1,0 +1,112 @@
+"""A smooth loss that falls as the worst cells of every block get better.
+
+    g(Q) = asinh(Q / 0.001),    t_b = KS_rho(g of the cells of block b) - its value at the start,
+    loss = sum_b  -t_b + kappa s ln(1 + exp(-t_b / s)) - 0.3 (mean Q of the cells)
+
+The change of variable makes a gain of the same ratio worth the same whatever Q is, through zero as well, since Q is a
+product of eight corners. The second term charges blocks that get worse twenty times what others gain; the third keeps
+other cells from paying for the worst ones more than they have to.
+
+Theory: ``docs/theory/adaptation.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...grids.cells.aggregates import KreisselmeierSteinhauser
+
+__all__ = ["MEAN", "WIDTH", "WorstCells", "price", "price_slope", "stretched"]
+
+SMALL = 1e-3
+"""Q below which gains count by their difference, not by their ratio."""
+
+PRICE, WIDTH = 20.0, 5e-3
+"""What a block that gets worse costs, by what it loses, and the width of the transition."""
+
+
+MEAN = 0.3
+"""What the mean Q of the cells of a block counts, beside the gain of its worst."""
+
+
+def stretched(q: np.ndarray) -> np.ndarray:
+    """Return ``asinh(Q / 0.001)``; complex-safe."""
+    return np.arcsinh(q / SMALL)
+
+
+@dataclass(frozen=True, eq=False)
+class WorstCells:
+    """The loss. Made by `WorstCells.at`.
+
+    Parameters
+    ----------
+    groups : tuple of ndarray of int
+        Numbers of the cells of every block that count.
+    rule : KreisselmeierSteinhauser
+        Smooth smallest number.
+    start : tuple of float
+        What the rule makes of each group at the start.
+    mean : float
+        What the mean Q of the cells of a block counts.
+    """
+
+    groups: tuple[np.ndarray, ...]
+    rule: KreisselmeierSteinhauser
+    start: tuple[float, ...]
+    mean: float = MEAN
+
+    @classmethod
+    def at(cls, q: np.ndarray, groups: Sequence[np.ndarray], sharpness: float, mean: float = MEAN) -> WorstCells:
+        """Make the loss.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n_cells,)
+            Q of every cell at the start.
+        groups : sequence of ndarray of int
+            Numbers of the cells that count, block by block; a block without such is left out.
+        sharpness : float
+            Of the smooth minimum: it is below the smallest ``g`` by at most ln(n) / sharpness.
+        mean : float
+            What the mean Q of the cells of a block counts.
+
+        Returns
+        -------
+        WorstCells
+        """
+        rule, kept = KreisselmeierSteinhauser(sharpness), tuple(ids for ids in groups if len(ids))
+        return cls(kept, rule, tuple(rule.value(rule.part(stretched(q[ids]))) for ids in kept), mean)
+
+    def value(self, q: np.ndarray) -> float:
+        """Loss of a grid from Q of every cell, shape (n_cells,); complex-safe."""
+        gains = zip(self.groups, self._gains(q))
+        return sum(price(gain) - gain - self.mean * q[ids].mean() for ids, gain in gains)
+
+    def gradient(self, q: np.ndarray) -> np.ndarray:
+        """Derivative of `value` with respect to Q of every cell, shape (n_cells,)."""
+        bar = np.zeros_like(q)
+        for ids, start, gain in zip(self.groups, self.start, self._gains(q)):
+            own = q[ids]
+            weights = self.rule.weights(stretched(own), gain + start)
+            slope = (price_slope(gain) - 1.0) * weights / np.hypot(own, SMALL)
+            bar[ids] = slope - self.mean / len(ids)
+        return bar
+
+    def _gains(self, q):
+        """What every block has gained."""
+        parts = (self.rule.value(self.rule.part(stretched(q[ids]))) for ids in self.groups)
+        return [value - start for value, start in zip(parts, self.start)]
+
+
+def price(gain):
+    """Price of what a gain lacks to be positive, zero from some `WIDTH` on; complex-safe, and it does not overflow."""
+    low = min(0.0, np.real(gain))
+    return PRICE * (WIDTH * np.log(np.exp(low / WIDTH) + np.exp((low - gain) / WIDTH)) - low)
+
+
+def price_slope(gain: float) -> float:
+    """Derivative of `price`."""
+    return -PRICE / (1.0 + np.exp(min(gain / WIDTH, 700.0)))

@@ -1,0 +1,297 @@
+"""STEP and IGES files by OpenCascade: the names of patches go with the faces, and the unit is the file's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...errors import InputError
+from .opencascade import MILLIMETRES, compound, free_edges, require_opencascade, sub_shapes
+
+__all__ = ["SUFFIXES", "UNITS", "CadShape", "check_cad_name", "read_cad", "read_shape", "write_shape"]
+
+SUFFIXES = {".step": "STEP", ".stp": "STEP", ".iges": "IGES", ".igs": "IGES"}
+"""Format by suffix."""
+
+UNITS = {"m": "M", "mm": "MM", "in": "INCH", "ft": "FT"}
+"""Units of length of files, with the names that OpenCascade has for them."""
+
+FACES_WITH_EDGES = 1
+"""IGES: faces with the edges that they share (entities 186 and 514), not each with curves of its own (144)."""
+
+
+@dataclass(frozen=True, eq=False)
+class CadShape(OneLine):
+    """What is in a CAD file. Made by `read_cad`.
+
+    Parameters
+    ----------
+    n_faces, n_shells, n_solids : int
+        How many there are.
+    names : tuple of str
+        Names of the faces that have one.
+    is_valid : bool
+        Whether OpenCascade finds nothing wrong: curves on their surfaces, closed wires, shells whose faces agree.
+    free_edges : tuple of ndarray, each of shape (9, 3)
+        Points (m) of every edge that only one face has.
+    shape : TopoDS_Shape
+        OpenCascade's own object, in millimetres.
+
+    Examples
+    --------
+    >>> from bspline_mdao import read_cad
+    >>> wing = read_cad("wing.step")  # doctest: +SKIP
+    >>> wing.names, wing.is_valid, len(wing.free_edges)  # doctest: +SKIP
+    (('wing_lower', 'wing_upper'), True, 2)
+    """
+
+    n_faces: int
+    n_shells: int
+    n_solids: int
+    names: tuple[str, ...]
+    is_valid: bool
+    free_edges: tuple[np.ndarray, ...]
+    shape: Any
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether no edge is free."""
+        return not self.free_edges
+
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """Distances (m), shape (n,), of points, shape (n, 3), in metres, from the faces, by projection on them.
+
+        OpenCascade projects point by point, in about a millisecond for each face that is near.
+        """
+        from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
+        from OCP.BRepExtrema import BRepExtrema_DistShapeShape
+        from OCP.gp import gp_Pnt
+
+        faces, found = compound(sub_shapes(self.shape, "face")), []
+        for point in (np.asarray(points, dtype=float) * MILLIMETRES).tolist():
+            vertex = BRepBuilderAPI_MakeVertex(gp_Pnt(*point)).Vertex()
+            found.append(BRepExtrema_DistShapeShape(vertex, faces).Value() / MILLIMETRES)
+        return np.array(found)
+
+
+def check_cad_name(path, units: str = "m") -> str:
+    """Return the format that the name of a file asks for, ``"STEP"`` or ``"IGES"``.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or the unit is unknown.
+    """
+    form = SUFFIXES.get(Path(path).suffix.lower())
+    if form is None:
+        raise InputError(f"{path}: no CAD file by its name; end it in {', '.join(SUFFIXES)}")
+    if units not in UNITS:
+        raise InputError(f"{path}: no unit is called '{units}'; choose one of {', '.join(UNITS)}")
+    return form
+
+
+def write_shape(
+    path, form: str, shape: Any, faces: Sequence[Any], names: Sequence[str], title: str, units: str
+) -> None:
+    """Write a shape, with a name for each of its faces.
+
+    Parameters
+    ----------
+    path : path-like
+        File to make.
+    form : {"STEP", "IGES"}
+        Its format.
+    shape : TopoDS_Shape
+        The shape (mm).
+    faces : sequence of TopoDS_Face
+        Faces of it.
+    names : sequence of str
+        Their names.
+    title : str
+        Name of the shape.
+    units : str
+        Unit of the file, one of `UNITS`.
+
+    Raises
+    ------
+    InputError
+        If OpenCascade cannot write it.
+    """
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDataStd import TDataStd_Name
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+    document = _document()
+    tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    label = tool.AddShape(shape, False)
+    TDataStd_Name.Set_s(label, TCollection_ExtendedString(title, True))
+    for face, name in zip(faces, names):
+        of_face = tool.AddSubShape(label, face)
+        TDataStd_Name.Set_s(of_face, TCollection_ExtendedString(name, True))
+    writer = _step_writer(UNITS[units]) if form == "STEP" else _iges_writer(UNITS[units])
+    with _quiet():
+        if not (writer.Transfer(document) and writer.Write(str(path)) in _done()):
+            raise InputError(f"{path}: OpenCascade could not write {form}; check that the disk has room")
+
+
+def _done() -> tuple:
+    """What writers and readers return when all went well."""
+    from OCP.IFSelect import IFSelect_ReturnStatus
+
+    return (IFSelect_ReturnStatus.IFSelect_RetDone, True)
+
+
+def _document() -> Any:
+    """Return an empty document, in millimetres."""
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDocStd import TDocStd_Document
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+    document = TDocStd_Document(TCollection_ExtendedString("MDTV-XCAF"))
+    XCAFDoc_DocumentTool.SetLengthUnit_s(document, 1.0 / MILLIMETRES)
+    return document
+
+
+def _step_writer(unit: str) -> Any:
+    from OCP.Interface import Interface_Static
+    from OCP.STEPCAFControl import STEPCAFControl_Writer
+
+    writer = STEPCAFControl_Writer()  # it declares the parameters that are set next
+    Interface_Static.SetCVal_s("write.step.unit", unit)
+    Interface_Static.SetIVal_s("write.stepcaf.subshapes.name", 1)
+    writer = STEPCAFControl_Writer()
+    writer.SetNameMode(True)
+    return writer
+
+
+def _iges_writer(unit: str) -> Any:
+    from OCP.IGESCAFControl import IGESCAFControl_Writer
+    from OCP.IGESControl import IGESControl_Controller
+    from OCP.Interface import Interface_Static
+
+    IGESControl_Controller.Init_s()
+    Interface_Static.SetCVal_s("write.iges.unit", unit)
+    Interface_Static.SetIVal_s("write.iges.brep.mode", FACES_WITH_EDGES)
+    writer = IGESCAFControl_Writer()
+    writer.SetNameMode(True)
+    return writer
+
+
+class _quiet:
+    """OpenCascade prints on the terminal what it writes and reads; here it does not."""
+
+    def __enter__(self):
+        from OCP.Message import Message
+
+        messenger = Message.DefaultMessenger_s()
+        self._printers = list(messenger.Printers())
+        for printer in self._printers:
+            messenger.RemovePrinter(printer)
+
+    def __exit__(self, *error):
+        from OCP.Message import Message
+
+        for printer in self._printers:
+            Message.DefaultMessenger_s().AddPrinter(printer)
+
+
+def read_cad(path) -> CadShape:
+    """Read a CAD file by OpenCascade, and look at what is in it.
+
+    Parameters
+    ----------
+    path : path-like
+        A STEP or IGES file.
+
+    Returns
+    -------
+    CadShape
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or OpenCascade is not installed.
+
+    Examples
+    --------
+    >>> from bspline_mdao import read_cad
+    >>> read_cad("wing.step").distances([[0.5, 0.1, 0.2]])  # of points (m), by projection  # doctest: +SKIP
+    array([0.05130114])
+    """
+    form = check_cad_name(path)
+    require_opencascade()
+    if not Path(path).is_file():
+        raise InputError(f"{path}: no such file; check the name")
+    return read_shape(path, form)
+
+
+def read_shape(path, form: str) -> CadShape:
+    """Read a file of a format, ``"STEP"`` or ``"IGES"``, whatever it is called; see `read_cad`."""
+    reader, document = _reader(form), _document()
+    with _quiet():
+        if reader.ReadFile(str(path)) not in _done() or not reader.Transfer(document):
+            raise InputError(f"{path}: OpenCascade cannot read it as {form}; check that it is complete")
+    shape, names = _contents(document)
+    faces = sub_shapes(shape, "face")
+    if not faces:
+        raise InputError(f"{path}: no face is in it; name a file of surfaces")
+    return CadShape(
+        n_faces=len(faces),
+        n_shells=len(sub_shapes(shape, "shell")),
+        n_solids=len(sub_shapes(shape, "solid")),
+        names=tuple(names),
+        is_valid=_is_valid(shape),
+        free_edges=tuple(free_edges(shape)),
+        shape=shape,
+    )
+
+
+def _reader(form: str) -> Any:
+    if form == "STEP":
+        from OCP.Interface import Interface_Static
+        from OCP.STEPCAFControl import STEPCAFControl_Reader
+
+        reader = STEPCAFControl_Reader()
+        Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
+        reader = STEPCAFControl_Reader()
+        reader.SetNameMode(True)
+        return reader
+    from OCP.IGESCAFControl import IGESCAFControl_Reader
+
+    reader = IGESCAFControl_Reader()
+    reader.SetNameMode(True)
+    return reader
+
+
+def _is_valid(shape: Any) -> bool:
+    from OCP.BRepCheck import BRepCheck_Analyzer
+
+    return bool(BRepCheck_Analyzer(shape).IsValid())
+
+
+def _contents(document: Any) -> tuple[Any, list[str]]:
+    """Shape of all that a document holds, and the names of faces in it."""
+    from OCP.collections import Sequence_TDF_Label
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
+
+    tool, roots, names = XCAFDoc_DocumentTool.ShapeTool_s(document.Main()), Sequence_TDF_Label(), []
+    tool.GetFreeShapes(roots)
+    shapes = []
+    for number in range(1, roots.Length() + 1):
+        root, parts = roots.Value(number), Sequence_TDF_Label()
+        shapes.append(XCAFDoc_ShapeTool.GetShape_s(root))
+        XCAFDoc_ShapeTool.GetSubShapes_s(root, parts)
+        names += [_name(parts.Value(part)) for part in range(1, parts.Length() + 1)]
+    return (shapes[0] if len(shapes) == 1 else compound(shapes)), sorted(name for name in names if name)
+
+
+def _name(label: Any) -> str:
+    from OCP.TDataStd import TDataStd_Name
+
+    name = TDataStd_Name()
+    return name.Get().ToExtString() if label.FindAttribute(TDataStd_Name.GetID_s(), name) else ""

@@ -1,0 +1,201 @@
+"""Surfaces as faces, shells and solids of OpenCascade. Lengths are millimetres there, whatever the file says.
+
+What is imported from OpenCascade is imported when it is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...base.extras import library
+from .tensor_surface import TensorSurface
+
+__all__ = [
+    "MILLIMETRES",
+    "SEWING",
+    "compound",
+    "free_edges",
+    "require_opencascade",
+    "sewn_shape",
+    "sub_shapes",
+    "to_face",
+]
+
+MILLIMETRES = 1000.0
+"""OpenCascade's own unit of length, by metres."""
+
+SEWING = 1e-7
+"""Distance at which edges are one, relative to the size of the surface: those of neighbours differ by round-off, and
+by that of their knots where grids in single precision were fitted."""
+
+COLLAPSED = 1e-9
+"""Length of an edge, relative to the size of the surface, that has collapsed to a point."""
+
+PER_EDGE = 9
+"""Points that a free edge is told by."""
+
+
+def require_opencascade() -> None:
+    """Refuse to go on without OpenCascade.
+
+    Raises
+    ------
+    InputError
+        If it is not installed.
+    """
+    library("OCP", "CAD files need OpenCascade", "cad")
+
+
+def to_face(surface: TensorSurface, size: float) -> Any:
+    """Make a face of a surface, with all of its edges; those that have collapsed are marked as degenerate.
+
+    Parameters
+    ----------
+    surface : TensorSurface
+        The surface (m).
+    size : float
+        Size of all surfaces together (m).
+
+    Returns
+    -------
+    TopoDS_Face
+    """
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
+    from OCP.Geom import Geom_BSplineSurface
+
+    poles, knots = _poles(surface.control_points * MILLIMETRES), [_knots(k.knots) for k in surface.knots]
+    degrees = [k.order - 1 for k in surface.knots]
+    (u, u_counts), (v, v_counts) = knots
+    made = Geom_BSplineSurface(poles, u, v, u_counts, v_counts, *degrees)
+    return BRepBuilderAPI_MakeFace(made, COLLAPSED * size * MILLIMETRES).Face()
+
+
+def _poles(points: np.ndarray) -> Any:
+    """Control points, shape (N_u, N_v, 3), one by one: OpenCascade takes no array."""
+    from OCP.collections import Array2_gp_Pnt
+    from OCP.gp import gp_Pnt
+
+    n_u, n_v = points.shape[:2]
+    poles = Array2_gp_Pnt(1, n_u, 1, n_v)
+    for (i, j), point in zip(np.ndindex(n_u, n_v), points.reshape(-1, 3).tolist()):
+        poles.SetValue(i + 1, j + 1, gp_Pnt(*point))
+    return poles
+
+
+def _knots(knots: np.ndarray) -> tuple[Any, Any]:
+    """Knots, each once, and how often each is there."""
+    from OCP.collections import Array1_double, Array1_int
+
+    values, counts = np.unique(knots, return_counts=True)
+    arrays = Array1_double(1, len(values)), Array1_int(1, len(values))
+    for at, (value, count) in enumerate(zip(values.tolist(), counts.tolist()), start=1):
+        arrays[0].SetValue(at, value)
+        arrays[1].SetValue(at, count)
+    return arrays
+
+
+def sewn_shape(faces: Sequence[Any], gap: float) -> tuple[Any, list[Any]]:
+    """Sew faces along their common edges: a solid where nothing is left open, otherwise shells.
+
+    Parameters
+    ----------
+    faces : sequence of TopoDS_Face
+        The faces.
+    gap : float
+        Distance (m) up to which edges are one.
+
+    Returns
+    -------
+    shape : TopoDS_Shape
+        The solid, the shell, or several of them in a compound.
+    faces : list of TopoDS_Face
+        What became of every face.
+    """
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Sewing
+
+    sewing = BRepBuilderAPI_Sewing(gap * MILLIMETRES)
+    for face in faces:
+        sewing.Add(face)
+    sewing.Perform()
+    shape = sewing.SewedShape()
+    sewn = [sewing.ModifiedSubShape(face) for face in faces]
+    shells = sub_shapes(shape, "shell")
+    if len(shells) == 1 and not free_edges(shape):
+        return _solid(shells[0]), sewn
+    is_shell = len(shells) == 1 and len(sub_shapes(shells[0], "face")) == len(faces)
+    return (shells[0] if is_shell else compound([shape])), sewn  # a face alone would have no part to name
+
+
+def compound(shapes: Sequence[Any]) -> Any:
+    """Put shapes into one."""
+    from OCP.BRep import BRep_Builder
+    from OCP.TopoDS import TopoDS_Compound
+
+    builder, made = BRep_Builder(), TopoDS_Compound()
+    builder.MakeCompound(made)
+    for shape in shapes:
+        builder.Add(made, shape)
+    return made
+
+
+def _solid(shell: Any) -> Any:
+    """Make the solid inside a closed shell."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid
+    from OCP.BRepLib import BRepLib
+    from OCP.TopoDS import TopoDS
+
+    solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell(shell)).Solid()
+    BRepLib.OrientClosedSolid_s(solid)
+    return solid
+
+
+def sub_shapes(shape: Any, kind: str) -> list[Any]:
+    """List the faces, edges, shells or solids of a shape, each once."""
+    from OCP.collections import IndexedMap_TopoDS_Shape_TopTools_ShapeMapHasher as ShapeMap
+    from OCP.TopExp import TopExp
+
+    found = ShapeMap()
+    TopExp.MapShapes_s(shape, _kind(kind), found)
+    return [found.FindKey(number) for number in range(1, found.Extent() + 1)]
+
+
+def _kind(name: str) -> Any:
+    from OCP.TopAbs import TopAbs_ShapeEnum
+
+    return getattr(TopAbs_ShapeEnum, f"TopAbs_{name.upper()}")
+
+
+def free_edges(shape: Any) -> list[np.ndarray]:
+    """Points, shape (9, 3), in metres, of every edge that only one face has; degenerate edges do not count.
+
+    Parameters
+    ----------
+    shape : TopoDS_Shape
+        The shape.
+
+    Returns
+    -------
+    list of ndarray
+    """
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepAdaptor import BRepAdaptor_Curve
+    from OCP.collections import (
+        IndexedDataMap_TopoDS_Shape_List_TopoDS_Shape_TopTools_ShapeMapHasher as FacesOfEdges,
+    )
+    from OCP.TopAbs import TopAbs_ShapeEnum
+    from OCP.TopExp import TopExp
+    from OCP.TopoDS import TopoDS
+
+    pairs, found = FacesOfEdges(), []
+    TopExp.MapShapesAndUniqueAncestors_s(shape, TopAbs_ShapeEnum.TopAbs_EDGE, TopAbs_ShapeEnum.TopAbs_FACE, pairs)
+    for number in range(1, pairs.Extent() + 1):
+        edge, faces = TopoDS.Edge(pairs.FindKey(number)), pairs.FindFromIndex(number)
+        is_seam = faces.Size() == 1 and BRep_Tool.IsClosed_s(edge, TopoDS.Face(faces.First()))
+        if faces.Size() == 1 and not is_seam and not BRep_Tool.Degenerated_s(edge):
+            curve = BRepAdaptor_Curve(edge)
+            at = np.linspace(curve.FirstParameter(), curve.LastParameter(), PER_EDGE)
+            found.append(np.array([curve.Value(t).Coord() for t in at.tolist()]) / MILLIMETRES)
+    return found

@@ -1,0 +1,167 @@
+"""Maps of points along a reference axis: sections multiplied in their planes, and shifted as wholes.
+
+The variables of `bspline_mdao.core.design.planform` are made of them. Theory: ``docs/theory/parametrization.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from .reference_axis import AttachedRows, StationSpline
+from .variable import MapPartials, rates_of
+
+__all__ = ["SectionMap", "ShiftMap", "along_vectors"]
+
+
+@dataclass(frozen=True, eq=False)
+class SectionMap:
+    """Multiply places in the planes of sections, about the axis as it is, by a matrix of an amount per section."""
+
+    # Row x with the axis point c, the axes E (2 x 3) of its section and the amount a moves to ``x + E^T (M(a) - 1) E (x
+    # - c)``.
+
+    neutral: float  # amount, and value, at which nothing moves
+    attached: AttachedRows  # the rows, attached to the axis
+    axes: np.ndarray  # (n_rows, 2, 3), two orthonormal directions in the plane of each row's section
+    spline: csr_array  # (n_rows, n_values), amounts of sections, less the neutral one, of values less the neutral one
+    # matrices, shape (n_rows, 2, 2), of amounts, shape (n_rows,); complex-safe
+    matrices: Callable[[np.ndarray], np.ndarray]
+
+    @property
+    def initial(self) -> np.ndarray:
+        """Values at which nothing moves, shape (n_values,)."""
+        return np.full(self.spline.shape[1], self.neutral)
+
+    def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Move all rows, shape (n_rows, 3), in metres."""
+        changes = self.matrices(self._amounts(values)) - np.eye(2)
+        return points + self._in_space(np.einsum("nij,nj->ni", changes, self._in_plane(points)))
+
+    def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
+        """Differentiate `apply`."""
+        amounts = self._amounts(values)
+        changes = self.axes.swapaxes(1, 2) @ (self.matrices(amounts) - np.eye(2)) @ self.axes
+        rates = rates_of(self.matrices, amounts)
+        moved = self._in_space(np.einsum("nij,nj->ni", rates, self._in_plane(points)))
+        return MapPartials(self._points_jacobian(changes), along_vectors(moved, self.spline))
+
+    def _amounts(self, values: np.ndarray) -> np.ndarray:
+        return self.neutral + self.spline @ (values - self.neutral)
+
+    def _in_plane(self, points: np.ndarray) -> np.ndarray:
+        """Coordinates about the axis in the plane of the section, shape (n_rows, 2)."""
+        return np.einsum("nij,nj->ni", self.axes, points - self.attached.centres(points))
+
+    def _in_space(self, local: np.ndarray) -> np.ndarray:
+        return np.einsum("nij,ni->nj", self.axes, local)
+
+    def _points_jacobian(self, changes: np.ndarray) -> csr_array:
+        """Derivative with respect to the row itself and to the points of the axis, of changes (n_rows, 3, 3)."""
+        weights, n = self.attached.weights.tocoo(), len(changes)
+        influenced = np.concatenate([np.arange(n), weights.row])
+        influences = np.concatenate([np.arange(n), self.attached.axis_rows[weights.col]])
+        d_axis = -weights.data[:, None, None] * changes[weights.row]
+        data = np.concatenate([np.eye(3) + changes, d_axis])
+        rows = np.broadcast_to(3 * influenced[:, None, None] + np.arange(3)[:, None], data.shape)
+        columns = np.broadcast_to(3 * influences[:, None, None] + np.arange(3), data.shape)
+        return csr_array((data.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * n, 3 * n))
+
+
+def along_vectors(
+    vectors: np.ndarray,
+    amounts: csr_array,
+) -> csr_array:  # (3 n_rows, n_values), xyz interleaved; entries that happen to be zero are kept
+    """Displacements along a vector per row, shape (n_rows, 3), of amounts, shape (n_rows, n_values)."""
+    entries = amounts.tocoo()
+    data = vectors[entries.row] * entries.data[:, None]
+    rows = 3 * entries.row[:, None] + np.arange(3)
+    shape = 3 * amounts.shape[0], amounts.shape[1]
+    return csr_array((data.ravel(), (rows.ravel(), np.repeat(entries.col, 3))), shape=shape)
+
+
+@dataclass(frozen=True, eq=False)
+class ShiftMap:
+    """Shift sections in one direction by the integral of a slope along the axis, from its first point on."""
+
+    # The slope is interpolated between stations. Over the segment i of the axis it has the mean ``sum_k B_ik m_k``,
+    # which counts for the length ``l_i`` of the segment along its path ``g_i`` as it is. Points of the axis move in the
+    # direction d by the sums up to them, and rows as the axis at their stations, with weights W: ``x_p + d sum_qi W_pq
+    # [i < q] l_i B_ik m_k``. So sections stay attached at their stations.
+
+    neutral: float  # value at which the slope is none
+    attached: AttachedRows  # the rows, attached to the axis
+    direction: np.ndarray  # (3,), in which sections are shifted
+    paths: np.ndarray  # (n_axis - 1, 3), unit vector for every segment of the axis, along which its length counts
+    spline: StationSpline  # between the values
+    slopes: Callable[[np.ndarray], np.ndarray]  # slopes, shape (n_values,), of values; complex-safe, one by one
+
+    @property
+    def initial(self) -> np.ndarray:
+        """Values at which nothing moves, shape (n_values,)."""
+        return np.full(self.spline.n_values, self.neutral)
+
+    def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Move all rows, shape (n_rows, 3), in metres."""
+        shifts = self._sums @ (self._lengths(points) * (self._means @ self.slopes(values)))
+        return points + shifts[:, None] * self.direction
+
+    def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
+        """Differentiate `apply`."""
+        rates = rates_of(self.slopes, values)
+        d_values = self._sums @ (self._lengths(points)[:, None] * self._means * rates)
+        d_points = (self._sums * (self._means @ self.slopes(values))) @ self._steps
+        return MapPartials(self._points_jacobian(d_points), self._matrix(d_values, self._influence_of_values))
+
+    def _lengths(self, points: np.ndarray) -> np.ndarray:
+        return np.sum(np.diff(points[self.attached.axis_rows], axis=0) * self.paths, axis=1)
+
+    @cached_property
+    def _means(self) -> np.ndarray:
+        """Mean influence of every value over every segment, shape (n_axis - 1, n_values)."""
+        knots = self.attached.knots
+        return np.diff(self.spline.integral(knots), axis=0) / np.diff(knots)[:, None]
+
+    @cached_property
+    def _sums(self) -> np.ndarray:
+        """Sums of the slopes over segments up to every row, as weights of shape (n_rows, n_axis - 1)."""
+        n = len(self.attached.knots)
+        return self.attached.weights @ np.tri(n, n - 1, -1)
+
+    @cached_property
+    def _steps(self) -> np.ndarray:
+        """Derivatives of the lengths of segments in the points of the axis, shape (n_axis - 1, 3 n_axis)."""
+        n = len(self.attached.knots)
+        differences = np.eye(n)[1:] - np.eye(n)[:-1]
+        return (differences[:, :, None] * self.paths[:, None]).reshape(n - 1, 3 * n)
+
+    @cached_property
+    def _influence_of_values(self) -> np.ndarray:
+        """Whether each row may depend on each value, shape (n_rows, n_values)."""
+        return (self._sums != 0.0) @ (self._means != 0.0)
+
+    @cached_property
+    def _influence_of_points(self) -> np.ndarray:
+        """Whether each row may depend on each coordinate of the axis, shape (n_rows, 3 n_axis)."""
+        return (self._sums != 0.0) @ (self._steps != 0.0)
+
+    def _points_jacobian(self, rates: np.ndarray) -> csr_array:
+        """Derivative of the rows with respect to the rows, from that of the shifts with respect to the axis."""
+        shifts = self._matrix(rates, self._influence_of_points).tocoo()
+        columns = (3 * self.attached.axis_rows[:, None] + np.arange(3)).ravel()
+        n = shifts.shape[0]
+        data = np.concatenate([np.ones(n), shifts.data])
+        rows, columns = np.append(np.arange(n), shifts.row), np.append(np.arange(n), columns[shifts.col])
+        return csr_array((data, (rows, columns)), shape=(n, n))
+
+    def _matrix(self, rates: np.ndarray, influence: np.ndarray) -> csr_array:
+        """Displacements of shifts of rates (n_rows, n), with entries wherever there may be an influence."""
+        coordinates = np.flatnonzero(self.direction)
+        shifted, sources = np.nonzero(influence)
+        data = rates[shifted, sources][:, None] * self.direction[coordinates]
+        rows, columns = 3 * shifted[:, None] + coordinates, np.repeat(sources, len(coordinates))
+        return csr_array((data.ravel(), (rows.ravel(), columns)), shape=(3 * len(rates), rates.shape[1]))

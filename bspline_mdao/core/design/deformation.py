@@ -1,0 +1,381 @@
+"""Deformations of the surface points of a mesh: maps of points one after the other, planes of symmetry kept.
+
+Each map is a frozen dataclass with an ``amount`` (an angle in radians, a factor or a height in metres) and one method
+``apply``. A map moves every point by itself, by a formula that holds for complex numbers too, so that complex steps
+give all derivatives exactly: with respect to the points and to the amount, `jvp`, `vjp` and `amount_jvp`. What the
+maps do to wing sections is in `section_formulas`, which the design variables of `planform` share. Theory:
+``docs/theory/deformations.rst``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...errors import InputError
+from ..mesh.frame import Frame, Plane
+from ..mesh.moving_mesh import MovingMesh
+from ..movement.mover import PLANE_TOLERANCE
+from .section_formulas import rotation, scaling, shear
+
+__all__ = [
+    "Bend",
+    "Bumps",
+    "Deformation",
+    "Pitch",
+    "PointMap",
+    "PrescribedPoints",
+    "RotateSections",
+    "ScaleChord",
+    "ScaleThickness",
+    "ShearDownstream",
+    "ShearUpwards",
+    "Stretch",
+    "Translate",
+    "amount_jvp",
+    "jvp",
+    "random_bumps",
+    "vjp",
+]
+
+_N_WAVES = 32
+"""Waves that bumps are made of: enough that no direction stands out."""
+
+_STEP = 1e-40
+"""Complex step: as nothing is subtracted, it may be so small that its square vanishes beside one."""
+
+_SMALL = 1e-2
+"""Angle (rad) below which sin(a) / a and (1 - cos(a)) / a are their series, which are good to round-off there and need
+no division by zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation(OneLine):
+    """New places for the surface points of a mesh."""
+
+    mesh: MovingMesh  # the control mesh whose surface is deformed
+    maps: tuple[PointMap, ...]  # maps of the points, applied one after the other
+
+    def apply(
+        self,
+        points: np.ndarray,  # (n_surface, 3), surface points (m), in the order of ``mesh.surface_ids``
+    ) -> np.ndarray:  # (n_surface, 3), moved points (m). Those on planes of symmetry are exactly in them
+        """Move surface points."""
+        if points.shape != (len(self.mesh.surface_ids), 3):
+            raise InputError(
+                f"deformation: surface points of shape {points.shape}; give shape ({len(self.mesh.surface_ids)}, 3)"
+            )
+        moved = points
+        for point_map in self.maps:
+            moved = point_map.apply(moved)
+        return self._keep_in_planes(points, moved)
+
+    def apply_to_nodes(
+        self,
+        nodes: np.ndarray,  # (n, 3), nodes of the surface (m), such as those of a `bspline_mdao.SurfaceGrid`
+        # nodes on planes of symmetry, and the planes' unit normals
+        planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+    ) -> np.ndarray:  # (n, 3), moved nodes (m). Those on the planes stay exactly in them
+        """Move nodes of the surface as its control points are moved."""
+        displacement = reduce(lambda points, point_map: point_map.apply(points), self.maps, nodes) - nodes
+        for ids, normal in planes:
+            displacement[ids] -= np.outer(displacement[ids] @ normal, normal)
+        return nodes + displacement
+
+    def jvp(self, points: np.ndarray, d_points: np.ndarray) -> np.ndarray:
+        """Differentiate `apply` along a direction in the points, shape (n_surface, 3)."""
+        d_moved = d_points
+        for point_map in self.maps:
+            points, d_moved = point_map.apply(points), jvp(point_map, points, d_moved)
+        return d_points + self.slide(d_moved - d_points)
+
+    def vjp(self, points: np.ndarray, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `jvp`: shape (n_surface, 3), of shape (n_surface, 3)."""
+        before = [points]
+        for point_map in self.maps[:-1]:
+            before.append(point_map.apply(before[-1]))
+        slid = self.slide(bar)
+        points_bar = slid
+        for point_map, at in zip(self.maps[::-1], before[::-1]):
+            points_bar = vjp(point_map, at, points_bar)
+        return points_bar + bar - slid
+
+    def _keep_in_planes(self, points: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        """Refuse to leave a plane of symmetry, and take off round-off."""
+        rows, normals = self.mesh.in_plane_rows, self.mesh.in_plane_normals
+        off = np.abs(np.sum((moved - points)[rows] * normals, axis=1))
+        if len(rows) and off.max() > PLANE_TOLERANCE * self.mesh.size:
+            place = self.mesh.place_of_surface_point(rows[np.argmax(off)])
+            raise InputError(
+                f"deformation: {place} would leave its plane of symmetry by {off.max():.3g} "
+                f"m; choose one that keeps the plane"
+            )
+        kept = moved.copy()
+        kept[rows] = (points + self.slide(moved - points))[rows]
+        return kept
+
+    def slide(self, displacement: np.ndarray) -> np.ndarray:
+        """Take the normal part off displacements (n_surface, 3) of points on planes of symmetry; its own transpose."""
+        rows, normals = self.mesh.in_plane_rows, self.mesh.in_plane_normals
+        slid = displacement.copy()
+        np.subtract.at(slid, rows, np.sum(displacement[rows] * normals, axis=1)[:, None] * normals)
+        return slid
+
+
+class PointMap(Protocol):
+    """A dataclass that moves every point by itself, by an amount that may be replaced."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def amount(self) -> complex:
+        """Amount of the deformation: an angle (rad), a factor or a height (m)."""
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Moved points, shape (n, 3), of points, shape (n, 3), in metres."""
+
+
+def jvp(point_map: PointMap, points: np.ndarray, d_points: np.ndarray) -> np.ndarray:
+    """Differentiate a map along a direction in the points, shape (n, 3)."""
+    return point_map.apply(points + 1j * _STEP * d_points).imag / _STEP
+
+
+def vjp(point_map: PointMap, points: np.ndarray, bar: np.ndarray) -> np.ndarray:
+    """Transpose of `jvp`: cotangent of the points, shape (n, 3), of that of the moved points."""
+    columns = [jvp(point_map, points, np.broadcast_to(axis, points.shape)) for axis in np.eye(3)]
+    return np.stack([np.sum(column * bar, axis=1) for column in columns], axis=1)
+
+
+def amount_jvp(point_map: PointMap, points: np.ndarray) -> np.ndarray:
+    """Differentiate a map with respect to its amount; shape (n, 3)."""
+    return replace(point_map, amount=point_map.amount + 1j * _STEP).apply(points).imag / _STEP
+
+
+@dataclass(frozen=True)
+class InFrame(ABC):
+    """A map in coordinates along the stream, normal to it and along the span."""
+
+    # amount: see each map
+
+    frame: Frame  # directions of the surface
+    amount: float
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Moved points, shape (n, 3), of points, shape (n, 3), in metres."""
+        return self.frame.to_space(np.stack(self._moved(*self.frame.to_local(points).T), axis=1))
+
+    @abstractmethod
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stream, normal and span coordinates of the moved points, of those of the points."""
+
+
+class RotateSections(InFrame):
+    """Turn sections about the middle line, in proportion to the distance from the root."""
+
+    # ``amount`` is the angle at the tip (rad), upstream end up positive.
+
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        centre = self.frame.middle_at(span)
+        return *_about(centre, rotation(self.amount * span / self.frame.span), stream, normal), span
+
+
+@dataclass(frozen=True)
+class Pitch(InFrame):
+    """Turn the whole surface about an axis along the span."""
+
+    # ``amount`` is the angle (rad), upstream end up positive.
+
+    at: float = 0.25  # place of the axis between the upstream (0) and the downstream end (1) of the surface's box
+
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        centre = self.at * self.frame.chord, self.frame.middle_at(0.0)[1]
+        return *_about(centre, rotation(self.amount), stream, normal), span
+
+
+@dataclass(frozen=True)
+class Bend(InFrame):
+    """Bend the span upwards along an arc of a circle, and go on straight."""
+
+    # Sections stay at right angles to the bent span, lengths along the middle are kept. ``amount`` is the angle behind
+    # the arc (rad), upwards positive.
+
+    at: float = 0.7  # span fraction at which the arc begins
+    length: float = 0.15  # length of the arc as a fraction of the span
+
+    def height(self, normal: np.ndarray) -> np.ndarray:
+        """Height of normal coordinates (m) above the middle line where the arc begins."""
+        return normal - self.frame.middle_at(self.at * self.frame.span)[1]
+
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        start, length, height = self.at * self.frame.span, self.length * self.frame.span, self.height(normal)
+        on_arc, outboard = _clip(span - start, 0.0, length), _clip(span - start - length, 0.0, np.inf)
+        angle = self.amount * on_arc / length
+        up = on_arc * _versine_ratio(angle) + outboard * np.sin(angle) + height * (np.cos(angle) - 1.0)
+        out = _clip(span, -np.inf, start) + on_arc * _sine_ratio(angle) + outboard * np.cos(angle)
+        return stream, normal + up, out - height * np.sin(angle)
+
+
+class Stretch(InFrame):
+    """Scale the span from the root; ``amount`` is the factor."""
+
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return stream, normal, self.amount * span
+
+
+class ScaleChord(InFrame):
+    """Scale lengths along the stream about the middle line; ``amount`` is the factor."""
+
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return *_about(self.frame.middle_at(span), scaling(self.amount, 1.0), stream, normal), span
+
+
+class ScaleThickness(InFrame):
+    """Scale lengths normal to stream and span about the middle line; ``amount`` is the factor."""
+
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return *_about(self.frame.middle_at(span), scaling(1.0, self.amount), stream, normal), span
+
+
+class ShearDownstream(InFrame):
+    """Shear the surface downstream in proportion to the distance from the root; ``amount`` is the angle (rad)."""
+
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return stream + shear(self.amount) * span, normal, span
+
+
+class ShearUpwards(InFrame):
+    """Shear the surface upwards in proportion to the distance from the root; ``amount`` is the angle (rad)."""
+
+    def _moved(
+        self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return stream, normal + shear(self.amount) * span, span
+
+
+@dataclass(frozen=True, eq=False)
+class Translate:
+    """Move all points by ``amount`` times a vector, shape (3,), in metres."""
+
+    vector: np.ndarray
+    amount: float = 1.0
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Move points (n, 3), in metres."""
+        return points + self.amount * self.vector
+
+
+@dataclass(frozen=True, eq=False)
+class PrescribedPoints:
+    """Move points towards prescribed places, by the part ``amount`` of the way."""
+
+    points: np.ndarray  # (n, 3), new places (m)
+    amount: float = 1.0  # part of the way: 1 to the prescribed places, 0 leaves the points where they are
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Move points (n, 3), in metres."""
+        return self.amount * self.points + (1.0 - self.amount) * points
+
+
+@dataclass(frozen=True, eq=False)
+class Bumps:
+    """Move points by a smooth vector field of their place: a sum of plane waves."""
+
+    # A field moves both sides of a thin wing alike and keeps closed edges closed. Towards a plane of symmetry its
+    # normal component fades as ``1 - exp(-(d / reach)^2)`` with the distance d.
+
+    amount: float  # height (m)
+    # wave vectors (rad/m) and phases (rad)
+    waves: np.ndarray  # (n, 3) and (n,)
+    phases: np.ndarray  # (n, 3) and (n,)
+    directions: np.ndarray  # (n, 3), displacement at the crest of each wave, relative to the height
+    reach: float  # distance from a plane of symmetry over which bumps fade (m)
+    planes: tuple[Plane, ...] = ()  # planes of symmetry, at right angles or parallel to each other
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Move points (n, 3), in metres."""
+        field = np.cos(points @ self.waves.T + self.phases) @ self.directions
+        for plane in self.planes:
+            faded = np.exp(-(((points @ plane.normal - plane.offset) / self.reach) ** 2))
+            field = field - (faded * (field @ plane.normal))[:, None] * plane.normal
+        return points + self.amount * field
+
+
+def random_bumps(
+    points: np.ndarray,  # (n, 3), points of the surface (m)
+    height: float,  # largest displacement of these points (m)
+    wavelength: float,  # shortest wavelength (m); the longest is twice that
+    seed: int,  # seed of the random numbers
+    planes: tuple[Plane, ...] = (),  # planes of symmetry
+) -> Bumps:
+    """Draw random bumps."""
+    rng = np.random.default_rng(seed)
+    waves, directions = _directions(rng), _directions(rng)
+    waves *= 2.0 * np.pi / wavelength * rng.uniform(0.5, 1.0, (_N_WAVES, 1))
+    phases = rng.uniform(0.0, 2.0 * np.pi, _N_WAVES)
+    reach = 0.25 * wavelength
+    unit = Bumps(1.0, waves, phases, directions, reach, planes)
+    largest = np.linalg.norm(unit.apply(points) - points, axis=1).max()
+    if not largest > 0.0:
+        raise InputError("deformation: bumps move no point of this surface; all of it is on planes of symmetry")
+    return Bumps(height, waves, phases, directions / largest, reach, planes)
+
+
+def _directions(rng: np.random.Generator) -> np.ndarray:
+    """Directions that favour none, shape (n, 3)."""
+    vectors = rng.standard_normal((_N_WAVES, 3))
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def _about(
+    centre: Sequence[Any], matrix: np.ndarray, stream: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Apply matrices (..., 2, 2) to stream and normal coordinates about a centre."""
+    along, above = centre
+    x, y = stream - along, normal - above
+    return (
+        along + matrix[..., 0, 0] * x + matrix[..., 0, 1] * y,
+        above + matrix[..., 1, 0] * x + matrix[..., 1, 1] * y,
+    )
+
+
+def _clip(x: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Clip numbers, real or complex, to bounds on their real part."""
+    return np.where(x.real < low, low, np.where(x.real > high, high, x))
+
+
+def _sine_ratio(angle: np.ndarray) -> np.ndarray:
+    """Return sin(a) / a, 1 at zero."""
+    return _ratio(angle, np.sin, lambda a: 1.0 - a**2 / 6.0 * (1.0 - a**2 / 20.0 * (1.0 - a**2 / 42.0)))
+
+
+def _versine_ratio(angle: np.ndarray) -> np.ndarray:
+    """Return (1 - cos(a)) / a, 0 at zero."""
+    series = lambda a: a / 2.0 * (1.0 - a**2 / 12.0 * (1.0 - a**2 / 30.0 * (1.0 - a**2 / 56.0)))  # noqa: E731
+    return _ratio(angle, lambda a: 2.0 * np.sin(0.5 * a) ** 2, series)
+
+
+def _ratio(angle: np.ndarray, numerator: Callable, series: Callable) -> np.ndarray:
+    is_small = np.abs(angle) < _SMALL
+    return np.where(is_small, series(angle), numerator(angle) / np.where(is_small, 1.0, angle))

@@ -1,0 +1,118 @@
+"""Free-form deformation: displacements of the points of a lattice as design variables.
+
+Theory: ``docs/theory/free_form.rst``.
+
+References
+----------
+T. W. Sederberg and S. R. Parry, Free-form deformation of solid geometric models, *Computer Graphics (SIGGRAPH)* 20(4),
+1986.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...errors import InputError
+from .displacement import Direction, Displacement, directions_of, displacements
+from .lattice import Embedding, Lattice
+from .variable import AuxiliaryPoints, Layout
+
+__all__ = ["FreeForm"]
+
+IDLE = 1e-9
+"""Largest weight in any surface control point below which a point of the lattice gets no value: an optimiser could
+move it by any amount without effect."""
+
+
+@dataclass(frozen=True, eq=False)
+class FreeForm(OneLine):
+    """Move points of a lattice, and what is embedded in it along.
+
+    Every point has one value per direction, point by point in C order. A value is a displacement, and initially zero.
+    Left out are points that are fixed for continuity, see `Lattice`, and those so far from the surface that none of its
+    points has them with a weight above 1e-9. `point_ids` tells which are left.
+
+    Parameters
+    ----------
+    name : str
+        Name of the variable.
+    lattice : Lattice
+        The lattice.
+    where : index expression or ndarray of bool, shape (n0, n1, n2), optional
+        Which of its points, as numpy indexes an array: ``np.s_[:, :, 1:]``; all by default.
+    direction : str or array_like
+        Coordinate axes by name, ``"y"`` or several as in ``"xyz"``; a vector, shape (3,); or vectors of the points
+        that are left, shape (n, 3) or (n, 3, m).
+    units : str, optional
+        Units of the values: m by default, None where the vectors carry them.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid, moving_mesh, onera_m6_grid
+    >>> from bspline_mdao.core.design.parametrization import Parametrization
+    >>> mesh = moving_mesh(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
+    >>> shape = FreeForm("shape", Lattice.box(mesh, n=(4, 2, 3)), direction="y")
+    >>> Parametrization(mesh, [shape]).initial["shape"].size
+    24
+    """
+
+    name: str
+    lattice: Lattice
+    where: Any = ...
+    direction: Direction = "xyz"
+    units: str | None = "m"
+
+    @property
+    def auxiliary(self) -> tuple[AuxiliaryPoints, ...]:
+        """The lattice, its parent, and so on."""
+        return self.lattice.auxiliary
+
+    def point_ids(self, layout: Layout) -> np.ndarray:
+        """Numbers of the lattice points that have values, in C order, ascending.
+
+        Raises
+        ------
+        InputError
+            If there are none, or ``where`` does not fit the lattice.
+        """
+        return self._ids(Embedding.of(self.lattice, layout), layout)
+
+    def bind(self, layout: Layout) -> Displacement:
+        """Find the lattice coordinates of everything embedded, on the baseline.
+
+        Raises
+        ------
+        InputError
+            If nothing is embedded or no point is left.
+        """
+        embedding = Embedding.of(self.lattice, layout)
+        ids = self._ids(embedding, layout)
+        directions = directions_of(self.direction, len(ids), None, f"'{self.name}'")
+        own = displacements(ids, directions, len(self.lattice.points))
+        return Displacement(embedding.transfer @ own)
+
+    def _ids(self, embedding: Embedding, layout: Layout) -> np.ndarray:
+        weights = embedding.weights[layout.rows()].max(axis=0).toarray().ravel()
+        is_asked, is_fixed = self._is_asked(), embedding.is_fixed.ravel()
+        ids = np.flatnonzero(is_asked & ~is_fixed & (weights >= IDLE))
+        if not len(ids):
+            asked, fixed = np.count_nonzero(is_asked), np.count_nonzero(is_asked & is_fixed)
+            raise InputError(
+                f"'{self.name}': of {asked} lattice points asked for, {fixed} are fixed for continuity and "
+                f"{asked - fixed} are too far from the surface to move it; choose others with 'where', or give the "
+                f"lattice more points, less 'continuity' or another place"
+            )
+        return ids
+
+    def _is_asked(self) -> np.ndarray:
+        """Whether ``where`` chooses each point of the lattice."""
+        is_asked = np.zeros(self.lattice.control_points.shape[:3], dtype=bool)
+        try:
+            is_asked[self.where] = True
+        except IndexError as error:
+            raise InputError(f"'{self.name}': where: {error}; the lattice has {is_asked.shape} points") from None
+        return is_asked.ravel()

@@ -1,0 +1,344 @@
+"""Deformations by name, from words such as ``twist=30deg+bend=120deg@0.7`` or a file of points.
+
+The command line and the studies of robustness ask for them. Words have the form ``name=value@place,key=value``; angles
+are in degrees there and in radians in the maps. Theory: ``docs/theory/deformations.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...grids.topology.index_space import Window
+from ..mesh.frame import Frame, Plane, mesh_planes, surface_frame
+from ..mesh.moving_mesh import MovingMesh
+from ..model.fitted_model import FittedModel
+from .deformation import (
+    Bend,
+    Deformation,
+    Pitch,
+    PointMap,
+    PrescribedPoints,
+    RotateSections,
+    ScaleChord,
+    ScaleThickness,
+    ShearDownstream,
+    ShearUpwards,
+    Stretch,
+    Translate,
+    random_bumps,
+)
+
+__all__ = [
+    "DEFORMATIONS",
+    "SUFFIXES",
+    "Request",
+    "parse_deformation",
+    "parse_requests",
+    "read_points",
+    "wall_spacing",
+]
+
+SUFFIXES = (".csv", ".dat", ".npy", ".txt")
+"""Suffixes of files of points, NumPy's own and text with three numbers a line, between commas or blanks."""
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+"""Pattern of a number in words."""
+
+_INBOARD = 0.1
+"""Part of the span inboard of an arc from which on points count for the thickness of the surface on it, which may have
+no points of its own."""
+
+
+def parse_deformation(spec: str | Sequence[str], model: FittedModel, mesh: MovingMesh) -> Deformation:
+    """Return the deformation that words describe.
+
+    Parameters
+    ----------
+    spec : str or sequence of str
+        Deformations joined by ``+``, done one after the other; several are joined as well. Each is a name out of
+        `DEFORMATIONS` with its value, ``bend=120deg@0.7``, or a file of new surface points (``.csv``, ``.dat``,
+        ``.npy``, ``.txt``) in the order of ``mesh.surface_ids``.
+    model : FittedModel
+        The fitted grid, for lengths in cells.
+    mesh : MovingMesh
+        The control mesh of the model (`moving_mesh`), whose surface is deformed.
+
+    Returns
+    -------
+    Deformation
+        Lengths, spans and directions are those of the surface as it is when the turn of each comes.
+
+    Raises
+    ------
+    InputError
+        If the words are not understood, or a file is not what it should be.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid, flat_plate_grid
+    >>> from bspline_mdao.core.mesh.boundary import moving_mesh
+    >>> model = fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5))
+    >>> mesh = moving_mesh(model)
+    >>> deformation = parse_deformation("stretch=2+bend=120deg@0.7", model, mesh)
+    >>> points = deformation.apply(mesh.points[mesh.surface_ids])
+    """
+    texts = [spec] if isinstance(spec, str) else list(spec)
+    if not any(text.strip() for text in texts):
+        raise InputError(f"deformation: nothing is asked for; the names are {', '.join(DEFORMATIONS)}")
+    points, planes, maps = mesh.points[mesh.surface_ids], mesh_planes(mesh), []
+    for request in [request for text in texts for request in _requests(text)]:
+        maps.append(_make(request, _Surface(model, points, planes)))
+        points = maps[-1].apply(points)
+    return Deformation(mesh, tuple(maps))
+
+
+def wall_spacing(model: FittedModel) -> float:
+    """Find the median height of the cells at the walls of a model's grid (m)."""
+    blocks = model.regenerate().blocks
+    walls = [face.window for face in model.topology.boundary if face.kind == "wall"]
+    heights = [_first_heights(blocks[window.block].nodes, window) for window in walls]
+    if not heights:
+        raise InputError(f"{model.header.source}: no patch is a wall, so it has no cell height; give the height in m")
+    return float(np.median(np.concatenate(heights)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """The surface as the deformations before one have left it, by which lengths and directions count."""
+
+    model: FittedModel
+    points: np.ndarray
+    planes: tuple[Plane, ...]
+
+    @cached_property
+    def frame(self) -> Frame:
+        return surface_frame(self.points, self.planes)
+
+
+def read_points(
+    # ``.npy``: shape (n, 3), or (3 n,) with xyz interleaved. ``.csv``, ``.dat``, ``.txt``: three numbers a line, commas
+    # or blanks between them; a heading and lines that begin with ``#`` are passed over
+    path,  # path-like
+    n_points: int,  # number of points that there should be
+) -> np.ndarray:  # (n_points, 3)
+    """Read points from a file."""
+    path = Path(path)
+    try:
+        values = np.load(path, allow_pickle=False) if path.suffix == ".npy" else _read_text(path)
+        values = np.asarray(values, dtype=np.float64)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); check the name") from None
+    except (ValueError, TypeError, EOFError) as error:
+        raise InputError(
+            f"{path}: not a list of points ({str(error).splitlines()[0]}); see the documentation"
+        ) from None
+    if values.size != 3 * n_points or (values.ndim == 2 and values.shape[1] != 3) or values.ndim > 2:
+        raise InputError(
+            f"{path}: an array of shape {values.shape}; the surface has {n_points} points of 3 coordinates"
+        )
+    points = values.reshape(-1, 3)
+    is_bad = ~np.isfinite(points).all(axis=1)
+    if is_bad.any():
+        raise InputError(f"{path}: point {np.argmax(is_bad) + 1} is not finite; repair the file")
+    return points
+
+
+def _read_text(path: Path) -> np.ndarray:
+    """Rows of numbers; the first line may be a heading."""
+    lines = path.read_text(encoding="utf-8-sig").replace(",", " ").splitlines()
+    rows = [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if rows and not _is_numeric(rows[0]):
+        rows = rows[1:]
+    if any(len(row) != 3 for row in rows):
+        number = next(n for n, row in enumerate(rows, start=1) if len(row) != 3)
+        raise ValueError(f"point {number} has {len(rows[number - 1])} coordinates")
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _is_numeric(words: Sequence[str]) -> bool:
+    try:
+        [float(word) for word in words]
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class Request:
+    """One deformation as it was asked for."""
+
+    text: str  # the words, for messages
+    # name of the deformation, and its amount
+    name: str
+    value: str
+    at: str | None  # place: the text that follows an ``@``
+    options: dict[str, str]  # further values by name
+
+    def fail(self, reason: str) -> InputError:
+        """Error that names these words."""
+        return InputError(f"deformation '{self.text}': {reason}")
+
+    def only(self, *keys: str) -> None:
+        """Refuse options other than these; ``"@"`` stands for a place."""
+        unknown = [key for key in (*self.options, *(["@"] if self.at is not None else [])) if key not in keys]
+        if unknown:
+            allowed = " and ".join(keys) if keys else "no option"
+            raise self.fail(f"'{unknown[0]}' is not known here; {self.name} takes {allowed}")
+
+    def number(self, key: str | None = None, default: float = math.nan, low=-math.inf, high=math.inf) -> float:
+        """Read a number, the value itself or an option (``"@"``: the place), between bounds, both excluded."""
+        text = self.value if key is None else self.at if key == "@" else self.options.get(key)
+        if text is None:
+            return default
+        return self._between(self._match(text, f"({_NUMBER})", "a number"), low, high)
+
+    def angle(self, limit: float = 360.0) -> float:
+        """Read the value as an angle below a limit (deg); in radians. Degrees are understood without a unit."""
+        text = self.value.removesuffix("deg")
+        if text.endswith("rad"):
+            degrees = math.degrees(self._match(text, f"({_NUMBER})rad", "an angle such as 30deg"))
+        else:
+            degrees = self._match(text, f"({_NUMBER})", "an angle such as 30deg")
+        return math.radians(self._between(degrees, -limit, limit))
+
+    def vector(self) -> tuple[float, float, float]:
+        """Read the value as three numbers."""
+        match = re.fullmatch(f"({_NUMBER})/({_NUMBER})/({_NUMBER})", self.value)
+        if match is None:
+            raise self.fail("give three lengths with strokes between them, such as translate=0.1/0/0")
+        return float(match[1]), float(match[2]), float(match[3])
+
+    def _match(self, text: str, pattern: str, what: str) -> float:
+        match = re.fullmatch(pattern, text)
+        if match is None:
+            raise self.fail(f"'{text}' is not {what}")
+        return float(match[1])
+
+    def _between(self, number: float, low: float, high: float) -> float:
+        if not low < number < high:
+            bounds = f"above {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
+            raise self.fail(f"{number:g} is out of bounds; give a number {bounds}")
+        return number
+
+
+def parse_requests(text: str) -> list[Request]:
+    """Take deformations joined by ``+`` apart.
+
+    Examples
+    --------
+    >>> [(request.name, request.value, request.at) for request in parse_requests("stretch=2+bend=120deg@0.7")]
+    [('stretch', '2', None), ('bend', '120deg', '0.7')]
+    """
+    # `InputError` if the words are not of the form ``name=value``
+    return [_parse(part.strip()) for part in re.split(r"\+(?=\s*[a-z])", text)]
+
+
+def _parse(text: str) -> Request:
+    first, *rest = text.split(",")
+    pairs = []
+    for word in (first, *rest):
+        pair = re.fullmatch(r"\s*([a-z]+)\s*=\s*([^=]+?)\s*", word)
+        if pair is None:
+            raise InputError(f"deformation '{text}' is not of the form name=value; write for example twist=30deg")
+        pairs.append((pair[1], pair[2]))
+    (name, value), *options = pairs
+    value, *place = value.split("@", 1)
+    return Request(text, name, value.strip(), place[0].strip() if place else None, dict(options))
+
+
+def _first_heights(nodes: np.ndarray, window: Window) -> np.ndarray:
+    """Heights of the cells of a block on a face window."""
+    flat, part = window.shape.index(1), list(window.slices)
+    part[flat] = slice(0, 2) if window.lo[flat] == 0 else slice(-2, None)
+    return np.linalg.norm(np.diff(nodes[tuple(part)], axis=flat), axis=-1).ravel()
+
+
+def _requests(text: str) -> Sequence[Request | Path]:
+    return [Path(text)] if Path(text).suffix.lower() in SUFFIXES else parse_requests(text)
+
+
+def _make(request: Request | Path, surface: _Surface) -> PointMap:
+    if isinstance(request, Path):
+        return PrescribedPoints(read_points(request, len(surface.points)))
+    if request.name not in DEFORMATIONS:
+        raise request.fail(f"no deformation is called '{request.name}'; the names are {', '.join(DEFORMATIONS)}")
+    return DEFORMATIONS[request.name](request, surface)
+
+
+def _by_angle(make: Callable[..., PointMap], limit: float = 360.0) -> Callable[[Request, _Surface], PointMap]:
+    """Deformation by an angle alone."""
+
+    def build(request: Request, surface: _Surface) -> PointMap:
+        request.only()
+        return make(surface.frame, request.angle(limit))
+
+    return build
+
+
+def _by_factor(make: Callable[..., PointMap]) -> Callable[[Request, _Surface], PointMap]:
+    """Deformation by a positive factor alone."""
+
+    def build(request: Request, surface: _Surface) -> PointMap:
+        request.only()
+        return make(surface.frame, request.number(low=0.0))
+
+    return build
+
+
+def _bend(request: Request, surface: _Surface) -> Bend:
+    request.only("@", "length")
+    at = request.number("@", 0.7, low=-1e-12, high=1.0)
+    length = request.number("length", min(0.15, 1.0 - at), low=0.0, high=1.0 + 1e-12)
+    bend = Bend(surface.frame, request.angle(), at, length)
+    _, normal, span = surface.frame.to_local(surface.points).T
+    is_outboard = span >= (at - _INBOARD) * surface.frame.span
+    highest = float(np.max(np.sign(bend.amount) * bend.height(normal[is_outboard]), initial=0.0))
+    if highest * abs(bend.amount) >= length * surface.frame.span:
+        least = highest * abs(bend.amount) / surface.frame.span
+        raise request.fail(
+            f"the arc is too tight for a surface {highest:.3g} m above its middle; give a length above {least:.2g}"
+        )
+    return bend
+
+
+def _pitch(request: Request, surface: _Surface) -> Pitch:
+    request.only("@")
+    return Pitch(surface.frame, request.angle(), request.number("@", 0.25))
+
+
+def _translate(request: Request, surface: _Surface) -> Translate:
+    request.only()
+    return Translate(np.array(request.vector()))
+
+
+def _bumps(request: Request, surface: _Surface) -> PointMap:
+    request.only("seed", "wavelength")
+    cells = request.value.removesuffix("cells")
+    unit = wall_spacing(surface.model) if cells != request.value else 1.0
+    height = Request(request.text, request.name, cells.strip(), None, {}).number(low=0.0)
+    seed = request.number("seed", 0.0, low=-0.5)
+    wavelength = request.number("wavelength", 0.5 * surface.frame.chord, low=0.0)
+    return random_bumps(surface.points, height * unit, wavelength, int(seed), surface.planes)
+
+
+DEFORMATIONS = {
+    "twist": _by_angle(RotateSections, math.inf),
+    "bend": _bend,
+    "stretch": _by_factor(Stretch),
+    "chord": _by_factor(ScaleChord),
+    "thickness": _by_factor(ScaleThickness),
+    "sweep": _by_angle(ShearDownstream, 85.0),
+    "dihedral": _by_angle(ShearUpwards, 85.0),
+    "pitch": _pitch,
+    "translate": _translate,
+    "bumps": _bumps,
+}
+"""Deformations by name, each made of a request and a surface."""

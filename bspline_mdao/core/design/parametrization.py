@@ -1,0 +1,285 @@
+"""Surface control points from design variables: maps one after the other, then the linear constraints.
+
+With the maps ``M_k`` in the declared order and the elimination E of the constraints, surface control points s become
+``s + E (M_n(... M_1(s, v_1) ..., v_n) - s)``. All derivatives are products of sparse matrices of constant pattern.
+Theory: ``docs/theory/parametrization.rst`` and ``docs/theory/linear_constraints.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array, eye_array, vstack
+
+from ...base.checks import require_list
+from ...base.display import OneLine
+from ...base.text import value_name
+from ...errors import InputError
+from ...names import ALL_NAMES
+from ..mesh.moving_mesh import MovingMesh, require_mesh
+from .elimination import Elimination, eliminate
+from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, Variable, ones_like
+
+__all__ = ["Parametrization", "SurfacePartials"]
+
+Values = Mapping[str, np.ndarray]
+"""Values of the variables by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePartials(OneLine):
+    """Derivatives of the surface control points, xyz interleaved."""
+
+    initial: csr_array  # (3 n_surface, 3 n_surface), with respect to the surface control points of the baseline
+    values: dict[str, csr_array]  # each (3 n_surface, n_values), with respect to the values of each variable
+
+
+@dataclass(frozen=True, eq=False)
+class Parametrization(OneLine):
+    """Design variables of a surface and the linear constraints among its control points.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        The control mesh whose surface is designed.
+    variables : sequence of Variable
+        Applied in this order.
+    constraints : sequence of LinearConstraint
+        Handled by elimination. The symmetry planes of the mesh are always kept.
+
+    Raises
+    ------
+    InputError
+        If two variables have one name or one that is taken, a variable does not fit the surface, a constraint cannot be
+        satisfied, or the constraints leave a value of a variable without effect.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import Local, OnSideOfPlane, Parametrization, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> shape = Parametrization(mesh, [Local("bumps", OnSideOfPlane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "y")])
+    >>> values = {name: value + 0.01 for name, value in shape.initial.items()}
+    >>> moved = shape.apply(mesh.points[mesh.surface_ids], values)
+    >>> np.abs(moved - mesh.points[mesh.surface_ids]).max(axis=0).round(6)
+    array([0.  , 0.01, 0.  ])
+    """
+
+    mesh: MovingMesh
+    variables: Sequence[Variable]
+    constraints: Sequence = ()
+
+    def __post_init__(self):
+        require_list(self.variables, "variable", ("name", "units", "auxiliary", "bind"), "parametrization")
+        require_list(self.constraints, "linear constraint", ("name", "equations"), "parametrization")
+        require_mesh(self.mesh, "parametrization")
+        self._require_names()
+        self._require_effect()
+
+    def _require_names(self):
+        """Refuse names that are taken."""
+        names = [variable.name for variable in self.variables]
+        twice = [name for n, name in enumerate(names) if name in names[:n]]
+        if twice:
+            raise InputError(f"parametrization: two variables are called '{twice[0]}'; give each its own name")
+        taken = [name for name in names if not name or name in ALL_NAMES]
+        if taken:
+            raise InputError(f"parametrization: a variable is called '{taken[0]}', which is taken; choose another name")
+
+    @cached_property
+    def layout(self) -> Layout:
+        """The rows that the variables move."""
+        auxiliary: list[AuxiliaryPoints] = []
+        for item in (item for variable in self.variables for item in variable.auxiliary):
+            if not any(item is other for other in auxiliary):
+                auxiliary.append(item)
+        return Layout(self.mesh, tuple(auxiliary))
+
+    @cached_property
+    def maps(self) -> dict[str, DesignMap]:
+        """Every variable bound to the rows."""
+        return {variable.name: variable.bind(self.layout) for variable in self.variables}
+
+    @cached_property
+    def elimination(self) -> Elimination:
+        """The constraints on the displacements of the surface control points."""
+        return eliminate(self.mesh, self.layout.points[self.layout.rows()], self.constraints)
+
+    @property
+    def initial(self) -> dict[str, np.ndarray]:
+        """Values at which nothing moves."""
+        return {name: design_map.initial for name, design_map in self.maps.items()}
+
+    @cached_property
+    def pattern(self) -> SurfacePartials:
+        """Ones wherever a derivative may differ from zero."""
+        surface, matrix = self.layout.points[self.layout.rows()], ones_like(self._matrix)
+        steps = [
+            MapPartials(ones_like(step.points), ones_like(step.values)) for step in self._steps(surface, self.initial)
+        ]
+        return self._chain(steps, matrix, self._identity + matrix)
+
+    def apply(self, initial: np.ndarray, values: Values) -> np.ndarray:
+        """Move the surface control points.
+
+        Parameters
+        ----------
+        initial : ndarray, shape (n_surface, 3)
+            Those of the baseline (m); real or complex.
+        values : mapping of ndarray
+            Values of every variable by name.
+
+        Returns
+        -------
+        ndarray, shape (n_surface, 3)
+            Moved ones (m).
+
+        Raises
+        ------
+        InputError
+            If points or values are missing, too many or too few.
+        """
+        initial, values = self._checked(initial, values)
+        rows = self._rows(initial)
+        for name, design_map in self.maps.items():
+            rows = design_map.apply(rows, values[name])
+        displacement = rows[self.layout.rows()] - initial
+        return initial + (self._matrix @ displacement.reshape(-1)).reshape(-1, 3)
+
+    def extremes(self, bounds: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> Iterator[np.ndarray]:
+        """Move the baseline to the most extreme designs, as `increments_for` wants them.
+
+        All values of one variable are at their lower bounds, or at their upper ones, while nothing else moves, for each
+        variable in turn; then so are those of all variables together.
+
+        Parameters
+        ----------
+        bounds : mapping of (array_like, array_like)
+            Lower and upper bound of variables by name, in the variable's units: a number, or one for each value. A
+            variable that is left out does not move.
+
+        Yields
+        ------
+        ndarray, shape (n_surface, 3)
+            Moved surface control points (m).
+
+        Raises
+        ------
+        InputError
+            If there is no such variable, or bounds do not fit its values.
+
+        Examples
+        --------
+        >>> from bspline_mdao import DesignSurface, Twist, fit_grid, flat_plate_grid
+        >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
+        >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
+        >>> len(list(shape.extremes({"twist": ([0.0, -5.0], [0.0, 5.0])})))  # degrees
+        2
+        """
+        surface = self.mesh.points[self.mesh.surface_ids]
+        for end in (0, 1):
+            at_bounds = {name: self._at_bound(name, pair[end]) for name, pair in bounds.items()}
+            for name, values in at_bounds.items():
+                yield self.apply(surface, {**self.initial, name: values})
+            if len(at_bounds) > 1:
+                yield self.apply(surface, {**self.initial, **at_bounds})
+
+    def _at_bound(self, name: str, bound: ArrayLike) -> np.ndarray:
+        """Values of a variable at a bound, which may be one number for all."""
+        if name not in self.initial:
+            raise InputError(f"parametrization: no variable is called '{name}'; there are {', '.join(self.maps)}")
+        values, shape = np.asarray(bound, dtype=float), self.initial[name].shape
+        if values.shape not in ((), shape):
+            raise InputError(
+                f"parametrization: the bounds of '{name}' are of shape {values.shape}; give a number, or shape {shape}"
+            )
+        return np.broadcast_to(values, shape)
+
+    def partials(self, initial: np.ndarray, values: Values) -> SurfacePartials:
+        """Differentiate `apply`.
+
+        Parameters
+        ----------
+        initial, values
+            As for `apply`, real.
+
+        Returns
+        -------
+        SurfacePartials
+            Within `pattern`.
+
+        Raises
+        ------
+        InputError
+            As `apply`.
+        """
+        initial, values = self._checked(initial, values)
+        return self._chain(self._steps(initial, values), self._matrix, self._identity - self._matrix)
+
+    def _checked(self, initial: ArrayLike, values: Mapping[str, ArrayLike]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Points and values as arrays of the right shapes."""
+        shape = (self.layout.n_surface, 3)
+        if np.shape(initial) != shape:
+            raise InputError(f"parametrization: initial points of shape {np.shape(initial)}; give shape {shape}")
+        unknown = sorted(set(values) - set(self.maps))
+        if unknown:
+            raise InputError(f"parametrization: no variable is called '{unknown[0]}'; there are {', '.join(self.maps)}")
+        for name, expected in self.initial.items():
+            if name not in values or np.shape(values[name]) != expected.shape:
+                found = f"of shape {np.shape(values[name])}" if name in values else "missing"
+                raise InputError(f"parametrization: the values of '{name}' are {found}; give shape {expected.shape}")
+        return np.asarray(initial), {name: np.asarray(value) for name, value in values.items()}
+
+    @property
+    def _matrix(self) -> csr_array:
+        return self.elimination.matrix
+
+    @property
+    def _identity(self) -> csr_array:
+        return eye_array(3 * self.layout.n_surface, format="csr")
+
+    def _rows(self, surface: np.ndarray) -> np.ndarray:
+        """All rows: the surface, and the auxiliary points on the baseline."""
+        return np.concatenate([surface, self.layout.points[self.layout.n_surface :]])
+
+    def _steps(self, surface: np.ndarray, values: Mapping[str, np.ndarray]) -> Iterator[MapPartials]:
+        """Derivatives of every map where its turn comes."""
+        rows = self._rows(surface)
+        for name, design_map in self.maps.items():
+            yield design_map.partials(rows, values[name])
+            rows = design_map.apply(rows, values[name])
+
+    def _chain(self, steps: Iterable[MapPartials], matrix: csr_array, rest: csr_array) -> SurfacePartials:
+        """Multiply the derivatives of all maps and of the elimination; ``rest`` is what it takes off the identity."""
+        n = 3 * self.layout.n_surface
+        zeros = csr_array((3 * len(self.layout.points) - n, n))  # auxiliary points do not depend on the surface
+        initial = vstack([self._identity, zeros], format="csr")
+        values: list[csr_array] = []
+        for step in steps:
+            initial, values = step.points @ initial, [step.points @ value for value in values] + [step.values]
+        return SurfacePartials(
+            rest + matrix @ initial[:n], {name: matrix @ value[:n] for name, value in zip(self.maps, values)}
+        )
+
+    def _require_effect(self):
+        """Refuse values that move nothing."""
+        for name, pattern in self.pattern.values.items():
+            is_idle = np.diff(pattern.tocsc().indptr) == 0
+            if is_idle.any():
+                value = int(np.argmax(is_idle))
+                reason = self._what_fixes(name, value) or "no point of the surface"
+                idle = f"{value_name(name, value, len(is_idle))} moves nothing ({reason})"
+                rest = np.count_nonzero(is_idle) - 1
+                more = f", nor do {rest} more of its {len(is_idle)}" if rest else ""
+                raise InputError(f"parametrization: {idle}{more}; select and direct it so as to leave them out")
+
+    def _what_fixes(self, name: str, value: int) -> str:
+        """The constraint that takes its effect from a value; empty where it never had one."""
+        partials = self.maps[name].partials(self.layout.points, self.maps[name].initial)
+        coordinates = partials.values.tocsc()[:, [value]].indices
+        on_surface = coordinates[coordinates < 3 * self.layout.n_surface]
+        return self.elimination.reason(on_surface[0]) if len(on_surface) else ""

@@ -1,0 +1,452 @@
+"""Planform and section variables along a reference axis.
+
+Each works about the axis as the variables before it have left it, so that they can be given in any order. The usual one
+is from the section outwards: thickness and camber, chord and taper, twist, then span, sweep and dihedral. All but
+`Camber` are maps of two kinds: `SectionMap` multiplies sections in their planes, `ShiftMap` shifts them as wholes, by
+the formulas of `section_formulas`. Theory: ``docs/theory/parametrization.rst``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ...base.display import OneLine
+from ...errors import InputError
+from .axis_maps import SectionMap, ShiftMap, along_vectors
+from .displacement import Displacement
+from .lattice import Lattice
+from .reference_axis import AttachedRows, ReferenceAxis, StationSpline
+from .section_formulas import rotation, scaling, shear
+from .variable import AuxiliaryPoints, DesignMap, Layout
+
+__all__ = [
+    "Camber",
+    "Chord",
+    "Dihedral",
+    "Span",
+    "Sweep",
+    "Taper",
+    "ThicknessFactor",
+    "Twist",
+    "parabola",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class AlongAxis(OneLine, ABC):
+    """A variable along a reference axis.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input of `SurfaceControl`.
+    axis : ReferenceAxis
+        The axis about which it works.
+    on : Lattice, optional
+        Lattice that is moved instead of all rows; what it embeds follows.
+    """
+
+    units: ClassVar[str | None] = None
+
+    name: str
+    axis: ReferenceAxis
+    on: Lattice | None = field(default=None, kw_only=True)
+
+    def __post_init__(self):
+        if not isinstance(self.axis, ReferenceAxis):
+            raise InputError(f"'{self.name}': the axis is of type {type(self.axis).__name__}; give a ReferenceAxis")
+
+    @property
+    def auxiliary(self) -> tuple[AuxiliaryPoints, ...]:
+        """The axis, and the lattice if there is one."""
+        return (self.axis,) if self.on is None else (self.axis, *self.on.auxiliary)
+
+    def bind(self, layout: Layout) -> DesignMap:
+        """Decide stations and directions on the baseline.
+
+        Raises
+        ------
+        InputError
+            If the axis or its stations do not fit the surface.
+        """
+        design_map = self._bind(self.axis.attach(layout))
+        return design_map if self.on is None else self.on.extend(layout, design_map)
+
+    @abstractmethod
+    def _bind(self, attached: AttachedRows) -> DesignMap:
+        """Return the map of all rows, which are attached to the axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class AtStations(AlongAxis):
+    """A variable with a value at each of several stations along a reference axis, see `StationSpline`.
+
+    Parameters
+    ----------
+    name, axis, on
+        See `AlongAxis`.
+    stations : int or sequence of float
+        Their number, evenly from the first (0) to the last point of the axis (1), or where they are. One is a value for
+        all.
+    order : int
+        Order of the spline between them: 2 linear, 4 cubic.
+    """
+
+    neutral: ClassVar[float] = 0.0
+
+    stations: int | Sequence[float] = 1
+    order: int = field(default=4, kw_only=True)
+
+    @property
+    def spline(self) -> StationSpline:
+        """Interpolation between the stations."""
+        return StationSpline.of(self.stations, self.order)
+
+
+class _InSections(AtStations):
+    """A variable that multiplies sections, in their planes about the axis, by a matrix."""
+
+    def _bind(self, attached: AttachedRows) -> SectionMap:
+        spline = self.spline.matrix(attached.stations)
+        return SectionMap(self.neutral, attached, self._axes(attached), spline, self._matrices)
+
+    def _axes(self, attached: AttachedRows) -> np.ndarray:
+        return attached.section_axes
+
+    @abstractmethod
+    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
+        """Matrices, shape (n, 2, 2), of the values at sections, shape (n,)."""
+
+
+class Twist(_InSections):
+    """Turn sections in their planes about the axis; values in degrees, upstream end up positive.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,), in degrees; 0 on the baseline.
+    axis : ReferenceAxis
+        About which sections turn: the quarter chord of `ReferenceAxis.of`, or points of yours.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"twist": np.array([0.0, 5.0])})
+    >>> (np.ptp(moved, axis=0) - np.ptp(baseline, axis=0)).round(4)  # the tip's leading and trailing edge
+    array([0.    , 0.0872, 0.    ])
+    """
+
+    units = "deg"
+
+    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
+        return rotation(np.radians(1.0) * amounts)
+
+
+@dataclass(frozen=True, eq=False)
+class Chord(_InSections):
+    """Scale sections about the axis; values are factors on the chord.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
+    axis : ReferenceAxis
+        About which sections grow and shrink, that stays where it is.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+    scales_thickness : bool
+        Whether the thickness goes along, so that thickness over chord stays.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Chord("chord", wing.axis, stations=2)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"chord": np.array([1.0, 0.5])})
+    >>> (baseline - moved).max(axis=0).round(3)  # the tip's trailing edge, three quarters behind the axis
+    array([0.375, 0.   , 0.   ])
+    """
+
+    neutral = 1.0
+
+    scales_thickness: bool = field(default=True, kw_only=True)
+
+    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
+        return scaling(amounts, amounts if self.scales_thickness else 1.0)
+
+    def _axes(self, attached: AttachedRows) -> np.ndarray:
+        return attached.chord_axes if not self.scales_thickness else attached.section_axes
+
+
+class ThicknessFactor(_InSections):
+    """Scale heights of sections normal to their chord lines, from the axis; values are factors on the thickness.
+
+    The camber of a section is scaled with its thickness.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
+    axis : ReferenceAxis
+        Line from which heights are measured, that stays where it is.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, onera_m6_grid
+    >>> wing = DesignSurface.of(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
+    >>> shape = wing.parametrization([ThicknessFactor("thickness", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"thickness": np.array([1.5])})
+    >>> (np.ptp(moved, axis=0) / np.ptp(baseline, axis=0)).round(3)
+    array([1. , 1.5, 1. ])
+    """
+
+    neutral = 1.0
+
+    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
+        return scaling(1.0, amounts)
+
+    def _axes(self, attached: AttachedRows) -> np.ndarray:
+        return attached.chord_axes
+
+
+@dataclass(frozen=True, eq=False)
+class Taper(AlongAxis):
+    """Scale sections about the axis by a factor that is 1 at its first point and the value at its last, linear between.
+
+    The factor is on the ratio of tip and root chord; thickness over chord stays.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (1,); 1 on the baseline. It has no stations.
+    axis : ReferenceAxis
+        About which sections shrink, that stays where it is.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Taper("taper", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"taper": np.array([0.5])})
+    >>> (baseline - moved).max(axis=0).round(3)  # the tip's trailing edge, three quarters behind the axis
+    array([0.375, 0.   , 0.   ])
+    """
+
+    def _bind(self, attached: AttachedRows) -> SectionMap:
+        return SectionMap(1.0, attached, attached.section_axes, csr_array(attached.stations[:, None]), _similar)
+
+
+def _similar(factor: np.ndarray) -> np.ndarray:
+    return scaling(factor, factor)
+
+
+def parabola(part: np.ndarray) -> np.ndarray:
+    """Camber line ``4 part (1 - part)`` over the parts of the chord: 1 in the middle."""
+    return 4.0 * part * (1.0 - part)
+
+
+@dataclass(frozen=True, eq=False)
+class Camber(AtStations):
+    """Add camber to sections, normal to their chord lines; values are in chords of the baseline, upwards positive.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,), in chords; 0 on the baseline.
+    axis : ReferenceAxis
+        Along which stations are; camber itself is that of the sections' chord lines.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+    line : callable
+        Camber line of a unit value: heights in chords at parts of the chord, 0 the leading and 1 the trailing edge.
+        `parabola` by default: the value is the height of the camber line in its middle.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Camber("camber", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"camber": np.array([0.02])})
+    >>> (moved - baseline).max(axis=0).round(3)
+    array([0.  , 0.02, 0.  ])
+    """
+
+    line: Callable[[np.ndarray], np.ndarray] = field(default=parabola, kw_only=True)
+
+    def _bind(self, attached: AttachedRows) -> Displacement:
+        heights = attached.chord_lengths * self._line(attached.chord_parts)
+        spline = self.spline.matrix(attached.stations)
+        return Displacement(along_vectors(heights[:, None] * attached.chord_axes[:, 1], spline))
+
+    def _line(self, parts: np.ndarray) -> np.ndarray:
+        heights = np.broadcast_to(self.line(parts), parts.shape)
+        if not np.isfinite(heights).all():
+            bad = parts[np.argmin(np.isfinite(heights))]
+            raise InputError(
+                f"'{self.name}': the camber line is not finite at the part {bad:.4g} of the chord; define it a "
+                f"little below 0 and above 1 too, where control points stick out of the surface"
+            )
+        return heights
+
+
+class _Shifting(AtStations):
+    """A variable that shifts sections as wholes along one coordinate."""
+
+    def _shift(self, attached: AttachedRows, coordinate: int, paths, slopes) -> ShiftMap:
+        """Shift along the stream (0), the normal (1) or the span (2) by slopes along paths."""
+        return ShiftMap(self.neutral, attached, attached.frame.axes[coordinate], paths, self.spline, slopes)
+
+    @staticmethod
+    def _along_span(attached: AttachedRows):
+        return np.broadcast_to(attached.frame.axes[2], attached.directions.shape)
+
+
+class Span(_Shifting):
+    """Stretch the axis along the span; sections move along unchanged. Values are factors on lengths of span.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
+    axis : ReferenceAxis
+        Which is stretched from its first point on; sections go with the points of it that they are attached to.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Span("span", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"span": np.array([1.5])})
+    >>> (moved - baseline).max(axis=0).round(3)
+    array([0., 0., 1.])
+    """
+
+    neutral = 1.0
+
+    def _bind(self, attached: AttachedRows) -> ShiftMap:
+        return self._shift(attached, 2, self._along_span(attached), _excess)
+
+
+class Sweep(_Shifting):
+    """Shear sections downstream along the axis as seen along the stream; values are angles in degrees.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,), in degrees; 0 on the
+        baseline. Its tangent is added to that of the sweep that there is.
+    axis : ReferenceAxis
+        Which is sheared from its first point on; sections go with it and keep their chords.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Sweep("sweep", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"sweep": np.array([10.0])})
+    >>> (moved - baseline).max(axis=0).round(4)  # the tip goes back by 2 tan 10 deg
+    array([0.3527, 0.    , 0.    ])
+    """
+
+    units = "deg"
+
+    def _bind(self, attached: AttachedRows) -> ShiftMap:
+        return self._shift(attached, 0, attached.directions, _slope_of_degrees)
+
+
+class Dihedral(_Shifting):
+    """Shear sections upwards along the span; values are angles in degrees.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,), in degrees; 0 on the
+        baseline. Its tangent is added to that of the dihedral that there is.
+    axis : ReferenceAxis
+        Which is sheared from its first point on; sections go with it and stay upright.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Dihedral("dihedral", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"dihedral": np.array([10.0])})
+    >>> (moved - baseline).max(axis=0).round(4)  # the tip goes up by 2 tan 10 deg
+    array([0.    , 0.3527, 0.    ])
+    """
+
+    units = "deg"
+
+    def _bind(self, attached: AttachedRows) -> ShiftMap:
+        return self._shift(attached, 1, self._along_span(attached), _slope_of_degrees)
+
+
+def _excess(factor: np.ndarray) -> np.ndarray:
+    return factor - 1.0
+
+
+def _slope_of_degrees(angle: np.ndarray) -> np.ndarray:
+    return shear(np.radians(1.0) * angle)

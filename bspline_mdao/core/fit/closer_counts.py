@@ -1,0 +1,157 @@
+"""More control points along the directions in which splines miss a grid by several of its cells.
+
+A residual that is much larger than the cells around it folds some of them when the grid moves. Where the fit of the
+numbers that are chosen from the grid alone has one, directions are raised whose grid lines are missed (`line_errors`),
+each class of joined directions by itself, until its lines are met or its limit is reached, as long as a mover can take
+the control mesh.
+
+Theory: ``docs/theory/fit.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...grids.topology.sharing import direction_classes
+from ...grids.topology.topology import Topology
+from .control_counts import LARGEST_FACTOR, LONG, ControlCounts, is_affordable, predict_factor_bytes
+from .fit_nodes import FitNodes
+from .line_errors import class_errors
+from .requested_counts import RequestedCounts
+
+LARGEST_MISS = 4.0
+"""Residual, by the width of the cells, beyond which numbers are raised.
+
+On the grids about the M6 with first cells 1e-5 high, elasticity folds 685 cells in twelve moves where it is 7.3, and 4
+where it is 3.9.
+"""
+
+LAYER = 1e-3
+"""Height of the flattest cell, by its width, of grids whose numbers may be raised: those with boundary layers.
+
+Generated grids for inviscid flow have cells of 1.2e-3, those with first cells 1e-3 high of 5e-4.
+"""
+
+LARGEST_LINE_MISS = 1.0
+"""Up to how much, by the width of the cells, a raised direction may miss its lines. With 3 too little is gained."""
+
+MOST_PER_NODE = 0.5, 0.75, 1.0
+"""Most control points by the nodes of a raised direction: each is tried where those before do not do."""
+
+MOST_PER_SHORT_NODE = 0.75
+"""The same of directions of fewer than `LONG` nodes, which fold where they have as many control points."""
+
+STEP = 12
+"""A number rises by one for each so many control points, and by one at least, from trial to trial."""
+
+
+@dataclass(frozen=True)
+class CloserCounts:
+    """Numbers of control points that come closer to a grid."""
+
+    # factor_bytes: see `bspline_mdao.core.fit.control_counts.predict_factor_bytes`
+
+    counts: ControlCounts  # the numbers
+    factor_bytes: int | None
+
+    @property
+    def is_affordable(self) -> bool:
+        """Whether least squares and a mover can take them."""
+        if not is_affordable(self.counts.n_control, self.counts.orders):
+            return False
+        return self.factor_bytes is None or self.factor_bytes <= LARGEST_FACTOR
+
+
+def closer_counts(
+    topology: Topology,  # segments and their links
+    requested: RequestedCounts,  # directions of which numbers are asked for are left as they are
+    counts: ControlCounts,  # numbers that are chosen from the grid alone
+    sharing: FitNodes,  # nodes of the segments of this process; all processes call this
+    nodes: np.ndarray,  # (n_rows, 3), its nodes (m)
+    parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
+    most_per_node: float,  # see `MOST_PER_NODE`
+) -> CloserCounts:
+    """Raise numbers of control points where lines of the grid are missed."""
+    classes = direction_classes(topology)
+    first, lengths = _of_classes(classes, counts.n_control), _of_classes(classes, _lengths(topology))
+    limit = np.where(lengths < LONG, min(most_per_node, MOST_PER_SHORT_NODE), most_per_node)
+    most = np.maximum(first, (limit * lengths).astype(int))
+    raised, tried, least = first.copy(), first.copy(), np.full(len(first), np.inf)
+    is_wanted = _open_classes(topology, requested, classes)
+    while is_wanted.any():
+        numbers = set(np.flatnonzero(is_wanted).tolist())
+        errors = class_errors(classes, numbers, sharing, nodes, parameters, tried[classes], counts.orders)
+        is_less = is_wanted & (errors < least)
+        raised[is_less], least[is_less] = tried[is_less], errors[is_less]
+        is_wanted &= (errors > LARGEST_LINE_MISS) & (tried < most)
+        tried[is_wanted] = np.minimum(tried + np.maximum(tried // STEP, 1), most)[is_wanted]
+    closer = replace(counts, n_control=raised[classes])
+    return CloserCounts(closer, predict_factor_bytes(topology, closer.n_control))
+
+
+def _open_classes(topology: Topology, requested: RequestedCounts, classes: np.ndarray) -> np.ndarray:
+    """Mark the classes of directions of which nothing is asked, shape (n_classes,)."""
+    is_asked = np.array([requested.counts[segment.block] > 0 for segment in topology.segments])
+    return ~np.isin(np.arange(classes.max() + 1), classes[is_asked])
+
+
+def _lengths(topology: Topology) -> np.ndarray:
+    """Nodes of every direction of every segment, shape (n_segments, 3)."""
+    return np.array([segment.shape for segment in topology.segments])
+
+
+def _of_classes(classes: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values of directions, shape (n_segments, 3), as one for each class, in which they are equal."""
+    result = np.zeros(classes.max() + 1, dtype=int)
+    result[classes] = values
+    return result
+
+
+def warn_of_misses(
+    topology: Topology,  # segments and their links
+    counts: ControlCounts,  # numbers that are taken
+    found: CloserCounts | None,  # those that a mover could not take, if any
+    missed: float,  # largest error by the width of the cells
+) -> str:
+    """Say that a grid is still missed by several cells, and what can be asked for."""
+    what = f"the splines miss the grid by up to {missed:.3g} widths of its cells, which moves may fold"
+    if found is None:
+        return f"{what}; no more control points along the lines that they miss come closer"
+    request = request_for(topology, counts, found.counts.n_control)
+    options = " ".join(f"--n-control {block}={'x'.join(map(str, n))}" for block, n in request.items())
+    cost = f"factors of {found.factor_bytes / 1e9:.2g} GB to move" if found.factor_bytes else "long to fit"
+    return (
+        f"{what}; more control points along the lines that they miss would take {cost}: {options} (n_control={request})"
+    )
+
+
+def request_for(
+    topology: Topology,  # segments and their links
+    counts: ControlCounts,  # numbers so far
+    wanted: np.ndarray,  # int (n_segments, 3), numbers that are no smaller
+) -> dict[int, tuple[int, ...]]:
+    """What to ask of blocks, by number from 1, for wanted numbers in all directions; of as few blocks as cover them."""
+    classes, lengths = direction_classes(topology), _lengths(topology)
+    is_met = np.zeros(classes.max() + 1, dtype=bool)
+    request: dict[int, tuple[int, ...]] = {}
+    for s, d in np.argwhere(wanted > counts.n_control):
+        block = topology.segments[s].block
+        if not is_met[classes[s, d]]:
+            parts = [number for number, part in enumerate(topology.segments) if part.block == block]
+            request[block + 1] = tuple(
+                _whole(wanted[parts, e], counts.orders[parts, e], lengths[parts, e], topology.shapes[block][e])
+                for e in range(3)
+            )
+            is_met[classes[parts]] = True
+    return request
+
+
+def _whole(numbers: np.ndarray, orders: np.ndarray, lengths: np.ndarray, n_block: int) -> int:
+    """Number for a whole block of which each part gets at least what it is to have."""
+    if n_block == 1:
+        return 1
+    spans = np.ceil((numbers + 1 - orders) * (n_block - 1) / (lengths - 1)).max()
+    return min(int(spans) + int(orders.max()) - 1, n_block)

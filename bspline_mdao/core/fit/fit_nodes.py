@@ -1,0 +1,179 @@
+"""The nodes that a process fits: those of its blocks, and those of other processes that they are one with.
+
+A fit deals whole blocks out. Nodes that blocks share belong to the first segment that holds them, whose process is
+their *home*; a process that needs them from elsewhere keeps a place for them behind its own nodes. What is computed at
+home is fetched, what is computed elsewhere is put there. A process that is alone has all nodes, and sends nothing.
+
+Theory: ``docs/parallel.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...base.numerics.processes import ONE
+from ...grids.topology.held_nodes import HeldNodes
+from ...grids.topology.index_space import window_rows
+from ...grids.topology.partition import Partition
+from ...grids.topology.sharing import node_sharing
+from ...grids.topology.topology import Topology
+
+__all__ = ["FitNodes", "whole_blocks"]
+
+
+def whole_blocks(topology: Topology, n_ranks: int) -> Partition:
+    """Deal the blocks of a grid out to processes without cutting one."""
+    return Partition.of(topology, n_ranks, imbalance=math.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class FitNodes:
+    """Nodes of the blocks of a process, in the order of its partition, and then those that it needs from others."""
+
+    topology: Topology  # topology of the grid
+    comm: Any  # the processes
+    blocks: tuple[int, ...]  # blocks of this process, in the order of its nodes
+    here: tuple[int, ...]  # segments of these blocks
+    # of every segment of this process, the numbers of its nodes; of others, of shape (0, 0, 0)
+    rows: tuple[np.ndarray, ...]
+    is_evaluated: tuple[np.ndarray, ...]  # true where the segment is the first of the grid to hold the node
+    # numbers of nodes that are copies, and of those that they copy, by ascending first ones
+    copies: np.ndarray  # int (n_copies, 2)
+    # numbers of nodes of the blocks, and of all, those from elsewhere included
+    n_own: int
+    n_rows: int
+    homes: tuple[int, ...]  # process of every block
+    # per process, the numbers of the nodes from there, and of the nodes that it needs from here
+    wanted: tuple[np.ndarray, ...] = ()
+    given: tuple[np.ndarray, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        topology: Topology,  # topology of the grid
+        comm: Any = ONE,  # the processes
+        # which blocks each of them has, none of them cut; by default those that `whole_blocks` gives it
+        partition: Partition | None = None,
+    ) -> FitNodes:
+        """Deal the blocks of a grid out to processes, all of which call this."""
+        if comm.size == 1:
+            sharing, n_blocks, n = node_sharing(topology), len(topology.shapes), topology.n_nodes
+            blocks, segments = tuple(range(n_blocks)), tuple(range(len(topology.segments)))
+            nodes = sharing.rows, sharing.is_evaluated, sharing.copies, n, n
+            return cls(topology, comm, blocks, segments, *nodes, (0,) * n_blocks)
+        pieces = (whole_blocks(topology, comm.size) if partition is None else partition).pieces
+        home_of = {window.block: rank for rank, windows in enumerate(pieces) for window in windows}
+        homes = tuple(home_of[block] for block in range(len(home_of)))
+        own = tuple(window.block for window in pieces[comm.rank])
+        return cls._of_blocks(topology, comm, homes, own)._with_others()
+
+    @classmethod
+    def _of_blocks(cls, topology: Topology, comm, homes: tuple[int, ...], blocks: tuple[int, ...]) -> FitNodes:
+        """Number the nodes of the blocks of this process."""
+        starts = np.cumsum([0, *(math.prod(topology.shapes[block]) for block in blocks)]).tolist()
+        first = dict(zip(blocks, starts))
+        nothing, rows, here = np.zeros((0, 0, 0), dtype=np.int64), [], []
+        for number, segment in enumerate(topology.segments):
+            if segment.block in first:
+                here.append(number)
+                rows.append(window_rows(segment, topology.shapes[segment.block], first[segment.block]))
+            else:
+                rows.append(nothing)
+        empty = np.zeros((0, 2), dtype=np.int64)
+        return cls(topology, comm, blocks, tuple(here), tuple(rows), (), empty, starts[-1], starts[-1], homes)
+
+    def _with_others(self) -> FitNodes:
+        """Add the nodes of others that these are copies of, and agree with all processes on what is sent."""
+        topology, firsts = self.topology, np.cumsum([0, *map(math.prod, self.topology.shapes)])
+        own = [np.arange(firsts[block], firsts[block + 1]) for block in self.blocks]
+        held = HeldNodes.of(topology, np.concatenate([np.zeros(0, dtype=np.int64), *own]))
+        there = held.rows[self.n_own :]
+        rank_of = np.asarray(self.homes)[np.searchsorted(firsts, there, side="right") - 1]
+        wanted = [self.n_own + np.flatnonzero(rank_of == rank) for rank in range(self.comm.size)]
+        asked = self.comm.alltoall([held.rows[numbers] for numbers in wanted])
+        is_copy = np.zeros(held.n_nodes, dtype=bool)
+        is_copy[held.copies[:, 0]] = True
+        # a node whose first segment is in one of these blocks is evaluated by that segment, so by the first that has it
+        order = np.full(held.n_nodes, -1)
+        for number in reversed(self.here):
+            order[self.rows[number]] = number
+        is_evaluated = tuple(
+            ~is_copy[rows] & (order[rows] == number) if rows.size else np.zeros(rows.shape, dtype=bool)
+            for number, rows in enumerate(self.rows)
+        )
+        return replace(
+            self,
+            is_evaluated=is_evaluated,
+            copies=held.copies,
+            n_rows=held.n_nodes,
+            wanted=tuple(wanted),
+            given=tuple(held.numbers_of(rows) for rows in asked),
+        )
+
+    def by_blocks(self, values: np.ndarray) -> dict[int, np.ndarray]:
+        """Cut values of nodes, shape (n_rows, ...), up into those of the blocks of this process, each (n, ...)."""
+        starts = np.cumsum([0, *(math.prod(self.topology.shapes[block]) for block in self.blocks)])
+        return {block: values[start:stop] for block, start, stop in zip(self.blocks, starts, starts[1:])}
+
+    def source_rows(self) -> np.ndarray:
+        """Number that stands for each node, shape (n_rows,): its own, or that of the node that it is a copy of."""
+        source = np.arange(self.n_rows)
+        source[self.copies[:, 0]] = self.copies[:, 1]
+        return source
+
+    def with_places(self, values: np.ndarray) -> np.ndarray:
+        """Add places for the nodes of others to values of the nodes of the blocks, shape (n_own, ...)."""
+        if self.n_rows == self.n_own:
+            return values
+        return np.concatenate([values, np.zeros((self.n_rows - self.n_own, *values.shape[1:]), values.dtype)])
+
+    def fetch(self, values: np.ndarray) -> np.ndarray:
+        """Write what other processes have at their nodes, in place; values are of shape (n_rows, ...)."""
+        if self.comm.size > 1:
+            for numbers, received in zip(self.wanted, self.comm.alltoall([values[numbers] for numbers in self.given])):
+                values[numbers] = received
+        return values
+
+    def put(self, values: np.ndarray, is_made: np.ndarray) -> None:
+        """Send what was made here for nodes of others to their homes, and take what was made elsewhere, in place."""
+        if self.comm.size > 1:
+            sent = [(is_made[numbers], values[numbers]) for numbers in self.wanted]
+            for numbers, (is_sent, received) in zip(self.given, self.comm.alltoall(sent)):
+                values[numbers[is_sent]] = received[is_sent]
+                is_made[numbers] |= is_sent
+
+    def add_back(self, values: np.ndarray) -> np.ndarray:
+        """Transpose of `fetch`: add what is at nodes of others to what their homes have, in place, and clear it."""
+        if self.comm.size > 1:
+            received = self.comm.alltoall([values[numbers] for numbers in self.wanted])
+            values[self.n_own :] = 0.0
+            for numbers, part in zip(self.given, received):
+                np.add.at(values, numbers, part)
+        return values
+
+    def copy_shared(self, values: np.ndarray) -> np.ndarray:
+        """Give every node that is a copy the value of the one that it copies, in place."""
+        self.fetch(values)
+        values[self.copies[:, 0]] = values[self.copies[:, 1]]
+        return values
+
+    def from_owners(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Write values of which each process has made some, numbers ``ids`` of them, on all processes, in place."""
+        if self.comm.size > 1:
+            for numbers, made in self.comm.allgather((ids, values[ids])):
+                values[numbers] = made
+
+    def of_all_segments(self, own: Sequence) -> list:
+        """Items of all segments, on all processes, from those of its own segments that each process gives."""
+        if self.comm.size == 1:
+            return list(own)
+        items: list = [None] * len(self.topology.segments)
+        for numbers, found in self.comm.allgather((self.here, list(own))):
+            for number, item in zip(numbers, found):
+                items[number] = item
+        return items

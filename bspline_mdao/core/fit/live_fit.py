@@ -1,0 +1,381 @@
+"""The fit and the grid as functions of the baseline grid, chord-length parameters and knots included ("live").
+
+With b the control points, A the matrix of an entity and r = x - A b its residual, the unknown part of b satisfies
+``A_u^T r = shift (b_u - b_reference)``. Differentiated,
+
+    (A_u^T A_u + shift I) db_u = A_u^T (dx - dA b - A_k db_k) + dA_u^T r + shift db_reference,
+
+where u are the unknown and k the known control points (`LiveFit`). A depends on the parameters of the nodes of the
+entity and on the knots on the edges of its block, and both on the nodes of the baseline (`LiveMapping`); spans stay as
+they are. The reverse runs through the same steps backwards.
+
+Where control points fall back on a quasi-interpolant, it, the A of its iteration and the weights of the candidates are
+those of the model's own grid: the fallback is a linear map of the nodes, as the choice that it comes from is made once.
+
+The whole map to the grid (`LiveGrid`) has the residual and the wall layer of that baseline x0,
+
+    y = A(x0) b + T(b, b0) r,    r = x0 - A(x0) b0,         x = layer(y; x0)
+
+with b0 the control points fitted to it; see `bspline_mdao.core.walls.grid_map`. Without a residual r is nothing, and
+the layer is that of A(x0) b0. What is near which wall, how much it follows, and where in its span a node is, stays that
+of the model.
+
+Theory: ``docs/theory/fit.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ...errors import InputError
+from ..model.fitted_model import FittedModel
+from ..splines.volume import Volume
+from ..walls.grid_map import GridMap
+from ..walls.layer import Layered
+from ..walls.node_vectors import Vectors
+from ..walls.turning import Turn
+from .design_matrix import DesignMatrix, LiveMatrix, build_design_matrix
+from .edge_knots import joined_corners, knots_of_segment_jvp, knots_of_segment_vjp, knots_of_segments
+from .entities import Entity
+from .least_squares import FitStep
+from .options import EXPONENTS
+from .parameters import chord_length_parameters, chord_length_parameters_jvp, chord_length_parameters_vjp
+from .problem import FitProblem, problem_of_mesh
+from .quasi_interpolant import Mixture
+
+
+def live_fit(
+    # gives topology, numbers of control points, orders, kind of knots, and the fallback of control points
+    model: FittedModel,
+    nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
+) -> LiveFit:
+    """Fit another baseline grid exactly as a model was fitted, with parameters, knots and derivatives of its own."""
+    # `InputError` if the model has corrected parameters or the user's own parameters or knots, which are no functions
+    # of the grid
+    mixture = problem_of_mesh(model.topology, model.mesh).mixture(model.parameters, model.candidate_weights)
+    if not mixture.has_least_squares:
+        return LiveFit(live_mapping(model, nodes), (), np.zeros_like(model.control_points), mixture)
+    problem, parameters = live_problem(model, nodes)
+    operator = problem.operator(parameters)
+    matrices = tuple(step.matrix for step in operator.steps)
+    exponent = EXPONENTS[model.settings.parametrization]
+    mapping = LiveMapping(problem, model.settings.knots, exponent, nodes, parameters, matrices)
+    return LiveFit(mapping, operator.steps, operator.forward(nodes), mixture)
+
+
+@dataclass(frozen=True, eq=False)
+class LiveFit:
+    """A fit at one baseline grid with its first derivatives."""
+
+    mapping: LiveMapping  # parameters, knots and matrices of this grid
+    steps: tuple[FitStep, ...]  # factored least squares; none where they have no weight in any control point
+    least_squares: np.ndarray  # (n_control_points, 3), control points by least squares (m)
+    mixture: Mixture  # what control points are where least squares fold
+
+    @property
+    def control_points(self) -> np.ndarray:
+        """The fitted control points (m), shape (n_control_points, 3)."""
+        return self.mixture.forward(self.least_squares, self.nodes)
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """The grid (m), shape (n_nodes, 3)."""
+        return self.mapping.nodes
+
+    def jvp(self, d_nodes: np.ndarray) -> np.ndarray:
+        """Differentiate the control points, shape (n_control_points, 3), along ``d_nodes``, shape (n_nodes, 3)."""
+        change, d_control = self.mapping.change(d_nodes), np.zeros_like(self.least_squares)
+        with threadpool_limits(1, "blas"):
+            for step in self.steps:
+                if step.factor is not None:
+                    self._step_jvp(step, change, d_nodes, d_control)
+        return self.mixture.forward(d_control, d_nodes)
+
+    def vjp(self, control_bar: np.ndarray) -> np.ndarray:
+        """Transpose of `jvp`: cotangent of the nodes, shape (n_nodes, 3)."""
+        control_bar, nodes_bar = self.mixture.adjoint(control_bar, len(self.nodes))
+        bars = self.mapping.no_change()
+        with threadpool_limits(1, "blas"):
+            for step in reversed(self.steps):
+                if step.factor is not None:
+                    self._step_vjp(step, control_bar, nodes_bar, bars)
+        self.mapping.add_change_vjp(bars, nodes_bar)
+        return nodes_bar
+
+    def _step_jvp(self, step: FitStep, change: Change, d_nodes, d_control) -> None:
+        """Solve the differentiated normal equations of an entity."""
+        net, residual = self._net_and_residual(step)
+        terms = self.mapping.matrix_jvp(step.entity, step.matrix, change)
+        moved = d_nodes[step.entity.rows] - sum_apply(terms, net)
+        right = sum(term.apply_transpose(residual) for term in terms)
+        step.solve_residual(moved, right, d_nodes, d_control)
+
+    def _step_vjp(self, step: FitStep, control_bar, nodes_bar, bars: Change) -> None:
+        """Solve the transposed normal equations of an entity: reverse of `_step_jvp`."""
+        moved_bar, right_bar = step.solve_residual_transpose(control_bar, nodes_bar)
+        np.add.at(nodes_bar, step.entity.rows, moved_bar)
+        net, residual = self._net_and_residual(step)
+        self.mapping.add_matrix_vjp(step.entity, step.matrix, bars, [(-moved_bar, net), (residual, right_bar)])
+
+    def _net_and_residual(self, step: FitStep) -> tuple[np.ndarray, np.ndarray]:
+        """Control points of the section of an entity, and what they miss of its nodes."""
+        net = step.entity.net(self.least_squares)
+        return net, self.nodes[step.entity.rows] - step.matrix.apply(net)
+
+
+def live_mapping(
+    model: FittedModel,  # gives topology, numbers of control points, orders and kind of knots
+    nodes: np.ndarray,  # (n_nodes, 3), the baseline grid (m)
+) -> LiveMapping:
+    """Regenerate with the parameters and knots that another baseline grid has."""
+    # `InputError` if the model has corrected parameters or the user's own parameters or knots, which are no functions
+    # of the grid
+    problem, parameters = live_problem(model, nodes)
+    matrices = tuple(
+        build_design_matrix(problem.mesh.volumes[e.segment], parameters[e.segment][e.inner].reshape(-1, 3), e.is_free)
+        for e in problem.entities
+    )
+    settings = model.settings
+    return LiveMapping(problem, settings.knots, EXPONENTS[settings.parametrization], nodes, parameters, matrices)
+
+
+def live_problem(model: FittedModel, nodes: np.ndarray) -> tuple[FitProblem, tuple[np.ndarray, ...]]:
+    """Set up the fit of another baseline grid, with parameters and knots of its own; see `live_mapping`."""
+    settings = model.settings
+    if settings.corrections or "given" in (settings.knots, settings.parametrization):
+        raise InputError(
+            f"{model.header.source}: a fit with corrected or given parameters or given knots does not follow the grid; "
+            f"fit without them, or keep parameters and knots frozen"
+        )
+    frozen = problem_of_mesh(model.topology, model.mesh)
+    exponent = EXPONENTS[settings.parametrization]
+    parameters = tuple(chord_length_parameters(nodes[rows], exponent) for rows in frozen.sharing.rows)
+    n_control, orders = zip(*((v.n_control, v.orders) for v in model.mesh.volumes))
+    knots = knots_of_segments(model.topology, parameters, n_control, orders, settings.knots)
+    volumes = tuple(map(Volume, knots))
+    return replace(frozen, mesh=replace(model.mesh, volumes=volumes)), parameters
+
+
+@dataclass(frozen=True, eq=False)
+class LiveMapping:
+    """Regeneration of a grid with the parameters and knots of one baseline grid."""
+
+    problem: FitProblem  # entities and shared nodes, the knots of the mesh being those of this grid
+    kind: str  # kind of knots
+    exponent: float  # power of the chords that parameters are made of, see `bspline_mdao.core.fit.options.EXPONENTS`
+    nodes: np.ndarray  # (n_nodes, 3), the baseline grid (m)
+    parameters: tuple[np.ndarray, ...]  # each (L0, L1, L2, 3), parameters of every segment
+    matrices: tuple[DesignMatrix, ...]  # of every entity of the problem
+
+    def evaluate(self, control_points: np.ndarray) -> np.ndarray:
+        """Grid, shape (n_nodes, 3), of control points, shape (n_control_points, 3)."""
+        points = np.empty_like(self.nodes)
+        for entity, matrix in zip(self.problem.entities, self.matrices):
+            points[entity.rows] = matrix.apply(entity.net(control_points))
+        return self._copy_shared(points)
+
+    def jvp(
+        self,
+        # control points and direction in them
+        control_points: np.ndarray,  # (n_control_points, 3)
+        d_nodes: np.ndarray,  # (n_nodes, 3), direction in the baseline grid
+        d_control: np.ndarray,  # (n_control_points, 3)
+    ) -> np.ndarray:  # (n_nodes, 3)
+        """Differentiate `evaluate`, through the parameters and knots as well."""
+        change, d_points = self.change(d_nodes), np.empty_like(self.nodes)
+        for entity, matrix in zip(self.problem.entities, self.matrices):
+            d_matrix = self.matrix_jvp(entity, matrix, change)
+            moved = sum_apply(d_matrix, entity.net(control_points))
+            d_points[entity.rows] = matrix.apply(entity.net(d_control)) + moved
+        return self._copy_shared(d_points)
+
+    def vjp(
+        self,
+        control_points: np.ndarray,  # (n_control_points, 3)
+        bar: np.ndarray,  # (n_nodes, 3), cotangent of the regenerated grid
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`."""
+        # returns nodes_bar (n_nodes, 3): cotangent of the baseline grid
+        # returns control_bar (n_control_points, 3)
+        bar, copies = bar.copy(), self.problem.sharing.copies
+        np.add.at(bar, copies[:, 1], bar[copies[:, 0]])
+        nodes_bar, control_bar, bars = np.zeros_like(self.nodes), np.zeros_like(control_points), self.no_change()
+        for entity, matrix in zip(self.problem.entities, self.matrices):
+            net_bar = matrix.apply_transpose(bar[entity.rows]).reshape(*entity.control_ids.shape, 3)
+            np.add.at(control_bar, entity.control_ids, net_bar)
+            self.add_matrix_vjp(entity, matrix, bars, [(bar[entity.rows], entity.net(control_points))])
+        self.add_change_vjp(bars, nodes_bar)
+        return nodes_bar, control_bar
+
+    def change(self, d_nodes: np.ndarray) -> Change:
+        """Differentiate parameters and edge knots along ``d_nodes``, shape (n_nodes, 3)."""
+        d_parameters, d_corners = [], []
+        for rows, x, volume in zip(self.problem.sharing.rows, self.parameters, self.problem.mesh.volumes):
+            d_parameters.append(chord_length_parameters_jvp(self.nodes[rows], x, d_nodes[rows], self.exponent))
+            arguments = x, volume.n_control, volume.orders, self.kind, d_parameters[-1]
+            d_corners.append(knots_of_segment_jvp(*arguments))
+        return Change(d_parameters, self._joined(d_corners))
+
+    def add_change_vjp(self, bars: Change, nodes_bar: np.ndarray) -> None:
+        """Add the cotangent of the nodes for those of parameters and edge knots: transpose of `change`."""
+        corners = self._joined(bars.corners)
+        for segment, (rows, x) in enumerate(zip(self.problem.sharing.rows, self.parameters)):
+            volume = self.problem.mesh.volumes[segment]
+            arguments = x, volume.n_control, volume.orders, self.kind, corners[segment]
+            parameters_bar = bars.parameters[segment] + knots_of_segment_vjp(*arguments)
+            nodes_bar[rows] += chord_length_parameters_vjp(self.nodes[rows], x, parameters_bar, self.exponent)
+
+    def _joined(self, corners: list[list[np.ndarray]]) -> list[list[np.ndarray]]:
+        """Changes of edge knots, or their cotangents, with those joined that neighbours share."""
+        return joined_corners(self.problem.topology, corners) if self.kind == "constant" else corners
+
+    def no_change(self) -> Change:
+        """Zeros of the shapes of a `Change`."""
+        shapes = [[(2, 2, k.n_control + k.order) for k in volume.knots] for volume in self.problem.mesh.volumes]
+        corners = [[np.zeros(shape) for shape in triple] for triple in shapes]
+        return Change([np.zeros_like(x) for x in self.parameters], corners)
+
+    def matrix_jvp(self, entity: Entity, matrix: DesignMatrix, change: Change) -> list[DesignMatrix]:
+        """Differentiate the matrix of an entity; the result is a sum of design matrices."""
+        d_parameters = change.parameters[entity.segment][entity.inner].reshape(-1, 3)
+        return self._live_matrix(entity, matrix).jvp(d_parameters, change.corners[entity.segment])
+
+    def add_matrix_vjp(self, entity: Entity, matrix: DesignMatrix, bars: Change, pairs) -> None:
+        """Add the cotangents of the sum of ``bar . (A b)`` over pairs of bar and b: transpose of `matrix_jvp`."""
+        parameters_bar, corners_bar = self._live_matrix(entity, matrix).vjp(pairs)
+        inner = bars.parameters[entity.segment][entity.inner]
+        inner += parameters_bar.reshape(inner.shape)
+        for total, part in zip(bars.corners[entity.segment], corners_bar):
+            total += part
+
+    def _live_matrix(self, entity: Entity, matrix: DesignMatrix) -> LiveMatrix:
+        parameters = self.parameters[entity.segment][entity.inner].reshape(-1, 3)
+        return LiveMatrix.of(matrix, self.problem.mesh.volumes[entity.segment], parameters, entity.is_free)
+
+    def _copy_shared(self, points: np.ndarray) -> np.ndarray:
+        copies = self.problem.sharing.copies
+        points[copies[:, 0]] = points[copies[:, 1]]
+        return points
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Derivatives, or cotangents, of what the matrices depend on."""
+
+    parameters: list[np.ndarray]  # each (L0, L1, L2, 3), of every segment
+    corners: list[list[np.ndarray]]  # each (2, 2, N + p), edge knots of every segment
+
+
+def sum_apply(terms, net: np.ndarray):
+    """Apply a sum of design matrices; 0 for a corner, which has none."""
+    return sum(term.apply(net) for term in terms)
+
+
+def live_grid(
+    model: FittedModel,  # gives topology, numbers of control points, orders, kind of knots, and what is near which wall
+    nodes: np.ndarray,  # (n_nodes, 3), the baseline grid (m)
+) -> LiveGrid:
+    """Regenerate with all that another baseline grid has. `InputError` as `live_mapping`."""
+    return LiveGrid(live_mapping(model, nodes), model.grid_map(), model.residual is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class LiveGrid:
+    """Regeneration of a grid with all that depends on one baseline. Made by `live_grid`."""
+
+    mapping: LiveMapping  # A(x0), and the baseline
+    grid_map: GridMap  # what does not change with the baseline
+    has_residual: bool  # whether the model has a residual
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """The baseline, shape (n_nodes, 3), in metres."""
+        return self.mapping.nodes
+
+    @property
+    def needs_initial(self) -> bool:
+        """Whether the grid depends on the control points of the baseline."""
+        return self.has_residual or self.grid_map.layer is not None
+
+    def at(self, initial: np.ndarray, control_points: np.ndarray) -> LiveGridState:
+        """Grid and its derivative at control points of the baseline, and moved ones, shape (n_control_points, 3)."""
+        # `MovementError` if the surroundings of a point are turned inside out
+        grid_map, nodes = self.grid_map, self.mapping.evaluate(control_points)
+        turn = vectors = layered = None
+        start = self.mapping.evaluate(initial) if self.needs_initial else nodes
+        if self.has_residual:
+            residual, start = self.nodes - start, self.nodes
+            if grid_map.turning is None:
+                nodes += residual
+            else:
+                turn, vectors = grid_map.turning.at(control_points, initial), grid_map.turning.vectors(residual)
+                nodes += turn.evaluate(np.zeros_like(control_points), vectors)
+        plane_points = nodes[grid_map.plane_rows]
+        if grid_map.layer is not None:
+            rows = grid_map.wall_rows
+            layered = grid_map.layer.at(start, nodes, start[rows], nodes[rows], grid_map.normals(plane_points))
+        return LiveGridState(self, initial, control_points, nodes, turn, vectors, layered, plane_points)
+
+
+@dataclass(frozen=True, eq=False)
+class LiveGridState:
+    """A grid and its derivative."""
+
+    of: LiveGrid  # the map
+    # control points of the baseline (anything where the grid does not depend on them), and now (m)
+    initial: np.ndarray  # (n_control_points, 3)
+    control_points: np.ndarray  # (n_control_points, 3)
+    nodes: np.ndarray  # (n_nodes, 3), the grid (m)
+    turn: Turn | None  # rotations of the residual
+    vectors: Vectors | None  # the residual that turns
+    layered: Layered | None  # nodes that followed walls
+    plane_points: np.ndarray  # (n_plane, 3), nodes on the boundary edges of planes before that (m)
+
+    def jvp(self, d_nodes: np.ndarray, d_initial: np.ndarray, d_control_points: np.ndarray) -> np.ndarray:
+        """Change of the grid, shape (n_nodes, 3), with those of the baseline and of both sets of control points."""
+        of, grid_map = self.of, self.of.grid_map
+        change = d_start = of.mapping.jvp(self.control_points, d_nodes, d_control_points)
+        if of.needs_initial:
+            d_start = of.mapping.jvp(self.initial, d_nodes, d_initial)
+        if of.has_residual:
+            d_residual, d_start = d_nodes - d_start, d_nodes
+            if self.turn is None or self.vectors is None:
+                change += d_residual
+            else:
+                d_turn, d_vectors = self.turn.change(d_control_points, d_initial), self.turn.of.vectors(d_residual)
+                change += self.turn.jvp(np.zeros_like(d_control_points), d_turn, self.vectors, d_vectors)
+        if self.layered is not None:
+            rows, d_normals = grid_map.wall_rows, grid_map.normals_jvp(self.plane_points, change[grid_map.plane_rows])
+            self.layered.jvp(d_start, change, d_start[rows], change[rows], d_normals)
+        return change
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+        """Transpose of `jvp`: derivatives in the baseline and in both sets of control points."""
+        of, grid_map = self.of, self.of.grid_map
+        bar, start_bar = bar.copy(), np.zeros_like(bar)
+        if self.layered is not None:
+            rows = grid_map.wall_rows
+            start_bar, bar, wall_start_bar, wall_bar, normals_bar = self.layered.vjp(bar)
+            start_bar[rows] += wall_start_bar
+            bar[rows] += wall_bar
+            bar[grid_map.plane_rows] += grid_map.normals_vjp(self.plane_points, normals_bar)
+        nodes_bar, control_bar = of.mapping.vjp(self.control_points, bar)
+        if not of.needs_initial:
+            return nodes_bar, None, control_bar
+        initial_bar = np.zeros_like(control_bar)
+        if of.has_residual:
+            residual_bar = bar
+            if self.turn is not None and self.vectors is not None:
+                copies = of.mapping.problem.sharing.copies
+                np.add.at(bar, copies[:, 1], bar[copies[:, 0]])
+                bar[copies[:, 0]] = 0.0
+                turn_bar, initial_bar, residual_bar = self.turn.vjp(self.vectors, bar)
+                residual_bar[copies[:, 0]] = 0.0
+                control_bar += turn_bar
+            nodes_bar += start_bar + residual_bar
+            start_bar = -residual_bar
+        start_nodes_bar, start_control_bar = of.mapping.vjp(self.initial, start_bar)
+        return nodes_bar + start_nodes_bar, initial_bar + start_control_bar, control_bar

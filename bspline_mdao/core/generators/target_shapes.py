@@ -1,0 +1,193 @@
+"""Shapes that a wing becomes (the moves of the paper's section IV): its wall nodes laid on another shape, and the fit.
+
+A shape is a map from side, chord fraction and span fraction to space. The *chord fraction* is that of the arc of a
+section from the leading to the trailing edge. The *span fraction* is that of a line of constant chord fraction from the
+symmetry plane to the tip, measured across the stream, so that sweep does not count: along the spine and over the
+rounded tip.
+
+Theory: ``docs/theory/generators.rst``.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ...errors import InputError
+from ...grids.topology.grid import Grid
+from ...grids.topology.index_space import Window
+from ..fit.surface_fit import fit_surface, replace_nodes
+from ..model.fitted_model import FittedModel
+
+_SIDES = {"wing_lower": -1, "wing_upper": 1}
+
+
+class Shape(Protocol):
+    """A surface with two sides that meet at the leading edge, the trailing edge and the tip.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import BlendedWingBody, Planform, Wing, lay_nodes, naca_section
+    >>> wing = Wing(Planform(semi_span=3.0), naca_section(0.12))  # a wing is a shape, as is a BlendedWingBody
+    >>> chord, span = np.meshgrid([0.0, 0.5, 1.0], [0.0, 1.0], indexing="ij")
+    >>> lay_nodes(wing, +1, chord, span)[..., 2].round(3).tolist()
+    [[0.0, 3.0], [0.0, 3.0], [0.0, 3.0]]
+    """
+
+    stations: np.ndarray
+    """Distances from the symmetry plane along the span, shape (m,), ascending (m)."""
+
+    def sections(self, side: int, fractions: np.ndarray) -> np.ndarray:
+        """Coordinate x and height, shape (m, n, 2), of fractions (m, n) of the arc of the section at every station."""
+
+    def place(self, sections: np.ndarray) -> np.ndarray:
+        """Points in space, shape (m, n, 3), of points of the sections, shape (m, n, 2)."""
+
+
+def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape) -> np.ndarray:
+    """Fit the surface control points of a wing's model to another shape.
+
+    Parameters
+    ----------
+    model : FittedModel
+        Model of a grid about a wing with patches ``wing_upper`` and ``wing_lower``, see `lay_walls`.
+    surface_ids : ndarray of int, shape (n_surface,)
+        Numbers of the control points of both patches, such as ``surface_ids`` of the moving mesh.
+    shape : Shape
+        What the wing is to become, for example `rectangular_wing` or `generic_blended_wing_body`.
+
+    Returns
+    -------
+    ndarray, shape (n_surface, 3)
+        Surface control points (m). How far the surface misses the shape is logged, see
+        `bspline_mdao.core.fit.surface_fit.fit_surface`, which also returns it.
+
+    Raises
+    ------
+    InputError
+        If the patches are not there, or the control points are not those of whole faces.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid, flat_plate_grid, generic_blended_wing_body, moving_mesh
+    >>> model = fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5))
+    >>> mesh = moving_mesh(model)
+    >>> surface = fit_shape(model, mesh.surface_ids, generic_blended_wing_body())
+    >>> surface.shape == mesh.points[mesh.surface_ids].shape
+    True
+    """
+    return fit_surface(model, surface_ids, nodes_on_shape(model, shape)).control_points
+
+
+def nodes_on_shape(model: FittedModel, shape: Shape) -> np.ndarray:
+    """All nodes of a model's grid, shape (n_nodes, 3), those of the wing laid on another shape; see `fit_shape`.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Planform, Wing, fit_grid
+    >>> from bspline_mdao import hh_wing_grid, naca_section, nodes_on_shape, rectangular_wing
+    >>> model = fit_grid(hh_wing_grid(rectangular_wing(), (5, 5, 5)))
+    >>> nodes_on_shape(model, Wing(Planform(semi_span=3.0, taper=0.5), naca_section(0.12))).shape
+    (1500, 3)
+    """
+    grid = model.regenerate()
+    return replace_nodes(model.topology, grid.to_vector().reshape(-1, 3), lay_walls(grid, shape))
+
+
+def lay_walls(grid: Grid, shape: Shape) -> list[tuple[Window, np.ndarray]]:
+    """Lay the wall nodes of a grid about a wing on another shape, fractions kept.
+
+    Parameters
+    ----------
+    grid : Grid
+        Grid with patches ``wing_upper`` and ``wing_lower``, i along the chord and k along the span, as `hh_wing_grid`
+        makes it.
+    shape : Shape
+        The other shape.
+
+    Returns
+    -------
+    list of (Window, ndarray of the window's shape and 3)
+        New nodes of the walls (m).
+
+    Raises
+    ------
+    InputError
+        If the grid has no such patches.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Planform, Wing, hh_wing_grid, lay_walls, naca_section, rectangular_wing
+    >>> wing = Wing(Planform(semi_span=3.0, taper=0.5), naca_section(0.12))
+    >>> [nodes.shape for _, nodes in lay_walls(hh_wing_grid(rectangular_wing(), (5, 5, 5)), wing)]
+    [(5, 1, 5, 3), (5, 1, 5, 3)]
+    """
+    windows = {patch.name: patch.windows for patch in grid.patches}
+    for name in _SIDES:
+        if len(windows.get(name, ())) != 1 or windows[name][0].shape[1] != 1:
+            raise InputError(f"{grid.source}: needs one face along i and k as patch {name}; use a grid about a wing")
+    walls = []
+    for name, side in _SIDES.items():
+        window = windows[name][0]
+        fractions = _fractions(grid.blocks[window.block].nodes[window.slices][:, 0])
+        walls.append((window, lay_nodes(shape, side, *fractions)[:, None]))
+    return walls
+
+
+def lay_nodes(shape: Shape, side: int, chord: np.ndarray, span: np.ndarray) -> np.ndarray:
+    """Lay nodes on one side of a shape.
+
+    Parameters
+    ----------
+    shape : Shape
+        The surface.
+    side : int
+        +1 upper, -1 lower.
+    chord, span : ndarray, shape (ni, nk)
+        Fractions of every node, from 0 to 1, ascending along i and along k.
+
+    Returns
+    -------
+    ndarray, shape (ni, nk, 3)
+        Nodes (m). Both sides give the same ones at the leading edge, the trailing edge and the tip, those of the root
+        are in the plane z = 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import lay_nodes, rectangular_wing
+    >>> chord, span = np.meshgrid([0.0, 0.5, 1.0], [0.0, 1.0], indexing="ij")
+    >>> lay_nodes(rectangular_wing(), +1, chord, span).shape
+    (3, 2, 3)
+    """
+    stations = shape.stations
+    along = stations / stations[-1]
+    fractions = np.stack([np.interp(along, g, f) for f, g in zip(chord, span)], axis=1)
+    sections = shape.sections(side, fractions)
+    lines = shape.place(sections).swapaxes(0, 1)
+    heights = sections[..., 1].T
+    return np.stack([_divide(line, stations, h, g) for line, h, g in zip(lines, heights, span)])
+
+
+def _fractions(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Chord and span fractions of wall nodes (ni, nk, 3)."""
+    chord = _arc(nodes)
+    span = _arc(nodes[..., 1:].swapaxes(0, 1)).T
+    return chord / chord[-1], span / span[:, -1:]
+
+
+def _arc(points: np.ndarray) -> np.ndarray:
+    """Arc length along the first axis."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=-1)
+    return np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
+
+
+def _divide(line: np.ndarray, stations: np.ndarray, heights: np.ndarray, fractions: np.ndarray) -> np.ndarray:
+    """Divide a line of samples (m, 3) at fractions of its length across the stream."""
+    arc = _arc(np.stack([stations, heights], axis=1))
+    nodes = CubicSpline(arc, line)(arc[-1] * fractions)
+    nodes[[0, -1]] = line[[0, -1]]
+    return nodes

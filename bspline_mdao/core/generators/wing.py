@@ -1,0 +1,436 @@
+"""Wings: planform, sections, the surface between them, and a surface grid of it.
+
+Theory: ``docs/theory/generators.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ...base.display import OneLine
+from ...errors import InputError
+from .stretching import stretch_lines
+
+_SAMPLES = 1000
+"""Points at which the speed along a section is sampled; arc lengths are then good to 1e-9 chords."""
+
+_EXTENDED = 1.0089304113651427
+"""Chords at which the thickness of the four-digit equation is zero."""
+
+_STATIONS = 120
+"""Span stations at which the surface is sampled before its spanwise lines are divided."""
+
+
+@dataclass(frozen=True)
+class Planform(OneLine):
+    """One half of a trapezoidal wing, its root in the symmetry plane z = 0 and its leading edge there at x = 0.
+
+    Parameters
+    ----------
+    root_chord : float
+        Chord in the symmetry plane (m).
+    semi_span : float
+        Distance from the symmetry plane to the tip (m).
+    taper : float
+        Tip chord over root chord.
+    leading_edge_sweep : float
+        Sweep of the leading edge (deg), positive aft.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Planform
+    >>> planform = Planform(root_chord=1.0, semi_span=3.0, taper=0.5, leading_edge_sweep=20.0)
+    >>> planform.tip_chord, round(planform.trailing_edge_sweep, 2)
+    (0.5, 11.16)
+    """
+
+    root_chord: float = 1.0
+    semi_span: float = 2.0
+    taper: float = 1.0
+    leading_edge_sweep: float = 0.0
+
+    def __post_init__(self):
+        is_positive = self.root_chord > 0.0 and self.semi_span > 0.0 and self.taper > 0.0
+        if not (is_positive and abs(self.leading_edge_sweep) < 80.0):
+            raise InputError(
+                f"planform: root chord {self.root_chord:g}, semi-span {self.semi_span:g}, taper {self.taper:g} must be "
+                f"positive and the sweep {self.leading_edge_sweep:g} deg below 80"
+            )
+
+    @classmethod
+    def from_sweeps(cls, root_chord: float, semi_span: float, leading: float, trailing: float) -> Planform:
+        """Make the planform from the sweeps (deg) of both edges; the taper follows."""
+        narrowing = semi_span * (np.tan(np.radians(leading)) - np.tan(np.radians(trailing)))
+        return cls(root_chord, semi_span, 1.0 - narrowing / root_chord, leading)
+
+    @property
+    def tip_chord(self) -> float:
+        """Chord at the tip (m)."""
+        return self.taper * self.root_chord
+
+    @property
+    def aspect_ratio(self) -> float:
+        """Aspect ratio of the whole wing."""
+        return 4.0 * self.semi_span / (self.root_chord + self.tip_chord)
+
+    @property
+    def trailing_edge_sweep(self) -> float:
+        """Sweep of the trailing edge (deg)."""
+        return float(np.degrees(np.arctan(self._slope(1.0))))
+
+    def x(self, fraction: np.ndarray | float, z: np.ndarray | float) -> Any:
+        """Coordinate x (m) of a chord fraction, 0 the leading and 1 the trailing edge, at span position z."""
+        return fraction * self.root_chord + self._slope(fraction) * z
+
+    def _slope(self, fraction: np.ndarray | float) -> Any:
+        """dx/dz of a line of constant chord fraction."""
+        narrowing = (1.0 - self.taper) * self.root_chord / self.semi_span
+        return np.tan(np.radians(self.leading_edge_sweep)) - fraction * narrowing
+
+
+@dataclass(frozen=True)
+class Section(OneLine):
+    """A wing section of unit chord with a closed trailing edge.
+
+    Parameters
+    ----------
+    upper, lower : ndarray, shape (n, 2)
+        Points (x, y) from the leading edge (0, 0) to the trailing edge (1, 0), in chords; a cubic spline in chord
+        length joins them.
+    nose_radius : float
+        Radius of the leading edge in chords; 0 for a sharp one.
+
+    Raises
+    ------
+    InputError
+        If the ends are elsewhere or points repeat.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import Section
+    >>> x = np.linspace(0.0, 1.0, 51)
+    >>> section = Section.symmetric(np.stack([x, 0.2 * x * (1.0 - x)], axis=1))
+    >>> round(float(section.thickness), 3)
+    0.1
+    """
+
+    upper: np.ndarray
+    lower: np.ndarray
+    nose_radius: float = 0.0
+
+    def __post_init__(self):
+        for name in ("upper", "lower"):
+            points = getattr(self, name)
+            if points.ndim != 2 or points.shape[0] < 2 or points.shape[1] != 2:
+                raise InputError(f"section, {name} side: points of shape {points.shape}; give (n, 2), n at least 2")
+            if np.abs(points[[0, -1]] - [[0.0, 0.0], [1.0, 0.0]]).max() > 1e-12:
+                raise InputError(
+                    f"section, {name} side: must run from (0, 0) to (1, 0); scale it and close its trailing edge"
+                )
+            if not np.linalg.norm(np.diff(points, axis=0), axis=1).all():
+                raise InputError(f"section, {name} side: two successive points coincide; leave one out")
+
+    @classmethod
+    def symmetric(cls, upper: np.ndarray, nose_radius: float = 0.0) -> Section:
+        """Make a symmetric section from the points of its upper side."""
+        return cls(upper, upper * [1.0, -1.0], nose_radius)
+
+    @property
+    def thickness(self) -> float:
+        """Largest thickness in chords."""
+        x = np.linspace(0.0, 1.0, 201)
+        return float(np.max(np.interp(x, *self.upper.T) - np.interp(x, *self.lower.T)))
+
+    def points(self, side: int, fractions: np.ndarray, thickness: np.ndarray) -> np.ndarray:
+        """Points at fractions of the arc length of the section scaled in thickness.
+
+        Parameters
+        ----------
+        side : int
+            +1 upper, -1 lower.
+        fractions : ndarray, shape (m, n)
+            Fractions of the arc length from the leading to the trailing edge.
+        thickness : ndarray, shape (m,)
+            Factor on y of each of the m curves.
+
+        Returns
+        -------
+        ndarray, shape (m, n, 2)
+            Points in chords.
+        """
+        curve, (factors, of_curve) = self._curves[side], np.unique(thickness, return_inverse=True)
+        places = [_places(*arcs) for arcs in zip(*_arcs(curve, factors))]
+        return np.stack([_at_arcs(curve, places[k], f, factors[k]) for k, f in zip(of_curve, fractions)])
+
+    def length(self, side: int, thickness: np.ndarray) -> np.ndarray:
+        """Arc length in chords of one side, scaled in thickness by each factor (m,)."""
+        return _arcs(self._curves[side], thickness)[1][:, -1]
+
+    @cached_property
+    def _curves(self):
+        return {1: _spline(self.upper, self.nose_radius, 1.0), -1: _spline(self.lower, self.nose_radius, -1.0)}
+
+
+def flat_section() -> Section:
+    """Make a section of no thickness.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import flat_section
+    >>> float(np.abs(flat_section().upper[:, 1]).max())
+    0.0
+    """
+    return Section.symmetric(np.array([[0.0, 0.0], [1.0, 0.0]]))
+
+
+def naca_section(thickness: float = 0.12, extended: bool = False) -> Section:
+    """Make a symmetric four-digit NACA section with its trailing edge closed.
+
+    Parameters
+    ----------
+    thickness : float
+        Thickness in chords; 0.12 for the NACA 0012.
+    extended : bool
+        Follow the equation to where it closes, at 1.0089 chords, and scale that to one, as Vassberg and Jameson do (J.
+        Aircraft 47, 2010).
+
+    Returns
+    -------
+    Section
+        Unless extended, the last coefficient, 0.1036 instead of 0.1015, closes the trailing edge.
+
+    Examples
+    --------
+    >>> from bspline_mdao import naca_section
+    >>> naca_section(0.12).upper[:, 1].max().round(3).item()  # half of the thickness
+    0.06
+    """
+    if extended:
+        x = 0.5 * _EXTENDED * (1.0 - np.cos(np.linspace(0.0, np.pi, 401)))
+        powers = -0.1015, 0.2843, -0.3516, -0.1260
+        y = 5.0 * thickness * (0.2969 * np.sqrt(x) + x * np.polyval(powers, x))
+        points = np.column_stack([x, y]) / _EXTENDED
+        points[[0, -1]] = [[0.0, 0.0], [1.0, 0.0]]
+        return Section.symmetric(points, nose_radius=_naca_nose_radius(thickness) / _EXTENDED)
+    x, y = _naca_upper(thickness)
+    return Section.symmetric(np.column_stack([x, y]), nose_radius=_naca_nose_radius(thickness))
+
+
+def cambered_section(thickness: float, camber: float, reflex: float = 0.0) -> Section:
+    """Make a section with the thickness of a four-digit NACA section about a camber line.
+
+    Parameters
+    ----------
+    thickness : float
+        Thickness in chords.
+    camber : float
+        Of the camber line ``4 camber x (1 - x) (1 - reflex x)``; without reflex its largest height.
+    reflex : float
+        Above 1 the camber line turns up behind ``x = 1 / reflex``.
+
+    Returns
+    -------
+    Section
+        The thickness is laid off vertically, so that the tangent at the nose is vertical.
+
+    Examples
+    --------
+    >>> from bspline_mdao import cambered_section
+    >>> section = cambered_section(0.12, 0.02)
+    >>> section.lower.shape == section.upper.shape
+    True
+    """
+    x, y = _naca_upper(thickness)
+    line = 4.0 * camber * x * (1.0 - x) * (1.0 - reflex * x)
+    upper, lower = (np.column_stack([x, line + side * y]) for side in (1.0, -1.0))
+    return Section(upper, lower, nose_radius=_naca_nose_radius(thickness))
+
+
+def _naca_upper(thickness: float) -> tuple[np.ndarray, np.ndarray]:
+    """Upper side of a symmetric four-digit NACA section with a closed trailing edge."""
+    x = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 201)))
+    y = 5.0 * thickness * (0.2969 * np.sqrt(x) - x * (0.1260 + x * (0.3516 - x * (0.2843 - x * 0.1036))))
+    y[[0, -1]] = 0.0
+    return x, y
+
+
+def _naca_nose_radius(thickness: float) -> float:
+    return 0.5 * (5.0 * thickness * 0.2969) ** 2
+
+
+def _spline(points: np.ndarray, nose_radius: float, side: float) -> CubicSpline:
+    """Cubic spline in chord length, with the vertical tangent at a blunt nose that one side cannot know."""
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    start = (1, [0.0, side]) if nose_radius > 0.0 else (2, [0.0, 0.0])
+    return CubicSpline(arc, points, bc_type=(start, (2, [0.0, 0.0])))
+
+
+def _arcs(curve: CubicSpline, factors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters and arc lengths, both of shape (m, n), along a curve scaled in y by each of the factors (m,)."""
+    t = np.linspace(0.0, 1.0, _SAMPLES) ** 2 * curve.x[-1]
+    x, y = curve(t, 1).T
+    speed = np.hypot(x, np.multiply.outer(factors, y))
+    return np.broadcast_to(t, speed.shape), CubicSpline(t, speed, axis=1).antiderivative()(t)
+
+
+def _places(t: np.ndarray, arc: np.ndarray) -> tuple[CubicSpline, float]:
+    """Parameter of a curve by its arc length, which is returned as well."""
+    # at a nose the parameter goes as the arc, or as its root where there is no thickness: smooth in the root of the arc
+    return CubicSpline(np.sqrt(arc), t), arc[-1]
+
+
+def _at_arcs(curve: CubicSpline, places: tuple[CubicSpline, float], fractions: np.ndarray, factor: float) -> np.ndarray:
+    """Points of a curve scaled in y at fractions of its arc length."""
+    by_root, length = places
+    points = curve(by_root(np.sqrt(fractions * length))) * [1.0, factor]
+    points[[0, -1]] = [[0.0, 0.0], [1.0, 0.0]]
+    return points
+
+
+@dataclass(frozen=True)
+class Wing(OneLine):
+    """A wing whose tip is closed inside its planform.
+
+    Parameters
+    ----------
+    planform : Planform
+        Chords, span and sweep.
+    section : Section
+        Section at the root, and everywhere if there is no other.
+    tip_section : Section, optional
+        Section at the tip; points at equal fractions of the arc are blended linearly along the span.
+    tip_length : float, optional
+        Length of span over which the tip is rounded (m); twice the thickness there by default.
+
+    Notes
+    -----
+    Over the last ``tip_length`` of the span, s from 0 to 1, the thickness is scaled by ``sqrt(1 - s^3)``: a blunt tip
+    without a jump in curvature, closed to the chord line, so that the tip is a line of the H-H topology.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Planform, Wing, naca_section
+    >>> wing = Wing(Planform(semi_span=3.0, taper=0.5, leading_edge_sweep=20.0), naca_section(0.12))
+    >>> wing.planform.tip_chord
+    0.5
+    """
+
+    planform: Planform
+    section: Section
+    tip_section: Section | None = None
+    tip_length: float | None = None
+
+    @property
+    def rounded_length(self) -> float:
+        """Length of span over which the tip is rounded (m); 0 for a wing without thickness."""
+        if self.tip_length is not None:
+            return self.tip_length
+        return 2.0 * (self.tip_section or self.section).thickness * self.planform.tip_chord
+
+    @property
+    def tip_radius(self) -> float:
+        """Radius of the rounded tip where the wing is thickest there (m): the limit of ``sqrt(1 - s^3)`` at s = 1."""
+        half = 0.5 * (self.tip_section or self.section).thickness * self.planform.tip_chord
+        return 1.5 * half**2 / self.rounded_length if self.rounded_length > 0.0 else 0.0
+
+    @property
+    def nose_radius(self) -> float:
+        """Radius of the leading edge at the root (m)."""
+        return self.section.nose_radius * self.planform.root_chord
+
+    @property
+    def stations(self) -> np.ndarray:
+        """Span positions (m), dense towards the tip, where the thickness goes as the root of the distance."""
+        return self.planform.semi_span * tip_clustered(_STATIONS)
+
+    def sections(self, side: int, fractions: np.ndarray) -> np.ndarray:
+        """Points of all sections in their planes.
+
+        Parameters
+        ----------
+        side : int
+            +1 upper, -1 lower.
+        fractions : ndarray, shape (n_stations, n)
+            Fractions of the arc length of each section from the leading to the trailing edge.
+
+        Returns
+        -------
+        ndarray, shape (n_stations, n, 2)
+            Coordinate x and height (m).
+        """
+        planform, stations, factor = self.planform, self.stations, self.thickness_factor(self.stations)
+        shape = self.section.points(side, fractions, factor)
+        if self.tip_section is not None:
+            weight = (stations / planform.semi_span)[:, None, None]
+            shape = (1.0 - weight) * shape + weight * self.tip_section.points(side, fractions, factor)
+        x, y = np.moveaxis(shape, 2, 0)
+        chord = planform.x(1.0, stations) - planform.x(0.0, stations)
+        return np.stack([planform.x(x, stations[:, None]), chord[:, None] * y], axis=-1)
+
+    def place(self, sections: np.ndarray) -> np.ndarray:
+        """Points in space, shape (n_stations, n, 3), of points of all sections, shape (n_stations, n, 2)."""
+        x, height = np.moveaxis(sections, 2, 0)
+        return np.stack([x, height, np.broadcast_to(self.stations[:, None], x.shape)], axis=-1)
+
+    def thickness_factor(self, z: np.ndarray) -> np.ndarray:
+        """Factor on the thickness at span positions z (m), shape (m,)."""
+        return tip_rounding(self.planform.semi_span - z, self.rounded_length)
+
+
+def surface_grid(
+    wing: Wing,
+    side: int,  # +1 upper, -1 lower
+    counts: tuple[int, ...],  # nodes along the chord and along the span
+    # spacings on the surface at the four edges, in arc length (m)
+    leading,
+    trailing,
+    root,
+    tip,
+) -> np.ndarray:
+    """Divide one side of a wing into a surface grid."""
+    # returns (n_chord, n_span, 3), nodes. Those of the leading edge, the trailing edge and the tip have y = 0, those of
+    # the root z = 0, exactly
+    n_chord, n_span = counts
+    samples = _chordwise_lines(wing, side, n_chord, leading, trailing)
+    nodes = np.stack([_divide(line, n_span, root, tip) for line in samples])
+    nodes[:, 0, 2], nodes[:, -1, 2] = 0.0, wing.planform.semi_span
+    nodes[[0, -1], :, 1] = 0.0
+    if wing.rounded_length > 0.0:
+        nodes[:, -1, 1] = 0.0
+    return nodes
+
+
+def _chordwise_lines(wing: Wing, side: int, n_chord: int, leading: float, trailing: float) -> np.ndarray:
+    """Points of the surface at all stations, shape (n_chord, n_stations, 3)."""
+    planform, stations = wing.planform, wing.stations
+    chord = planform.x(1.0, stations) - planform.x(0.0, stations)
+    length = chord * wing.section.length(side, wing.thickness_factor(stations))
+    fractions = stretch_lines(length, n_chord, leading, trailing)
+    return wing.place(wing.sections(side, fractions)).swapaxes(0, 1)
+
+
+def _divide(line: np.ndarray, n: int, first: float, last: float) -> np.ndarray:
+    """Divide a sampled line (m, 3) by arc length."""
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    return CubicSpline(arc, line)(arc[-1] * stretch_lines(arc[-1:], n, first, last)[0])
+
+
+def tip_rounding(distance: np.ndarray, length: float) -> np.ndarray:
+    """Factor on the thickness at distances (m) from a tip that is rounded over a length (m) of span."""
+    # It is ``sqrt(1 - s^3)``, s from 0 to 1 over that length: blunt, without a jump in curvature. 1 without a length.
+    if length == 0.0:
+        return np.ones_like(distance)
+    s = np.clip(1.0 - distance / length, 0.0, 1.0)
+    return np.sqrt((1.0 - s) * (1.0 + s + s * s))
+
+
+def tip_clustered(n: int) -> np.ndarray:
+    """Distribute n points over [0, 1], the closer the nearer to 1."""
+    return 1.0 - np.linspace(1.0, 0.0, n) ** 4

@@ -1,0 +1,127 @@
+"""The interface of every measure of a surface, and what measures are made of.
+
+A measure gives one or more numbers for the nodes of a `SurfaceGrid`, and their sparse derivatives. A user's own measure
+is any object with the members of `Measure`; `bspline_mdao.SurfaceMeasure` makes a component of it. A measure that is
+one number has its gradient as the only row of its derivatives (`single_row`, `row_at`); one that is a number for each
+of several places is made of `Combinations`. Theory: ``docs/theory/geometry.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import csr_array, vstack
+
+from ...base.display import OneLine
+from ...errors import InputError
+from ..mesh.surface import SurfaceGrid
+
+__all__ = ["MEMBERS", "Combinations", "Measure", "relative_to_baseline", "row_at", "single_row"]
+
+
+MEMBERS = ("name", "units", "shape", "surface", "evaluate", "partials")
+"""Names of the members of `Measure`, by which a component knows one."""
+
+
+class Measure(Protocol):
+    """One or more numbers that describe a surface."""
+
+    @property
+    def name(self) -> str:
+        """Name of the output."""
+
+    @property
+    def units(self) -> str | None:
+        """Units of the numbers."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the output."""
+
+    @property
+    def surface(self) -> SurfaceGrid:
+        """The surface that is measured: what is discrete is decided on its baseline nodes, once and for all."""
+
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
+        """Measure nodes, shape (n, 3), in metres, real or complex; of the shape ``shape``."""
+
+    def partials(self, points: np.ndarray) -> csr_array:
+        """Differentiate `evaluate` in C order: shape (size, 3 n), of a pattern that does not depend on the nodes."""
+
+
+def relative_to_baseline(
+    measure,  # dataclass, measure with a field ``scale`` that it is divided by
+    least: float,  # value up to which, either side of zero, there is nothing to divide by
+):
+    """Return a measure divided by its value on the baseline."""
+    value = float(measure.evaluate(measure.surface.points)[0])
+    if not abs(value) > least:
+        raise InputError(f"{measure.name}: {value:.3g} on the baseline, nothing to be relative to; take relative=False")
+    return replace(measure, scale=measure.scale * value)
+
+
+def single_row(gradient: np.ndarray) -> csr_array:
+    """Derivatives of one number, shape (1, 3 n_points), of its gradient, shape (n_points, 3); zeros kept."""
+    return row_at(np.arange(len(gradient)), gradient, len(gradient))
+
+
+def row_at(
+    ids: np.ndarray,  # int (n,), the nodes
+    gradient: np.ndarray,  # (n, 3), derivatives in their coordinates
+    n_points: int,  # number of all nodes
+) -> csr_array:
+    """Derivatives of one number, shape (1, 3 n_points), that depends on some nodes: its gradient; zeros kept."""
+    columns = (3 * ids[:, None] + np.arange(3)).ravel()
+    return csr_array((gradient.ravel(), columns, np.array([0, len(columns)])), shape=(1, 3 * n_points))
+
+
+@dataclass(frozen=True, eq=False)
+class Combinations(OneLine):
+    """Several vectors at each of n places, every one a fixed combination of nodes: tangents, differences, chords."""
+
+    # A number of each place, made of its vectors, then has closed-form derivatives on a fixed pattern.
+
+    stack: csr_array  # (n_kinds n, n_nodes), coefficients: all places of the first kind of vector, then all of the next
+    n_kinds: int  # vectors at each place
+    pattern: csr_array  # int (n, n_nodes), nodes that belong to each place
+    gather: csr_array  # (pattern.nnz, n_kinds n), from derivatives in the vectors to those in the nodes of the pattern
+
+    @classmethod
+    def of(cls, matrices: Sequence[csr_array]) -> Combinations:
+        """Take the coefficients of every kind of vector, each of shape (n, n_nodes)."""
+        stack = csr_array(vstack(matrices, format="csr"))
+        n_places, n_nodes = matrices[0].shape
+        entries = stack.tocoo()
+        keys = (entries.row % n_places) * np.int64(n_nodes) + entries.col
+        unique, number = np.unique(keys, return_inverse=True)
+        places = (np.arange(len(unique)), (unique // n_nodes, unique % n_nodes))
+        pattern = csr_array(places, shape=(n_places, n_nodes))
+        gather = csr_array((entries.data, (number, entries.row)), shape=(len(unique), stack.shape[0]))
+        return cls(stack, len(matrices), pattern, gather)
+
+    @property
+    def n_places(self) -> int:
+        """Number of places."""
+        return self.pattern.shape[0]
+
+    def vectors(self, points: np.ndarray) -> np.ndarray:
+        """Vectors, shape (n_kinds, n, 3), of nodes, shape (n_nodes, 3)."""
+        return (self.stack @ points).reshape(self.n_kinds, -1, 3)
+
+    def chain(
+        self,
+        # derivatives of the number of every place in its vectors, kind by kind
+        gradients: Sequence[np.ndarray],  # each (n, 3)
+    ) -> csr_array:
+        """Differentiate one number per place in the nodes, shape (n, 3 n_nodes)."""
+        data = self.gather @ np.concatenate(gradients)
+        columns = 3 * self.pattern.indices[:, None] + np.arange(3)
+        shape = (self.n_places, 3 * self.pattern.shape[1])
+        return csr_array((data.ravel(), columns.ravel(), 3 * self.pattern.indptr), shape=shape)
+
+    def pull(self, gradients: Sequence[np.ndarray]) -> np.ndarray:
+        """Differentiate the sum of the numbers of all places in the nodes, shape (n_nodes, 3)."""
+        return self.stack.T @ np.concatenate(gradients)

@@ -1,0 +1,145 @@
+"""Directions in which points of a mesh may move: everywhere, in planes, or nowhere.
+
+Theory: ``docs/theory/movers.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...base.numerics.mean_planes import MeanPlane, mean_planes, near_enough
+from ...base.numerics.vectors import is_line, nearest_plane
+from ...errors import InputError
+
+__all__ = ["AllowedDirections", "required_planes", "sliding_planes"]
+
+INDEPENDENT = 1e-3
+"""A normal counts where it leaves the span of the others by more than this, some 0.06 deg: more than planes of real
+grids are off, less than any corner between two planes."""
+
+
+@dataclass(eq=False)
+class AllowedDirections:
+    """Directions in which points may move, gathered face by face.
+
+    Parameters
+    ----------
+    surface, fixed : ndarray of bool, shape (n_points,)
+        Points on the design surface, and points that may not move.
+    n_normals : ndarray of int, shape (n_points,)
+        Number of directions in which each point may not move.
+    basis : ndarray, shape (n_points, 3, 3)
+        Its first ``n_normals`` rows are these directions, orthonormal; the others are zero.
+    """
+
+    surface: np.ndarray
+    fixed: np.ndarray
+    n_normals: np.ndarray
+    basis: np.ndarray
+
+    @classmethod
+    def of(cls, n_points: int) -> AllowedDirections:
+        """Points that may all move."""
+        no = np.zeros(n_points, dtype=bool)
+        return cls(no, no.copy(), np.zeros(n_points, dtype=np.int8), np.zeros((n_points, 3, 3)))
+
+    def fix(self, ids: np.ndarray) -> None:
+        """Fix points in all directions."""
+        self.fixed[ids] = True
+
+    def keep_in_plane(self, ids: np.ndarray, normal: np.ndarray) -> None:
+        """Fix points in the direction of a unit normal."""
+        left = normal - np.einsum("nij,ni->nj", self.basis[ids], self.basis[ids] @ normal)
+        length = np.linalg.norm(left, axis=1)
+        is_new = (length > INDEPENDENT) & (self.n_normals[ids] < 3)
+        new = ids[is_new]
+        self.basis[new, self.n_normals[new]] = left[is_new] / length[is_new, None]
+        self.n_normals[new] += 1
+
+    def fields(self) -> dict[str, Any]:
+        """Return the fields of a `bspline_mdao.core.mesh.moving_mesh.MovingMesh` that describe them, by name.
+
+        Raises
+        ------
+        InputError
+            If no point is on the design surface.
+        """
+        surface_ids = np.flatnonzero(self.surface).astype(np.int32)
+        if not len(surface_ids):
+            raise InputError("movement: no point is on the design surface; check the patches")
+        counts = self.n_normals[surface_ids]
+        in_plane_rows = np.repeat(np.arange(len(surface_ids), dtype=np.int32), counts)
+        normals = np.concatenate([np.zeros(0, dtype=int), *(np.arange(n) for n in counts[counts > 0])])
+        is_free, frames = self._directions()
+        is_free[self.fixed | self.surface] = False
+        return {
+            "surface_ids": surface_ids,
+            "is_free": is_free,
+            "frames": frames,
+            "in_plane_rows": in_plane_rows,
+            "in_plane_normals": self.basis[surface_ids[in_plane_rows], normals],
+        }
+
+    def _directions(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """Free directions, in the coordinate axes where all normals are such and in frames otherwise."""
+        if ((np.abs(self.basis) == 1.0).sum(axis=(1, 2)) == self.n_normals).all():
+            return ~(self.basis != 0.0).any(axis=1), None
+        _, _, rows = np.linalg.svd(self.basis)  # the rows of the normals' space come first, the null space last
+        return np.arange(3) >= self.n_normals[:, None], rows
+
+
+def required_planes(
+    parts: Sequence[np.ndarray],
+    whats: Sequence[str],
+    why: str = "is of kind symmetry",
+    advice: str = "make its kind 'other'",
+) -> list[MeanPlane]:
+    """Mean planes of patches that ought to be planar but for their roughness, from the points, shape (n, 3), of each.
+
+    Raises
+    ------
+    InputError
+        If one is not; ``whats`` name the patches, ``why`` they have to be planar, ``advice`` what to do.
+    """
+    planes, near = mean_planes(parts), near_enough(parts)
+    for plane, what in zip(planes, whats):
+        if plane.roughness > near:
+            raise InputError(f"{what} {why}, but leaves its plane by {plane.roughness:.3g} m; {advice}")
+    return planes
+
+
+def sliding_planes(
+    faces: Sequence[np.ndarray], points: np.ndarray, surface: np.ndarray
+) -> list[tuple[np.ndarray, float] | None]:
+    """Find the faces that slide by default: planar ones that the design surface ends on, and those in the same planes.
+
+    Parameters
+    ----------
+    faces : sequence of ndarray of int
+        Points of each face.
+    points : ndarray, shape (n_points, 3)
+        All points (m).
+    surface : ndarray of bool, shape (n_points,)
+        Those on the design surface.
+
+    Returns
+    -------
+    list of ((ndarray, float) or None)
+        Unit normal and offset (m) of the plane of each face that slides.
+    """
+    nearest = [nearest_plane(points[ids]) for ids in faces]
+    is_planar = [
+        distances.max() <= near and not is_line(points[ids]) for ids, (_, distances, near) in zip(faces, nearest)
+    ]
+    planes: list[tuple[np.ndarray, float] | None] = [None] * len(faces)
+    for touched in (n for n, ids in enumerate(faces) if is_planar[n] and surface[ids].any()):
+        normal, _, near = nearest[touched]
+        plane = normal, float(normal @ points[faces[touched]].mean(axis=0))
+        for n, ids in enumerate(faces):
+            if is_planar[n] and np.abs(points[ids] @ normal - plane[1]).max() <= max(near, nearest[n][2]):
+                planes[n] = plane
+    return planes

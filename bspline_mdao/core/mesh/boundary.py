@@ -1,0 +1,354 @@
+"""Directions in which the points of a mesh may move, from the patches of its grid.
+
+The points of the design surface are given. Those on symmetry planes slide in them, and so do those of any planar patch
+that the design surface ends on, because the edge that it moves would fold the cells beside it otherwise; those of
+curved patches that it ends on are free (`.following_faces`). All others on the boundary are fixed, wherever they are
+not released; walls are, planar or not. Where patches meet, the surface goes before the fixed and those before the
+sliding. The surface itself may leave planes that slide by default, but not those of symmetry.
+
+Theory: ``docs/theory/movers.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from ...base.checks import as_array, require_kind
+from ...base.numerics.mean_planes import MeanPlane
+from ...errors import InputError
+from ...grids.topology.sharing import boundary_sections
+from ...grids.topology.topology import BoundaryFace, Topology, describe
+from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare
+from ..splines.greville import greville_abscissae
+from .allowed_directions import AllowedDirections, required_planes, sliding_planes
+from .following_faces import following_sides
+from .moving_mesh import MovingMesh
+
+__all__ = [
+    "boundary_points",
+    "matching_names",
+    "matching_patches",
+    "moving_grid",
+    "moving_mesh",
+    "require_mesh_of",
+    "symmetry_planes",
+    "wall_patches",
+]
+
+Selection = str | np.ndarray
+"""Patches by name or pattern, or points by number."""
+
+
+def moving_mesh(
+    model: FittedModel | ModelShare,
+    design: str | Sequence[str] | None = None,
+    fixed: Selection | Sequence[Selection] = (),
+    released: str | Sequence[str] = (),
+    sliding: str | Sequence[str] = (),
+) -> MovingMesh:
+    """Make the control mesh of a model ready to move.
+
+    Parameters
+    ----------
+    model : FittedModel or ModelShare
+        The fitted grid, or what one of several processes needs of it.
+    design : str or sequence of str, optional
+        Patches whose control points are the design surface, by name or pattern (``"wing*"``); all walls by default.
+    fixed : str, ndarray of int, or sequence of them
+        Patches, or numbers of control points (from 0), that stay where they are.
+    released : str or sequence of str
+        Patches whose control points are free.
+    sliding : str or sequence of str
+        Planar patches whose control points slide in their planes. Symmetry planes do in any case, and planar patches
+        that the design surface ends on unless they are walls, fixed or released.
+
+    Returns
+    -------
+    MovingMesh
+
+    Raises
+    ------
+    InputError
+        If a patch does not exist, one that is to slide is not planar, two things are asked of one patch, there is no
+        design surface, or a block is planar.
+
+    Notes
+    -----
+    Curved patches of the far field, of kind ``other`` and of no kind follow the design surface where it ends on them,
+    unless they are fixed or periodic: their points are free.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))  # all walls move; symmetry planes slide
+    >>> mesh.points.shape, mesh.surface_ids.size, mesh.n_invalid
+    ((78, 3), 26, 0)
+    """
+    if not isinstance(model, ModelShare):
+        require_kind(model, FittedModel, "the model of a moving mesh", "make it with fit_grid(grid)")
+    parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
+    asked = _Requests.of(model.topology, len(model.control_points), design, fixed, released, sliding)
+    return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters, model.mesh.volumes)
+
+
+def require_mesh_of(model: FittedModel | ModelShare, mesh: MovingMesh, what: str) -> None:
+    """Refuse the control mesh of another model; ``what`` names the mesh.
+
+    Raises
+    ------
+    InputError
+        If its control points are not numbered as those of the model.
+    """
+    ids = model.mesh.control_ids
+    if len(mesh.blocks) != len(ids) or not all(map(np.array_equal, mesh.blocks, ids)):
+        raise InputError(f"{what} is not the control mesh of {model.header.source}; make it with moving_mesh(model)")
+
+
+def moving_grid(
+    topology: Topology,
+    nodes: np.ndarray,
+    design: str | Sequence[str] | None = None,
+    fixed: Selection | Sequence[Selection] = (),
+    released: str | Sequence[str] = (),
+    sliding: str | Sequence[str] = (),
+) -> tuple[MovingMesh, np.ndarray]:
+    """Make a grid ready to move node by node, as the paper's comparator does.
+
+    Parameters
+    ----------
+    topology : Topology
+        Topology of the grid.
+    nodes : ndarray, shape (n_nodes, 3)
+        All nodes of the grid (m), blocks in order, each in C order.
+    design, fixed, released, sliding
+        As for `moving_mesh`; numbers are those of the points of the mesh.
+
+    Returns
+    -------
+    mesh : MovingMesh
+        Every node of the grid once.
+    point_ids : ndarray of int32, shape (n_nodes,)
+        The point of each node: ``nodes = points[point_ids]``.
+
+    Raises
+    ------
+    InputError
+        As `moving_mesh`; also if the nodes are of another shape.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, find_topology, moving_grid
+    >>> grid = brick_grid((5, 5, 5, 5))
+    >>> mesh, nodes = moving_grid(find_topology(grid), grid.to_vector().reshape(-1, 3))  # without splines
+    >>> mesh.n_points, nodes.shape
+    (490, (750,))
+    """
+    nodes = as_array(nodes, "moving grid: nodes")
+    if nodes.shape != (topology.n_nodes, 3):
+        raise InputError(f"moving grid: nodes of shape {nodes.shape}; give shape ({topology.n_nodes}, 3)")
+    blocks = topology.node_ids()
+    rows = np.split(np.arange(topology.n_nodes), np.cumsum([np.prod(shape) for shape in topology.shapes])[:-1])
+    rows = [block.reshape(shape) for block, shape in zip(rows, topology.shapes)]
+    point_ids = np.empty(topology.n_nodes, dtype=np.int32)
+    for segment, ids in zip(topology.segments, blocks):
+        point_ids[rows[segment.block][segment.slices]] = ids
+    points = np.empty((max(int(ids.max()) for ids in blocks) + 1, 3))
+    points[point_ids] = nodes
+    asked = _Requests.of(topology, len(points), design, fixed, released, sliding)
+    return _mesh(topology, blocks, points, asked), point_ids
+
+
+@dataclass(frozen=True, eq=False)
+class _Requests:
+    """Requests for patches, by name, and for single points."""
+
+    design: frozenset[str]
+    fixed: frozenset[str]
+    released: frozenset[str]
+    sliding: frozenset[str]
+    fixed_point_ids: np.ndarray
+
+    @classmethod
+    def of(cls, topology: Topology, n_points: int, design, fixed, released, sliding) -> _Requests:
+        for name, segment in zip(topology.segment_names, topology.segments):
+            if 1 in segment.shape:
+                raise InputError(
+                    f"{topology.source}: {name} is planar; movement needs cells in all three directions; "
+                    f"make a plane grid one cell deep by lift_plane_grid"
+                )
+        fixed_patches, fixed_point_ids = _split(fixed, n_points)
+        design = wall_patches(topology) if design is None else design
+        asked = {"fixed": fixed_patches, "released": released, "sliding": sliding}
+        found = {what: matching_patches(topology, patterns) for what, patterns in asked.items()}
+        for (what, names), (other, others) in combinations(found.items(), 2):
+            if names & others:
+                raise InputError(
+                    f"{topology.source}: patch '{min(names & others)}' is to be both {what} and {other}; choose one"
+                )
+        return cls(matching_patches(topology, design), **found, fixed_point_ids=fixed_point_ids)
+
+
+def _mesh(
+    topology: Topology, blocks, points: np.ndarray, asked: _Requests, parameters=None, volumes=None
+) -> MovingMesh:
+    """Sort the boundary faces of all blocks by what is asked of them."""
+    allowed = AllowedDirections.of(len(points))
+    others: list[_Side] = []
+    allowed.fix(asked.fixed_point_ids)
+    for number, (face, ids) in enumerate(boundary_points(topology, blocks)):
+        if face.patch in asked.design:
+            allowed.surface[ids] = True
+        elif face.patch in asked.fixed or face.patch not in asked.released:
+            others.append(_Side(face, ids, number))
+    for ids, asked_plane in _asked_planes(others, points, asked, topology.source):
+        allowed.keep_in_plane(ids, asked_plane.normal)
+    others = [side for side in others if not (_is_asked_to_slide(side.face, asked) or _is_symmetry(side.face, asked))]
+    undecided = [side for side in others if _may_slide(side.face, asked)]
+    fixed = [side for side in others if not _may_slide(side.face, asked)]
+    planes = sliding_planes([side.ids for side in undecided], points, allowed.surface)
+    curved = {side.number: side.ids for side, plane in zip(undecided, planes) if plane is None}
+    following = following_sides(topology, blocks, points, allowed.surface, curved)
+    fixed += [side for side in undecided if side.number in curved.keys() - following]
+    for side, plane in zip(undecided, planes):
+        if plane is not None:
+            allowed.keep_in_plane(side.ids[~allowed.surface[side.ids]], plane[0])
+    for side in fixed:
+        allowed.fix(side.ids)
+    return MovingMesh(
+        tuple(blocks),
+        topology.segment_names,
+        points,
+        **allowed.fields(),
+        parameters=parameters,
+        volumes=volumes,
+        planes=tuple(plane for side, plane in zip(undecided, planes) if plane and side.face.kind != "farfield"),
+        obstacles=_met(fixed, allowed.surface),
+        following=_met((side for side in undecided if side.number in following), allowed.surface),
+    )
+
+
+class _Side(NamedTuple):
+    """Side of a segment on the boundary: its face, its points, and its number in `boundary_points`."""
+
+    face: BoundaryFace
+    ids: np.ndarray
+    number: int
+
+
+def _asked_planes(others, points: np.ndarray, asked: _Requests, source: str) -> Iterator[tuple[np.ndarray, MeanPlane]]:
+    """Yield the points of the faces that have to slide, and the mean plane of each."""
+    for is_wanted, reason in ((_is_asked_to_slide, ("is to slide", "fix or release it")), (_is_symmetry, ())):
+        found = [side for side in others if is_wanted(side.face, asked)]
+        whats = [f"{source}: patch {side.face.patch}" for side in found]
+        planes = required_planes([points[side.ids] for side in found], whats, *reason)
+        yield from ((side.ids, plane) for side, plane in zip(found, planes))
+
+
+def _is_asked_to_slide(face: BoundaryFace, asked: _Requests) -> bool:
+    return face.patch in asked.sliding
+
+
+def _is_symmetry(face: BoundaryFace, asked: _Requests) -> bool:
+    """Whether a face slides because of its kind."""
+    return face.kind == "symmetry" and face.patch not in asked.fixed and face.patch not in asked.sliding
+
+
+def _may_slide(face: BoundaryFace, asked: _Requests) -> bool:
+    """Whether a face slides where it is planar and the design surface ends on it, and follows where it is curved."""
+    return face.kind in ("other", "farfield", None) and face.patch not in asked.fixed
+
+
+def _met(sides: Iterable[_Side], surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
+    """Gather the faces that the design surface ends on by patch: what to call it, and its points."""
+    found: dict[str, list[np.ndarray]] = {}
+    for face, ids, _ in sides:
+        if surface[ids].any():
+            what = f"patch '{face.patch}'" if face.patch else f"the undeclared face {describe(face.window)}"
+            found.setdefault(what, []).append(ids)
+    return tuple((what, np.unique(np.concatenate(parts))) for what, parts in found.items())
+
+
+def boundary_points(topology: Topology, blocks: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
+    """Boundary faces, each with the points of every face of a segment that is on it; see `boundary_sections`."""
+    for face, ids in boundary_sections(topology, blocks):
+        yield face, np.unique(ids)
+
+
+def symmetry_planes(model: FittedModel) -> list[tuple[np.ndarray, float, np.ndarray]]:
+    """Planes of the faces of symmetry of a model: unit normal, offset (m) and control points of each face.
+
+    Raises
+    ------
+    InputError
+        If a patch of symmetry is not planar.
+    """
+    topology = model.topology
+    found = [face for face in boundary_points(topology, model.mesh.control_ids) if face[0].kind == "symmetry"]
+    whats = [f"{topology.source}: patch {face.patch}" for face, _ in found]
+    planes = required_planes([model.control_points[ids] for _, ids in found], whats)
+    return [(plane.normal, plane.offset, ids) for plane, (_, ids) in zip(planes, found)]
+
+
+def wall_patches(topology: Topology) -> tuple[str, ...]:
+    """Names of all patches that are walls.
+
+    Raises
+    ------
+    InputError
+        If none is.
+    """
+    walls = tuple(sorted({face.patch for face in topology.boundary if face.patch and face.kind == "wall"}))
+    if not walls:
+        raise InputError(
+            f"{topology.source}: no patch is a wall, so there is no design surface; fit the grid with patches of the "
+            f"kind wall ('fit --patches FILE'), or name the patches in 'design'"
+        )
+    return walls
+
+
+def matching_patches(topology: Topology, patterns: str | Sequence[str]) -> frozenset[str]:
+    """Names of all patches that match any of the patterns (``"wing*"``).
+
+    Raises
+    ------
+    InputError
+        If a pattern matches none.
+    """
+    names = {face.patch for face in topology.boundary if face.patch is not None}
+    return matching_names(names, patterns, topology.source)
+
+
+def matching_names(names: Iterable[str], patterns: str | Sequence[str], what: str) -> frozenset[str]:
+    """Names of patches that match any of the patterns (``"wing*"``); ``what`` has the patches, for messages.
+
+    Raises
+    ------
+    InputError
+        If a pattern matches none.
+    """
+    found: set[str] = set()
+    for pattern in (patterns,) if isinstance(patterns, str) else patterns:
+        matches = {name for name in names if fnmatchcase(name, pattern)}
+        if not matches:
+            existing = ", ".join(sorted(names)) or "none"
+            raise InputError(f"{what}: no patch is called '{pattern}'; the patches are {existing}")
+        found |= matches
+    return frozenset(found)
+
+
+def _split(fixed, n_points: int) -> tuple[list[str], np.ndarray]:
+    """Names and numbers of what is fixed."""
+    items = [fixed] if isinstance(fixed, np.ndarray) or np.isscalar(fixed) else list(fixed)
+    ids = [np.asarray(item).ravel() for item in items if not isinstance(item, str)]
+    ids = [numbers for numbers in ids if len(numbers)]
+    for numbers in ids:
+        if not np.issubdtype(numbers.dtype, np.integer) or numbers.min() < 0 or numbers.max() >= n_points:
+            raise InputError(f"fixed points: give numbers from 0 to {n_points - 1}")
+    return [item for item in items if isinstance(item, str)], np.concatenate([np.zeros(0, dtype=int), *ids])

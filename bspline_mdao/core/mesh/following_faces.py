@@ -1,0 +1,69 @@
+"""Outer faces that follow the design surface where it ends on them.
+
+The edge of a wall that ends on a curved face, such as the cone behind a sphere-cone, takes the points beside it along,
+or the cells between them fold. So the points of such a face are free, and move as the mover moves what is inside; the
+edges that it shares with faces that are fixed stay, so that what the wall does fades over the face. Faces of periodic
+pairs are left out: nothing ties the two sides, and free they would drift apart.
+
+Theory: ``docs/theory/movers.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...base.numerics.vectors import is_line
+from ...grids.topology.grid import Block, Grid
+from ...grids.topology.index_space import Window
+from ...grids.topology.periodic import find_periodic
+from ...grids.topology.sharing import boundary_sides
+from ...grids.topology.topology import Topology
+
+__all__ = ["following_sides"]
+
+
+def following_sides(
+    topology: Topology,
+    blocks: Sequence[np.ndarray],
+    points: np.ndarray,
+    surface: np.ndarray,
+    candidates: Mapping[int, np.ndarray],
+) -> frozenset[int]:
+    """Find the sides of segments that follow the surface: it ends on them, and they repeat no others.
+
+    Parameters
+    ----------
+    topology : Topology
+        The boundary and the segments.
+    blocks : sequence of ndarray of int, each of shape (N0, N1, N2)
+        Numbers of the points of every segment.
+    points : ndarray, shape (n_points, 3)
+        All points (m).
+    surface : ndarray of bool, shape (n_points,)
+        Those on the design surface.
+    candidates : mapping of int to ndarray of int
+        Points of the sides that may follow, by their numbers in `bspline_mdao.grids.topology.sharing.boundary_sides`.
+
+    Returns
+    -------
+    frozenset of int
+        Those that do.
+    """
+    met = frozenset(n for n, ids in candidates.items() if surface[ids].any() and not is_line(points[ids]))
+    sides = list(boundary_sides(topology)) if met else []
+    is_periodic = any(sides[n][0].kind != "farfield" for n in met)
+    return met - _periodic_sides(sides, blocks, points) if is_periodic else met
+
+
+def _periodic_sides(sides, blocks: Sequence[np.ndarray], points: np.ndarray) -> set[int]:
+    """Numbers of the sides that a rotation or a translation lays onto others; a far field is none of them."""
+    mesh = Grid(tuple(Block(points[ids], f"segment {n}") for n, ids in enumerate(blocks, start=1)))
+    windows = {
+        Window.whole(segment, blocks[segment].shape).face(side): n
+        for n, (face, segment, side) in enumerate(sides)
+        if face.kind in (None, "other")
+    }
+    pairs = find_periodic(mesh, list(windows))
+    return {windows[window] for pair in pairs for window in (*pair.windows, *pair.others)}

@@ -1,0 +1,273 @@
+"""The mesh that a mover moves: hexahedra, and the directions in which each of their points may move.
+
+A control mesh and a fine grid are the same thing to a mover. `bspline_mdao.core.mesh.boundary` makes either from a
+fitted model or a grid and its patches.
+
+Theory: ``docs/theory/movers.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ...base.display import OneLine
+from ...errors import InputError
+from ...grids.cells.hexahedron import cell_quality, collapsed_corners
+from ..splines.volume import Volume
+
+__all__ = ["MovingMesh", "Tangling", "require_mesh"]
+
+
+@dataclass(frozen=True)
+class Tangling(OneLine):
+    """Elements that are valid on the baseline and not any more.
+
+    Parameters
+    ----------
+    n_tangled : int
+        Their number.
+    place : str
+        The worst of them; empty where there is none.
+    min_corner : float
+        Smallest corner triple product of unit edges of the elements that are valid on the baseline.
+    corner_ratio : float
+        Smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements:
+        1 where nothing has changed, 0 or less where the mesh tangles.
+    n_invalid : int
+        Elements that are invalid, whatever they are on the baseline: counted as the report of a fit counts them.
+    """
+
+    n_tangled: int
+    place: str
+    min_corner: float
+    corner_ratio: float
+    n_invalid: int
+
+
+@dataclass(frozen=True, eq=False)
+class MovingMesh(OneLine):
+    """Blocks of hexahedra that share points, and the directions in which each point may move.
+
+    Parameters
+    ----------
+    blocks : tuple of ndarray of int32, each of shape (N0, N1, N2)
+        Numbers of the points of every block.
+    names : tuple of str
+        Name of every block for messages, such as ``"block 3"``.
+    points : ndarray, shape (n_points, 3)
+        Points of the baseline (m). They decide, once and for all, what is discrete: collapsed corners, handedness and
+        planes of symmetry. What is moved is given anew in every move.
+    surface_ids : ndarray of int32, shape (n_surface,)
+        Points of the design surface, ascending: given in all three coordinates.
+    is_free : ndarray of bool, shape (n_points, 3)
+        Directions in which each point may move, of its frame. None on the surface and where a point is fixed.
+    frames : ndarray, shape (n_points, 3, 3), or None
+        Rows are the orthonormal directions of each point that ``is_free`` refers to; the coordinate axes by default.
+    in_plane_rows : ndarray of int, shape (n_in_plane,)
+        Rows of ``surface_ids`` of the surface points that lie on a symmetry plane, or on another one that they have to
+        stay in, once for each plane.
+    in_plane_normals : ndarray, shape (n_in_plane, 3)
+        Unit normals of these planes.
+    parameters : tuple of ndarray, each of shape (N0, N1, N2, 3), or None
+        Place of every point of every block in parameter space, where the mesh is a control mesh.
+    volumes : tuple of Volume, or None
+        Splines of every block, where the mesh is a control mesh.
+    planes : tuple of (ndarray, float)
+        Unit normals and offsets (m) of the planes of no declared kind in which points slide because the design surface
+        ends on them; the surface itself may leave them.
+    obstacles : tuple of (str, ndarray of int)
+        Patches that are fixed although the design surface ends on them: what to call them in a message, and their
+        points. Elements beside them tangle first.
+    following : tuple of (str, ndarray of int)
+        Curved patches that are free because the design surface ends on them, in the same way.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> mesh.n_points, mesh.points[mesh.surface_ids].shape, mesh.n_invalid
+    (78, (26, 3), 0)
+    """
+
+    blocks: tuple[np.ndarray, ...]
+    names: tuple[str, ...]
+    points: np.ndarray
+    surface_ids: np.ndarray
+    is_free: np.ndarray
+    frames: np.ndarray | None = None
+    in_plane_rows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    in_plane_normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    parameters: tuple[np.ndarray, ...] | None = None
+    volumes: tuple[Volume, ...] | None = None
+    planes: tuple[tuple[np.ndarray, float], ...] = ()
+    obstacles: tuple[tuple[str, np.ndarray], ...] = ()
+    following: tuple[tuple[str, np.ndarray], ...] = ()
+
+    @property
+    def n_points(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    @cached_property
+    def size(self) -> float:
+        """Diagonal of the baseline's box (m)."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+    @cached_property
+    def surface_rows(self) -> np.ndarray:
+        """Row of each point in ``surface_ids``, shape (n_points,); -1 for points that are not on the surface."""
+        rows = np.full(self.n_points, -1)
+        rows[self.surface_ids] = np.arange(len(self.surface_ids))
+        return rows
+
+    @cached_property
+    def fixed_ids(self) -> np.ndarray:
+        """Points that may not move and are not on the design surface, ascending."""
+        is_fixed = self.is_free.sum(axis=1) == 0
+        is_fixed[self.surface_ids] = False
+        return np.flatnonzero(is_fixed).astype(np.int32)
+
+    @cached_property
+    def plane_normals(self) -> np.ndarray:
+        """Unit normals of the planes in which points slide, shape (n_planes, 3), those of parallel planes once."""
+        rows = np.flatnonzero(self.is_free.sum(axis=1) == 2)
+        directions = np.argmin(self.is_free[rows], axis=1)
+        normals = np.eye(3)[directions] if self.frames is None else self.frames[rows, directions]
+        normals = np.concatenate([normals, self.in_plane_normals])
+        first = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
+        _, which = np.unique(np.round(normals * np.sign(first), 5), axis=0, return_index=True)
+        return normals[np.sort(which)]
+
+    @cached_property
+    def elements(self) -> np.ndarray:
+        """Corners of the elements, shape (n_elements, 8), int32, block by block in C order.
+
+        Corner ``a + 2 b + 4 d`` is at the end a, b, d = 0, 1 of the directions i, j, k.
+        """
+        return np.concatenate([_hexahedra(ids) for ids in self.blocks])
+
+    @cached_property
+    def degenerate_corners(self) -> np.ndarray:
+        """Corners with a collapsed edge on the baseline, as bits, shape (n_elements,), uint8."""
+        return np.concatenate([bits.ravel() for bits in self._degenerate_corners])
+
+    @cached_property
+    def handedness(self) -> np.ndarray:
+        """Sign of each element's block on the baseline, shape (n_elements,), int8."""
+        signs = [np.full(quality.q.size, quality.handedness, dtype=np.int8) for quality in self._baseline_quality]
+        return np.concatenate(signs)
+
+    @cached_property
+    def is_valid(self) -> np.ndarray:
+        """Whether each element is valid on the baseline, shape (n_elements,)."""
+        return np.concatenate([quality.is_valid.ravel() for quality in self._baseline_quality])
+
+    @property
+    def n_invalid(self) -> int:
+        """Number of elements that are invalid on the baseline."""
+        return int(np.count_nonzero(~self.is_valid))
+
+    def stranded_blocks(self) -> tuple[str, ...]:
+        """Names of the blocks that no chain of shared points joins to the design surface: nothing moves them."""
+        n_blocks = len(self.blocks)
+        block = np.repeat(np.arange(n_blocks), [ids.size for ids in self.blocks])
+        points = np.concatenate([ids.ravel() for ids in self.blocks]) + n_blocks
+        n = n_blocks + self.n_points
+        graph = coo_array((np.ones(len(points), dtype=bool), (block, points)), shape=(n, n))
+        part = connected_components(graph.tocsr(), directed=False)[1]
+        moving = np.unique(part[self.surface_ids + n_blocks])
+        return tuple(name for name, number in zip(self.names, part[:n_blocks]) if number not in moving)
+
+    def slide(self, displacement: np.ndarray) -> np.ndarray:
+        """Project displacements, shape (n_points, 3), onto what each point may do: zero on the surface and where fixed.
+
+        The projection is orthogonal, hence its own transpose.
+        """
+        if self.frames is None:
+            return displacement * self.is_free
+        in_frames = np.einsum("nij,nj->ni", self.frames, displacement) * self.is_free
+        return np.einsum("nij,ni->nj", self.frames, in_frames)
+
+    def place(self, element: int) -> str:
+        """Name an element for a message."""
+        for name, ids in zip(self.names, self.blocks):
+            shape = [n - 1 for n in ids.shape]
+            if element < np.prod(shape):
+                return _place("element", np.unravel_index(element, shape), name)
+            element -= int(np.prod(shape))
+        raise IndexError(element)
+
+    def place_of_point(self, point: int) -> str:
+        """Name a point for a message, by the first block that holds it."""
+        for name, ids in zip(self.names, self.blocks):
+            found = np.argwhere(ids == point)
+            if len(found):
+                return _place("point", found[0], name)
+        raise IndexError(point)
+
+    def place_of_surface_point(self, row: int | np.integer) -> str:
+        """Name a surface point for a message, by its row in ``surface_ids``."""
+        return self.place_of_point(self.surface_ids[row])
+
+    def tangled(self, points: np.ndarray) -> Tangling:
+        """Find the elements that are valid on the baseline and not with these points, shape (n_points, 3)."""
+        n_tangled, place, least, ratio, n_invalid = 0, "", np.inf, np.inf, 0
+        for name, ids, degenerate_corners, baseline in zip(
+            self.names, self.blocks, self._degenerate_corners, self._baseline_quality
+        ):
+            quality = cell_quality(points[ids], degenerate_corners)
+            corner = quality.min_corner if quality.handedness == baseline.handedness else -np.abs(quality.min_corner)
+            corner = np.where(np.isnan(corner), -np.inf, corner)
+            n_invalid += int(np.count_nonzero(corner <= 0.0))
+            corner = np.where(baseline.is_valid, corner, np.inf)
+            n_tangled += int(np.count_nonzero(corner <= 0.0))
+            ratio = min(ratio, float(np.min(corner / np.where(baseline.is_valid, baseline.min_corner, 1.0))))
+            worst = np.unravel_index(np.argmin(corner), corner.shape)
+            if corner[worst] < least:
+                least = float(corner[worst])
+                place = "" if least > 0.0 else _place("element", worst, name) + self._obstacle(ids, worst)
+        return Tangling(n_tangled, place, least, ratio, n_invalid)
+
+    def _obstacle(self, ids: np.ndarray, element) -> str:
+        """Say which of the `obstacles` an element of a block lies on; nothing where it lies on none."""
+        corners = ids[tuple(slice(n, n + 2) for n in element)]
+        beside = [what for what, points in self.obstacles if np.isin(corners, points).any()]
+        return f" on {beside[0]}, which is fixed where the surface ends on it" if beside else ""
+
+    @cached_property
+    def _degenerate_corners(self):
+        return [collapsed_corners(self.points[ids]) for ids in self.blocks]
+
+    @cached_property
+    def _baseline_quality(self):
+        pairs = zip(self.blocks, self._degenerate_corners)
+        return [cell_quality(self.points[ids], degenerate_corners) for ids, degenerate_corners in pairs]
+
+
+def _hexahedra(ids: np.ndarray) -> np.ndarray:
+    low, high = slice(None, -1), slice(1, None)
+    corners = [ids[i, j, k] for k in (low, high) for j in (low, high) for i in (low, high)]
+    return np.stack(corners, axis=-1).reshape(-1, 8).astype(np.int32)
+
+
+def _place(what: str, index, name: str) -> str:
+    i, j, k = (int(n) + 1 for n in index)
+    return f"{what} ({i}, {j}, {k}) of {name}"
+
+
+def require_mesh(mesh, what: str) -> MovingMesh:
+    """A control mesh that is ready to move.
+
+    Raises
+    ------
+    InputError
+        If it is something else, such as a model.
+    """
+    if not isinstance(mesh, MovingMesh):
+        raise InputError(f"{what}: the mesh is of type {type(mesh).__name__}; make it with moving_mesh(model)")
+    return mesh

@@ -1,0 +1,291 @@
+"""Seams of a surface: edges at which two sides of volumes meet, with the derivatives of both there.
+
+On either side the derivative into the side and the one along the seam are linear in control points: those on the seam
+and those of the next line. With curved knots the knots along the seam vary into the side, which adds a term of the
+points on the seam. Theory: ``docs/theory/linear_constraints.rst``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.display import OneLine
+from ..splines.basis import basis_gradients
+from ..splines.knots import ConstantKnots
+from ..splines.side import VolumeSide
+from ..splines.volume import Volume
+from .frame import mesh_planes
+from .moving_mesh import MovingMesh
+
+__all__ = [
+    "Pole",
+    "Seam",
+    "SideEdge",
+    "find_mirror_seams",
+    "find_poles",
+    "find_seams",
+    "mirror_seams_of_mesh",
+    "poles_of_mesh",
+    "seams_of_mesh",
+]
+
+IN_PLANE = 1e-6
+"""Distance from a plane of symmetry, relative to the mesh, up to which a point that stays in some plane is in it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SideEdge(OneLine):
+    """An edge of a side.
+
+    Parameters
+    ----------
+    side : VolumeSide
+        The side.
+    ids : ndarray of int, shape (N_u, N_v)
+        Numbers of its control points.
+    axis, end : int
+        The edge is where u (axis 0) or v (axis 1) has this parameter, 0 or 1.
+    is_reversed : bool
+        Whether the seam runs against the other parameter.
+    number : int
+        Number of the side, for the caller.
+    """
+
+    side: VolumeSide
+    ids: np.ndarray
+    axis: int
+    end: int
+    is_reversed: bool
+    number: int
+
+    def line(self, inside: int) -> np.ndarray:
+        """Numbers of the control points of a line, 0 on the seam and 1 next to it, along the seam."""
+        lines = self.ids if self.axis == 0 else self.ids.T
+        line = lines[-1 - inside if self.end else inside]
+        return line[::-1] if self.is_reversed else line
+
+    @property
+    def inward(self) -> float:
+        """Sign of the derivative in the parameter that leads into the side."""
+        return -1.0 if self.end else 1.0
+
+    @property
+    def along(self) -> float:
+        """Sign of the derivative along the seam."""
+        return -1.0 if self.is_reversed else 1.0
+
+    def uv(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters u and v of places t, 0 to 1, along the seam."""
+        own = 1.0 - t if self.is_reversed else t
+        fixed = np.full(len(t), float(self.end))
+        return (fixed, own) if self.axis == 0 else (own, fixed)
+
+    def greville(self) -> np.ndarray:
+        """Places along the seam that belong to its control points, ascending."""
+        knots = self.side.edge_knots(1 - self.axis, self.end)
+        sums, order = np.cumsum(knots.knots), knots.order
+        own = ((sums[order - 1 : -1] - sums[:-order]) / (order - 1)).clip(0.0, 1.0)
+        own[[0, -1]] = 0.0, 1.0
+        return 1.0 - own[::-1] if self.is_reversed else own
+
+    def weights(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weights of control points in derivatives at places along the seam.
+
+        Returns
+        -------
+        inner : ndarray, shape (n, N)
+            Of the next line in the derivative into the side.
+        own : ndarray, shape (n, N)
+            Of the line on the seam in the same.
+        tangent : ndarray, shape (n, N)
+            Of the line on the seam in the derivative along it.
+        """
+        into, along = self.side.axes[self.axis], self.side.axes[1 - self.axis]
+        at = self.side.parameters(*self.uv(t))
+        values = _dense(self.side.volume.knots[along], along, at)
+        across = _dense(self.side.volume.knots[into], into, at)[..., 1 + into]
+        first, second = (-1, -2) if self.end else (0, 1)
+        inner = self.inward * across[:, second, None] * values[..., 0]
+        own = self.inward * (across[:, first, None] * values[..., 0] + values[..., 1 + into])
+        tangent = self.along * values[..., 1 + along]
+        return (inner[:, ::-1], own[:, ::-1], tangent[:, ::-1]) if self.is_reversed else (inner, own, tangent)
+
+
+def _dense(knots, direction: int, parameters: np.ndarray) -> np.ndarray:
+    """All basis functions of a direction and their derivatives in three parameters, shape (n, N, 4)."""
+    spans, values = basis_gradients(knots, direction, parameters)
+    found = np.zeros((len(parameters), knots.n_control, 4))
+    found[np.arange(len(parameters))[:, None], spans[:, None] + np.arange(1 - knots.order, 1)] = values
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Seam(OneLine):
+    """Two edges of sides that are one.
+
+    Parameters
+    ----------
+    first, second : SideEdge
+        The edge as that of either side; both run the same way.
+    mirror : ndarray, shape (3,), or None
+        Unit normal of the plane of symmetry that the edge lies in, where the second side is the mirror image of the
+        first one.
+    """
+
+    first: SideEdge
+    second: SideEdge
+    mirror: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Pole(OneLine):
+    """A point to which edges of sides have collapsed.
+
+    Parameters
+    ----------
+    at : int
+        Number of its control point.
+    ring : ndarray of int, shape (n,)
+        Numbers of the control points next to it, of all sides.
+    edges : tuple of SideEdge
+        The collapsed edges.
+    """
+
+    at: int
+    ring: np.ndarray
+    edges: tuple[SideEdge, ...]
+
+
+def find_seams(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> list[Seam]:
+    """Find the edges that two sides share, by the numbers of their control points.
+
+    Parameters
+    ----------
+    sides : iterable of (VolumeSide, ndarray of int)
+        Sides, and the numbers of their control points, shape (N_u, N_v).
+
+    Returns
+    -------
+    list of Seam
+        Those that have not collapsed to a point.
+    """
+    pairs = (edges for edges in _shared_edges(sides) if len(edges) == 2)
+    return [Seam(first, second) for first, second in pairs]
+
+
+def find_mirror_seams(
+    sides: Iterable[tuple[VolumeSide, np.ndarray]], planes: Iterable[tuple[np.ndarray, float, np.ndarray]]
+) -> list[Seam]:
+    """Find the edges of sides that lie in planes of symmetry, each with the mirror image of its side.
+
+    Parameters
+    ----------
+    sides : iterable of (VolumeSide, ndarray of int)
+        As for `find_seams`.
+    planes : iterable of (ndarray, float, ndarray of int)
+        Unit normal and offset (m) of each plane, and the control points in it.
+    """
+    planes, found = list(planes), []
+    for edges in _shared_edges(sides):
+        if len(edges) == 1:
+            line = edges[0].line(0)
+            of_edge = ((normal, offset) for normal, offset, ids in planes if np.isin(line, ids).all())
+            for normal, offset in itertools.islice(of_edge, 1):
+                found.append(Seam(edges[0], _mirrored(edges[0], normal, offset), normal))
+    return found
+
+
+def _mirrored(edge: SideEdge, normal: np.ndarray, offset: float) -> SideEdge:
+    """Image of an edge and its side beyond a plane, whose u and v change places: u x v stays on the same side."""
+    side = edge.side
+    net = side.net - 2.0 * (side.net @ normal - offset)[..., None] * normal
+    image = replace(side, net=net, axes=side.axes[::-1])
+    return replace(edge, side=image, ids=edge.ids.T, axis=1 - edge.axis)
+
+
+def _shared_edges(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> Iterable[list[SideEdge]]:
+    """Edges of sides that have not collapsed to a point, those with the same control points together."""
+    found: dict[tuple, list[SideEdge]] = defaultdict(list)
+    for edge in _edges(sides):
+        line = edge.line(0).tolist()
+        if len(set(line)) > 1:
+            found[tuple(line)].append(edge)
+    return found.values()
+
+
+def find_poles(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> list[Pole]:
+    """Find the points to which edges of sides have collapsed.
+
+    Parameters
+    ----------
+    sides : iterable of (VolumeSide, ndarray of int)
+        As for `find_seams`.
+    """
+    found: dict[int, list[SideEdge]] = defaultdict(list)
+    for edge in _edges(sides):
+        line = edge.line(0)
+        if (line == line[0]).all():
+            found[int(line[0])].append(edge)
+    return [
+        Pole(at, np.unique(np.concatenate([e.line(1) for e in edges])), tuple(edges)) for at, edges in found.items()
+    ]
+
+
+def _edges(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> Iterator[SideEdge]:
+    """All edges of sides, those that are one run the same way."""
+    for number, (side, ids) in enumerate(sides):
+        for axis in (0, 1):
+            for end in (0, 1):
+                line = (ids if axis == 0 else ids.T)[-end].tolist()
+                yield SideEdge(side, ids, axis, end, line > line[::-1], number)
+
+
+def poles_of_mesh(mesh: MovingMesh) -> list[Pole]:
+    """Find the poles of the design surface of a mesh; points are numbered by rows of ``mesh.surface_ids``."""
+    return find_poles(_sides(mesh))
+
+
+def seams_of_mesh(mesh: MovingMesh) -> list[Seam]:
+    """Find the seams of the design surface of a mesh; points are numbered by rows of ``mesh.surface_ids``.
+
+    A mesh without splines counts as one of order 2, whose sides are the quads between its points.
+    """
+    return find_seams(_sides(mesh))
+
+
+def mirror_seams_of_mesh(mesh: MovingMesh) -> list[Seam]:
+    """Find the edges of the design surface of a mesh in planes that it has to stay in, as `find_mirror_seams` does."""
+    rows, places = np.unique(mesh.in_plane_rows), mesh.points[mesh.surface_ids]
+    planes = []
+    for plane in mesh_planes(mesh):
+        is_near = np.abs(places[rows] @ plane.normal - plane.offset) <= IN_PLANE * mesh.size
+        planes.append((plane.normal, plane.offset, rows[is_near]))
+    return find_mirror_seams(_sides(mesh), planes)
+
+
+def _sides(mesh: MovingMesh) -> Iterator[tuple[VolumeSide, np.ndarray]]:
+    """Sides of blocks on the surface; neither those between two blocks nor those without extent."""
+    found = defaultdict(list)
+    for number, ids in enumerate(mesh.blocks):
+        for side in range(6):
+            face = mesh.surface_rows[np.take(ids, -(side % 2), axis=side // 2)]
+            has_collapsed = (face == face[:1]).all() or (face == face[:, :1]).all()
+            if (face >= 0).all() and not has_collapsed:
+                found[np.unique(face).tobytes()].append((number, side, face))
+    for faces in found.values():
+        if len(faces) == 1:
+            number, side, face = faces[0]
+            ids, direction = mesh.blocks[number], side // 2
+            volume = mesh.volumes[number] if mesh.volumes else _linear(ids.shape)
+            u, v = (d for d in range(3) if d != direction)
+            yield VolumeSide(volume, mesh.points[ids], direction, side % 2, (u, v)), face
+
+
+def _linear(shape: tuple[int, ...]) -> Volume:
+    """Splines of order 2 whose control points are the points of a block."""
+    return Volume(tuple(ConstantKnots.uniform(n, min(n, 2)) for n in shape))

@@ -1,0 +1,79 @@
+"""The sides of volumes that a surface is made of: each a B-spline surface, with the numbers of its control points.
+
+Theory: ``docs/theory/cad.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...grids.topology.boundary_surface import volume_behind
+from ...grids.topology.sharing import boundary_sides
+from ..model.fitted_model import FittedModel
+from ..splines.side import VolumeSide
+from .boundary import matching_patches, wall_patches
+
+__all__ = ["SplineSide", "spline_sides"]
+
+
+@dataclass(frozen=True, eq=False)
+class SplineSide(OneLine):
+    """A side of a volume on the boundary, with u x v into the fluid.
+
+    Parameters
+    ----------
+    name : str
+        For messages: the block, the side of it and the patch.
+    patch : str
+        The patch.
+    surface : VolumeSide
+        The surface.
+    ids : ndarray of int, shape (N_u, N_v)
+        Numbers of its control points.
+    """
+
+    name: str
+    patch: str
+    surface: VolumeSide
+    ids: np.ndarray
+
+
+def spline_sides(
+    model: FittedModel, control_points: np.ndarray | None = None, patches: str | Sequence[str] | None = None
+) -> list[SplineSide]:
+    """Take the sides of a model's volumes that are on some patches; those that have collapsed to lines are left out.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The model.
+    control_points : ndarray, shape (n_control_points, 3), optional
+        Moved control points (m); the fitted ones by default.
+    patches : str or sequence of str, optional
+        Patches by name or pattern (``"wing*"``); all walls by default.
+
+    Raises
+    ------
+    InputError
+        If a patch does not exist, or no patch is a wall.
+    """
+    topology, points = model.topology, model.control_points if control_points is None else control_points
+    wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
+    found = []
+    for face, number, side in boundary_sides(topology):
+        if face.patch in wanted:
+            ids, direction, end = model.mesh.control_ids[number], side // 2, side % 2
+            layer = np.take(ids, -end, axis=direction)
+            inner = np.take(ids, -2 if end else 1, axis=direction)
+            if (layer == layer[:1]).all() or (layer == layer[:, :1]).all():
+                continue
+            u, v = (d for d in range(3) if d != direction)
+            axes = (u, v) if volume_behind(layer, inner, model.control_points) > 0.0 else (v, u)
+            surface = VolumeSide(model.mesh.volumes[number], points[ids], direction, end, axes)
+            name = f"{topology.segment_names[number]} {'ijk'[direction]}{'max' if end else 'min'}, {face.patch}"
+            found.append(SplineSide(name, str(face.patch), surface, layer if axes[0] < axes[1] else layer.T))
+    return found

@@ -1,0 +1,188 @@
+"""The regenerated surface: nodes of patches, each once, and the quads between them.
+
+Theory: ``docs/theory/geometry.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...base.checks import require_kind
+from ...base.display import OneLine
+from ...base.numerics.mean_planes import mean_planes
+from ...errors import InputError
+from ...grids.topology.boundary_surface import BoundarySurface, quads_in_turn
+from ...grids.topology.held_nodes import NodesByRow, face_layer_rows, face_rows, node_copies, source_rows
+from ...grids.topology.topology import BoundaryFace, Topology, describe
+from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare, nodes_at
+from .allowed_directions import required_planes
+from .boundary import matching_names, matching_patches, wall_patches
+from .frame import Plane
+
+__all__ = ["SurfaceGrid"]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceGrid(OneLine):
+    """Nodes of some patches of a grid.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        The nodes on the baseline (m), each once, in the order of their rows in the grid.
+    rows : ndarray of int, shape (n,)
+        Row of each node in the grid vector.
+    faces : tuple of ndarray of int, each of shape (ni, nj)
+        Numbers of the nodes of every structured face, such that direction i x direction j points into the fluid.
+    names, patches : tuple of str
+        Name of every face for messages, and the patch that it belongs to.
+    planes : tuple of Plane
+        Planes of symmetry of the grid.
+
+    Examples
+    --------
+    >>> from bspline_mdao import SurfaceGrid, brick_grid, fit_grid
+    >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))), "body")
+    >>> surface.patches, surface.points.shape
+    (('body', 'body', 'body', 'body', 'body', 'body'), (98, 3))
+    """
+
+    points: np.ndarray
+    rows: np.ndarray
+    faces: tuple[np.ndarray, ...]
+    names: tuple[str, ...]
+    patches: tuple[str, ...]
+    planes: tuple[Plane, ...] = ()
+
+    @classmethod
+    def of(cls, model: FittedModel | ModelShare, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+        """Take the surface of a fitted grid.
+
+        Parameters
+        ----------
+        model : FittedModel or ModelShare
+            The fitted grid, or what one of several processes needs of it.
+        patches : str or sequence of str, optional
+            Patches by name or pattern (``"wing*"``); all walls by default.
+
+        Returns
+        -------
+        SurfaceGrid
+
+        Raises
+        ------
+        InputError
+            If a patch does not exist, no patch is a wall, or a symmetry patch is not planar.
+        """
+        if not isinstance(model, ModelShare):
+            require_kind(model, FittedModel, "the model of a surface", "make it with fit_grid(grid)")
+        topology, found = model.topology, _faces_of(model.topology, patches)
+        nodes = _nodes_at_faces(model, [*found, *(face for face in topology.boundary if face.kind == "symmetry")])
+        return cls._of_faces(topology, nodes, found)
+
+    @classmethod
+    def of_nodes(cls, topology: Topology, nodes: np.ndarray, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+        """Take the surface of a grid that is not fitted.
+
+        Parameters
+        ----------
+        topology : Topology
+            Topology of the grid.
+        nodes : ndarray, shape (n_nodes, 3)
+            All nodes of the grid (m), blocks in order, each in C order.
+        patches : str or sequence of str, optional
+            Patches by name or pattern (``"wing*"``); all walls by default.
+
+        Returns
+        -------
+        SurfaceGrid
+
+        Raises
+        ------
+        InputError
+            As `of`.
+        """
+        return cls._of_faces(topology, nodes, _faces_of(topology, patches))
+
+    @classmethod
+    def _of_faces(
+        cls, topology: Topology, nodes: np.ndarray | NodesByRow, found: Sequence[BoundaryFace]
+    ) -> SurfaceGrid:
+        whole = BoundarySurface.of(topology, nodes, found)
+        names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
+        patches, planes = tuple(str(face.patch) for face in found), _symmetry_planes(topology, nodes)
+        return cls(nodes[whole.rows], whole.rows, whole.faces, names, patches, planes)
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    def on_planes(self, model: FittedModel | ModelShare) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Find its nodes on planes of symmetry of its model.
+
+        Returns
+        -------
+        list of (ndarray of int, ndarray of shape (3,))
+            For each face of symmetry that holds some: their numbers, and the unit normal of the plane.
+        """
+        copies, faces = node_copies(model.topology), _rows_of_symmetry(model.topology)
+        planes = mean_planes([nodes_at(model, rows) for rows in faces])
+        ids = [np.flatnonzero(np.isin(self.rows, source_rows(copies, rows))) for rows in faces]
+        return [(numbers, plane.normal) for numbers, plane in zip(ids, planes) if len(numbers)]
+
+    @cached_property
+    def size(self) -> float:
+        """Diagonal of the baseline's box (m)."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+    @cached_property
+    def quads(self) -> np.ndarray:
+        """Corners of the quads, shape (n_quads, 4), face by face in C order, around the normal into the fluid."""
+        return np.concatenate([quads_in_turn(ids) for ids in self.faces])
+
+    def part(self, patches: str | Sequence[str]) -> tuple[int, ...]:
+        """Numbers of the faces of some patches, by name or pattern (``"wing*"``)."""
+        wanted = matching_names(set(self.patches), patches, "surface")
+        if not wanted:
+            raise InputError(f"surface: no patch is named; the patches are {', '.join(sorted(set(self.patches)))}")
+        return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)
+
+
+def _faces_of(topology: Topology, patches: str | Sequence[str] | None) -> list[BoundaryFace]:
+    """Boundary faces of some patches, of all walls by default."""
+    wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
+    found = [face for face in topology.boundary if face.patch in wanted]
+    if not found:
+        raise InputError(f"{topology.source}: no patch is named; give names or patterns of patches, or none at all")
+    return found
+
+
+def _nodes_at_faces(model: FittedModel | ModelShare, faces: Sequence[BoundaryFace]) -> NodesByRow:
+    """Nodes on some faces on the baseline, in the layer next to them, and those that these are copies of."""
+    layers = [rows.ravel() for face in faces for rows in face_layer_rows(model.topology, face.window)]
+    rows = np.unique(np.concatenate(layers))
+    rows = np.union1d(rows, source_rows(node_copies(model.topology), rows))
+    return NodesByRow(rows, nodes_at(model, rows))
+
+
+def _rows_of_symmetry(topology: Topology) -> list[np.ndarray]:
+    """Rows of the nodes of each face of symmetry."""
+    return [face_rows(topology, face.window).ravel() for face in topology.boundary if face.kind == "symmetry"]
+
+
+def _symmetry_planes(topology: Topology, nodes: np.ndarray | NodesByRow) -> tuple[Plane, ...]:
+    """Planes of the symmetry patches, each once."""
+    whats = [f"{topology.source}: patch {face.patch}" for face in topology.boundary if face.kind == "symmetry"]
+    found = required_planes([nodes[rows] for rows in _rows_of_symmetry(topology)], whats)
+    signs = [np.sign(plane.normal[np.argmax(np.abs(plane.normal))]) for plane in found]
+    planes = {
+        id(plane): Plane(sign * plane.normal, float(sign * plane.offset), plane.roughness)
+        for plane, sign in zip(found, signs)
+    }
+    return tuple(planes.values())

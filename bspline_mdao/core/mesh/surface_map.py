@@ -1,0 +1,220 @@
+"""From surface control points to surface nodes: a constant sparse matrix, and the residual of the fit turned.
+
+Theory: ``docs/theory/geometry.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ...errors import InputError
+from ...grids.topology.held_nodes import HeldNodes
+from ..evaluation.evaluator import Evaluator
+from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare
+from ..walls.node_vectors import FaceNodes
+from ..walls.turning import Turn, Turning
+from .boundary import require_mesh_of
+from .moving_mesh import MovingMesh
+from .surface import SurfaceGrid
+
+__all__ = ["SurfaceMap", "SurfaceState"]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMap:
+    """Nodes of a surface from the control points of the design surface, ``x = A s + c + T(s) r``.
+
+    They are those of the whole map from control points to the grid, `bspline_mdao.core.walls.grid_map`: nodes on
+    walls are where the residual, turned with the wall alone, puts them.
+
+    Parameters
+    ----------
+    matrix : csr_array, shape (n, n_surface)
+        A, the basis values at the nodes.
+    constant : ndarray, shape (n, 3)
+        c (m): what control points that are fixed contribute, and the residual of the fit where it does not turn.
+    turned : _TurnedRows or None
+        The residual, where the model has one and lets it turn.
+    """
+
+    matrix: csr_array
+    constant: np.ndarray
+    turned: _TurnedRows | None
+
+    @classmethod
+    def of(cls, model: FittedModel | ModelShare, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
+        """Take the rows of the surface's nodes out of the evaluation of the grid.
+
+        Raises
+        ------
+        InputError
+            If a node depends on a control point that is free to move and not on the design surface, none depends on one
+            that is, or the surface or the mesh is of another model.
+        """
+        require_mesh_of(model, mesh, "surface: the mesh")
+        if surface.rows.max() >= model.n_nodes:
+            raise InputError(f"surface: it has nodes that {model.header.source} has not; make it of this model")
+        found = cls.of_rows(model, mesh.surface_ids, surface.rows, partial(_require_fixed, mesh, surface))
+        if not found.matrix.data.any():
+            raise InputError(
+                f"surface: {surface.names[0]} and the rest do not depend on the design surface; name others"
+            )
+        return found
+
+    @classmethod
+    def of_rows(
+        cls, model: FittedModel | ModelShare, surface_ids: np.ndarray, rows: np.ndarray, require=None
+    ) -> SurfaceMap:
+        """Take some rows out of the evaluation of the grid.
+
+        Parameters
+        ----------
+        model : FittedModel or ModelShare
+            The fitted grid, or what one of several processes needs of it.
+        surface_ids : ndarray of int, shape (n_surface,)
+            Numbers of the surface control points; all others count as fixed.
+        rows : ndarray of int, shape (n,)
+            Rows of the nodes in the grid vector, ascending; of nodes that are one, the first.
+        require : callable, optional
+            Called with each matrix that the nodes depend on control points by (that of the nodes, and that of the
+            corners of spans that their residual turns with) and with whether it is the second; may refuse it.
+        """
+        require = require or (lambda matrix, turned: None)
+        held = HeldNodes.of(model.topology, rows)
+        parameters = model.parameters_of(held)
+        evaluator = Evaluator.of_nodes(held, model.mesh, parameters)
+        matrix = evaluator.matrix()
+        require(matrix, False)
+        is_surface = np.zeros(len(model.control_points), dtype=bool)
+        is_surface[surface_ids] = True
+        constant = matrix @ np.where(is_surface[:, None], 0.0, model.control_points)
+        turned, residual = None, model.residual_at(rows)
+        if residual is not None and model.residual_lengths is not None:
+            points, lengths = model.control_points, model.residual_lengths
+            turning = Turning.of(held, model.mesh, parameters, points, lengths, evaluator)
+            face_nodes = turning.rows(np.arange(len(rows)))
+            require(turning.corners.matrix()[turning.seen_by(face_nodes)], True)
+            turning = turning.of_rows(face_nodes)
+            turned = _TurnedRows(turning, face_nodes, residual, surface_ids, model.control_points)
+        elif residual is not None:
+            constant += residual
+        return cls(csr_array(matrix[:, surface_ids]), constant, turned)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the nodes depend linearly (affinely) on the control points."""
+        return self.turned is None
+
+    def at(self, control_points: np.ndarray) -> SurfaceState:
+        """Nodes and their derivative at surface control points, shape (n_surface, 3), in metres.
+
+        Raises
+        ------
+        MovementError
+            If the surroundings of a point are turned inside out.
+        """
+        nodes = self.matrix @ control_points + self.constant
+        if self.turned is None:
+            return SurfaceState(self, nodes, None)
+        turn = self.turned.at(control_points)
+        return SurfaceState(self, nodes + self.turned.evaluate(turn), turn)
+
+    def apply(self, control_points: np.ndarray) -> np.ndarray:
+        """Nodes, shape (n, 3), of surface control points, shape (n_surface, 3), in metres."""
+        return self.at(control_points).nodes
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceState:
+    """Nodes of a surface, and their derivative.
+
+    Parameters
+    ----------
+    of : SurfaceMap
+        What gave them.
+    nodes : ndarray, shape (n, 3)
+        The nodes (m).
+    turn : Turn or None
+        Rotations of the residual.
+    """
+
+    of: SurfaceMap
+    nodes: np.ndarray
+    turn: Turn | None
+
+    def jvp(self, change: np.ndarray) -> np.ndarray:
+        """Change of the nodes, shape (n, 3), with that of the control points, shape (n_surface, 3)."""
+        found = self.of.matrix @ change
+        turned = self.of.turned
+        return found if self.turn is None or turned is None else found + turned.jvp(self.turn, change)
+
+    def vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `jvp`: (n, 3) to (n_surface, 3)."""
+        found = self.of.matrix.T @ bar
+        turned = self.of.turned
+        return found if self.turn is None or turned is None else found + turned.vjp(self.turn, bar)
+
+
+@dataclass(frozen=True, eq=False)
+class _TurnedRows:
+    """The residual of some nodes, and how it turns with the design surface.
+
+    Parameters
+    ----------
+    turning : Turning
+        Rotations of the corners that these nodes need.
+    rows : FaceNodes
+        The nodes.
+    residual : ndarray, shape (n, 3)
+        Their residual (m).
+    surface_ids : ndarray of int, shape (n_surface,)
+        Control points on the design surface.
+    control_points : ndarray, shape (n_control_points, 3)
+        All on the baseline (m). Those that slide in planes do not matter: the planes stay.
+    """
+
+    turning: Turning
+    rows: FaceNodes
+    residual: np.ndarray
+    surface_ids: np.ndarray
+    control_points: np.ndarray
+
+    def at(self, control_points: np.ndarray) -> Turn:
+        moved = self.control_points.copy()
+        moved[self.surface_ids] = control_points
+        return self.turning.at(moved)
+
+    def evaluate(self, turn: Turn) -> np.ndarray:
+        return self.rows.turned(turn.matrices, turn.normals, self.residual)
+
+    def jvp(self, turn: Turn, change: np.ndarray) -> np.ndarray:
+        step = np.zeros_like(self.control_points)
+        step[self.surface_ids] = change
+        d = turn.change(step)
+        return self.rows.jvp(turn.matrices, turn.normals, self.residual, d.matrices, d.normals, None)
+
+    def vjp(self, turn: Turn, bar: np.ndarray) -> np.ndarray:
+        return turn.rows_vjp(self.rows, self.residual, bar)[self.surface_ids]
+
+
+def _require_fixed(mesh: MovingMesh, surface: SurfaceGrid, matrix: csr_array, turned: bool) -> None:
+    """Refuse nodes, or corners of spans that their residual turns with, that depend on points that a mover moves."""
+    is_fixed = mesh.is_free.sum(axis=1) == 0
+    nodes, points = matrix.nonzero()
+    is_moving = ~is_fixed[points]
+    if is_moving.any():
+        node, point = nodes[np.argmax(is_moving)], points[np.argmax(is_moving)]
+        if turned:
+            name, cure = surface.names[0], "fit with wall_layer=False, so that the residual does not turn, "
+        else:
+            name = next(name for name, ids in zip(surface.names, surface.faces) if (ids == node).any())
+            cure = ""
+        raise InputError(
+            f"surface: {name} depends on {mesh.place_of_point(point)}, which is not on the design surface; {cure}leave "
+            f"the patch out, or make it part of the design surface"
+        )

@@ -1,0 +1,95 @@
+"""Proofs that a grid, or a fitted model, is valid everywhere, not only at the corners of its cells.
+
+Theory: ``docs/theory/validity.rst``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...base.text import counted
+from ...errors import InputError, MovementError
+from ...grids.cells.certificate import Certificate, certify_cells
+from ...grids.cells.grid_quality import GridQuality
+from ...grids.topology.grid import Grid
+from ..evaluation.spline_validity import certify_splines
+from .fitted_model import FittedModel
+from .model_share import ModelShare
+
+__all__ = ["certify", "require_valid_splines"]
+
+
+def certify(what: Grid | FittedModel, control_points: np.ndarray | None = None) -> Certificate:
+    """Prove which blocks of a grid are valid: whose maps have a positive Jacobian everywhere.
+
+    Of a grid these are the trilinear maps of its cells; of a fitted model, the cells of its grid and the spline maps of
+    its elements, the regions between knots. Lower bounds are Bernstein coefficients, their rounding errors included:
+    what counts as valid is.
+
+    Parameters
+    ----------
+    what : Grid or FittedModel
+        What to look at.
+    control_points : ndarray, shape (n_control_points, 3), optional
+        Moved control points of a model (m); its own by default. Its own decide about handedness and collapsed edges.
+
+    Returns
+    -------
+    Certificate
+        ``valid``, ``invalid`` or ``undecided`` for every block, and where it is not valid.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or control points come with a grid, or are of another shape.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, certify, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> certify(model)
+    Certificate(valid: all 384 cells of 6 blocks valid; all 6 spline elements of 6 blocks valid)
+    """
+    if isinstance(what, FittedModel):
+        baseline = what.regenerate()
+        grid = baseline if control_points is None else what.regenerate(control_points)
+        points = what.control_points if control_points is None else np.asarray(control_points, dtype=float)
+        splines = certify_splines(what.mesh, points, what.topology.segment_names, what.control_points)
+    elif isinstance(what, Grid):
+        if control_points is not None:
+            raise InputError("certify: a grid has no control points; give the fitted model")
+        baseline = grid = what
+        splines = ()
+    else:
+        raise InputError(f"certify: a {type(what).__name__} has no cells; give a grid or a fitted model")
+    cells = certify_cells(GridQuality.of_baseline(baseline), grid.to_vector().reshape(-1, 3))
+    return Certificate(cells, splines)
+
+
+def require_valid_splines(model: FittedModel | ModelShare, control_points: np.ndarray) -> None:
+    """Refuse moved control points with which more elements of the splines are proved invalid.
+
+    Parameters
+    ----------
+    model : FittedModel or ModelShare
+        The model.
+    control_points : ndarray, shape (n_control_points, 3)
+        Its control points after a move (m).
+
+    Raises
+    ------
+    MovementError
+        If a block has more of them than before: names such blocks, and some elements.
+    """
+    names = model.topology.segment_names
+    after = certify_splines(model.mesh, control_points, names, model.control_points)
+    if not any(part.n_invalid for part in after):
+        return
+    before = certify_splines(model.mesh, model.control_points, names)
+    worse = [new for new, old in zip(after, before) if new.n_invalid > old.n_invalid]
+    if worse:
+        others = f", and in {counted(len(worse) - 1, 'other block')}" if len(worse) > 1 else ""
+        raise MovementError(
+            f"movement: splines fold in {worse[0]}{others}; take a smaller step, or constrain certified_ks of Quality, "
+            f"so that drivers turn back before that"
+        )

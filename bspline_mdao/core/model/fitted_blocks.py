@@ -1,0 +1,165 @@
+"""The blocks of a fitted grid that one of several processes holds: what a fit on several processes gives.
+
+Topology, control mesh and control points are those of the whole model; of its nodes each process holds the parameters
+and the residual of whole blocks. From there the model is saved, and each process gets the share that it evaluates.
+
+Theory: ``docs/parallel.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...grids.topology.held_nodes import HeldNodes
+from ...grids.topology.partition import Partition, Share
+from ...grids.topology.topology import Topology
+from ..splines.mesh import BSplineMesh
+from ..walls.residual_lengths import residual_lengths
+from .model_parts import write_by_turns
+from .model_share import ModelShare, rows_of_share
+from .records import FitReport, FitSettings, GridHeader
+
+__all__ = ["FittedBlocks"]
+
+
+@dataclass(frozen=True, eq=False)
+class FittedBlocks(OneLine):
+    """A fitted grid of which each process holds some blocks. Made by `bspline_mdao.fit_blocks`.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes.
+    topology, mesh, control_points, report, settings, candidate_weights
+        Those of the whole model, see `bspline_mdao.core.model.fitted_model.FittedModel`.
+    header : GridHeader
+        That of the whole model, but for the blanking, which is that of the blocks here.
+    homes : tuple of int
+        Process of every block.
+    parameters : mapping of int
+        Of every segment of the blocks here, parameters of its nodes, shape (L0, L1, L2, 3).
+    residual : mapping of int, or None
+        Of every block here, baseline minus fitted points (m), shape (n, 3), where it is kept.
+    """
+
+    comm: Any
+    topology: Topology
+    mesh: BSplineMesh
+    control_points: np.ndarray
+    header: GridHeader
+    report: FitReport
+    settings: FitSettings
+    candidate_weights: np.ndarray | None
+    homes: tuple[int, ...]
+    parameters: Mapping[int, np.ndarray]
+    residual: Mapping[int, np.ndarray] | None
+
+    @property
+    def blocks(self) -> tuple[int, ...]:
+        """Blocks of this process."""
+        return tuple(block for block, rank in enumerate(self.homes) if rank == self.comm.rank)
+
+    def residual_lengths(self) -> np.ndarray | None:
+        """As `bspline_mdao.FittedModel.residual_lengths`; all processes call this."""
+        if self.residual is None or not self.settings.wall_layer:
+            return None
+        return residual_lengths(self.topology, self.mesh, self.parameters, self.residual, self.comm)
+
+    def share(self, share: Share | None = None) -> ModelShare:
+        """Get what this process evaluates from those that hold it; all processes call this.
+
+        Parameters
+        ----------
+        share : Share, optional
+            Nodes of this process; by default those that `Partition.of` gives it.
+
+        Returns
+        -------
+        ModelShare
+        """
+        topology = self.topology
+        if share is None:
+            share = Partition.of(topology, self.comm.size).share(self.comm.rank)
+        held = HeldNodes.of(topology, rows_of_share(topology, share))
+        parameters = self._parameters_of(held)
+        residual = None if self.residual is None else self._residual_of(held.rows)
+
+        def residual_at(rows: np.ndarray) -> np.ndarray:
+            assert residual is not None
+            return residual
+
+        return ModelShare.of(
+            share,
+            topology,
+            lambda segment, places: parameters[segment],
+            None if residual is None else residual_at,
+            mesh=self.mesh,
+            control_points=self.control_points,
+            header=self.header,
+            report=self.report,
+            settings=self.settings,
+            candidate_weights=self.candidate_weights,
+            residual_lengths=self.residual_lengths(),
+        )
+
+    def save(self, path, compress: bool = True) -> None:
+        """Write the model to one HDF5 file, the same as `FittedModel.save`; all processes call this.
+
+        Parameters
+        ----------
+        path : path-like
+            The file, on a disk that all processes see.
+        compress : bool
+            Compress the arrays.
+
+        Raises
+        ------
+        InputError
+            See `bspline_mdao.core.model.model_parts.write_by_turns`.
+        """
+        parts = {f"parameters/{s}": array for s, array in self.parameters.items()}
+        parts |= {f"residual/{block}": array for block, array in (self.residual or {}).items()}
+        iblanks = {f"iblank/{block}": self.header.iblanks[block] for block in self.blocks}
+        parts |= {name: iblank for name, iblank in iblanks.items() if iblank is not None}
+        own = {f.name: getattr(self, f.name) for f in fields(self)} | {"residual_lengths": self.residual_lengths()}
+        write_by_turns(path, self.comm, own, parts, compress)
+
+    def _parameters_of(self, held: HeldNodes) -> dict[int, np.ndarray]:
+        """Parameters of the nodes that each segment evaluates."""
+        asked: list[dict[int, np.ndarray]] = [{} for _ in range(self.comm.size)]
+        for segment, places in enumerate(held.places):
+            if len(places):
+                asked[self.homes[self.topology.segments[segment].block]][segment] = places
+        given = [
+            {segment: self.parameters[segment].reshape(-1, 3)[places] for segment, places in wanted.items()}
+            for wanted in _exchanged(self.comm, asked)
+        ]
+        return {segment: values for part in _exchanged(self.comm, given) for segment, values in part.items()}
+
+    def _residual_of(self, rows: np.ndarray) -> np.ndarray:
+        """Residual of nodes by their rows in the grid vector."""
+        assert self.residual is not None
+        starts = np.cumsum([0, *map(math.prod, self.topology.shapes)])
+        block = np.searchsorted(starts, rows, side="right") - 1
+        rank, result = np.asarray(self.homes)[block], np.empty((len(rows), 3))
+        asked = _exchanged(self.comm, [rows[rank == home] for home in range(self.comm.size)])
+        given = []
+        for wanted in asked:
+            values, of = np.empty((len(wanted), 3)), np.searchsorted(starts, wanted, side="right") - 1
+            for number in np.unique(of):
+                values[of == number] = self.residual[int(number)][wanted[of == number] - starts[number]]
+            given.append(values)
+        for home, values in enumerate(_exchanged(self.comm, given)):
+            result[rank == home] = values
+        return result
+
+
+def _exchanged(comm, parts: list) -> list:
+    """Parts that every process has for this one, of those that each has for all."""
+    return parts if comm.size == 1 else comm.alltoall(parts)

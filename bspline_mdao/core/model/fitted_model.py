@@ -1,0 +1,330 @@
+"""A fitted grid: the control mesh, the parameters of the nodes and everything needed to write the grid back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ...base.checks import as_finite_points
+from ...base.display import Shown
+from ...grids.io.cgns import CgnsDialect
+from ...grids.io.plane_grids import PlaneDialect
+from ...grids.topology.boundary_surface import BoundarySurface
+from ...grids.topology.grid import Grid, Patch
+from ...grids.topology.held_nodes import HeldNodes
+from ...grids.topology.partition import Share
+from ...grids.topology.sharing import node_sharing
+from ...grids.topology.topology import Topology
+from ..evaluation.evaluator import Evaluator
+from ..evaluation.family import IndexScaling, refine
+from ..evaluation.transfer import NodeTransfer
+from ..splines.mesh import BSplineMesh
+from ..walls.body_points import Body
+from ..walls.embedded_points import EmbeddedPoints
+from ..walls.grid_map import GridMap
+from ..walls.residual_lengths import residual_lengths
+from .model_file import arrays_of, checksum_of, document_of, read_model, write_model
+from .model_share import ModelShare
+from .records import FitReport, FitSettings, GridHeader
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel(Shown):
+    """A multi-block grid as a B-spline mesh.
+
+    Parameters
+    ----------
+    topology : Topology
+        Blocks, segments and their connections, found once and kept through every change of shape.
+    mesh : BSplineMesh
+        One volume per segment.
+    parameters : tuple of ndarray, each of shape (L0, L1, L2, 3)
+        Parameters of the nodes of every segment.
+    control_points : ndarray, shape (n_control_points, 3)
+        Fitted control points (m).
+    residual : ndarray, shape (n_nodes, 3), or None
+        Baseline grid minus fitted points (m), where it is kept.
+    header : GridHeader
+        Names, patches, source and dialect of the grid.
+    report : FitReport
+        How good the fit is.
+    settings : FitSettings
+        How it was made.
+    candidate_weights : ndarray, shape (n_control_points, 6), or None
+        Weight of each of `bspline_mdao.core.model.records.CANDIDATES` in each control point, found once and kept; None
+        where all are least squares.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from bspline_mdao import FittedModel, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((9, 9, 9, 9)), n_control=5)
+    >>> stretched = model.regenerate(model.control_points * [1.0, 1.0, 1.1])  # the grid of other control points
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     model.save(f"{folder}/body.h5")
+    ...     same = FittedModel.load(f"{folder}/body.h5")
+    >>> bool((same.control_points == model.control_points).all())
+    True
+    """
+
+    topology: Topology
+    mesh: BSplineMesh
+    parameters: tuple[np.ndarray, ...]
+    control_points: np.ndarray
+    residual: np.ndarray | None
+    header: GridHeader
+    report: FitReport
+    settings: FitSettings = field(default_factory=FitSettings)
+    candidate_weights: np.ndarray | None = None
+
+    def __post_init__(self):
+        self._check("control_points", self.mesh.n_control_points)
+        if self.residual is not None:
+            self._check("residual", self.topology.n_nodes)
+
+    def _check(self, name: str, n_points: int) -> None:
+        points = as_finite_points(getattr(self, name), n_points, f"{self.header.source}: {name.replace('_', ' ')}")
+        object.__setattr__(self, name, points)
+
+    def __repr__(self) -> str:
+        n_blocks = len(self.topology.shapes)
+        sizes = f"{n_blocks} block{'s' * (n_blocks != 1)}, {self.n_nodes:,} nodes"
+        return f"FittedModel({sizes}, {self.mesh.n_control_points:,} control points, RMS {self.report.rms:.1e} m)"
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all blocks of the grid."""
+        return self.topology.n_nodes
+
+    @cached_property
+    def residual_lengths(self) -> np.ndarray | None:
+        """How long the residual is around every corner of the spans (m), shape (n_corners,); None if it does not turn.
+
+        See `bspline_mdao.core.walls.residual_lengths`.
+        """
+        if self.residual is None or not self.settings.wall_layer:
+            return None
+        ends = np.cumsum([int(np.prod(shape)) for shape in self.topology.shapes])[:-1]
+        residuals = dict(enumerate(np.split(self.residual, ends)))
+        return residual_lengths(self.topology, self.mesh, self.parameters, residuals)
+
+    def evaluator(self) -> Evaluator:
+        """Operator from the control points to the nodes of the grid, Eq. (3), made once and not pickled."""
+        return self._evaluator
+
+    @cached_property
+    def _evaluator(self) -> Evaluator:
+        return Evaluator.of_grid(self.topology, self.mesh, self.parameters)
+
+    def grid_map(self) -> GridMap:
+        """Map from the control points to the grid, residual and wall layer included, made once and not pickled."""
+        return self._grid_map
+
+    @cached_property
+    def _grid_map(self) -> GridMap:
+        places = self.topology, self.mesh, self.parameters, self.control_points
+        residual = self.residual, self.residual_lengths
+        return GridMap.of(*places, *residual, self.settings.wall_layer, self.evaluator())
+
+    def parameters_of(self, held: HeldNodes) -> list[np.ndarray]:
+        """Parameters of the nodes that each segment evaluates, ``held.numbers``, each of shape (n_v, 3)."""
+        return [x.reshape(-1, 3)[places] for x, places in zip(self.parameters, held.places)]
+
+    def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
+        """Residual of nodes by their rows, shape (n, 3); None where there is none."""
+        return None if self.residual is None else self.residual[rows]
+
+    def share(self, share: Share) -> ModelShare:
+        """Take what one of several processes needs of the model.
+
+        Parameters
+        ----------
+        share : Share
+            Nodes of the process, by ``Partition.of(model.topology, n_ranks).share(rank)`` or ``Share.of_rows(...)``.
+
+        Raises
+        ------
+        InputError
+            If the share is that of another grid.
+        """
+        names = ("mesh", "control_points", "header", "report", "settings", "candidate_weights", "residual_lengths")
+        others = {name: getattr(self, name) for name in names}
+        flat = [x.reshape(-1, 3) for x in self.parameters]
+        residual = None if self.residual is None else self.residual.__getitem__
+        return ModelShare.of(share, self.topology, lambda segment, places: flat[segment][places], residual, **others)
+
+    def __getstate__(self) -> dict:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_evaluator", "_grid_map")}
+
+    def regenerate(self, control_points: np.ndarray | None = None) -> Grid:
+        """Grid of given control points, see `bspline_mdao.core.walls.grid_map`.
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3), optional
+            Moved control points (m); the fitted ones by default.
+
+        Returns
+        -------
+        Grid
+            Nodes in metres; names, patches and dialect are those of the fitted grid.
+
+        Raises
+        ------
+        InputError
+            If the control points are of another shape, or not finite.
+        MovementError
+            If the surroundings of a point are turned inside out.
+        """
+        if control_points is not None:
+            what = f"{self.header.source}: control points"
+            points = as_finite_points(control_points, self.mesh.n_control_points, what)
+            return self.header.grid(self.topology.shapes, self.grid_map().at(points).nodes)
+        nodes = self.evaluator().forward(self.control_points)
+        return self.header.grid(self.topology.shapes, nodes if self.residual is None else nodes + self.residual)
+
+    def embed_points(self, points: np.ndarray, tolerance: float | None = None) -> EmbeddedPoints:
+        """Find what moves points that were not fitted: volumes, near walls the layer, and inside a body its walls.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            The points on the baseline (m).
+        tolerance : float, optional
+            Distance (m) up to which a point counts as inside the volumes; 1e-9 of their size by default.
+
+        Returns
+        -------
+        EmbeddedPoints
+
+        Raises
+        ------
+        InputError
+            If the points cannot be used, or one is outside all volumes and not inside the walls.
+        """
+        grid_map, walls = self.grid_map(), [face for face in self.topology.boundary if face.kind == "wall"]
+        surface = BoundarySurface.of(self.topology, grid_map.nodes, walls) if walls else None
+        body = None if surface is None else (Body(grid_map.nodes[surface.rows], surface.quads), surface.rows)
+        return EmbeddedPoints.of(grid_map, self.mesh, self.control_points, points, tolerance, body)
+
+    def member(self, factor: float) -> FittedModel:
+        """Model of a finer or coarser member of the grid family, section II.E, with the same control points.
+
+        What the splines miss of the grid, the residual of the fit, is interpolated in the index where it is kept, so
+        that a member of twice the cells has the nodes of the grid. The layer at walls is that of its own nodes.
+
+        Parameters
+        ----------
+        factor : float
+            Cells per direction of the member, divided by those of the grid.
+
+        Returns
+        -------
+        FittedModel
+            Patches and blanking are scaled; the report is that of the fitted grid.
+
+        Raises
+        ------
+        InputError
+            If the factor is not a positive number.
+        """
+        member = refine(self.topology, self.mesh, self.parameters, factor)
+        residual = self.residual
+        if residual is not None:
+            prolonged = NodeTransfer.of(self.topology, member.topology).prolong(residual)
+            residual = prolonged[node_sharing(member.topology).source_rows()]  # blocks round what they share alike
+        header = _scaled_header(self.header, IndexScaling.of(self.topology, factor))
+        return replace(self, topology=member.topology, parameters=member.parameters, residual=residual, header=header)
+
+    def save(self, path, compress: bool = True) -> None:
+        """Write the model to one HDF5 file, see `bspline_mdao.core.model.model_file.write_model`."""
+        write_model(self._fields(), path, compress)
+        self._note_file(path)
+
+    @classmethod
+    def load(cls, path) -> FittedModel:
+        """Read a model from a file, see `bspline_mdao.core.model.model_file.read_model`."""
+        model = read_model(path, cls)
+        model._note_file(path)
+        return model
+
+    def _fields(self) -> dict[str, object]:
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {**own, "residual_lengths": self.residual_lengths}
+
+    def _note_file(self, path) -> None:
+        object.__setattr__(self, "_file", Path(path).absolute())
+
+    @property
+    def file(self) -> Path | None:
+        """File that the model was saved to or loaded from last; None where it was neither."""
+        return self.__dict__.get("_file")
+
+    @cached_property
+    def checksum(self) -> str:
+        """Checksum of all that the model is, which its file has as an attribute: by it case files know their model."""
+        own = self._fields()
+        return checksum_of(document_of(**own), arrays_of(**own))
+
+
+MODELS = FittedModel, ModelShare
+"""What components take for a model."""
+
+
+def family_member(model: FittedModel, factor: float, control_points: np.ndarray | None = None) -> Grid:
+    """Grid of a fitted model with ``factor`` times the cells per direction, see `FittedModel.member`.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The model.
+    factor : float
+        Cells per direction of the member, divided by those of the grid.
+    control_points : ndarray, shape (n_control_points, 3), optional
+        Moved control points (m); the fitted ones by default.
+
+    Returns
+    -------
+    Grid
+        Nodes in metres; patches and blanking are scaled.
+
+    Raises
+    ------
+    InputError
+        If the factor is not a positive number.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, family_member, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> family_member(model, 2.0).shapes[0]  # twice the cells in each direction
+    (9, 9, 9)
+    """
+    return model.member(factor).regenerate(control_points)
+
+
+def _scaled_header(header: GridHeader, scaling: IndexScaling) -> GridHeader:
+    """Header of a family member; a CGNS file is written back as a copy only where all blocks keep their nodes."""
+    patches = tuple(_scaled_patch(patch, scaling) for patch in header.patches)
+    iblanks = tuple(
+        None if iblank is None else np.ascontiguousarray(iblank[np.ix_(*scaling.nearest(block))])
+        for block, iblank in enumerate(header.iblanks)
+    )
+    is_same = all(len(p) == p[-1] + 1 for planes in scaling.planes for p in planes)
+    return replace(
+        header, patches=patches, iblanks=iblanks, dialect=header.dialect if is_same else _copied(header.dialect)
+    )
+
+
+def _copied(dialect: object | None) -> object | None:
+    """Dialect of a grid of other nodes."""
+    if isinstance(dialect, PlaneDialect):
+        return replace(dialect, dialect=_copied(dialect.dialect))
+    return None if isinstance(dialect, CgnsDialect) else dialect
+
+
+def _scaled_patch(patch: Patch, scaling: IndexScaling) -> Patch:
+    return replace(patch, windows=tuple(map(scaling.window, patch.windows)))

@@ -1,0 +1,219 @@
+"""The file of a fitted model in parts: parameters and residual of some nodes are read by slices, and written by turns.
+
+HDF5 as it is installed with h5py lets many processes read a file at once, and one write. So the first makes the file
+with room for everything, one after the other writes what it holds, and the file takes its name when all have done so.
+The file is the same as that of `bspline_mdao.core.model.model_file.write_model`, and each of them reads the other's.
+
+Theory: ``docs/parallel.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from ...base.numerics.processes import together
+from ...errors import InputError
+from ...grids.io.disk import deferred_interrupts, replaced_file
+from ...grids.topology.topology import Topology
+from .model_file import (
+    arrays_of,
+    attributes_of,
+    check_parameters,
+    checksum_of,
+    damaged_is_input_error,
+    dataset_options,
+    document_of,
+    is_of_grid,
+    opened_model,
+)
+
+__all__ = ["ModelParts", "opened_parts", "write_by_turns"]
+
+DENSE = 8
+"""What is read may have this many times the nodes that are asked for."""
+
+
+@contextmanager
+def opened_parts(path: str | os.PathLike, topology: Topology) -> Iterator[ModelParts]:
+    """Open the file of a model to read parts of it; whatever is damaged in it is an `InputError`.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    topology : Topology
+        Its topology, see `bspline_mdao.core.model.model_file.read_fields`.
+    """
+    with damaged_is_input_error(path), opened_model(path) as file:
+        yield ModelParts(file, topology)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelParts:
+    """Parameters and residual in the file of a model.
+
+    Parameters
+    ----------
+    file : h5py.File
+        The file.
+    topology : Topology
+        Its topology.
+    """
+
+    file: h5py.File
+    topology: Topology
+
+    def parameters_at(self, segment: int, places: np.ndarray) -> np.ndarray:
+        """Parameters, shape (n, 3), of nodes of a segment by their places in its C order."""
+        data = self.file[f"parameters/{segment}"]
+        values = _at(data, np.unravel_index(places, self.topology.segments[segment].shape))
+        check_parameters(self.topology, segment, data.shape, values)
+        return values
+
+    def residual_at(self, rows: np.ndarray) -> np.ndarray:
+        """Residual (m), shape (n, 3), of nodes by their rows in the grid vector, ascending."""
+        data, starts = self.file["residual"], np.cumsum([0, *map(math.prod, self.topology.shapes)])
+        ends = np.searchsorted(rows, starts)
+        parts = [_at(data, (rows[start:stop],)) for start, stop in zip(ends, ends[1:]) if start < stop]
+        return np.concatenate([np.zeros((0, 3)), *parts])
+
+    def iblank_of(self, block: int) -> np.ndarray | None:
+        """Blanking of a block, where it has one."""
+        name = f"iblank/{block}"
+        return self.file[name][()] if name in self.file else None
+
+
+def _at(data: h5py.Dataset, indices: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Values at some indices along the first axes, shape (n, ...), from boxes that hold little else.
+
+    Nodes on the ends of an axis and in the layers next to them, as on faces of blocks, are read by layers; what is
+    left, in one box.
+    """
+    values = np.empty((len(indices[0]), *data.shape[len(indices) :]), data.dtype)
+    left = np.arange(len(values))
+    if len(left) * DENSE < math.prod(data.shape[: len(indices)]):
+        for d, n in enumerate(data.shape[: len(indices)] if len(indices) > 1 else ()):
+            for layer in {0, 1, n - 2, n - 1}:
+                is_there = indices[d][left] == layer
+                _read_box(data, indices, left[is_there], values)
+                left = left[~is_there]
+    _read_box(data, indices, left, values)
+    return values
+
+
+def _read_box(data: h5py.Dataset, indices: tuple[np.ndarray, ...], which: np.ndarray, values: np.ndarray) -> None:
+    """Read some of the indices, all from the smallest box that holds them."""
+    if len(which):
+        wanted = [index[which] for index in indices]
+        low = [int(index.min()) for index in wanted]
+        box = data[tuple(slice(lo, int(index.max()) + 1) for lo, index in zip(low, wanted))]
+        values[which] = box[tuple(index - lo for lo, index in zip(low, wanted))]
+
+
+def write_by_turns(
+    path: str | os.PathLike,
+    comm: Any,
+    fields: Mapping[str, Any],
+    parts: Mapping[str, np.ndarray],
+    compress: bool = True,
+) -> None:
+    """Write a model of which each process has a part; an existing file is replaced only when the new one is complete.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, on a disk that all processes see.
+    comm : communicator
+        The processes, all of which call this.
+    fields : mapping of str
+        The fields of a `bspline_mdao.core.model.fitted_model.FittedModel` by name, without parameters; its residual is
+        None where none is kept, the blanking of its header that of the blocks here.
+    parts : mapping of str
+        Arrays of this process by their names in the file; ``residual/<block>`` stands for the rows of a block.
+    compress : bool
+        Compress the arrays.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or the model has knots that are functions of the user's; on all processes.
+    """
+    arrays, document = _room_for(comm, fields), document_of(**fields)
+    starts = np.cumsum([0, *map(math.prod, fields["topology"].shapes)])
+    with ExitStack() as stack:
+        made: Path | None = None
+        with together(comm):
+            if comm.rank == 0:
+                made = stack.enter_context(replaced_file(path))
+                _make(made, path, arrays, dataset_options(compress), document, attributes_of(**fields))
+        made = comm.bcast(made) if comm.size > 1 else made
+        for rank in range(comm.size):
+            with together(comm):
+                if rank == comm.rank:
+                    _write_parts(made, path, parts, starts)
+        with together(comm):
+            if comm.rank == 0:
+                with deferred_interrupts(), h5py.File(made, "r+") as file:
+                    file.attrs["checksum"] = checksum_of(document, {name: file[name] for name in arrays})
+                stack.close()
+
+
+def _room_for(comm, fields: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Arrays of a model by their names in the file; those of the size of the grid stand for their shapes alone."""
+    topology, header = fields["topology"], fields["header"]
+    zero = np.zeros(1)
+    parameters = [np.broadcast_to(zero, (*segment.shape, 3)) for segment in topology.segments]
+    residual = None if fields["residual"] is None else np.broadcast_to(zero, (topology.n_nodes, 3))
+    has_iblank = [iblank is not None for iblank in header.iblanks]
+    if comm.size > 1:
+        has_iblank = np.any(comm.allgather(has_iblank), axis=0).tolist()
+    arrays = arrays_of(**{**fields, "parameters": parameters, "residual": residual})
+    whole = np.zeros(1, np.int32)
+    shapes = {f"iblank/{b}": shape for b, shape in enumerate(topology.shapes) if has_iblank[b]}
+    return arrays | {name: np.broadcast_to(whole, shape) for name, shape in shapes.items()}
+
+
+def _make(
+    made: Path,
+    path,
+    arrays: Mapping[str, np.ndarray],
+    options: Mapping[str, Any],
+    document: bytes,
+    attributes: Mapping[str, object],
+) -> None:
+    """Make a file with all small arrays, and room for the others."""
+    needed, free = sum(array.nbytes for array in arrays.values()), shutil.disk_usage(made.parent).free
+    if needed > free:  # the HDF5 library takes the process down with it when a disk is full
+        raise InputError(f"{path}: needs up to {needed} bytes, and the disk has {free} left; choose another place")
+    with deferred_interrupts(), h5py.File(made, "w", track_order=True) as file:
+        file.attrs.update({**attributes, "checksum": ""})
+        file["document"] = np.frombuffer(document, np.uint8)
+        for name, array in arrays.items():
+            if is_of_grid(name):
+                file.create_dataset(name, array.shape, array.dtype, **options)
+            else:
+                file.create_dataset(name, data=array, **options)
+
+
+def _write_parts(made: Path | None, path, parts: Mapping[str, np.ndarray], starts: np.ndarray) -> None:
+    """Write the arrays of this process into the file."""
+    try:
+        with deferred_interrupts(), h5py.File(made, "r+") as file:
+            for name, array in parts.items():
+                kind, _, number = name.partition("/")
+                if kind == "residual":
+                    file["residual"][starts[int(number)] : starts[int(number) + 1]] = array
+                else:
+                    file[name][...] = array
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another place") from error

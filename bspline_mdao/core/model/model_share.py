@@ -1,0 +1,295 @@
+"""What one of several processes needs of a fitted grid.
+
+Topology, control mesh and control points are those of the whole model. Parameters and residual are those of some nodes
+alone: the process's own; those that they are copies of, because a node that blocks share is evaluated in the volume of
+the first; and those of the boundary and of the layer next to it, which every process has, because what is near a wall
+follows all of it. So a share is a part of the grid and a few surfaces, and its nodes have the bits that they have
+in the whole grid, on any number of processes.
+
+Theory: ``docs/parallel.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...base.checks import as_finite_points
+from ...base.display import OneLine
+from ...base.numerics.processes import ONE, on_first, together
+from ...errors import InputError
+from ...grids.topology.held_nodes import HeldNodes, NodesByRow, each_once, face_layer_rows
+from ...grids.topology.partition import Partition, Share
+from ...grids.topology.topology import Topology
+from ..evaluation.evaluator import Evaluator
+from ..splines.mesh import BSplineMesh
+from ..walls.grid_map import GridMap
+from ..walls.grid_walls import GridWalls
+from ..walls.wall_correction import WallCorrection
+from .model_file import read_fields
+from .model_parts import opened_parts
+from .records import FitReport, FitSettings, GridHeader
+
+__all__ = ["ModelShare", "NodeSource", "nodes_at", "rows_of_share"]
+
+
+class NodeSource(Protocol):
+    """What gives parameters and residual of nodes: a fitted model, or a share of one."""
+
+    @property
+    def topology(self) -> Topology:
+        """Topology of the grid."""
+
+    @property
+    def mesh(self) -> BSplineMesh:
+        """One volume per segment."""
+
+    @property
+    def control_points(self) -> np.ndarray:
+        """Fitted control points (m), shape (n_control_points, 3)."""
+
+    def parameters_of(self, held: HeldNodes) -> list[np.ndarray]:
+        """Parameters of the nodes that each segment evaluates, ``held.numbers``, each of shape (n_v, 3)."""
+
+    def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
+        """Residual of nodes by their rows, shape (n, 3); None where there is none."""
+
+
+def nodes_at(model: NodeSource, rows: np.ndarray) -> np.ndarray:
+    """Nodes of the baseline by their rows in the grid vector, shape (n, 3), with the bits of the whole grid (m)."""
+    held = HeldNodes.of(model.topology, np.asarray(rows))
+    nodes = Evaluator.of_nodes(held, model.mesh, model.parameters_of(held)).forward(model.control_points)
+    nodes, residual = nodes[: held.n_asked], model.residual_at(held.rows[: held.n_asked])
+    return nodes if residual is None else nodes + residual
+
+
+def rows_of_share(topology: Topology, share: Share) -> np.ndarray:
+    """Rows of the nodes whose parameters and residual a share needs, ascending, each once.
+
+    They are its own, those of the boundary of the grid and of the layer next to it, and those that these are copies of.
+    """
+    boundary = [rows.ravel() for face in topology.boundary for rows in face_layer_rows(topology, face.window)]
+    return each_once(HeldNodes.of(topology, each_once(np.concatenate([share.rows, *boundary]))).rows)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelShare(OneLine):
+    """A fitted grid as one of several processes needs it. Made by `FittedModel.share`, or by `ModelShare.of`.
+
+    Parameters
+    ----------
+    share : Share
+        Nodes of the process.
+    topology, mesh, control_points, header, report, settings, candidate_weights, residual_lengths
+        Those of the whole model, see `bspline_mdao.core.model.fitted_model.FittedModel`.
+    rows : ndarray of int, shape (n,), ascending
+        Rows of the nodes that it knows, see `rows_of_share`.
+    parameters : ndarray, shape (n, 3)
+        Parameters of each of them in the volume that evaluates it.
+    residual : ndarray, shape (n, 3), or None
+        Their residual (m), where it is kept.
+    """
+
+    share: Share
+    topology: Topology
+    mesh: BSplineMesh
+    control_points: np.ndarray
+    rows: np.ndarray
+    parameters: np.ndarray
+    residual: np.ndarray | None
+    header: GridHeader
+    report: FitReport
+    settings: FitSettings
+    candidate_weights: np.ndarray | None = None
+    residual_lengths: np.ndarray | None = None
+
+    @classmethod
+    def of(
+        cls,
+        share: Share,
+        topology: Topology,
+        parameters_at: Callable[[int, np.ndarray], np.ndarray],
+        residual_at: Callable[[np.ndarray], np.ndarray] | None,
+        **others,
+    ) -> ModelShare:
+        """Gather what a share needs, segment by segment.
+
+        Parameters
+        ----------
+        share : Share
+            Nodes of the process.
+        topology : Topology
+            Topology of the grid.
+        parameters_at : callable
+            Takes the number of a segment and places in the C order of its nodes, ascending, and returns their
+            parameters, shape (n, 3).
+        residual_at : callable or None
+            Takes ascending rows of the grid vector and returns their residual (m), shape (n, 3).
+        **others
+            The other arguments of the class: ``mesh``, ``control_points``, ``header``, ...
+
+        Raises
+        ------
+        InputError
+            If the share is that of another grid.
+        """
+        if share.n_nodes_of_grid != topology.n_nodes:
+            raise InputError(
+                f"{topology.source}: a share of a grid of {share.n_nodes_of_grid} nodes, but it has "
+                f"{topology.n_nodes}; make the partition with the topology of the model"
+            )
+        held = HeldNodes.of(topology, rows_of_share(topology, share))
+        parameters = np.empty((held.n_nodes, 3))
+        for segment, (numbers, places) in enumerate(zip(held.numbers, held.places)):
+            if len(numbers):
+                parameters[numbers] = parameters_at(segment, places)
+        parameters[held.copies[:, 0]] = parameters[held.copies[:, 1]]
+        residual = None if residual_at is None else residual_at(held.rows)
+        return cls(share=share, topology=topology, rows=held.rows, parameters=parameters, residual=residual, **others)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike, comm: Any = ONE, share: Share | None = None) -> ModelShare:
+        """Read the share of a process from the file of a model; all processes call this.
+
+        The first passes over the file once, a piece at a time, to check it; each reads the slices that it needs.
+
+        Parameters
+        ----------
+        path : path-like
+            The file, on a disk that all processes see.
+        comm : communicator
+            The processes, such as ``mpi4py.MPI.COMM_WORLD``.
+        share : Share, optional
+            Nodes of this process; by default those that `Partition.of` gives it.
+
+        Returns
+        -------
+        ModelShare
+
+        Raises
+        ------
+        InputError
+            If the file is missing, foreign, damaged or of a newer version, or the share is that of another grid; on all
+            processes.
+        """
+        fields = on_first(comm, lambda: read_fields(path))
+        topology, header, has_residual = fields["topology"], fields["header"], fields.pop("has_residual")
+        with together(comm):
+            if share is None:
+                share = Partition.of(topology, comm.size).share(comm.rank)
+            with opened_parts(path, topology) as parts:
+                held = {window.block for window in share.windows or ()}
+                iblanks = (parts.iblank_of(block) if block in held else None for block in range(len(header.names)))
+                fields["header"] = replace(header, iblanks=tuple(iblanks))
+                fields["parameters_at"] = parts.parameters_at
+                fields["residual_at"] = parts.residual_at if has_residual else None
+                loaded = cls.of(share, **fields)
+        return loaded
+
+    def __repr__(self) -> str:
+        return f"<share of fitted {self.topology.source}: {self.share.n_nodes} of {self.n_nodes} nodes>"
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of the whole grid."""
+        return self.topology.n_nodes
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of what is known of nodes (B)."""
+        arrays = (self.rows, self.parameters, self.residual, self.share.rows)
+        return sum(array.nbytes for array in arrays if array is not None)
+
+    def parameters_of(self, held: HeldNodes) -> list[np.ndarray]:
+        """Parameters of the nodes that each segment evaluates, ``held.numbers``, each of shape (n_v, 3)."""
+        return [self.parameters[self._places(held.rows[numbers])] for numbers in held.numbers]
+
+    def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
+        """Residual of nodes by their rows, shape (n, 3); None where there is none."""
+        return None if self.residual is None else self.residual[self._places(rows)]
+
+    def _places(self, rows: np.ndarray) -> np.ndarray:
+        at = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
+        if (self.rows[at] != rows).any():
+            row = rows[np.argmax(self.rows[at] != rows)]
+            raise InputError(
+                f"{self.header.source}: node {row + 1} of the grid is not in this process's share of the model; ask "
+                f"for nodes of the share or of the boundary, or give the whole model"
+            )
+        return at
+
+    def grid_map(self) -> GridMap:
+        """Map from the control points to the nodes of the share, made once and not pickled.
+
+        Its first nodes are those of the share; the others are what these need.
+        """
+        return self._grid_map
+
+    @cached_property
+    def _grid_map(self) -> GridMap:
+        return self._map_of(self, ())
+
+    def corrected_map(self, model: NodeSource, correction: WallCorrection) -> tuple[GridMap, WallCorrection]:
+        """Map to the nodes of the share for walls that are met exactly, and the part of the correction that it needs.
+
+        Parameters
+        ----------
+        model : FittedModel
+            The whole model: where blocks are cut, nodes of the pieces' neighbours take part.
+        correction : WallCorrection
+            That of the whole grid.
+        """
+        walls = self._walls
+        wanted = HeldNodes.of(self.topology, self.share.rows, () if walls is None else walls.needed)
+        part = correction.part(wanted.sources_of(wanted.rows))
+        grid_map = self._map_of(model, [part.needed])
+        return grid_map, part.among(grid_map.held)
+
+    @cached_property
+    def _walls(self) -> GridWalls | None:
+        if not self.settings.wall_layer:
+            return None
+        rows = GridWalls.rows_seen(self.topology)
+        return GridWalls.of(self.topology, NodesByRow(rows, nodes_at(self, rows)))
+
+    def _map_of(self, model: NodeSource, needed: Sequence[np.ndarray]) -> GridMap:
+        walls = self._walls
+        held = HeldNodes.of(self.topology, self.share.rows, [*needed, *(() if walls is None else walls.needed)])
+        parameters, residual = model.parameters_of(held), model.residual_at(held.rows)
+        evaluator = Evaluator.of_nodes(held, self.mesh, parameters)
+        places = held, self.mesh, parameters, self.control_points, residual, self.residual_lengths
+        return GridMap.of_nodes(*places, self.settings.wall_layer, walls, evaluator)
+
+    def __getstate__(self) -> dict:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_grid_map", "_walls")}
+
+    def regenerate(self, control_points: np.ndarray | None = None) -> np.ndarray:
+        """Nodes of the share at given control points.
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3), optional
+            Moved control points (m); the fitted ones by default.
+
+        Returns
+        -------
+        ndarray, shape (share.n_nodes, 3)
+            In the order of the share (m): as in the whole grid, to the last bit.
+
+        Raises
+        ------
+        InputError
+            If the control points are of another shape, or not finite.
+        MovementError
+            If the surroundings of a point are turned inside out.
+        """
+        if control_points is None:
+            return nodes_at(self, self.share.rows)
+        what = f"{self.header.source}: control points"
+        points = as_finite_points(control_points, self.mesh.n_control_points, what)
+        return self.grid_map().at(points).nodes[: self.share.n_nodes]

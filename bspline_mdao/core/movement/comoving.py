@@ -1,0 +1,136 @@
+"""Outer boundaries that go along with the rigid part of the surface's motion.
+
+A section that pitches by 45 degrees within a far field that stays shears the whole grid; nothing does where the far
+field pitches as well. So the move is made in a frame that goes along with the surface: the rigid motion nearest to
+the surface's own (`bspline_mdao.core.walls.rigid_part`) is taken off, any mover does what is left, with all that is
+fixed where it was in that frame, and the motion is put back. Planes in which points slide stay. A rigid motion is exact
+by any angle, and whatever the mover.
+
+Theory: ``docs/theory/movers.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...base.display import OneLine
+from ..mesh.moving_mesh import MovingMesh
+from ..walls.rigid_part import RigidMotion, RigidPart
+from .mover import Movement, MovementReport, Mover, differentiable
+
+__all__ = ["ComovingFrame", "ComovingMovement"]
+
+
+@dataclass(frozen=True, eq=False)
+class ComovingFrame(OneLine):
+    """Moves a mesh in a frame that goes along with its surface: outer boundaries follow the rigid part of its motion.
+
+    All points that are fixed follow: the far field, and walls that are not part of the design surface. Those that slide
+    in planes slide in them as before. Symmetry and sliding planes leave rotations about their normal and shifts along
+    them; two planes at an angle leave shifts along both.
+
+    Parameters
+    ----------
+    mover : Mover
+        What moves the mesh within the frame.
+    keep_factors : bool, optional
+        As of `LinearElasticity`, for a mover that has that setting and leaves it open.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import ComovingFrame, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> mover = ComovingFrame(LinearElasticity(mesh))
+    >>> half_turn = np.diag([-1.0, -1.0, 1.0])
+    >>> movement = mover.move(mesh.points, mesh.points[mesh.surface_ids] @ half_turn)
+    >>> bool(np.allclose(movement.points, mesh.points @ half_turn, atol=1e-12))
+    True
+    """
+
+    mover: Mover
+    keep_factors: bool | None = None
+
+    @property
+    def mesh(self) -> MovingMesh:
+        """Mesh that is moved."""
+        return self.mover.mesh
+
+    def move(self, initial: np.ndarray, surface: np.ndarray, **options: Any) -> ComovingMovement:
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+
+        Options are those of the mover's own ``move``.
+
+        Raises
+        ------
+        InputError, MovementError
+            As the mover; also if the surface is turned inside out as a whole.
+        """
+        ids = self.mesh.surface_ids
+        motion = RigidPart(self.mesh.plane_normals).at(initial[ids], surface)
+        mover: Any = differentiable(self.mover) if self.keep_factors else self.mover
+        return ComovingMovement(ids, surface, motion, mover.move(initial, motion.undo(surface), **options))
+
+
+@dataclass(frozen=True, eq=False)
+class ComovingMovement(OneLine):
+    """A move in a frame that goes along.
+
+    Parameters
+    ----------
+    surface_ids : ndarray of int, shape (n_surface,)
+        Points on the surface.
+    surface : ndarray, shape (n_surface, 3)
+        Where they go (m).
+    motion : RigidMotion
+        Motion of the frame.
+    inner : Movement
+        Move within it.
+    """
+
+    surface_ids: np.ndarray
+    surface: np.ndarray
+    motion: RigidMotion
+    inner: Movement
+
+    @property
+    def points(self) -> np.ndarray:
+        """Moved points, shape (n_points, 3), in metres: those of the surface exactly where they are asked to be."""
+        points = self.motion.apply(self.inner.points)
+        points[self.surface_ids] = self.surface
+        return points
+
+    @property
+    def report(self) -> MovementReport:
+        """Report of the move within the frame."""
+        return self.inner.report
+
+    @property
+    def start(self) -> object:
+        """What moves from the same initial points can share, see `bspline_mdao.core.movement.mover.Mover`."""
+        return getattr(self.inner, "start", None)
+
+    def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the points, shape (n_points, 3), with those of the initial points and of the surface."""
+        rotation, shift = self.motion.rotation, self.motion.shift
+        d_rotation, d_shift = self.motion.jvp(d_initial[self.surface_ids], d_surface)
+        d_inside = (d_surface - d_shift) @ rotation + (self.surface - shift) @ d_rotation
+        change = self.inner.jvp(d_initial, d_inside) @ rotation.T + self.inner.points @ d_rotation.T + d_shift
+        change[self.surface_ids] = d_surface
+        return change
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`: derivatives with respect to the initial points and the surface."""
+        rotation, shift = self.motion.rotation, self.motion.shift
+        bar, surface_bar = bar.copy(), bar[self.surface_ids]
+        bar[self.surface_ids] = 0.0
+        initial_bar, inside_bar = self.inner.vjp(bar @ rotation)
+        back = inside_bar @ rotation.T
+        rotation_bar = bar.T @ self.inner.points + (self.surface - shift).T @ inside_bar
+        of_initial, of_surface = self.motion.vjp(rotation_bar, bar.sum(axis=0) - back.sum(axis=0))
+        initial_bar = initial_bar.copy()
+        initial_bar[self.surface_ids] += of_initial
+        return initial_bar, surface_bar + back + of_surface

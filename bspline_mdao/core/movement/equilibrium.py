@@ -1,0 +1,498 @@
+"""One increment of Eq. (8), K(b^(i-1)) (b^(i) - b^(i-1)) = f, for any elements with a linear force.
+
+Theory: ``docs/theory/elasticity.rst``.
+
+With u the displacement of an increment, prescribed on the surface and unknown at the free points, and F(u) = K u the
+force of the elements, the free components of F(u) vanish: the right-hand side f is the force of the prescribed
+displacement, with the other sign. Differentiated,
+
+    K du_free = - (change of F with the points, at fixed u) - K du_prescribed,
+
+and the transpose takes one solution with the same factor and the transposed derivative of F.
+
+Elements that are a million times as long as they are high, as in boundary layers and wakes, make K so stiff against a
+change of their height, and so soft against rotations, that rounding of K and of u leaves few digits or none. Where the
+factor shows that, solutions are refined: u is a sum of two parts, the second of which holds what rounding leaves of
+the first [Wilkinson, Rounding Errors in Algebraic Processes (1963)], and F(u) comes from the elements, whose strains
+are differences of neighbours, and not from a matrix.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...base.numerics.processes import ONE, together
+from ...base.sparse.blocks import BlockMatrix, BlockPattern, slots
+from ...base.sparse.distributed import DistributedPattern
+from ...errors import MovementError
+from ..mesh.moving_mesh import MovingMesh
+from .increments import IncrementalMovement, IncrementalMover, in_increments
+from .mover import SolveReport, digits_of
+
+__all__ = [
+    "Balance",
+    "Balanced",
+    "Elements",
+    "Equilibrium",
+    "EquilibriumMover",
+    "EquilibriumStep",
+    "Factored",
+    "Start",
+    "Unknowns",
+    "in_two",
+]
+
+EPSILON = float(np.finfo(float).eps)
+
+REFINE_ABOVE = 1e-11
+"""Relative error, as the factor estimates it, above which a move is refined: far below what a mesh can show."""
+
+REFINE_PRODUCTS_ABOVE = 1e-13
+"""The same for products with derivatives, which are to agree with each other better than they need to be exact."""
+
+TOLERANCE = 1e-14
+"""Relative error to refine to: a digit above the unit round-off, which the sums over elements lose."""
+
+MAX_CORRECTIONS = 30
+"""Corrections after which to stop; three or four are needed where they converge at all."""
+
+LEAST_GAIN = 0.5
+"""A correction that is not smaller than the last one by this factor is rounding, and the end."""
+
+
+ALL = slice(None)
+"""Ids of all elements, for an array without a copy of it."""
+
+
+class Balanced(Protocol):
+    """What a displacement is found for: a force that is linear in it, up to a constant, with a symmetric stiffness."""
+
+    def add_stiffness(
+        self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray, element_ids: np.ndarray | slice = ALL
+    ) -> None:
+        """Add the stiffness of all elements, or of some, to blocks.
+
+        See `bspline_mdao.core.movement.elasticity.add_stiffness`; rows and slots are those of these elements.
+        """
+
+    def force(self, displacement: np.ndarray) -> np.ndarray:
+        """Force on all points of a displacement, both sums of as many parts, shape (n_parts, n_points, 3)."""
+
+
+class Elements(Balanced, Protocol):
+    """Elements at given points, with the derivatives of their force."""
+
+    def force_jvp(self, displacement: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray) -> np.ndarray:
+        """Change of the force of a given displacement with the initial points and the points; sums as `force`."""
+
+    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of both: for the initial points, the points and the displacement, shape (n_points, 3) each."""
+
+
+class Numbered(Protocol):
+    """Numbering of the unknowns of the points, and their matrix: `Unknowns`, or others that a field has."""
+
+    @property
+    def comm(self) -> Any:
+        """Processes that share the rows of the matrix."""
+
+    def matrix(self, add_stiffness: Callable[..., None]) -> Any:
+        """Matrix of the stiffness that a function adds to blocks."""
+
+    def gather(self, force: np.ndarray) -> np.ndarray:
+        """Unknowns' components of a force, shape (n_points, 3)."""
+
+    def scatter(self, unknowns: np.ndarray) -> np.ndarray:
+        """Transpose of `gather`."""
+
+
+class EquilibriumMover(IncrementalMover):
+    """What the movers of elements share: an increment is an equilibrium.
+
+    A leaf has the fields ``mesh``, ``n_increments``, ``solver`` and ``keep_factors``, and says what its elements are.
+    It keeps the order of elimination, which the mesh decides; factors belong to the movements, see `Start`.
+    """
+
+    solver: Any
+    keep_factors: bool | None
+
+    def move(self, initial: np.ndarray, surface: np.ndarray, start: Start | None = None) -> IncrementalMovement:
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+
+        See `IncrementalMover.move`; with the ``start`` of an earlier movement, or from `start`, moves from the same
+        initial points share their factor. A start from other points is not used.
+        """
+        initial = np.array(initial, dtype=float)
+        if start is None or not np.array_equal(start.points, initial):
+            start = Start(initial)
+        step = partial(self._balanced_step, start)
+        movement = in_increments(self.mesh, step, initial, surface, self.n_increments)
+        return replace(movement, start=start)
+
+    def start(self, initial: np.ndarray) -> Start:
+        """Factorise the stiffness at points (n_points, 3), in metres, for several moves that start from them."""
+        initial = np.array(initial, dtype=float)
+        return Start(initial, self._equilibrium.factorized(self._elements(initial, initial)))
+
+    def predicted_bytes(self) -> int | None:
+        """Memory of the factors of a move, and of the work on them (bytes); None where the solver does not tell.
+
+        That of the first increment and that of the present one, or those of all increments where factors are kept. It
+        takes the analysis of the pattern, which the moves need anyway.
+        """
+        analysis = self._equilibrium.analysis
+        if not hasattr(analysis, "factor_bytes"):
+            return None
+        n_factors = self.n_increments if self.keep_factors else min(self.n_increments, 2)
+        return n_factors * analysis.factor_bytes + analysis.work_bytes
+
+    @cached_property
+    def _equilibrium(self) -> Equilibrium:
+        return Equilibrium.of(self.mesh, self.solver)
+
+    def _elements(self, initial: np.ndarray, before: np.ndarray) -> Elements:
+        """Elements at the points before an increment, stiffened by those before the move."""
+        raise NotImplementedError
+
+    def _balanced_step(
+        self, start: Start, initial: np.ndarray, before: np.ndarray, surface: np.ndarray
+    ) -> EquilibriumStep:
+        """Make one increment, see `bspline_mdao.core.movement.increments.in_increments`."""
+        began, is_first = time.perf_counter(), np.array_equal(before, initial)
+        equilibrium, elements = self._equilibrium, self._elements(initial, before)
+        if is_first:
+            factored = start.factored = start.factored or equilibrium.factorized(elements)
+        else:
+            factored = equilibrium.factorized(elements)
+        prescribed, surface_ids = np.zeros_like(before), self.mesh.surface_ids
+        prescribed[surface_ids] = surface - before[surface_ids]
+        balance = equilibrium.balance(elements, factored, prescribed, np.zeros((1, 1, 1)), REFINE_ABOVE)
+        if not np.isfinite(balance.parts).all():
+            raise MovementError("movement: the displacements are not finite; take a smaller step or more increments")
+        points = before + balance.parts[0]
+        points[surface_ids] = surface
+        seconds = time.perf_counter() - began
+        report = SolveReport(self.solver.name, balance.n_steps, balance.residual, seconds, digits_of(balance.error))
+        kept = factored if is_first or self.keep_factors else None
+        return EquilibriumStep(equilibrium, elements, balance.parts, points, report, kept)
+
+
+@dataclass(frozen=True, eq=False)
+class EquilibriumStep:
+    """An increment that was made, see `bspline_mdao.core.movement.mover.Step`."""
+
+    equilibrium: Equilibrium
+    elements: Elements
+    displacement: np.ndarray
+    points: np.ndarray
+    report: SolveReport
+    factored: Factored | None
+
+    def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the points after the increment, shape (n_points, 3)."""
+        surface_ids = self.equilibrium.mesh.surface_ids
+        d_prescribed = np.zeros_like(d_before)
+        d_prescribed[surface_ids] = d_surface - d_before[surface_ids]
+        d_force = self.elements.force_jvp(in_two(self.displacement), d_initial, d_before)
+        d_points = d_before + self._balance(d_prescribed, -d_force)[0]
+        d_points[surface_ids] = d_surface
+        return d_points
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of `jvp`: for the initial points, the points before, and the surface points."""
+        surface_ids = self.equilibrium.mesh.surface_ids
+        initial_bar, before_bar, prescribed_bar = self.elements.force_vjp(
+            self.displacement, self._balance(np.zeros_like(bar), -bar[None])
+        )
+        surface_bar = bar[surface_ids] + prescribed_bar[surface_ids]
+        before_bar += bar
+        before_bar[surface_ids] -= surface_bar
+        return initial_bar, before_bar, surface_bar
+
+    def _balance(self, prescribed, load):
+        """Parts of the displacement that is prescribed on the surface and balances a load on the free points."""
+        factored = self.factored or self.equilibrium.factorized(self.elements)
+        return self.equilibrium.balance(self.elements, factored, prescribed, load, REFINE_PRODUCTS_ABOVE).parts
+
+
+@dataclass(frozen=True, eq=False)
+class Factored:
+    """A matrix with its factor."""
+
+    matrix: Any
+    factor: Any
+
+    def solve(self, right):
+        """Solution for a right-hand side, of the unknowns' shape."""
+        return self.factor.solve(right, self.matrix)
+
+
+@dataclass(eq=False)
+class Start(OneLine):
+    """Points that moves start from, and the factor of their stiffness once it is there.
+
+    The matrix of the first increment depends on the initial points alone, so that moves of different surfaces share it.
+    A start belongs to the movement that made it, and to whom that is handed on; the mover has none.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n_points, 3)
+        Initial points (m).
+    factored : Factored, optional
+        The stiffness there, made by the first increment that needs it.
+    """
+
+    points: np.ndarray
+    factored: Factored | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """Makes the systems of a mesh, and solves them.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    unknowns : Numbered
+        Numbering of the unknowns.
+    analysis : object
+        The solver's analysis of their pattern.
+    """
+
+    mesh: MovingMesh
+    unknowns: Numbered
+    analysis: Any
+
+    @classmethod
+    def of(cls, mesh: MovingMesh, solver: Any) -> Equilibrium:
+        """Number the unknowns of a mesh, and let a solver find its order of elimination.
+
+        Where the solver has a communicator, each of its processes assembles the rows that it owns, and all come here.
+        """
+        comm = getattr(solver, "comm", None) or ONE
+        unknowns = Unknowns(mesh, comm)
+        with together(comm):
+            pattern = unknowns.pattern
+        return cls(mesh, unknowns, solver.analyze(pattern, mesh.points[unknowns.point_ids[unknowns.rows]]))
+
+    def balance(
+        self, elements: Balanced, factored: Factored, prescribed: np.ndarray, load: np.ndarray, above: float
+    ) -> Balance:
+        """Find the displacement u that is prescribed on the surface and has ``F(u) = load`` at the free points.
+
+        Iterative refinement [Wilkinson 1963; Higham, Accuracy and Stability of Numerical Algorithms (2002), 12]:
+
+        1. solve K u = load - F(prescribed) with the factor;
+        2. where its estimate of the error is too large, form the residual load - F(u) from both parts of u;
+        3. solve K c = residual for a correction c;
+        4. stop where corrections do not shrink any more: what is left is rounding;
+        5. add c to both parts of u, and stop where the next correction promises to be below `TOLERANCE`.
+
+        Parameters
+        ----------
+        elements : Elements
+            Their forces are F.
+        factored : Factored
+            Their matrix.
+        prescribed : ndarray, shape (n_points, 3)
+            Displacement of the surface (m), 0 elsewhere.
+        load : ndarray, shape (n_parts, n_points, 3)
+            Load on the points, as a sum of parts.
+        above : float
+            Estimate of the relative error above which the displacement is refined.
+        """
+        gather, scatter = self.unknowns.gather, self.unknowns.scatter
+        solution = factored.solve(gather(_less(load, elements.force(prescribed[None]))))  # step 1
+        parts, error = (prescribed + scatter(solution.x))[None], EPSILON * factored.factor.cancellation
+        size, last, n_steps = np.abs(solution.x).max(initial=0.0), 1.0, solution.iterations
+        if size == 0.0 or not np.isfinite(size):
+            return Balance(parts, n_steps, solution.residual, 0.0)
+        if error <= above:
+            return Balance(parts, n_steps, solution.residual, error)
+        parts = in_two(parts)
+        for _ in range(MAX_CORRECTIONS):
+            residual = _less(load, elements.force(parts))  # step 2
+            solved = factored.solve(gather(residual))  # step 3
+            correction = scatter(solved.x)
+            change = np.abs(correction).max() / size
+            if not change < LEAST_GAIN * last:  # step 4; also where it is not a number
+                error = change
+                break
+            # step 5; corrections shrink by change / last, so that the next one is about error
+            parts, n_steps = _corrected(parts, correction), n_steps + max(solved.iterations, 1)
+            error, last = change * change / last, change
+            if error <= TOLERANCE:
+                break
+        return Balance(parts, n_steps, solution.residual, error)
+
+    def factorized(self, elements: Balanced) -> Factored:
+        """Assemble and factorise the stiffness of elements."""
+        with together(self.unknowns.comm):
+            matrix = self.unknowns.matrix(elements.add_stiffness)
+        return Factored(matrix, self.analysis.factorize(matrix))
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """A displacement that balances a load on the free points.
+
+    Parameters
+    ----------
+    parts : ndarray, shape (n_parts, n_points, 3)
+        The displacement (m) as a sum of parts: one, or two where it was refined.
+    n_steps : int
+        Iterations of the solver, or corrections.
+    residual : float
+        Relative residual of the system that was solved first.
+    error : float
+        Estimate of its error relative to the largest displacement.
+    """
+
+    parts: np.ndarray
+    n_steps: int
+    residual: float
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Numbering of the points that may move, and the matrix of those that this process owns.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    comm : communicator
+        Processes that share the rows of the matrix; this one alone by default. All else is the same on all of them.
+    """
+
+    mesh: MovingMesh
+    comm: Any = ONE
+
+    @cached_property
+    def point_ids(self) -> np.ndarray:
+        """Point of each block row, ascending."""
+        return np.flatnonzero(self.mesh.is_free.any(axis=1)).astype(np.int32)
+
+    @cached_property
+    def _assembly(self) -> tuple[BlockPattern, np.ndarray | slice, np.ndarray]:
+        """Pattern, elements to assemble, and the row here of each of their corners, -1 where there is none."""
+        rows = np.full(self.mesh.n_points, -1, dtype=np.int32)
+        rows[self.point_ids] = np.arange(len(self.point_ids), dtype=np.int32)
+        if self.comm.size > 1:
+            return DistributedPattern.of_own_elements(rows[self.mesh.elements], len(self.point_ids), self.comm)
+        element_rows = rows[self.mesh.elements]
+        return BlockPattern.of_elements(element_rows, len(self.point_ids)), ALL, element_rows
+
+    @property
+    def pattern(self) -> BlockPattern:
+        """Pattern of the stiffness; a `DistributedPattern` where there are several processes."""
+        return self._assembly[0]
+
+    @property
+    def element_rows(self) -> np.ndarray:
+        """Block row of every corner of the elements of the matrix, -1 where there is none, shape (n_elements, 8)."""
+        return self._assembly[2]
+
+    @property
+    def rows(self) -> np.ndarray | slice:
+        """Rows of the whole matrix that the pattern has."""
+        return self.pattern.rows if isinstance(self.pattern, DistributedPattern) else ALL
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """Place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`."""
+        return slots(self.pattern, self.element_rows)
+
+    def matrix(self, add_stiffness: Callable[..., None]) -> BlockMatrix:
+        """Stiffness of the unknowns.
+
+        Parameters
+        ----------
+        add_stiffness : callable
+            ``add_stiffness(element_rows, slots, data, element_ids)`` adds the stiffness of elements to the blocks,
+            shape (n_blocks, 3, 3).
+        """
+        pattern, element_ids, element_rows = self._assembly
+        data = np.zeros((pattern.n_blocks, 3, 3))
+        add_stiffness(element_rows, self.slots, data, element_ids)
+        self._restrain(data)
+        return BlockMatrix(self.pattern, data)
+
+    def gather(self, force: np.ndarray) -> np.ndarray:
+        """Components of a force, shape (n_points, 3), along the free directions: shape (n_rows, 3)."""
+        return self._turned(force[self.point_ids]) * self._is_free
+
+    def scatter(self, unknowns: np.ndarray) -> np.ndarray:
+        """Transpose of `gather`."""
+        displacement = np.zeros((self.mesh.n_points, 3), dtype=unknowns.dtype)
+        in_frames = unknowns * self._is_free
+        if self._frames is not None:
+            in_frames = np.einsum("nij,ni->nj", self._frames, in_frames)
+        displacement[self.point_ids] = in_frames
+        return displacement
+
+    @cached_property
+    def _is_free(self):
+        return self.mesh.is_free[self.point_ids]
+
+    @cached_property
+    def _frames(self):
+        return None if self.mesh.frames is None else self.mesh.frames[self.point_ids]
+
+    def _turned(self, vectors):
+        return vectors if self._frames is None else np.einsum("nij,nj->ni", self._frames, vectors)
+
+    @cached_property
+    def _restrained(self):
+        """Entries, with rows and columns, that meet a point with a frame of its own or a fixed direction."""
+        is_special = ~self._is_free[self.rows].all(axis=1)
+        if self._frames is not None:
+            is_special |= (self._frames[self.rows] != np.eye(3)).any(axis=(1, 2))
+        rows = np.repeat(np.arange(self.pattern.n, dtype=np.int32), np.diff(self.pattern.indptr))
+        entries = np.flatnonzero(is_special[rows] | is_special[self.pattern.indices])
+        return entries, rows[entries], self.pattern.indices[entries]
+
+    def _restrain(self, data):
+        """Turn blocks into the frames of their points, and put the identity where a direction is fixed."""
+        entries, rows, columns = self._restrained
+        blocks, is_free = data[entries], self._is_free[self.rows]
+        if self._frames is not None:
+            frames = self._frames[self.rows]
+            blocks = frames[rows] @ blocks @ frames[columns].transpose(0, 2, 1)
+        blocks *= is_free[rows][:, :, None] & is_free[columns][:, None, :]
+        is_diagonal = rows == columns
+        blocks[is_diagonal] += ~is_free[rows[is_diagonal]][:, :, None] * np.eye(3)
+        data[entries] = blocks
+
+
+def in_two(parts: np.ndarray) -> np.ndarray:
+    """The same sum of parts, as one of two."""
+    return parts if len(parts) == 2 else np.stack([parts[0], np.zeros_like(parts[0])])
+
+
+def _corrected(parts: np.ndarray, correction: np.ndarray) -> np.ndarray:
+    """Add a correction to a sum of two parts: two again, the second below the last digit of the first."""
+    first, lost = _sum(parts[0], correction)
+    return np.stack(_sum(first, lost + parts[1]))
+
+
+def _less(load: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Difference of two sums of parts, exact until it is rounded once, shape (n_points, 3)."""
+    first, lost = _sum(load[0], -force[0])
+    return first + (lost + (load[1:].sum(axis=0) - force[1:].sum(axis=0)))
+
+
+def _sum(a, b):
+    """Sum, and exactly what its rounding leaves [Knuth, The Art of Computer Programming 2, 4.2.2]."""
+    total = a + b
+    of_b = total - a
+    return total, (a - (total - of_b)) + (b - of_b)

@@ -1,0 +1,258 @@
+"""A move in increments, Eq. (8), with its exact derivative through all of them. Theory: ``docs/theory/elasticity.rst``.
+
+The surface goes from b_srf^(0) to b_srf^(m) along straight lines, in m equal increments; each moves the mesh from
+b^(i-1) to b^(i), with a stiffness that depends on b^(i-1) and b^(0). So does its derivative: forward products go
+through the increments in their order, transposed ones in the reverse order. What one increment does is the mover's;
+for elastic elements it is `bspline_mdao.core.movement.equilibrium`.
+
+Another number of increments is another function of the surface: it is a setting of the mover, and no move chooses it.
+`increments_for` finds one that is enough, before anything runs.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+
+from ...base.checks import as_array
+from ...base.display import OneLine
+from ...base.numerics.progress import shown
+from ...errors import InputError, MovementError
+from ..mesh.moving_mesh import MovingMesh
+from .mover import IncrementReport, MovementReport, Mover, Step, check_reach, check_request
+
+__all__ = ["PAPER_INCREMENTS", "IncrementalMovement", "IncrementalMover", "in_increments", "increments_for"]
+
+PAPER_INCREMENTS = 5
+"""The paper's m, section IV."""
+
+NUMBERS = (1, 2, 5, 10)
+"""Numbers of increments to choose from."""
+
+GOOD_RATIO = 0.03
+"""A mesh stays good while no element's smallest corner triple product falls below this fraction of the baseline's."""
+
+
+@dataclass(frozen=True, eq=False)
+class IncrementalMovement(OneLine):
+    """A move that was made in increments.
+
+    Parameters
+    ----------
+    surface_ids : ndarray of int, shape (n_surface,)
+        Points on the surface.
+    steps : tuple of Step
+        The increments.
+    report : MovementReport
+        What they did.
+    start : object, optional
+        What moves from the same initial points can share, to be handed to the mover's next ``move`` as its ``start``;
+        None where there is nothing.
+    """
+
+    surface_ids: np.ndarray
+    steps: tuple[Step, ...]
+    report: MovementReport
+    start: object = None
+
+    @property
+    def points(self) -> np.ndarray:
+        """Points after the last increment, shape (n_points, 3), in metres."""
+        return self.steps[-1].points
+
+    def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the points, shape (n_points, 3).
+
+        Parameters
+        ----------
+        d_initial : ndarray, shape (n_points, 3)
+            Change of the initial points.
+        d_surface : ndarray, shape (n_surface, 3)
+            Change of the surface points after the move.
+        """
+        d_points, m = d_initial, len(self.steps)
+        for i, step in enumerate(self.steps, start=1):
+            d_points = step.jvp(d_initial, d_points, _between(d_initial[self.surface_ids], d_surface, i, m))
+        return d_points
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n_points, 3)
+            Derivative of a scalar with respect to the points.
+
+        Returns
+        -------
+        initial_bar : ndarray, shape (n_points, 3)
+        surface_bar : ndarray, shape (n_surface, 3)
+        """
+        m = len(self.steps)
+        initial_bar, surface_bar = np.zeros_like(bar), np.zeros((len(self.surface_ids), 3), dtype=bar.dtype)
+        for i, step in zip(range(m, 0, -1), reversed(self.steps)):
+            reference_bar, bar, target_bar = step.vjp(bar)
+            initial_bar += reference_bar
+            initial_bar[self.surface_ids] += (1.0 - i / m) * target_bar
+            surface_bar += (i / m) * target_bar
+        return initial_bar + bar, surface_bar
+
+
+def in_increments(
+    mesh: MovingMesh,
+    step: Callable[[np.ndarray, np.ndarray, np.ndarray], Step],
+    initial: np.ndarray,
+    surface: np.ndarray,
+    n_increments: int,
+) -> IncrementalMovement:
+    """Move the surface in equal increments along straight lines, and the mesh behind it, i = 1 to m of Eq. (8).
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    step : callable
+        ``step(initial, before, surface)`` makes one increment: from the initial points of the whole move, shape
+        (n_points, 3), the points before the increment, and the surface points after it, shape (n_surface, 3).
+    initial : ndarray, shape (n_points, 3)
+        Points before the move (m).
+    surface : ndarray, shape (n_surface, 3)
+        Surface points after it (m).
+    n_increments : int
+        The paper's m.
+
+    Raises
+    ------
+    InputError
+        If a shape or the number of increments is wrong.
+    MovementError
+        If the move cannot be done, or moves a point far beyond what the surface does.
+    """
+    require_number(n_increments)
+    initial, surface = as_array(initial, "movement: points"), as_array(surface, "movement: surface points")
+    check_request(mesh, initial, surface)
+    began, steps, reports = time.perf_counter(), [], []
+    before, surface_before = initial, initial[mesh.surface_ids]
+    with shown("moving the control mesh") as tell:
+        for i in range(1, n_increments + 1):
+            tell((i - 1) / n_increments, f"increment {i} of {n_increments}")
+            try:
+                steps.append(step(initial, before, _between(surface_before, surface, i, n_increments)))
+            except MovementError as error:
+                raise MovementError(f"increment {i} of {n_increments}: {error}") from error
+            before = steps[-1].points
+            check_reach(mesh, initial, surface, before)
+            tangling = mesh.tangled(before)
+            reports.append(IncrementReport(solve=steps[-1].report, **vars(tangling)))
+    report = MovementReport(tuple(reports), time.perf_counter() - began, n_invalid=mesh.n_invalid)
+    return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
+
+
+def require_number(n_increments: int) -> None:
+    """Refuse what is no number of increments."""
+    is_number = isinstance(n_increments, Integral) and not isinstance(n_increments, bool) and n_increments >= 1
+    if not is_number:
+        raise InputError(f"movement: {n_increments!r} increments; give a whole number from 1")
+
+
+def increments_for(mover: Mover, designs: Iterable[np.ndarray]) -> int:
+    """Find a number of increments that is enough for some designs, to be given to the mover before anything runs.
+
+    It is the smallest of 1, 2, 5 and 10 with which the control mesh stays good in all of them: every element that is
+    valid on the baseline keeps 3 % of its smallest corner triple product.
+
+    Parameters
+    ----------
+    mover : Mover
+        One of `bspline_mdao.core.movement`, or another dataclass with ``n_increments``; which number it has does not
+        matter.
+    designs : iterable of ndarray, each of shape (n_surface, 3)
+        Surface control points (m) of the most extreme designs, such as `Parametrization.extremes`.
+
+    Returns
+    -------
+    int
+        Where no number keeps the mesh good, the one of which the worst design keeps most; the largest where the mover
+        gives up with all.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong, or the mover has no number of increments.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from bspline_mdao import LinearElasticity, brick_grid, fit_grid, increments_for, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> mover = LinearElasticity(mesh)
+    >>> thick, thin = (mesh.points[mesh.surface_ids] * [1.0, factor, 1.0] for factor in (1.2, 0.8))
+    >>> mover = replace(mover, n_increments=increments_for(mover, [thick, thin]))
+    >>> mover.n_increments
+    1
+    """
+    settings: Any = mover
+    if not hasattr(mover, "n_increments"):
+        raise InputError(f"movement: {type(mover).__name__} has no number of increments to choose")
+    designs, ratios = list(designs), {}
+    for number in NUMBERS:
+        ratios[number] = _worst_ratio(replace(settings, n_increments=number), designs)
+        if ratios[number] >= GOOD_RATIO:
+            return number
+    return max(reversed(NUMBERS), key=ratios.__getitem__)
+
+
+def _worst_ratio(mover: Mover, designs: list[np.ndarray]) -> float:
+    """Smallest ratio of a corner to its own on the baseline in any design; minus infinity where the mover gives up."""
+    options: dict[str, Any] = {}
+    worst = np.inf
+    for surface in designs:
+        try:
+            movement = mover.move(mover.mesh.points, surface, **options)
+        except MovementError:
+            return -np.inf
+        worst = min(worst, movement.report.increments[-1].corner_ratio)
+        start = getattr(movement, "start", None)
+        options = {} if start is None else {"start": start}  # the factor of the baseline serves all designs
+    return worst
+
+
+def _between(start: np.ndarray, stop: np.ndarray, i: int, m: int) -> np.ndarray:
+    """Surface after increment i of m, b_srf^(i): the last ends exactly on ``stop``; one at rest stays at ``start``."""
+    return stop if i == m else start + (i / m) * (stop - start)
+
+
+class IncrementalMover(OneLine):
+    """What movers share that do the same in every increment.
+
+    A leaf has the fields ``mesh`` and ``n_increments``, and says what one increment does.
+    """
+
+    mesh: MovingMesh
+    n_increments: int
+
+    def __post_init__(self):
+        require_number(self.n_increments)
+
+    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+
+        Raises
+        ------
+        InputError
+            If a shape or the number of increments is wrong.
+        MovementError
+            If a coordinate is not finite, a surface point leaves its symmetry plane, a system cannot be solved, or a
+            point is moved far beyond what the surface does.
+        """
+        initial = np.array(initial, dtype=float)
+        return in_increments(self.mesh, self._step, initial, surface, self.n_increments)
+
+    def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> Step:
+        """Make one increment, see `in_increments`."""
+        raise NotImplementedError

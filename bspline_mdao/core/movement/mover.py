@@ -1,0 +1,304 @@
+"""Protocols and reports of all movers, and the checks that every move passes. Theory: ``docs/theory/movers.rst``.
+
+A mover moves the points of a `MovingMesh` behind its surface, in one or more increments. Three words are all there is:
+``move`` gives a movement, and the movement gives ``jvp`` and ``vjp``, the products with its exact derivative and with
+the transpose. A user's own mover is any object with a ``mesh`` and a ``move``; what it does in one increment, it may
+leave to `bspline_mdao.core.movement.increments.in_increments` to repeat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...base.text import counted
+from ...errors import InputError, MovementError
+from ..mesh.moving_mesh import MovingMesh
+
+__all__ = [
+    "IncrementReport",
+    "Movement",
+    "MovementReport",
+    "Mover",
+    "SolveReport",
+    "Step",
+    "check_reach",
+    "check_request",
+    "differentiable",
+    "digits_of",
+]
+
+PLANE_TOLERANCE = 1e-5
+"""A surface point may leave its symmetry plane by this fraction of the mesh's size: digits of single precision."""
+
+MAX_AMPLIFICATION = 100.0
+"""No point may be moved farther than so many times the largest displacement of the surface.
+
+A field with a maximum principle amplifies nothing. Rotations made in straight increments, elasticity and radial
+functions overshoot all the same: elasticity by up to 8, compact radial functions by up to 31 in what
+``run_scripts/robustness_table.py`` asks of them. Elasticity on meshes that are folded or that hang together wrongly
+moves points away by 100 to 1000 times the displacement of the surface.
+"""
+
+MEND = 'fit the grid with method="valid" (fit --method valid)'
+"""Advice for control meshes that are invalid before they move."""
+
+ROUND_OFF = 1e-9
+"""Displacements below this fraction of the mesh's size are not judged."""
+
+
+@dataclass(frozen=True)
+class SolveReport:
+    """How the linear system of one increment was solved.
+
+    Parameters
+    ----------
+    solver : str
+        Name of the solver.
+    iterations : int
+        0 where it is direct; corrections, where those of a direct solver were needed.
+    residual : float
+        2-norm of the residual by that of the right-hand side.
+    seconds : float
+        Wall clock of factor and solution.
+    digits : float
+        Estimate of the correct decimal digits of the displacement relative to the largest, from 0 to 16.
+    """
+
+    solver: str
+    iterations: int
+    residual: float
+    seconds: float
+    digits: float
+
+
+@dataclass(frozen=True)
+class IncrementReport:
+    """What one increment did.
+
+    Parameters
+    ----------
+    solve : SolveReport or None
+        None for a mover that solves nothing.
+    n_tangled : int
+        Elements that are valid on the baseline and not any more.
+    place : str
+        The worst of them, ``"element (i, j, k) of block 3"``, counted from 1; empty where there is none.
+    min_corner : float
+        Smallest corner triple product of the elements that are valid on the baseline.
+    corner_ratio : float
+        Smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements.
+    n_invalid : int
+        Elements that are invalid, whatever they are on the baseline: counted as the report of a fit counts them.
+    """
+
+    solve: SolveReport | None
+    n_tangled: int
+    place: str
+    min_corner: float
+    corner_ratio: float
+    n_invalid: int
+
+
+@dataclass(frozen=True)
+class MovementReport(OneLine):
+    """What a movement did, increment by increment.
+
+    Parameters
+    ----------
+    increments : tuple of IncrementReport
+        In order.
+    seconds : float
+        Wall clock of the whole move.
+    n_invalid : int
+        Elements that are invalid on the baseline, before anything moves.
+    where : str
+        Which of several processes moved, and why; empty where there is one.
+    """
+
+    increments: tuple[IncrementReport, ...]
+    seconds: float
+    n_invalid: int = 0
+    where: str = ""
+
+    def __str__(self) -> str:
+        what = counted(self.n_increments, "increment")
+        solve = self.increments[-1].solve if self.increments else None
+        how = f" by {solve.solver}, {self.digits:.0f} digits" if solve else ""
+        return f"{what}{how}, {self.seconds:.2f} s{f', {self.where}' if self.where else ''}"
+
+    @property
+    def n_increments(self) -> int:
+        """Number of increments that the move was made in."""
+        return len(self.increments)
+
+    @property
+    def digits(self) -> float:
+        """Estimate of the correct decimal digits of the worst increment; 16 for a mover that solves nothing."""
+        return min((increment.solve.digits for increment in self.increments if increment.solve), default=16.0)
+
+    def first_tangled(self) -> tuple[int, IncrementReport] | None:
+        """Number, from 1, and report of the first increment that tangles; None where none does."""
+        tangled = ((n, report) for n, report in enumerate(self.increments, start=1) if report.n_tangled)
+        return next(tangled, None)
+
+    @property
+    def tangling(self) -> str:
+        """What tangles; empty where the mesh is not tangled at the end.
+
+        It names the increment where that began and the worst element there, and elements that were invalid before.
+        """
+        tangled = self.first_tangled()
+        if tangled is None or not self.increments[-1].n_tangled:
+            return ""
+        (number, first), cause = tangled, ""
+        if self.n_invalid:
+            others = f"{self.n_invalid:,} {'other is' if self.n_invalid == 1 else 'others are'}"
+            cause = f"; {others} invalid before the move"
+        return (
+            f"increment {number} of {self.n_increments} inverts {first.place} (corner triple product "
+            f"{first.min_corner:.2g}); {counted(self.increments[-1].n_tangled, 'element')} newly "
+            f"invalid at the end{cause}"
+        )
+
+
+class Movement(Protocol):
+    """A move that was made, with its exact derivative."""
+
+    @property
+    def points(self) -> np.ndarray:
+        """Moved points, shape (n_points, 3), in metres."""
+
+    @property
+    def report(self) -> MovementReport:
+        """Report of the move, increment by increment."""
+
+    def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the points for changes of the initial points and of the surface points, each of its shape."""
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`: derivatives with respect to the initial points and the surface points."""
+
+
+class Mover(Protocol):
+    """Moves the points of a mesh behind its surface.
+
+    One whose movements have a ``start`` that is not None also takes that of an earlier movement, which saves what moves
+    from the same initial points share; it keeps nothing of a move itself, so that components and threads may share it.
+    """
+
+    @property
+    def mesh(self) -> MovingMesh:
+        """Mesh that is moved."""
+
+    def move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+
+        Surface points end exactly on ``surface``, fixed ones stay, and sliding ones stay in their planes.
+        """
+
+
+def digits_of(error: float) -> float:
+    """Correct decimal digits, from 0 to 16, of a number with a relative error."""
+    return float(np.clip(-np.log10(max(error, 1e-16)), 0.0, 16.0))
+
+
+def differentiable(mover: Mover) -> Mover:
+    """Mover whose movements keep their factors for derivatives, unless its own setting ``keep_factors`` decides."""
+    settings: Any = mover
+    return replace(settings, keep_factors=True) if getattr(mover, "keep_factors", False) is None else mover
+
+
+class Step(Protocol):
+    """One increment that was made, with its exact derivative.
+
+    It depends on the initial points (reference stiffness), on the points before the increment, and on the surface
+    points after it.
+    """
+
+    @property
+    def points(self) -> np.ndarray:
+        """Points after the increment, shape (n_points, 3), in metres."""
+
+    @property
+    def report(self) -> SolveReport | None:
+        """Report on the system of the increment; None where there was none."""
+
+    def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the points after the increment, shape (n_points, 3)."""
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of `jvp`."""
+
+
+def check_request(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray) -> None:
+    """Refuse what no mover can follow.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    initial : ndarray, shape (n_points, 3)
+        Points before the move (m).
+    surface : ndarray, shape (n_surface, 3)
+        Surface points after it (m).
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong.
+    MovementError
+        If a coordinate is not finite, or a surface point leaves the symmetry plane that it lies on.
+    """
+    for name, array, n in (("points", initial, mesh.n_points), ("surface points", surface, len(mesh.surface_ids))):
+        if array.shape != (n, 3):
+            raise InputError(f"movement: {name} of shape {array.shape}; give shape ({n}, 3)")
+        is_bad = ~np.isfinite(array).all(axis=1)
+        if is_bad.any():
+            raise MovementError(f"movement: {name[:-1]} {np.argmax(is_bad) + 1} is not finite; take a smaller step")
+    rows = mesh.in_plane_rows
+    off = np.abs(((surface - initial[mesh.surface_ids])[rows] * mesh.in_plane_normals).sum(axis=1))
+    if len(rows) and off.max() > PLANE_TOLERANCE * mesh.size:
+        worst = np.argmax(off)
+        raise MovementError(
+            f"movement: {mesh.place_of_surface_point(rows[worst])} leaves its symmetry plane by "
+            f"{off[worst]:.3g} m; keep surface points on symmetry planes in them"
+        )
+
+
+def check_reach(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray, points: np.ndarray) -> None:
+    """Refuse a move that takes a point far beyond what the surface does, see `MAX_AMPLIFICATION`.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    initial, points : ndarray, shape (n_points, 3)
+        Points before and after the move (m).
+    surface : ndarray, shape (n_surface, 3)
+        Surface points after it (m).
+
+    Raises
+    ------
+    MovementError
+        If there is such a point, or one that is not finite.
+    """
+    asked = np.linalg.norm(surface - initial[mesh.surface_ids], axis=1).max(initial=0.0)
+    reach = np.linalg.norm(points - initial, axis=1)
+    worst = int(np.argmax(np.where(np.isnan(reach), np.inf, reach)))
+    if reach[worst] <= MAX_AMPLIFICATION * asked + ROUND_OFF * mesh.size:
+        return
+    if mesh.n_invalid:
+        cause = (
+            f"{mesh.n_invalid:,} of {len(mesh.elements):,} elements invalid before the move; {MEND} if it was "
+            f"fitted otherwise, or with fewer control points (n_control, --n-control)"
+        )
+    else:
+        cause = "see by 'bspline-mdao inspect' whether all blocks are joined; if they are, take another mover"
+    raise MovementError(
+        f"movement: {mesh.place_of_point(worst)} would be moved {reach[worst]:.3g} m away by a surface that moves by "
+        f"{asked:.3g} m at most; {cause}"
+    )

@@ -1,0 +1,144 @@
+"""Rotations of the surface from its points at rest to where they go, and how they fade out into the volume.
+
+1. Every surface point takes the rotation that fits best what the quads around it do
+   (`bspline_mdao.core.walls.rotations.LocalRotations`), as a vector that is continued along the surface.
+2. The vectors are extended by the harmonic field of `bspline_mdao.core.movement.guided_gradients`: zero at fixed
+points, and
+   along the normal where points slide in a plane, which then turn in it. Its components do not meet, but for planes at
+   an angle to each other, so that its matrix is one of scalars (`RotationUnknowns`).
+
+Theory: ``docs/theory/rotations.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array, eye_array, kron, tril
+
+from ...base.numerics.processes import ONE
+from ...base.sparse.blocks import graph_of
+from ...base.sparse.ordering import fill_reducing_order
+from ..mesh.control_net import surface_quads
+from ..mesh.moving_mesh import MovingMesh
+from ..walls.rotations import LocalRotations, Rotations
+from .equilibrium import Unknowns
+from .rotation_vectors import unwrapped, vectors_jvp, vectors_vjp
+
+__all__ = ["RotationUnknowns", "SurfaceVectors", "surface_rotations"]
+
+SAME_PLANE = 6
+"""Decimals to which the normals of one plane agree."""
+
+ROUND_OFF = 1e-14
+"""Components of unit vectors that are rounding."""
+
+
+def surface_rotations(mesh: MovingMesh) -> LocalRotations:
+    """What the rotation of each surface point is made of.
+
+    What lies on two planes of symmetry never turns.
+    """
+    ids, normals = mesh.in_plane_rows, mesh.in_plane_normals
+    planes, number = np.unique(np.round(normals * _sign(normals), SAME_PLANE), axis=0, return_inverse=True)
+    number = number.ravel()
+    rows, n_planes = np.unique(ids, return_counts=True)
+    return LocalRotations.of(
+        mesh.points[mesh.surface_ids],
+        quads=surface_quads(mesh),
+        planes=[(ids[number == k], normals[number == k][0]) for k in range(len(planes))],
+        fixed=rows[n_planes > 1],
+    )
+
+
+def _sign(normals):
+    """Sign of the largest component of each normal, shape (n, 1)."""
+    largest = np.argmax(np.abs(normals), axis=1)[:, None]
+    return np.sign(np.take_along_axis(normals, largest, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class RotationUnknowns:
+    """Numbering of the rotations of the points that may move, and the matrix of their extension.
+
+    An unknown is the component along a direction that a point may turn about: what moves freely turns about three, what
+    slides in a plane about its normal, and all else does not turn.
+
+    Parameters
+    ----------
+    points : Unknowns
+        The points that may move, with the pattern of their stiffness, all on this process.
+    """
+
+    points: Unknowns
+    comm: Any = ONE
+
+    @cached_property
+    def _directions(self) -> csr_array:
+        """Directions of the unknowns, in the order of their elimination, shape (3 n, n_unknowns) for n points."""
+        mesh, ids = self.points.mesh, self.points.point_ids
+        rank = np.argsort(fill_reducing_order(*graph_of(self.points.pattern)))
+        is_free = mesh.is_free[ids]
+        turning, sliding = (np.flatnonzero(is_free.sum(axis=1) == n) for n in (3, 2))
+        fixed = np.argmin(is_free[sliding], axis=1)
+        normals = np.eye(3)[fixed] if mesh.frames is None else mesh.frames[ids[sliding], fixed]
+        # directions that free points turn about: normals first, so that planes at right angles join no components
+        axes = np.linalg.qr(np.concatenate([mesh.plane_normals, np.eye(3)]).T)[0].T
+        slots = np.concatenate([np.repeat([0, 1, 2], len(turning)), np.argmax(np.abs(normals @ axes.T), axis=1)])
+        rows = np.concatenate([np.tile(turning, 3), sliding])
+        vectors = np.concatenate([np.repeat(axes, len(turning), axis=0), normals])
+        vectors[np.abs(vectors) < ROUND_OFF] = 0.0
+        order = np.lexsort((rank[rows], slots))
+        entries = (
+            vectors[order].ravel(),
+            (3 * rows[order, None] + [0, 1, 2]).ravel(),
+            np.arange(0, 3 * len(rows) + 1, 3),
+        )
+        directions = csc_array(entries, shape=(3 * len(ids), len(rows)))
+        directions.eliminate_zeros()
+        return directions.tocsr()
+
+    def matrix(self, add_stiffness: Callable[..., None]) -> csc_array:
+        """Stiffness of the unknowns, of a Laplacian of each component; see `Unknowns.matrix`."""
+        pattern = self.points.pattern
+        data = np.zeros((pattern.n_blocks, 3, 3))
+        add_stiffness(self.points.element_rows, self.points.slots, data)
+        lower = csr_array((data[:, 0, 0], pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n))
+        of_points = lower + tril(lower, -1).T
+        return csc_array(self._directions.T @ kron(of_points, eye_array(3), format="csr") @ self._directions)
+
+    def gather(self, force: np.ndarray) -> np.ndarray:
+        """Components of a force, shape (n_points, 3), along the directions: shape (n_unknowns,)."""
+        return self._directions.T @ force[self.points.point_ids].ravel()
+
+    def scatter(self, unknowns: np.ndarray) -> np.ndarray:
+        """Transpose of `gather`."""
+        vectors = np.zeros((self.points.mesh.n_points, 3))
+        vectors[self.points.point_ids] = (self._directions @ unknowns).reshape(-1, 3)
+        return vectors
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceVectors:
+    """Rotation vectors of the surface points in one move, shape (n_surface, 3), and their derivative."""
+
+    rotations: Rotations
+    values: np.ndarray
+
+    @classmethod
+    def of(cls, local: LocalRotations, initial: np.ndarray, surface: np.ndarray) -> SurfaceVectors:
+        """Vectors of a move of surface points, both of shape (n_surface, 3)."""
+        rotations = local.at(initial, surface)
+        return cls(rotations, unwrapped(rotations.matrices, local.starts, local.neighbours))
+
+    def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the vectors."""
+        return vectors_jvp(self.values, self.rotations.matrices, self.rotations.jvp(d_initial, d_surface))
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`."""
+        return self.rotations.vjp(vectors_vjp(self.values, self.rotations.matrices, bar))

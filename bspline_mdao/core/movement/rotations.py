@@ -1,0 +1,278 @@
+"""A mover that takes the rotations of its surface along: the same factors, whatever the angle.
+
+A rotation is no linear function of its angle, so that displacements that are solved for at once stretch what should
+turn. Here the rotations come first, as in the editing of shapes by their gradients:
+
+1. the rotation of every surface point, from rest to where it goes, as a vector;
+2. a harmonic extension of these vectors into the volume: w, and R = exp([w]x) in every element;
+3. the displacement whose gradient is nearest to R - I;
+4. R again, as the elements turn in this displacement, and step 3, a fixed number of times.
+
+Steps 1 and 2 are in `bspline_mdao.core.movement.rotation_field`, the systems of 2 and 3, whose matrices depend on the
+initial points alone, in `bspline_mdao.core.movement.guided_gradients`. Nothing depends on the moves before.
+
+Y. Yu, K. Zhou, D. Xu, X. Shi, H. Bao, B. Guo and H.-Y. Shum, "Mesh editing with Poisson-based gradient field
+manipulation", ACM Transactions on Graphics 23(3), 2004, pp. 644-651.
+
+Theory: ``docs/theory/rotations.rst``.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from functools import cached_property
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+
+from ...base.checks import as_array
+from ...base.display import OneLine
+from ...base.sparse.cholesky import Cholesky
+from ...base.sparse.scalar import ScalarCholesky
+from ...errors import InputError
+from ..mesh.moving_mesh import MovingMesh
+from ..walls.rotations import LocalRotations
+from .elasticity import lame_constants
+from .element_rotations import ElementRotations
+from .equilibrium import Equilibrium, Unknowns
+from .guided_gradients import GuidedField, GuidedSystem
+from .mover import IncrementReport, MovementReport, SolveReport, check_reach, check_request, digits_of
+from .rotation_field import RotationUnknowns, SurfaceVectors, surface_rotations
+from .rotation_vectors import turns, turns_jvp, turns_vjp
+from .trilinear import add_at_corners
+from .young_modulus import InverseVolumeLaw
+
+__all__ = ["RotatedMovement", "RotatedStart", "Rotations"]
+
+OF_DISPLACEMENTS = InverseVolumeLaw(shape=0.25)
+"""Modulus of the system of displacements: what is small or has flat corners from the start keeps its shape."""
+
+OF_ROTATIONS = InverseVolumeLaw(power=0.1)
+"""Modulus of the extension of rotations: with more, all turns with the surface that is near to it, and at once with the
+far field beyond; with none, what is about the edges of tips turns too little."""
+
+HARMONIC = (1.0, 0.0, 0.0)
+"""Law of the extension, see `bspline_mdao.core.movement.guided_gradients`."""
+
+MIXED = (1.0, *lame_constants(-0.2))
+"""Law of the displacements: how far the gradient is from the rotation, and how far the element is strained."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rotations(OneLine):
+    """Moves a mesh behind the rotations of its surface, with the same two factors for all surfaces.
+
+    There are no increments: a move of any angle takes ``2 + n_repetitions`` solutions, and depends on the initial
+    points and the surface alone. A rigid motion of all that is not free is followed exactly. Angles may grow beyond
+    half a turn along the surface, up to a full turn.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    n_repetitions : int
+        How often the rotations are taken anew from the displacement, at the price of one solution each.
+    solver : object
+        Settings of a sparse solver of `bspline_mdao.base.sparse`; `Cholesky` by default.
+
+    Raises
+    ------
+    InputError
+        If the number of repetitions is none.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Rotations, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> movement = Rotations(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
+    >>> movement.points.shape, movement.report.n_increments
+    ((78, 3), 1)
+    """
+
+    mesh: MovingMesh
+    n_repetitions: int = 1
+    solver: Any = field(default_factory=Cholesky)
+
+    def __post_init__(self):
+        n = self.n_repetitions
+        if not isinstance(n, Integral) or isinstance(n, bool) or n < 0:
+            raise InputError(f"rotations: {n} repetitions; give a whole number from 0")
+
+    @cached_property
+    def _displacements(self) -> Equilibrium:
+        return Equilibrium.of(self.mesh, self.solver)
+
+    @cached_property
+    def _rotations(self) -> Equilibrium:
+        return Equilibrium(self.mesh, RotationUnknowns(Unknowns(self.mesh)), ScalarCholesky())
+
+    @cached_property
+    def _surface(self) -> LocalRotations:
+        return surface_rotations(self.mesh)
+
+    def start(self, initial: np.ndarray) -> RotatedStart:
+        """Factorise both systems at points (n_points, 3), in metres, for several moves that start from them."""
+        initial = np.array(initial, dtype=float)
+        return RotatedStart(
+            initial,
+            GuidedSystem.of(self._rotations, OF_ROTATIONS, HARMONIC, initial),
+            GuidedSystem.of(self._displacements, OF_DISPLACEMENTS, MIXED, initial),
+        )
+
+    def move(self, initial: np.ndarray, surface: np.ndarray, start: RotatedStart | None = None) -> RotatedMovement:
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+
+        With the ``start`` of an earlier movement, or from `start`, moves from the same initial points share their
+        factors. A start from other points is not used.
+
+        Raises
+        ------
+        InputError
+            If a shape is wrong.
+        MovementError
+            If a coordinate is not finite, a surface point leaves its symmetry plane, the surface is turned inside out,
+            a system cannot be solved, or a point is moved far beyond what the surface does.
+        """
+        began, mesh = time.perf_counter(), self.mesh
+        initial = np.array(as_array(initial, "movement: points"), dtype=float)
+        surface = np.array(as_array(surface, "movement: surface points"), dtype=float)
+        check_request(mesh, initial, surface)
+        if start is None or not np.array_equal(start.points, initial):
+            start = self.start(initial)
+        at_rest = initial[mesh.surface_ids]
+        vectors = SurfaceVectors.of(self._surface, at_rest, surface)  # step 1
+        extension = start.rotations.field(vectors.values)  # step 2
+        of_elements = extension.values[mesh.elements].mean(axis=1)
+        displacements = [start.displacements.field(surface - at_rest, turns(of_elements))]  # step 3
+        repetitions = []
+        for _ in range(self.n_repetitions):  # step 4
+            repetitions.append(ElementRotations.of(displacements[-1].elements, displacements[-1].balance.parts))
+            displacements.append(start.displacements.field(surface - at_rest, repetitions[-1].turns))
+        points = initial + displacements[-1].balance.parts[0]
+        points[mesh.surface_ids] = surface
+        check_reach(mesh, initial, surface, points)
+        report = self._report([extension, *displacements], points, began)
+        return RotatedMovement(
+            vectors, extension, of_elements, tuple(displacements), tuple(repetitions), points, report, start
+        )
+
+    def _report(self, fields, points, began) -> MovementReport:
+        """Report of a move that began at a time."""
+        balances, seconds = [field.balance for field in fields], time.perf_counter() - began
+        solve = SolveReport(
+            self.solver.name,
+            sum(balance.n_steps for balance in balances),
+            max(balance.residual for balance in balances),
+            seconds,
+            digits_of(max(balance.error for balance in balances)),
+        )
+        increment = IncrementReport(solve=solve, **vars(self.mesh.tangled(points)))
+        took = time.perf_counter() - began
+        return MovementReport((increment,), took, n_invalid=self.mesh.n_invalid)
+
+
+@dataclass(frozen=True, eq=False)
+class RotatedStart(OneLine):
+    """Points that moves start from, and both systems there, see `Rotations.start`."""
+
+    points: np.ndarray
+    rotations: GuidedSystem
+    displacements: GuidedSystem
+
+
+@dataclass(frozen=True, eq=False)
+class RotatedMovement(OneLine):
+    """A move of `Rotations`, with its exact derivative.
+
+    Parameters
+    ----------
+    vectors : SurfaceVectors
+        Rotations of the surface points.
+    extension : GuidedField
+        Rotation vectors of all points.
+    of_elements : ndarray, shape (n_elements, 3)
+        Their means over the corners of every element.
+    displacements : tuple of GuidedField
+        Displacement of all points (m), the first and that of every repetition.
+    repetitions : tuple of ElementRotations
+        Rotations of the elements in each but the last.
+    points : ndarray, shape (n_points, 3)
+        Moved points (m).
+    report : MovementReport
+        What the move did.
+    start : RotatedStart
+        What moves from the same initial points can share.
+    """
+
+    vectors: SurfaceVectors
+    extension: GuidedField
+    of_elements: np.ndarray
+    displacements: tuple[GuidedField, ...]
+    repetitions: tuple[ElementRotations, ...]
+    points: np.ndarray
+    report: MovementReport
+    start: RotatedStart
+
+    @property
+    def surface_ids(self) -> np.ndarray:
+        """Points on the surface, shape (n_surface,)."""
+        return self._mesh.surface_ids
+
+    @property
+    def _mesh(self) -> MovingMesh:
+        return self.extension.elements.mesh
+
+    def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the points, shape (n_points, 3).
+
+        Parameters
+        ----------
+        d_initial : ndarray, shape (n_points, 3)
+            Change of the initial points.
+        d_surface : ndarray, shape (n_surface, 3)
+            Change of the surface points after the move.
+        """
+        d_at_rest = d_initial[self.surface_ids]
+        d_vectors = self.vectors.jvp(d_at_rest, d_surface)
+        d_extension = self.extension.jvp(d_initial, d_vectors, None)
+        d_guidance = turns_jvp(self.of_elements, d_extension.sum(axis=0)[self._mesh.elements].mean(axis=1))
+        d_displacement = self.displacements[0].jvp(d_initial, d_surface - d_at_rest, d_guidance)
+        for rotations, displacement in zip(self.repetitions, self.displacements[1:]):
+            d_guidance = rotations.jvp(d_initial, d_displacement)
+            d_displacement = displacement.jvp(d_initial, d_surface - d_at_rest, d_guidance)
+        d_points = d_initial + d_displacement.sum(axis=0)
+        d_points[self.surface_ids] = d_surface
+        return d_points
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n_points, 3)
+            Derivative of a scalar with respect to the points.
+
+        Returns
+        -------
+        initial_bar : ndarray, shape (n_points, 3)
+        surface_bar : ndarray, shape (n_surface, 3)
+        """
+        mesh, initial_bar, surface_bar = self._mesh, bar.copy(), np.zeros((len(self.surface_ids), 3))
+        parts_bar = bar[None]
+        for rotations, displacement in zip(self.repetitions[::-1], self.displacements[:0:-1]):
+            by_points, by_surface, guidance_bar = displacement.vjp(parts_bar)
+            by_gradient, parts_bar = rotations.vjp(guidance_bar)
+            initial_bar += by_points + by_gradient
+            surface_bar += by_surface
+        by_points, by_surface, guidance_bar = self.displacements[0].vjp(parts_bar)
+        surface_bar += by_surface
+        of_elements_bar = 0.125 * turns_vjp(self.of_elements, guidance_bar)
+        at_corners = np.repeat(of_elements_bar[:, None], 8, axis=1)
+        extension_bar = add_at_corners(mesh.elements, at_corners, mesh.n_points)
+        by_extension, vectors_bar, _ = self.extension.vjp(extension_bar[None])
+        at_rest_bar, by_vectors = self.vectors.vjp(vectors_bar)
+        initial_bar += by_points + by_extension
+        initial_bar[self.surface_ids] += at_rest_bar - surface_bar
+        return initial_bar, surface_bar + by_vectors

@@ -1,0 +1,261 @@
+"""The control mesh behind its moved surface, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import openmdao.api as om
+
+from ...base.numerics.processes import on_first
+from ...errors import InputError
+from ...names import (
+    CONTROL_CORNER_KS,
+    CONTROL_POINTS,
+    CONTROL_POINTS_INITIAL,
+    SURFACE_CONTROL_POINTS,
+)
+from ..mesh.element_corners import ElementCorners
+from ..mesh.moving_mesh import MovingMesh
+from ..model.certify import require_valid_splines
+from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare
+from ..movement.mover import Movement, MovementReport, Mover, differentiable
+from ..movement.shared import AUTO, WAYS, shared_mover
+from .checked_along_edges import check_along_edges, lines_among
+from .component import (
+    SAME,
+    CheckedOnProcesses,
+    add_product,
+    as_analysis_errors,
+    by_parts,
+    direction_in,
+    fails_together,
+    failures_as_analysis_errors,
+    finite_points,
+    refuse_complex_step,
+)
+
+INPUTS = (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
+OUTPUTS = (CONTROL_POINTS, CONTROL_CORNER_KS)
+
+_LOGGER = logging.getLogger(__name__)
+
+
+class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
+    """Move the control mesh behind its surface, section III, with the exact derivative through all increments.
+
+    The mover is an object: one of `bspline_mdao.core.movement`, or the user's own, see
+    `bspline_mdao.core.movement.mover.Mover`. Surface control points end where they are asked for, those on symmetry
+    planes slide in them, fixed ones stay.
+
+    A control mesh may tangle while all cells of the grid stay valid, next to viscous walls above all, so that it is
+    nothing to refuse a design for: the log warns of it, and ``control_corner_ks > 0`` as a constraint keeps it from
+    tangling. Cells of the grid are judged by `Quality`.
+
+    ==========================  ======  ====================  =====  ===============================================
+    name                        role    shape                 units  meaning
+    ==========================  ======  ====================  =====  ===============================================
+    ``control_points_initial``  input   (3 n_control_points)  m      control points before the move, xyz interleaved
+    ``surface_control_points``  input   (3 n_surface)         m      those on the design surface after the move, in
+                                                                     the order of the mesh's ``surface_ids``
+    ``control_points``          output  (3 n_control_points)  m      control points after the move
+    ``control_corner_ks``       output  (1,)                         lower bound of the corner triple products of unit
+                                                                     edges, over the elements of the control mesh that
+                                                                     are valid on the baseline, see `Quality`
+    ==========================  ======  ====================  =====  ===============================================
+
+    Options
+    -------
+    mover : Mover
+        Its mesh says what is moved and what each point may do; `bspline_mdao.moving_mesh` makes it from a fitted model.
+        Factors are kept for derivatives where the mover does not say otherwise (``keep_factors``), but not in a problem
+        that is set up with ``derivatives=False``.
+    rho : float
+        Sharpness of ``control_corner_ks``: it is below the smallest corner triple product of n elements by at most
+        ln(8 n) / rho.
+    certified : FittedModel or ModelShare, optional
+        Model that the mesh belongs to: refuse moves with which more elements of its splines are proved invalid, between
+        their control points as well, see `bspline_mdao.certify`.
+    processes : {"auto", "first", "all"}
+        Of several processes, which all get the same control points, who moves: the first one for all, the only one
+        with a factor; all together, which share the rows of the system (elasticity and springs); or the first one
+        where half of the memory that it has available holds the factors, and all together where it does not: "auto",
+        see `bspline_mdao.core.movement.shared`. `report` tells which it was.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the mover is none, or rho not positive; in a run, under complex step.
+    om.AnalysisError
+        In a run or a product, if a number is not finite, if the mover cannot go on, or, with ``certified``, if the
+        splines fold.
+        Inputs that can be followed give the same control mesh afterwards as if nothing had happened.
+
+    Notes
+    -----
+    The control mesh is a function of the inputs alone, whatever was evaluated before. The number of increments is a
+    setting of the mover: another one is another function; `increments_for` finds it before a run.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import ControlMeshMove, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> mover = LinearElasticity(moving_mesh(model))
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", ControlMeshMove(mover=mover), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> problem.get_val("control_points").size // 3, problem.get_val("control_corner_ks").shape
+    (78, (1,))
+    """
+
+    way_of_check = SAME
+    is_linear = False
+    """False: the outputs depend on the inputs through the stiffness as well."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("mover", recordable=False, desc="moves the control mesh behind its surface")
+        self.options.declare("rho", default=100.0, desc="sharpness of the bound of the control mesh's corners")
+        types, desc = (FittedModel, ModelShare, type(None)), "the model, where its splines are to be proved"
+        self.options.declare("certified", types=types, default=None, recordable=False, desc=desc)
+        self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
+        self._last: _Move | None = None
+        self._start: Any = None
+        self._shared: Any = None
+        self._is_tangled = False
+
+    @property
+    def report(self) -> MovementReport | None:
+        """Report of the last move, increment by increment; None where there was none, or where it stopped half way."""
+        return None if self._last is None else self._last.movement.report
+
+    @fails_together
+    def setup(self):
+        """Declare the variables, of the sizes of the mover's mesh."""
+        mesh = mesh_of(self.options["mover"], self.msginfo)
+        self._mover = differentiable(self.options["mover"]) if self._use_derivatives else self.options["mover"]
+        self._last = self._start = self._shared = None
+        self._is_tangled = False
+        try:
+            self._corners = ElementCorners.of(mesh, self.options["rho"])
+        except InputError as error:
+            raise InputError(f"{self.msginfo}: {error}") from error
+        self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
+        self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
+        self.add_output(CONTROL_POINTS, val=mesh.points.ravel(), units="m")
+        self.add_output(CONTROL_CORNER_KS, desc="bound of the corner triple products of the control mesh")
+        check_along_edges(self, CONTROL_POINTS_INITIAL, mesh.blocks, self.options["rho"])
+        # elements at walls are lower than their faces are wide, and the systems of movers lose two digits
+        lines, sharpness = lines_among(mesh.surface_ids, mesh.blocks), 10.0 * self.options["rho"]
+        check_along_edges(self, SURFACE_CONTROL_POINTS, lines, sharpness, digits=100.0)
+
+    def compute(self, inputs, outputs):
+        """Move the control mesh, unless that was done for these inputs."""
+        last = self._move_at(inputs)
+        outputs[CONTROL_POINTS] = last.movement.points.ravel()
+        outputs[CONTROL_CORNER_KS] = last.corners.value(last.movement.points)
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose at the inputs."""
+        if not any(name in d_outputs for name in OUTPUTS) or not any(name in d_inputs for name in INPUTS):
+            return
+        last = self._move_at(inputs)
+        with as_analysis_errors(self):
+            if mode == "fwd":
+                directions = (direction_in(d_inputs, inputs, name) for name in INPUTS)
+                last.add_change(d_outputs, by_parts(last.movement.jvp, *directions))
+            else:
+                bar = {CONTROL_POINTS: last.points_bar(d_outputs)}
+                products = {"jvp": last.movement.jvp, "vjp": last.movement.vjp}
+                add_product(inputs, d_inputs, bar, mode, **products, of=CONTROL_POINTS, wrt=INPUTS)
+
+    def _move_at(self, inputs) -> _Move:
+        """Move for these inputs: the last one if it was made for them."""
+        with failures_as_analysis_errors(self):
+            refuse_complex_step(self)
+            initial, surface = (finite_points(inputs[name], name, self.msginfo) for name in INPUTS)
+        with as_analysis_errors(self):  # what follows is collective: what one process raises, all raise
+            last = self._last
+            is_there = on_first(self.comm, lambda: last is not None and last.is_for(initial, surface))
+            if last is None or not is_there:
+                self._last = last = None  # its factors make room for those of the next
+                movement = self._move(initial, surface)
+                self._start = getattr(movement, "start", None)
+                self._last = last = _Move(initial.copy(), surface.copy(), movement, self._corners)
+            if self.options["certified"] is not None and not is_there:
+                self._last = None  # a design that is refused is moved again where it is asked for again
+                require_valid_splines(self.options["certified"], last.movement.points)
+                self._last = last
+        self._warn(last.movement.report)
+        return last
+
+    def _move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
+        """Move, by whichever processes are to."""
+        if self._shared is None:
+            self._shared = shared_mover(self._mover, self.comm, self.options["processes"])
+        return self._shared.move(initial, surface, **self._options_at(initial))
+
+    def _options_at(self, initial: np.ndarray) -> dict:
+        """Options of a move: the factor of its initial points where that is there."""
+        if self._start is not None and not np.array_equal(self._start.points, initial):
+            self._start = None  # its memory serves the next one
+        return {} if self._start is None else {"start": self._start}
+
+    def _warn(self, report: MovementReport) -> None:
+        """Tell of a control mesh that tangles, where that of the design before did not."""
+        was_tangled, tangling = self._is_tangled, report.tangling
+        self._is_tangled = bool(tangling)
+        if tangling and not was_tangled and self.comm.rank == 0:
+            _LOGGER.warning(
+                "%s: the control mesh tangles: %s; designs are judged by the cells of the grid, and '%s' > 0 as a "
+                "constraint keeps the control mesh from it",
+                self.msginfo,
+                tangling,
+                CONTROL_CORNER_KS,
+            )
+
+
+def mesh_of(mover: Mover, pathname: str) -> MovingMesh:
+    """Mesh of a mover; `InputError` where it is none."""
+    mesh = getattr(mover, "mesh", None)
+    if mesh is None or not callable(getattr(mover, "move", None)):
+        raise InputError(f"{pathname}: {mover!r} is no mover; give an object with mesh and move")
+    return mesh
+
+
+@dataclass(frozen=True, eq=False)
+class _Move:
+    """A movement, the inputs that it was made for, and the bound of the corners of its control mesh."""
+
+    initial: np.ndarray
+    surface: np.ndarray
+    movement: Movement
+    corners: ElementCorners
+
+    @cached_property
+    def gradient(self) -> np.ndarray:
+        """Derivative of the bound with respect to the moved points, shape (n_points, 3)."""
+        return self.corners.gradient(self.movement.points)
+
+    def is_for(self, initial: np.ndarray, surface: np.ndarray) -> bool:
+        return np.array_equal(initial, self.initial) and np.array_equal(surface, self.surface)
+
+    def add_change(self, d_outputs, d_points: np.ndarray) -> None:
+        """Add the changes of the outputs with that of the moved points, shape (n_points, 3)."""
+        if CONTROL_POINTS in d_outputs:
+            d_outputs[CONTROL_POINTS] += d_points.ravel()
+        if CONTROL_CORNER_KS in d_outputs:
+            d_outputs[CONTROL_CORNER_KS] += (self.gradient * d_points).sum()
+
+    def points_bar(self, d_outputs) -> np.ndarray:
+        """Derivative with respect to the moved points, flat, from those with respect to the outputs."""
+        bar = d_outputs[CONTROL_POINTS] if CONTROL_POINTS in d_outputs else np.zeros(self.movement.points.size)
+        if CONTROL_CORNER_KS in d_outputs and d_outputs[CONTROL_CORNER_KS].any():
+            bar = bar + d_outputs[CONTROL_CORNER_KS] * self.gradient.ravel()
+        return bar

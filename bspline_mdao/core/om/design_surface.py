@@ -1,0 +1,199 @@
+"""The surface of a fitted grid that is designed, and what is made for it: one object to start from.
+
+Mesh, surface, axis, parametrization and the group `GridMovement` have to be of one model and of one design surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...base.display import OneLine
+from ..design.parametrization import Parametrization
+from ..design.reference_axis import ReferenceAxis
+from ..design.variable import Variable
+from ..measures.area import ProjectedArea
+from ..measures.measure import Measure
+from ..measures.thickness import within_edges
+from ..mesh.boundary import Selection, moving_mesh
+from ..mesh.moving_mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid
+from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare
+from .grid_movement import GridMovement
+
+__all__ = ["DesignSurface"]
+
+
+@dataclass(frozen=True, eq=False)
+class DesignSurface(OneLine):
+    """The design surface of a fitted grid: its control mesh, its nodes, its axis and its edges. Make it by `of`.
+
+    Everything that is made of it is the object that one would make by hand, of the same model and patches:
+
+    ===================  ===============================================================================================
+    attribute            is
+    ===================  ===============================================================================================
+    ``model``            the fitted grid
+    ``mesh``             ``moving_mesh(model, design)``: the control mesh that moves
+    ``surface``          ``SurfaceGrid.of(model, design)``: the nodes that are measured
+    ``axis``             ``ReferenceAxis.of(mesh)``: the quarter chord; `axis_at` for another part of the chord
+    ``leading_edge``     points of the edges of sections across the span, as in ``Thickness.grid``
+    ``trailing_edge``
+    ``planform_area``    area of ``surface`` seen along the normal to its planform (m^2): that of the half wing, if the
+                         grid shows one half
+    `parametrization`    ``Parametrization(mesh, variables, constraints)``
+    `grid_movement`      ``GridMovement(model=model, parametrization=..., measures=...)``
+    ===================  ===============================================================================================
+
+    Parameters
+    ----------
+    model : FittedModel or ModelShare
+        The fitted grid, or what one of several processes needs of it.
+    mesh : MovingMesh
+        Its control mesh.
+    surface : SurfaceGrid
+        The nodes of the design surface.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Twist, fit_grid, onera_m6_grid
+    >>> wing = DesignSurface.of(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
+    >>> round(wing.planform_area, 3)
+    1.159
+    >>> twist = Twist("twist", wing.axis, stations=3)
+    >>> wing.parametrization([twist]).initial["twist"]
+    array([0., 0., 0.])
+    """
+
+    model: FittedModel | ModelShare
+    mesh: MovingMesh
+    surface: SurfaceGrid
+
+    @classmethod
+    def of(
+        cls,
+        model: FittedModel | ModelShare,
+        design: str | Sequence[str] | None = None,
+        *,
+        fixed: Selection | Sequence[Selection] = (),
+        released: str | Sequence[str] = (),
+        sliding: str | Sequence[str] = (),
+    ) -> DesignSurface:
+        """Take patches of a fitted grid as the design surface.
+
+        Parameters
+        ----------
+        model : FittedModel or ModelShare
+            The fitted grid, or what one of several processes needs of it.
+        design : str or sequence of str, optional
+            Patches by name or pattern (``"wing*"``); all walls by default.
+        fixed, released, sliding
+            What the rest of the boundary does, see `moving_mesh`.
+
+        Returns
+        -------
+        DesignSurface
+
+        Raises
+        ------
+        InputError
+            As `moving_mesh`.
+        """
+        mesh = moving_mesh(model, design, fixed, released, sliding)
+        return cls(model, mesh, SurfaceGrid.of(model, design))
+
+    @cached_property
+    def axis(self) -> ReferenceAxis:
+        """The quarter chord from the root to the tip, one object for all variables."""
+        return self.axis_at(0.25)
+
+    def axis_at(self, part: float, **options) -> ReferenceAxis:
+        """Find the axis at another part of the chord: 0 is the leading edge, 1 the trailing edge.
+
+        Parameters
+        ----------
+        part : float
+            Part of the chord of every section.
+        **options
+            ``n``, ``span`` and ``surface`` of `ReferenceAxis.of`.
+
+        Returns
+        -------
+        ReferenceAxis
+
+        Raises
+        ------
+        InputError
+            As `ReferenceAxis.of`.
+        """
+        return ReferenceAxis.of(self.mesh, at=part, **options)
+
+    @property
+    def leading_edge(self) -> np.ndarray:
+        """Points of the leading edge on the baseline (m), shape (n, 3), from 2 % to 98 % of the span."""
+        return self._edges[0]
+
+    @property
+    def trailing_edge(self) -> np.ndarray:
+        """Points of the trailing edge on the baseline (m), shape (n, 3), from 2 % to 98 % of the span."""
+        return self._edges[1]
+
+    @cached_property
+    def _edges(self) -> tuple[np.ndarray, np.ndarray]:
+        return within_edges(self.surface, chord=(0.0, 1.0))
+
+    @cached_property
+    def planform_area(self) -> float:
+        """Area of the surface on the baseline as seen along the normal to its planform (m^2)."""
+        return float(ProjectedArea.of(self.surface).evaluate(self.surface.points)[0])
+
+    def parametrization(self, variables: Sequence[Variable], constraints: Sequence = ()) -> Parametrization:
+        """Make design variables, and linear constraints among its control points, one parametrization of its mesh.
+
+        Parameters
+        ----------
+        variables : sequence of Variable
+            Applied in this order.
+        constraints : sequence of LinearConstraint
+            Handled by elimination.
+
+        Returns
+        -------
+        Parametrization
+
+        Raises
+        ------
+        InputError
+            As `Parametrization`.
+        """
+        return Parametrization(self.mesh, variables, constraints)
+
+    def grid_movement(
+        self, variables: Sequence[Variable], constraints: Sequence = (), measures: Sequence[Measure] = (), **options
+    ) -> GridMovement:
+        """Make the group that carries the grid along with design variables.
+
+        Parameters
+        ----------
+        variables, constraints
+            See `parametrization`.
+        measures : sequence of Measure
+            What is measured of ``surface``.
+        **options
+            Other options of `GridMovement`, such as a ``mover`` of ``mesh``.
+
+        Returns
+        -------
+        GridMovement
+
+        Raises
+        ------
+        InputError
+            As `Parametrization`.
+        """
+        parametrization = self.parametrization(variables, constraints)
+        return GridMovement(model=self.model, parametrization=parametrization, measures=measures, **options)

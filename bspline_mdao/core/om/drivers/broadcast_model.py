@@ -1,0 +1,125 @@
+"""One optimizer for the model of several processes: the first one decides, and all run the model when it says so.
+
+An optimizer on every process would have to take the same decisions everywhere, though times differ, and round-off may.
+
+Theory: ``docs/parallel.rst``.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from ....base.numerics.processes import from_first, together
+from .scaled_model import ScaledModel
+
+__all__ = ["LedModel", "led"]
+
+
+class LedModel:
+    """A model of several processes as the first one sees it: what it does, all do.
+
+    Parameters
+    ----------
+    model : ScaledModel
+        The model.
+    comm : communicator
+        Its processes.
+    """
+
+    def __init__(self, model: ScaledModel, comm):
+        self._model, self._comm = model, comm
+
+    def start(self) -> tuple[np.ndarray, float, np.ndarray]:
+        """Run at the present design variables, see `ScaledModel.start`."""
+        return self._lead("start")
+
+    def run(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Run at a point (n,), see `ScaledModel.run`."""
+        return self._lead("run", x)
+
+    def keep(self) -> None:
+        """Keep the states of the last run, see `ScaledModel.keep`."""
+        self._lead("keep")
+
+    def restore(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Run at the point (n,) whose states were kept, see `ScaledModel.restore`."""
+        return self._lead("restore", x)
+
+    def differentiate(self) -> np.ndarray:
+        """Totals (1 + m, n), see `ScaledModel.differentiate`."""
+        return self._lead("differentiate")
+
+    def place(self, x: np.ndarray) -> None:
+        """Set the design variables (n,), see `ScaledModel.place`."""
+        self._lead("place", x)
+
+    def follow(self) -> None:
+        """Do what the first process does, on another one, until it ends."""
+        while True:
+            name, arguments = self._comm.bcast(None, root=0)
+            if name == END:
+                return
+            with suppress(Exception):  # the first process has it as well, and decides
+                self._do(name, *arguments)
+
+    def end(self) -> None:
+        """Let the others go."""
+        self._comm.bcast((END, ()), root=0)
+
+    def _lead(self, name: str, *arguments) -> Any:
+        self._comm.bcast((name, arguments), root=0)
+        return self._do(name, *arguments)
+
+    def _do(self, name: str, *arguments) -> Any:
+        """Result of a method of the model, or what any process raised in it."""
+        result = failure = None
+        try:
+            result = getattr(self._model, name)(*arguments)
+        except Exception as error:
+            failure = error
+        with together(self._comm):
+            if failure is not None:
+                raise failure
+        return result
+
+
+END = "end"
+"""What the first process says when it is done."""
+
+
+def led(comm, model: ScaledModel, task: Callable[[Any], Any]) -> Any:
+    """Result of a task that the first process does with the model of all.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes of the model.
+    model : ScaledModel
+        The model.
+    task : callable
+        Takes the model.
+
+    Returns
+    -------
+    object
+        What the task returned, on all processes; what it raises, all raise.
+    """
+    if comm.size == 1:
+        return task(model)
+    everywhere = LedModel(model, comm)
+    result = failure = None
+    if comm.rank > 0:
+        everywhere.follow()
+    else:
+        try:
+            result = task(everywhere)
+        except Exception as error:
+            failure = error
+        finally:
+            everywhere.end()
+    with together(comm):
+        if failure is not None:
+            raise failure
+    return from_first(comm, result)

@@ -1,0 +1,343 @@
+"""What a case file of OpenMDAO holds of an optimisation: values of all evaluations, limits, and how it converged.
+
+The file alone suffices, whichever driver wrote it. First-order conditions are checked where derivatives are recorded
+(``driver.recording_options["record_derivatives"] = True``).
+
+Theory: ``docs/theory/drivers.rst``, "How a run ends".
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import openmdao.api as om
+from openmdao.recorders.base_case_reader import BaseCaseReader
+
+from ....base.text import value_names
+from ....errors import InputError
+from .nlopt_problem import Limits, Point, Statement
+from .optimality import optimality
+from .sound_cases import sound_cases
+from .violations import Violation, in_words, violations_of
+
+__all__ = ["FEASIBLE", "CaseHistory", "Convergence", "Quantity", "read_history"]
+
+FEASIBLE = 1e-6
+"""Violation, in units of the driver, up to which a point counts as feasible: the default tolerance of `NLoptDriver`."""
+
+NO_LIMIT = 1e16
+"""Limits beyond this are none: OpenMDAO writes 1e30 for infinity."""
+
+TAKEN_BY = {"variable": "get_design_vars", "objective": "get_objectives", "constraint": "get_constraints"}
+"""Kinds of quantities, and what takes them from a case."""
+
+
+class Convergence(NamedTuple):
+    """Residuals and violations of the points of an optimisation, in units of the driver.
+
+    Parameters
+    ----------
+    violations : ndarray, shape (n,)
+        Largest violation of the constraints at every evaluation.
+    differentiated : ndarray of int, shape (m,)
+        Evaluations that had a gradient, from 0.
+    residuals : ndarray, shape (m,)
+        Residuals of the first-order conditions there.
+    totals : ndarray, shape (m, 1 + n_constraints, n_variables)
+        Totals of objective and constraints there; empty where there are none.
+    """
+
+    violations: np.ndarray
+    differentiated: np.ndarray
+    residuals: np.ndarray
+    totals: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A design variable, an objective or a constraint.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the driver.
+    kind : {"variable", "objective", "constraint"}
+        Which of them it is.
+    units, text : str
+        Units and description of the variable of the model; empty where there are none.
+    lower, upper, equals : ndarray, shape (size,)
+        Limits in units of the model; infinite, and NaN for ``equals``, where there is none.
+    scaler, adder : ndarray, shape (size,)
+        The driver sees ``(value + adder) scaler``.
+    values : ndarray, shape (n, size)
+        Values of all evaluations in units of the model.
+    value_names : tuple of str
+        Names of the values, such as ``twist[2]``: places are those in the variable of the model.
+    """
+
+    name: str
+    kind: str
+    units: str
+    text: str
+    lower: np.ndarray
+    upper: np.ndarray
+    equals: np.ndarray
+    scaler: np.ndarray
+    adder: np.ndarray
+    values: np.ndarray
+    value_names: tuple[str, ...]
+
+    def scaled(self, values: np.ndarray) -> np.ndarray:
+        """Values, or limits, as the driver sees them."""
+        return (values + self.adder) * self.scaler
+
+    def violations(self, number: int) -> list[Violation]:
+        """The values of an evaluation that are beyond their limits."""
+        is_open = np.isnan(self.equals)
+        lower, upper = (np.where(is_open, limits, self.equals) for limits in (self.lower, self.upper))
+        return violations_of(self.value_names, self.values[number], lower, upper, 1.0 / np.abs(self.scaler))
+
+    def limits(self) -> Limits:
+        """Limits as the driver sees them."""
+        lower, upper = self.scaled(self.lower), self.scaled(self.upper)  # a negative scaler turns them around
+        return Limits(self.name, np.minimum(lower, upper), np.maximum(lower, upper), self.scaled(self.equals))
+
+
+@dataclass(frozen=True, eq=False)
+class CaseHistory:
+    """All evaluations of a driver that a case file holds.
+
+    Parameters
+    ----------
+    driver : str
+        Name of the driver.
+    quantities : tuple of Quantity
+        Design variables, objectives and constraints, in this order.
+    seconds : ndarray, shape (n,)
+        Wall time since the first evaluation (s).
+    convergence : Convergence or None
+        Violations and first-order residuals; None where there is no single objective.
+    has_run : ndarray of bool, shape (n,)
+        Whether the model could be run, with finite variables and objectives, and constraints that are numbers.
+    best : int
+        The feasible evaluation with the lowest objective, or that with the least violation where none is feasible; the
+        last one where there is no single objective.
+    outputs : mapping of str to dict
+        Other recorded outputs of the model that are numbers: for each name, the values by evaluation.
+    options : mapping of str to mapping
+        Options of the systems of the model by their names, in the last run that is recorded.
+    n_others : int
+        Evaluations of earlier runs that had other variables or responses, which are left out.
+    """
+
+    driver: str
+    quantities: tuple[Quantity, ...]
+    seconds: np.ndarray
+    convergence: Convergence | None
+    has_run: np.ndarray
+    best: int
+    outputs: Mapping[str, Mapping[int, np.ndarray]]
+    options: Mapping[str, Mapping[str, object]]
+    n_others: int
+
+    @property
+    def n_evaluations(self) -> int:
+        """Evaluations of the model."""
+        return len(self.seconds)
+
+    def of_kind(self, kind: str) -> tuple[Quantity, ...]:
+        """Quantities of one kind."""
+        return tuple(quantity for quantity in self.quantities if quantity.kind == kind)
+
+    def infeasible(self, number: int) -> str:
+        """Which limits an evaluation violates, and by how much, in words; empty where it satisfies all."""
+        return in_words([violation for quantity in self.quantities for violation in quantity.violations(number)])
+
+    def statement(self) -> Statement:
+        """Bounds and constraints as the driver sees them."""
+        return _statement(self.quantities)
+
+    def scaled_points(self) -> list[Point]:
+        """All evaluations as the driver sees them; there has to be one objective."""
+        return _points(self.quantities, self.n_evaluations)
+
+
+def read_history(file) -> CaseHistory:
+    """Read what a case file holds of an optimisation: all runs of drivers, one after the other.
+
+    Runs of other variables or responses than the last one are left out.
+
+    Parameters
+    ----------
+    file : path-like
+        Case file of ``om.SqliteRecorder``, attached to a driver.
+
+    Returns
+    -------
+    CaseHistory
+
+    Raises
+    ------
+    InputError
+        If it is missing, no case file, or has no case of a driver.
+    """
+    if not os.path.isfile(file):
+        raise InputError(f"{file}: there is no such case file; a recorder writes into the problem's folder of outputs")
+    try:
+        with sound_cases(file) as sound:
+            reader = om.CaseReader(str(sound.file))
+            names = reader.list_cases("driver", recurse=False, out_stream=None)
+            found = _history(reader, names, sound.options) if names else None
+    except InputError:
+        raise
+    except Exception as error:  # of what is unpacked from bytes that are damaged
+        words = " ".join(str(error).split())[:160]
+        raise InputError(f"{file}: is no case file that can be read ({words}); it may be damaged") from None
+    if found is None:
+        raise InputError(
+            f"{file}: holds no case of a driver; attach a recorder with "
+            f"problem.driver.add_recorder(om.SqliteRecorder(file)) and run the driver"
+        )
+    return found
+
+
+def _history(reader: BaseCaseReader, names: list[str], options: Mapping[str, Mapping[str, object]]) -> CaseHistory:
+    """What a reader finds in its cases."""
+    every = [reader.get_case(name) for name in names]
+    rows = [{kind: getattr(case, take)(scaled=False) for kind, take in TAKEN_BY.items()} for case in every]
+    n_others = _n_others(rows)
+    cases = every[n_others:]
+    settings = (reader.problem_metadata or {}).get("variables", {})
+    version = tuple(int(part) for part in reader.openmdao_version.split(".")[:2])
+    outputs = reader._abs2meta  # OpenMDAO has no public name for sizes of what is not recorded
+    quantities = _quantities(cases[0], rows[n_others:], settings, outputs, is_scaled=version < (3, 44))
+    convergence = _convergence(quantities, cases)
+    stamps = np.array([case.timestamp for case in cases])
+    has_run = np.array([bool(case.success) for case in cases])
+    for q in quantities:
+        has_run &= ~np.isnan(q.values).any(axis=1) if q.kind == "constraint" else np.isfinite(q.values).all(axis=1)
+    return CaseHistory(
+        driver=names[-1].rpartition(":")[2].partition("|")[0],
+        quantities=quantities,
+        seconds=stamps - stamps[0],
+        convergence=convergence,
+        has_run=has_run,
+        best=_best(quantities, convergence, has_run),
+        outputs=_others(cases, {quantity.name for quantity in quantities}),
+        options=options,
+        n_others=n_others,
+    )
+
+
+def _n_others(rows: list[dict[str, dict]]) -> int:
+    """Number of the first cases, up to the last one that has other variables or responses than the very last."""
+    sizes = [{(kind, name): np.size(value) for kind, of in row.items() for name, value in of.items()} for row in rows]
+    return next((n for n in range(len(sizes), 0, -1) if sizes[n - 1] != sizes[-1]), 0)
+
+
+def _quantities(
+    case, rows: list[dict[str, dict]], settings: Mapping[str, dict], outputs: Mapping[str, dict], is_scaled: bool
+) -> tuple[Quantity, ...]:
+    """Design variables, objectives and constraints; limits are scaled in files of older versions of OpenMDAO."""
+    metas = case.list_outputs(explicit=True, implicit=True, val=False, units=True, desc=True, out_stream=None)
+    by_name = {meta["prom_name"]: meta for _, meta in metas}
+    found = []
+    for kind in TAKEN_BY:
+        for name in rows[0][kind]:
+            values = np.array([np.ravel(row[kind][name]) for row in rows], dtype=float)
+            meta, about = settings.get(name, {}), by_name.get(name, {})
+            places = meta.get("indices")
+            if places is not None:  # some count from the end
+                places = [place % outputs[meta["source"]]["global_size"] for place in places]
+            names = value_names(name, values.shape[1], places)
+            found.append(_quantity(name, kind, values, names, meta, about, is_scaled))
+    return tuple(found)
+
+
+def _quantity(name, kind, values, names, meta, about, is_scaled) -> Quantity:
+    """One quantity from its values and what the file says about it."""
+    size = values.shape[1]
+
+    def numbers(key, absent):
+        value = meta.get(key)
+        array = np.array(np.broadcast_to(absent if value is None else np.ravel(value), (size,)), dtype=float)
+        array[np.abs(array) >= NO_LIMIT] = absent
+        return array
+
+    scaler, adder = numbers("total_scaler", 1.0), numbers("total_adder", 0.0)
+    lower, upper, equals = numbers("lower", -np.inf), numbers("upper", np.inf), numbers("equals", np.nan)
+    if is_scaled:
+        lower, upper, equals = (limit / scaler - adder for limit in (lower, upper, equals))
+        lower, upper = np.minimum(lower, upper), np.maximum(lower, upper)
+    units, text = str(meta.get("units") or about.get("units") or ""), str(about.get("desc") or "")
+    return Quantity(name, kind, units, text, lower, upper, equals, scaler, adder, values, names)
+
+
+def _convergence(quantities: tuple[Quantity, ...], cases) -> Convergence | None:
+    """Violations of all points, and residuals of the first-order conditions where there are derivatives."""
+    designs, objectives, constraints = (
+        [q for q in quantities if q.kind == kind] for kind in ("variable", "objective", "constraint")
+    )
+    if len(objectives) != 1 or objectives[0].values.shape[1] != 1:
+        return None
+    statement, points = _statement(quantities), _points(quantities, len(cases))
+    violations = np.array([point.violation for point in points])
+    found = []
+    for n, after in enumerate(cases[1:]):  # OpenMDAO files a gradient under the evaluation that comes next
+        totals = after.derivatives
+        if totals:
+            rows = ([totals[q.name, wrt.name] for wrt in designs] for q in (*objectives, *constraints))
+            found.append((n, np.vstack([np.hstack(row) for row in rows])))
+    residuals = [optimality(statement, points[n], matrix) for n, matrix in found]
+    matrices = [matrix for _, matrix in found]
+    stacked = np.array(matrices) if found else np.zeros((0, 0, 0))
+    return Convergence(violations, np.array([n for n, _ in found], dtype=int), np.array(residuals), stacked)
+
+
+def _statement(quantities: tuple[Quantity, ...]) -> Statement:
+    """Bounds and constraints as the driver sees them."""
+    bounds, limits = (tuple(q.limits() for q in quantities if q.kind == kind) for kind in ("variable", "constraint"))
+    return Statement.of(bounds, limits, tolerance=0.0)
+
+
+def _points(quantities: tuple[Quantity, ...], n: int) -> list[Point]:
+    """All evaluations as the driver sees them."""
+    x, objective, others = (
+        _rows([q for q in quantities if q.kind == kind], n) for kind in ("variable", "objective", "constraint")
+    )
+    statement = _statement(quantities)
+    return [statement.point(*point) for point in zip(x, objective[:, 0], others)]
+
+
+def _rows(quantities: list[Quantity], n: int) -> np.ndarray:
+    """Values of several quantities in one row for every evaluation, as the driver sees them."""
+    return np.hstack([np.zeros((n, 0)), *(q.scaled(q.values) for q in quantities)])
+
+
+def _best(quantities: tuple[Quantity, ...], convergence: Convergence | None, has_run: np.ndarray) -> int:
+    """Number of the best evaluation."""
+    if convergence is None:
+        return len(has_run) - 1
+    objective = next(q for q in quantities if q.kind == "objective")
+    values, violations = objective.scaled(objective.values)[:, 0], convergence.violations
+    feasible = has_run & (violations <= FEASIBLE)
+    if feasible.any():
+        return int(np.argmin(np.where(feasible, values, np.inf)))
+    return int(np.argmin(np.where(has_run, violations, np.inf)))
+
+
+def _others(cases, taken: set[str]) -> dict[str, dict[int, np.ndarray]]:
+    """Other recorded outputs that are numbers."""
+    found: dict[str, dict[int, np.ndarray]] = {}
+    for n, case in enumerate(cases):
+        for name in case.outputs.keys() if case.outputs is not None else ():
+            if name in taken:
+                continue
+            values = np.asarray(case.outputs[name])
+            if values.dtype.kind in "fiu":
+                found.setdefault(name, {})[n] = values
+    return found

@@ -1,0 +1,246 @@
+"""Levels of a design: from an optimum with few control points to a finer start, with all that is known.
+
+The variables of a level are combinations of the values of a `CoarseNet`, along which the second derivatives of the
+Lagrangian are one as far as the level before has found them: the identity, with which a quasi-Newton method starts, is
+then what the one before ended with. Theory: ``docs/theory/progressive.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import openmdao.api as om
+
+from ....base.display import OneLine
+from ....errors import InputError
+from ....names import SURFACE_CONTROL_POINTS
+from ...design.coarse_net import CoarseNet, Knot
+from ...design.variable import Layout
+from .case_history import read_history
+from .nlopt_problem import Statement
+from .optimality import multipliers
+from .scaled_model import ScaledModel
+
+__all__ = ["DesignLevel", "unused_gradient"]
+
+DAMPING = 0.2
+"""Part of the present curvature along a step that an update leaves at least: Powell's."""
+
+
+def unused_gradient(problem: om.Problem, net: CoarseNet, surface: str = SURFACE_CONTROL_POINTS) -> np.ndarray:
+    """Differentiate the Lagrangian in the values of all control points, of which a net has combinations.
+
+    Multipliers are the best ones for the variables of the problem. At an optimum of these the net can follow nothing of
+    this gradient but what bounds hold; what it cannot follow is what further knots are for. One reverse product for
+    the objective and each constraint.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        A problem that has run, with any driver.
+    net : CoarseNet
+        The net.
+    surface : str
+        Name of the surface control points.
+
+    Returns
+    -------
+    ndarray, shape (n_all,)
+        In units of the driver per unit of the values of ``net.variable``.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import CoarseNet, DesignLevel, Local, OnPatch, SurfaceControl, fit_grid, moving_mesh
+    >>> from bspline_mdao import Parametrization, onera_m6_grid, unused_gradient
+    >>> model = fit_grid(onera_m6_grid((9, 9, 7)), n_control=(7, 5, 6))
+    >>> mesh = moving_mesh(model)
+    >>> net = CoarseNet.of(model, mesh, Local("bumps", OnPatch(model, "wing_upper"), "y"), n=4)
+    >>> problem = om.Problem(reports=None)
+    >>> DesignLevel.first(net, unit=0.1).add_to(problem.model)
+    >>> control = SurfaceControl(parametrization=Parametrization(mesh, [net]))
+    >>> _ = problem.model.add_subsystem("control", control, promotes=["*"])
+    >>> squares = om.ExecComp("f = sum(s**4)", s={"shape": 3 * mesh.surface_ids.size, "units": "m"})
+    >>> _ = problem.model.add_subsystem("squares", squares, promotes=["f", ("s", "surface_control_points")])
+    >>> problem.model.add_objective("f")
+    >>> _ = problem.setup(mode="rev")
+    >>> problem.run_model()
+    >>> gradient = unused_gradient(problem, net)
+    >>> net.where_to_refine(gradient, 1), 0.0 < net.part_used(gradient) < 1.0
+    ([(1, 0)], True)
+    """
+    model = ScaledModel(problem.driver)
+    statement = Statement.of(model.design_limits(), model.constraint_limits(), tolerance=0.0)
+    weights = multipliers(statement, statement.point(*model.present()), model.differentiate())
+    on_surface = model.differentiate_in(surface)
+    directions = net.variable.bind(Layout(net.mesh)).matrix
+    return (on_surface[0] + weights @ on_surface[1:]) @ directions
+
+
+@dataclass(frozen=True, eq=False)
+class DesignLevel(OneLine):
+    """A net, where its values start, their bounds, and the combinations that a driver varies. Made by `first`.
+
+    Parameters
+    ----------
+    net : CoarseNet
+        The variable.
+    start : ndarray, shape (n_values,)
+        Its values where all combinations are zero.
+    lower, upper : ndarray, shape (n_values,)
+        Bounds of its values.
+    columns : ndarray, shape (n_values, n_values)
+        Values for a unit of each combination.
+    metric : ndarray, shape (n_all, n_all), or None
+        See `CoarseNet.where_to_refine`.
+
+    Examples
+    --------
+    >>> from bspline_mdao import CoarseNet, DesignLevel, Local, OnPatch, fit_grid, moving_mesh, onera_m6_grid
+    >>> model = fit_grid(onera_m6_grid((9, 9, 7)), n_control=(7, 5, 6))
+    >>> mesh = moving_mesh(model)
+    >>> net = CoarseNet.of(model, mesh, Local("bumps", OnPatch(model, "wing_upper"), "y"), n=4)
+    >>> level = DesignLevel.first(net, lower=-0.02, upper=0.02, unit=0.01)
+    >>> level.columns.shape, level.start.tolist()
+    ((6, 6), [0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    """
+
+    net: CoarseNet
+    start: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    columns: np.ndarray
+    metric: np.ndarray | None = None
+
+    @classmethod
+    def first(cls, net: CoarseNet, lower=-np.inf, upper=np.inf, unit: float = 1.0, metric=None) -> DesignLevel:
+        """Make the first level, which starts at the baseline.
+
+        Parameters
+        ----------
+        net : CoarseNet
+            The variable.
+        lower, upper : float or array_like, shape (n_values,)
+            Bounds of its values.
+        unit : float
+            Size, by the metric, of a change of the values by a unit of any combination: that of a first step where the
+            gradient is one.
+        metric : ndarray, shape (n_all, n_all), optional
+            See `CoarseNet.where_to_refine`.
+        """
+        low, high = (np.array(np.broadcast_to(np.asarray(b, dtype=float), net.n_values)) for b in (lower, upper))
+        return cls(net, np.zeros(net.n_values), low, high, unit * _evening(net.mass(metric)), metric)
+
+    def add_to(self, model: om.Group) -> None:
+        """Add ``combine_<name>``, and declare ``combinations`` as design variables and bounds as constraints.
+
+        Parameters
+        ----------
+        model : openmdao.api.Group
+            Model in which the values of the net are promoted by their name; what takes them is added afterwards.
+        """
+        name, (n_values, n) = self.net.name, self.columns.shape
+        combine = om.ExecComp(
+            f"{name} = start + dot(columns, combinations)",
+            start={"val": self.start, "constant": True},
+            columns={"val": self.columns, "constant": True},
+            combinations={"val": np.zeros(n)},
+            **{name: {"shape": n_values, "units": self.net.units}},
+            do_coloring=False,
+        )
+        model.add_subsystem(f"combine_{name}", combine, promotes=["combinations", name])
+        model.add_design_var("combinations")
+        if np.isfinite([self.lower, self.upper]).any():
+            model.add_constraint(name, lower=self.lower, upper=self.upper)
+
+    def refined(self, problem: om.Problem, knots: list[Knot], cases=None) -> DesignLevel:
+        """Make the level that goes on from here with more knots.
+
+        Parameters
+        ----------
+        problem : openmdao.api.Problem
+            The problem of this level at its optimum.
+        knots : list of (int, int)
+            What is inserted: `CoarseNet.halves` or `CoarseNet.where_to_refine`.
+        cases : path-like, optional
+            Case file of this level's run, with derivatives (``driver.recording_options["record_derivatives"]``): what
+            the driver has learnt of second derivatives is carried on. Without it, combinations are even by the metric.
+
+        Returns
+        -------
+        DesignLevel
+            Of the same shape at its start, with bounds that it is within.
+
+        Raises
+        ------
+        InputError
+            If the file is none of a run of this level, or has no derivatives.
+        """
+        net = self.net.refine(knots)
+        refinement = self.net.to(net)
+        start = refinement.values(problem.get_val(self.net.name))
+        lower, upper = refinement.bounds(self.lower, self.upper)
+        finer = replace(self, net=net, start=start, lower=np.minimum(lower, start), upper=np.maximum(upper, start))
+        inverse = np.linalg.inv(self.columns)
+        curvature = np.eye(len(inverse)) if cases is None else _curvature_of(cases, len(inverse))
+        coarse, mass = inverse.T @ curvature @ inverse, net.mass(self.metric)
+        return replace(finer, columns=_evening(_carried(coarse, refinement.matrix.toarray(), mass)))
+
+
+def _evening(curvature: np.ndarray) -> np.ndarray:
+    """Combinations along which a curvature is one: ``C^T B C = 1``."""
+    return np.linalg.inv(np.linalg.cholesky(0.5 * (curvature + curvature.T))).T
+
+
+def _carried(coarse: np.ndarray, refinement: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Curvature on a finer net: that of the coarse one on its shapes, and of its mean size on those normal to them."""
+    on_coarse = refinement.T @ mass
+    within = on_coarse @ refinement
+    to_coarse = np.linalg.solve(within, on_coarse)
+    sizes = np.linalg.eigvalsh(_evening(within).T @ coarse @ _evening(within))
+    mean = np.exp(np.mean(np.log(sizes)))
+    return to_coarse.T @ coarse @ to_coarse + mean * (mass - on_coarse.T @ to_coarse)
+
+
+def _curvature_of(cases, n: int) -> np.ndarray:
+    """Second derivatives of the Lagrangian in the combinations, in units of the driver, (n, n), from a run's gradients.
+
+    Updates of Broyden, Fletcher, Goldfarb and Shanno with Powell's damping, in the order of the run, with the
+    multipliers of its best point. A run that ended where it started has met none: they are one.
+    """
+    history = read_history(cases)
+    found, variables = history.convergence, history.of_kind("variable")
+    ends = dict(zip([q.name for q in variables], np.cumsum([q.values.shape[1] for q in variables])))
+    if not any(q.name == "combinations" and q.values.shape[1] == n for q in variables):
+        raise InputError(f"{cases}: is of other variables; give the case file of the level before")
+    if found is None or (len(found.violations) > 1 and not len(found.differentiated)):
+        raise InputError(f"{cases}: holds no gradients; set driver.recording_options['record_derivatives'] = True")
+    if not len(found.differentiated):
+        return np.eye(n)
+    points = history.scaled_points()
+    statement = history.statement()
+    last = int(np.argmin(np.abs(found.differentiated - history.best)))
+    best = points[found.differentiated[last]]
+    weights = multipliers(statement, best, found.totals[last])
+    gradients = found.totals[:, 0] + np.einsum("c,kcn->kn", weights, found.totals[:, 1:])
+    x = np.array([points[number].x for number in found.differentiated])
+    steps, changes = np.diff(x, axis=0), np.diff(gradients, axis=0)
+    own = slice(ends["combinations"] - n, ends["combinations"])
+    return _updated(steps, changes)[own, own]
+
+
+def _updated(steps: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """Second derivatives from steps and changes of the gradient, both of shape (m, n)."""
+    along = np.einsum("kn,kn->k", steps, changes) / np.maximum(np.einsum("kn,kn->k", steps, steps), 1e-300)
+    sizes = along[along > 0.0]
+    matrix = np.eye(steps.shape[1]) * (np.exp(np.mean(np.log(sizes))) if len(sizes) else 1.0)
+    for step, change in zip(steps, changes):
+        image = matrix @ step
+        present, found = step @ image, step @ change
+        if not present > 0.0:
+            continue
+        part = 1.0 if found >= DAMPING * present else (1.0 - DAMPING) * present / (present - found)
+        change = part * change + (1.0 - part) * image
+        matrix += np.outer(change, change) / (step @ change) - np.outer(image, image) / present
+    return matrix

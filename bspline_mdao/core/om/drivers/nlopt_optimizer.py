@@ -1,0 +1,311 @@
+"""Runs of NLopt with all its settings: the optimizer is built, run and restarted, and its end is put in words.
+
+Theory: ``docs/theory/drivers.rst``.
+"""
+
+import time
+from dataclasses import dataclass, replace
+from functools import partial
+
+import nlopt
+import numpy as np
+
+from ....errors import InputError
+from .nlopt_algorithms import Algorithm
+from .nlopt_functions import Functions
+from .nlopt_problem import Point, Statement, Stop
+
+__all__ = ["ENDS", "Criteria", "Outcome", "Settings", "minimise"]
+
+ENDS = {
+    "SUCCESS": "the algorithm is done",
+    "STOPVAL_REACHED": "the objective fell below stopval",
+    "FTOL_REACHED": "the objective changes by less than ftol_rel or ftol_abs",
+    "XTOL_REACHED": "the design variables change by less than xtol_rel or xtol_abs",
+    "MAXEVAL_REACHED": "maxeval evaluations were spent",
+    "MAXITER_REACHED": "maxiter iterations were done",
+    "MAXTIME_REACHED": "maxtime seconds were spent",
+    "FAILURE": "the algorithm gave up",
+    "OUT_OF_MEMORY": "NLopt ran out of memory",
+    "ROUNDOFF_LIMITED": "round-off limits progress",
+    "FORCED_STOP": "it was stopped from outside",
+    "OPTIMAL": "the algorithm can get no further, at a point that satisfies the first-order conditions",
+    "STALLED": "steps became too small, at a point that is no optimum: it does not satisfy the first-order conditions",
+    "BLOCKED": "analyses or gradients fail around the best point, which is no optimum",
+    "INTERRUPTED": "it was interrupted from the keyboard",
+}
+"""Ends of a run in words, by NLopt's names and our own."""
+
+_CODES = {getattr(nlopt, name): name for name in ENDS if hasattr(nlopt, name)}
+_CONVERGED = ("SUCCESS", "OPTIMAL", "STOPVAL_REACHED", "FTOL_REACHED", "XTOL_REACHED")
+TINY = float(np.finfo(float).tiny)
+OPTIMAL, BLOCKED = 1e-5, 1e-3
+"""Gradients of the Lagrangian, relative to the largest one of the objective, below which a point is an optimum, and
+above which it is none; between them NLopt's own end stands."""
+
+STALLED = 1e-2
+"""The same where nothing failed, or the root of ftol, relative, where that is more: 193 runs of SLSQP, MMA and CCSAQ
+that began outside of constraints ended below 2e-3 at optima (2.5e-2 with an ftol_rel of 1e-3) and above 1.5e-2
+elsewhere."""
+
+_SPENT = ("MAXEVAL_REACHED", "MAXITER_REACHED", "MAXTIME_REACHED")
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """Stopping criteria; zero switches one off.
+
+    Parameters
+    ----------
+    ftol_rel, ftol_abs : float
+        Change of the objective, relative and absolute.
+    xtol_rel : float
+        Change of the design variables, relative.
+    xtol_abs : float or ndarray, shape (n,)
+        Change of each design variable.
+    maxeval : int
+        Number of evaluations as NLopt counts them.
+    """
+
+    ftol_rel: float
+    ftol_abs: float
+    xtol_rel: float
+    xtol_abs: float | np.ndarray
+    maxeval: int
+
+    def apply(self, optimizer: nlopt.opt) -> None:
+        """Set the criteria of an optimizer of NLopt."""
+        optimizer.set_ftol_rel(self.ftol_rel)
+        optimizer.set_ftol_abs(self.ftol_abs)
+        optimizer.set_xtol_rel(self.xtol_rel)
+        optimizer.set_xtol_abs(self.xtol_abs)
+        optimizer.set_maxeval(self.maxeval)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything about a run that is not the problem.
+
+    Parameters
+    ----------
+    algorithm, local_optimizer : Algorithm, Algorithm or None
+        The algorithm, and the one it runs inside.
+    criteria, local_criteria : Criteria
+        When they stop.
+    stopval : float or None
+        Objective that is good enough.
+    maxiter : int or None
+        Gradients after the first one; None for no limit.
+    maxtime : float
+        Seconds; zero for no limit.
+    initial_step : float, ndarray, shape (n,) or None
+        First step of algorithms without gradients; None for NLopt's choice.
+    population : int
+        Initial population of stochastic algorithms; zero for NLopt's choice.
+    vector_storage : int
+        Number of gradients that limited-memory algorithms store; zero for NLopt's choice.
+    seed : int or None
+        Of the random numbers; None for a different one every time.
+    parameters : dict of str to float
+        Parameters that one algorithm alone knows (``nlopt.opt.set_param``).
+    restarts : int
+        How often at most to start again from the best point after analyses failed.
+    """
+
+    algorithm: Algorithm
+    local_optimizer: Algorithm | None
+    criteria: Criteria
+    local_criteria: Criteria
+    stopval: float | None
+    maxiter: int | None
+    maxtime: float
+    initial_step: float | np.ndarray | None
+    population: int
+    vector_storage: int
+    seed: int | None
+    parameters: dict[str, float]
+    restarts: int
+
+    @property
+    def uses_gradients(self) -> bool:
+        """Whether the algorithm or the one it runs inside asks for gradients."""
+        return self.algorithm.gradients or (self.local_optimizer is not None and self.local_optimizer.gradients)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """End of a run.
+
+    Parameters
+    ----------
+    end : str
+        Key of `ENDS`.
+    n_restarts : int
+        How often it was started again.
+    optimality : float or None
+        Residual of the first-order conditions at the best point, relative to the largest gradient of the objective,
+        where it was asked for.
+    """
+
+    end: str
+    n_restarts: int = 0
+    optimality: float | None = None
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether it neither converged nor failed: a budget was spent, or somebody stopped it."""
+        return self.end in (*_SPENT, "FORCED_STOP", "INTERRUPTED")
+
+    def is_success(self, algorithm: Algorithm) -> bool:
+        """Whether it converged; a global search that spent its budget has done what it can."""
+        return self.end in _CONVERGED or (algorithm.is_global and self.end in _SPENT)
+
+
+def _bounded(algorithm: Algorithm, statement: Statement) -> nlopt.opt:
+    """An optimizer with its bounds."""
+    optimizer = nlopt.opt(getattr(nlopt, algorithm.name), statement.lower.size)
+    optimizer.set_lower_bounds(statement.lower)
+    optimizer.set_upper_bounds(statement.upper)
+    return optimizer
+
+
+def _constrain(optimizer: nlopt.opt, functions: Functions) -> None:
+    """Hand the constraints to NLopt, those of a kind together."""
+    statement = functions.statement
+    for rows, add, function in (
+        (statement.inequalities, optimizer.add_inequality_mconstraint, functions.inequalities),
+        (statement.equalities, optimizer.add_equality_mconstraint, functions.equalities),
+    ):
+        if rows.ids.size:
+            add(function, np.full(rows.ids.size, statement.tolerance))
+
+
+def _constrain_one_by_one(optimizer: nlopt.opt, functions: Functions) -> None:
+    """Hand inequality constraints to an algorithm that takes them one by one only."""
+    for row in range(functions.statement.inequalities.ids.size):
+        optimizer.add_inequality_constraint(partial(functions.inequality, row), functions.statement.tolerance)
+
+
+def _subsidiary(local_optimizer: Algorithm, settings: Settings, statement: Statement) -> nlopt.opt:
+    """The optimizer that runs inside."""
+    optimizer = _bounded(local_optimizer, statement)
+    settings.local_criteria.apply(optimizer)
+    if settings.vector_storage:
+        optimizer.set_vector_storage(settings.vector_storage)
+    return optimizer
+
+
+def _build(settings: Settings, functions: Functions) -> nlopt.opt:
+    """The optimizer with everything but its seed."""
+    optimizer = _bounded(settings.algorithm, functions.statement)
+    optimizer.set_min_objective(functions.objective)
+    constrain = _constrain_one_by_one if settings.algorithm.name == "GN_AGS" else _constrain
+    constrain(optimizer, functions)
+    settings.criteria.apply(optimizer)
+    optimizer.set_maxtime(settings.maxtime)
+    if settings.stopval is not None:
+        optimizer.set_stopval(settings.stopval)
+    if settings.initial_step is not None:
+        optimizer.set_initial_step(settings.initial_step)
+    if settings.population:
+        optimizer.set_population(settings.population)
+    if settings.vector_storage:
+        optimizer.set_vector_storage(settings.vector_storage)
+    for name, value in settings.parameters.items():
+        optimizer.set_param(name, value)
+    if settings.local_optimizer is not None:
+        optimizer.set_local_optimizer(_subsidiary(settings.local_optimizer, settings, functions.statement))
+    return optimizer
+
+
+def _run(optimizer: nlopt.opt, functions: Functions, x: np.ndarray) -> str:
+    """Run once, and tell how it ended; what the model raises passes through, even where NLopt loses it."""
+    try:
+        optimizer.optimize(x)
+    except Exception:
+        if functions.exception is None and optimizer.last_optimize_result() > 0:
+            raise
+    if isinstance(functions.exception, Stop):
+        return str(functions.exception)
+    if functions.exception is not None:
+        raise functions.exception
+    if optimizer.last_optimize_result() == nlopt.INVALID_ARGS:
+        name = optimizer.get_algorithm_name()
+        raise InputError(f"NLoptDriver: NLopt refuses to run {name}: {optimizer.get_errmsg() or 'invalid argument'}")
+    return _CODES[optimizer.last_optimize_result()]
+
+
+def _remaining(settings: Settings, n_evaluations: int, seconds: float) -> Settings:
+    """Settings for what is left of the budget; nothing left is one evaluation, since zero means no limit."""
+    maxeval, maxtime = settings.criteria.maxeval, settings.maxtime
+    return replace(
+        settings,
+        criteria=replace(settings.criteria, maxeval=maxeval and max(maxeval - n_evaluations, 1)),
+        maxtime=maxtime and max(maxtime - seconds, 1e-3),
+    )
+
+
+def _is_worth_restarting(end: str, functions: Functions, n_substituted: int, before: Point) -> bool:
+    """Analyses failed on the way, so that the end may be no optimum; and the last restart, if any, got somewhere."""
+    is_beside_failures = functions.n_substituted > n_substituted and end not in (
+        *_SPENT,
+        "STOPVAL_REACHED",
+        "FORCED_STOP",
+    )
+    return is_beside_failures and functions.best is not before
+
+
+def _judged(end: str, settings: Settings, functions: Functions, n_restarts: int) -> Outcome:
+    """End of a run, corrected by the gradients where NLopt's own says nothing about the point."""
+    is_stuck = end in ("ROUNDOFF_LIMITED", "FAILURE")
+    is_open = is_stuck or (end in _CONVERGED and end != "STOPVAL_REACHED")
+    if settings.algorithm.is_global or not settings.uses_gradients or not is_open:
+        return Outcome(end, n_restarts)
+    optimality, is_feasible = functions.optimality(), functions.best.violation <= functions.statement.tolerance
+    if is_stuck and is_feasible and optimality < OPTIMAL:
+        end = "OPTIMAL"
+    elif not is_stuck and functions.n_substituted > 0 and optimality > BLOCKED:
+        end = "BLOCKED"
+    elif not is_stuck and is_feasible and optimality > max(STALLED, _coarseness(settings, functions.best) ** 0.5):
+        end = "STALLED"
+    return Outcome(end, n_restarts, optimality)
+
+
+def _coarseness(settings: Settings, best: Point) -> float:
+    """Relative change of the objective that counts as none."""
+    criteria = settings.criteria
+    return max(criteria.ftol_rel, criteria.ftol_abs / max(abs(best.objective), criteria.ftol_abs, TINY))
+
+
+def minimise(settings: Settings, functions: Functions) -> Outcome:
+    """Minimise, starting again from the best point where a local search has ended too early.
+
+    Failed analyses may be the reason, or, for MMA and CCSAQ, a start outside of the constraints.
+
+    Parameters
+    ----------
+    settings : Settings
+        The algorithm and when it stops.
+    functions : Functions
+        The problem; its ``best`` is the result.
+
+    Returns
+    -------
+    Outcome
+        The end of the run.
+    """
+    nlopt.srand_time() if settings.seed is None else nlopt.srand(settings.seed)
+    began, x = time.perf_counter(), functions.start.x.copy()
+    n_evaluations = n_restarts = 0
+    while True:
+        n_substituted, before = functions.n_substituted, functions.best
+        optimizer = _build(_remaining(settings, n_evaluations, time.perf_counter() - began), functions)
+        end = _run(optimizer, functions, x)
+        n_evaluations += optimizer.get_numevals()
+        is_last = settings.algorithm.is_global or n_restarts == settings.restarts
+        if is_last or not _is_worth_restarting(end, functions, n_substituted, before):
+            outcome = _judged(end, settings, functions, n_restarts)
+            if is_last or outcome.end != "STALLED" or functions.best is before:
+                return outcome
+        x = functions.restart()
+        n_restarts += 1

@@ -1,0 +1,187 @@
+"""An optimisation problem as NLopt states it: bounds, and constraints with one limit each.
+
+Theory: ``docs/theory/drivers.rst``.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ....base.display import OneLine
+
+__all__ = ["AnalysisFailed", "Limits", "Model", "Point", "Rows", "Statement", "Stop", "split_constraints"]
+
+
+class AnalysisFailed(ArithmeticError):
+    """The model cannot be analysed at a point."""
+
+
+class Stop(Exception):
+    """A reason to stop that NLopt does not see; the message is the name of the end."""
+
+
+class Model(Protocol):
+    """The model as a function of one scaled vector of all design variables."""
+
+    def run(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Run at a point (n,): objective and constraints (m,); raises `AnalysisFailed`."""
+
+    def keep(self) -> None:
+        """Keep the states of the last run."""
+
+    def restore(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Run as `run`, from the states that were kept, at their point."""
+
+    def differentiate(self) -> np.ndarray:
+        """Totals (1 + m, n) of objective and constraints where it was last run; raises `AnalysisFailed`."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Scaled limits of one design variable or constraint.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    lower, upper : ndarray, shape (size,)
+        Limits, infinite where there is none.
+    equals : ndarray, shape (size,)
+        Values demanded, NaN for anything but equality constraints.
+    """
+
+    name: str
+    lower: np.ndarray
+    upper: np.ndarray
+    equals: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Constraints in the form NLopt takes: ``signs (c[ids] - limits)`` is at most zero, or zero.
+
+    Parameters
+    ----------
+    ids : ndarray of int, shape (m,)
+        Which constraint each row is made of.
+    signs : ndarray, shape (m,)
+        +1 for an upper limit or an equality, -1 for a lower limit.
+    limits : ndarray, shape (m,)
+        The limit of each row.
+    """
+
+    ids: np.ndarray
+    signs: np.ndarray
+    limits: np.ndarray
+
+    def values(self, constraints: np.ndarray) -> np.ndarray:
+        """Values (m,) of the rows."""
+        return self.signs * (constraints[self.ids] - self.limits)
+
+    def gradients(self, jacobian: np.ndarray) -> np.ndarray:
+        """Gradients (m, n) of the rows from those of the constraints."""
+        return self.signs[:, None] * jacobian[self.ids]
+
+
+def split_constraints(lower: np.ndarray, upper: np.ndarray, equals: np.ndarray) -> tuple[Rows, Rows]:
+    """Split constraints with limits on both sides into rows.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (m,)
+        Limits, infinite where there is none.
+    equals : ndarray, shape (m,)
+        Values demanded, NaN for inequalities.
+
+    Returns
+    -------
+    Rows
+        Inequalities: the upper limits, then the lower ones.
+    Rows
+        Equalities.
+    """
+    is_equality = ~np.isnan(equals)
+    above, below = (np.flatnonzero(np.isfinite(limit) & ~is_equality) for limit in (upper, lower))
+    same = np.flatnonzero(is_equality)
+    signs = np.repeat([1.0, -1.0], [above.size, below.size])
+    inequalities = Rows(np.concatenate([above, below]), signs, np.concatenate([upper[above], lower[below]]))
+    return inequalities, Rows(same, np.ones(same.size), equals[same])
+
+
+@dataclass(frozen=True)
+class Point(OneLine):
+    """A point with the results of the model there, or with substitutes where the analysis failed.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Design variables.
+    objective : float
+        The objective.
+    constraints : ndarray, shape (m,)
+        The constraints.
+    violations : ndarray, shape (n_rows,)
+        Violation of each row.
+    is_analysed : bool
+        False where the analysis failed.
+    """
+
+    x: np.ndarray
+    objective: float
+    constraints: np.ndarray
+    violations: np.ndarray
+    is_analysed: bool = True
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of any row."""
+        return float(self.violations.max(initial=0.0))
+
+    def is_better(self, other: "Point", tolerance: float) -> bool:
+        """Lower objective among feasible points, else less violation."""
+        if max(self.violation, other.violation) <= tolerance:
+            return self.objective < other.objective
+        return self.violation < other.violation
+
+
+@dataclass(frozen=True)
+class Statement:
+    """Bounds and constraints of a problem.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (n,)
+        Bounds of the variables, infinite where there is none.
+    inequalities, equalities : Rows
+        The constraints.
+    tolerance : float
+        Violation up to which a constraint counts as satisfied.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    inequalities: Rows
+    equalities: Rows
+    tolerance: float
+
+    @classmethod
+    def of(cls, designs: tuple[Limits, ...], constraints: tuple[Limits, ...], tolerance: float) -> "Statement":
+        """Put the limits of all design variables and constraints in the form NLopt takes."""
+        sides = (_joined(constraints, side) for side in ("lower", "upper", "equals"))
+        return cls(_joined(designs, "lower"), _joined(designs, "upper"), *split_constraints(*sides), tolerance)
+
+    def violations(self, constraints: np.ndarray) -> np.ndarray:
+        """Violation of each row (n_rows,), zero where it is satisfied."""
+        return np.concatenate(
+            [np.maximum(self.inequalities.values(constraints), 0.0), np.abs(self.equalities.values(constraints))]
+        )
+
+    def point(self, x: np.ndarray, objective: float, constraints: np.ndarray) -> Point:
+        """Make the point x (n,) with the results of the model there."""
+        return Point(x.copy(), float(objective), constraints, self.violations(constraints))
+
+
+def _joined(limits: tuple[Limits, ...], side: str) -> np.ndarray:
+    """Limits of one side of all variables in one vector."""
+    return np.concatenate([np.zeros(0), *(getattr(limit, side) for limit in limits)])

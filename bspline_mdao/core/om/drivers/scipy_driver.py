@@ -1,0 +1,261 @@
+"""SciPy's optimizers as OpenMDAO drives them, which survive failed analyses and show how far they are.
+
+Theory: ``docs/theory/drivers.rst``, "Failed analyses".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ....base.numerics.progress import Progress, shown
+from .case_history import FEASIBLE
+from .kept_design import KeptDesign
+from .nlopt_problem import Point, Statement
+from .nlopt_rules import SearchRecord, Substitute, uphill, worst
+from .scaled_model import ScaledModel, derivative_at_fault, unusable_derivatives
+from .short_records import ShortRecords
+
+__all__ = ["ScipyDriver"]
+
+RECOVERIES = {
+    **dict.fromkeys(("L-BFGS-B", "TNC"), uphill),
+    **dict.fromkeys(("SLSQP", "COBYLA", "COBYQA", "Nelder-Mead", "Powell", "differential_evolution"), worst),
+}
+"""What optimizers are given where an analysis fails. Those that are not here were seen to end elsewhere than at the
+optimum with any of it (BFGS, CG, trust-constr), or do not call the driver as they should: failures pass through."""
+
+
+class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
+    """SciPy's optimizers, with a bar of progress, where a failed analysis is a step too far and not the end.
+
+    It is OpenMDAO's ``ScipyOptimizeDriver`` with all its options. That one ends at the first ``om.AnalysisError``; this
+    one gives the optimizer a value that makes it take a shorter step, puts the model back into the states of the last
+    good run, and goes on. So it does with ``SLSQP``, ``L-BFGS-B``, ``TNC``, ``COBYLA``, ``COBYQA``, ``Nelder-Mead``,
+    ``Powell`` and ``differential_evolution``; with other optimizers, and in the first run, a failure passes through.
+    Derivatives that fail end the search with a warning, where it is then, but for the first ones: `NLoptDriver` goes
+    on there, and also starts again from the best point where failures have ended a search.
+
+    At the end the model is run at the point that the optimizer has found, where it was last run elsewhere; a search
+    that has failed, or was interrupted from the keyboard, leaves the model at its best point. Other exceptions pass
+    through, with a note of the best point, to which the design variables are set. Records are short, as of
+    `NLoptDriver`.
+
+    Parameters
+    ----------
+    **kwargs : dict
+        Options of the driver.
+
+    Attributes
+    ----------
+    n_failed_analyses : int
+        Number of analyses that failed in the last run.
+    best : Point or None
+        The best point of the last run so far, see `bspline_mdao.core.om.drivers.kept_design`.
+    is_interrupted : bool
+        Whether the last run was interrupted from the keyboard.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import ScipyDriver
+    >>> problem = om.Problem(driver=ScipyDriver(optimizer="SLSQP", tol=1e-9, disp=False), reports=None)
+    >>> _ = problem.model.add_subsystem("bowl", om.ExecComp("f = (x - 3)**2"), promotes=["*"])
+    >>> problem.model.add_design_var("x", lower=-50, upper=50)
+    >>> problem.model.add_objective("f")
+    >>> _ = problem.setup()
+    >>> problem.run_driver().success
+    True
+    >>> print(f"{problem.get_val('x').item():.3f}")
+    3.000
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.n_failed_analyses = 0
+        self._tell: Progress | None = None
+        self._record: SearchRecord | None = None
+        self._substitute: Substitute | None = None
+        self._last = self._good_states = np.zeros(0)
+        self._base_constraints: dict = {}
+        self._n_gradients = 0
+        self.is_interrupted = False
+        self._model: ScaledModel | None = None
+        self._statement: Statement | None = None
+        self._exc_info: tuple | None = None
+
+    @property
+    def largest_violation(self) -> float:
+        """Scaled violation up to which constraints count as satisfied."""
+        return FEASIBLE
+
+    def run(self) -> bool:
+        """Optimise.
+
+        Returns
+        -------
+        bool
+            True if it failed.
+        """
+        self.n_failed_analyses, self._record, self._substitute, self._n_gradients = 0, None, None, 0
+        self.best, self._statement, self.is_interrupted = None, None, False
+        with shown(self._get_name()) as tell:
+            self._tell = tell
+            try:
+                self.fail = self._end_at_the_result(super().run())
+            except _GradientError as error:  # no optimizer takes another step instead
+                self.fail = True
+                om.issue_warning(
+                    f"{self._get_name()}: the search ended after {self.iter_count} runs, where derivatives failed; the "
+                    f"model is left at the best point. {error}",
+                    category=om.DriverWarning,
+                )
+                self._go_to_best()
+            except KeyboardInterrupt:
+                if self.best is None:
+                    raise
+                self.fail = self.is_interrupted = True
+                self._last = np.zeros(0)  # a run that was cut short leaves half of its states
+                self._go_to_best()
+            except Exception as error:
+                if self.best is not None:
+                    self._place_at_best()
+                    self.add_best_to(error, self.best)
+                raise
+            finally:
+                self._tell = None
+        return self.fail
+
+    def get_exit_status(self) -> str:
+        """Describe the end of the last run in words."""
+        return "INTERRUPTED" if self.is_interrupted else super().get_exit_status()
+
+    def _objfunc(self, x_new):
+        """Objective at a point, or what makes the optimizer turn back where the analysis fails."""
+        if self._record is None:
+            self._begin()
+        self._last = np.array(x_new, dtype=float)
+        objective, self._substitute = super()._objfunc(x_new), None
+        is_failed = self._exc_info is not None and issubclass(self._exc_info[0], om.AnalysisError)
+        is_failed |= self._exc_info is None and not np.all(np.isfinite(objective))
+        if is_failed and self.options["optimizer"] in RECOVERIES:
+            objective, self._con_cache = self._turn_back(), self._base_constraints
+        elif self._exc_info is None:
+            objective = float(np.ravel(objective)[0])
+            self._keep(objective)
+        if self._tell is not None and self._record is not None:
+            self._tell(-1.0, f"run {self.iter_count}, best objective {self._record.base.objective:.6g}")
+        return objective
+
+    def _gradfunc(self, x_new):
+        """Gradient where the analysis did not fail."""
+        if self._substitute is not None:
+            return self._substitute.totals[0]
+        has_analysis = self._exc_info is None
+        gradient, self._base_constraints = super()._gradfunc(x_new), self._con_cache
+        if self._exc_info is None:
+            self._require_derivatives()
+        if has_analysis and self._exc_info is not None and self._n_gradients:
+            self._end_where_derivatives_fail()
+        self._n_gradients += 1
+        if self._exc_info is None and self._record is not None and np.array_equal(self._last, self._record.base.x):
+            self._record = self._record.with_totals(self._record.base, np.array(gradient, dtype=float)[None])
+        return gradient
+
+    def _end_where_derivatives_fail(self) -> None:
+        """End the search here: some optimizers would go on without the derivatives."""
+        assert self._exc_info is not None
+        if issubclass(self._exc_info[0], om.AnalysisError):
+            error = self._exc_info[1]
+            self._exc_info = None
+            raise _GradientError(error)
+
+    def _require_derivatives(self) -> None:
+        """Name the first derivative that is not a finite number, of those that the driver has just computed."""
+        fault = derivative_at_fault(self, self._obj_and_nlcons, self._grad_cache)
+        if fault and self._n_gradients:
+            raise _GradientError(f"{fault} is not a finite number")
+        if fault:
+            raise unusable_derivatives(f"{fault} is not a finite number")
+
+    def _begin(self) -> None:
+        """Take the first run, which the driver has done already, for the first point."""
+        self._model = ScaledModel(self)
+        limits = self._model.design_limits(), self._model.constraint_limits()
+        self._statement = Statement.of(*limits, FEASIBLE)
+        self.best = self._statement.point(*self._model.present())
+        if not (np.isfinite(self.best.objective) and np.isfinite(self.best.constraints).all()):
+            self.best = None
+            raise om.AnalysisError("the objective or a constraint at the start is not a finite number")
+        self._record = SearchRecord.at(_point(self.best.x, self.best.objective))
+        self._good_states, self._base_constraints = self._states().copy(), self._con_cache
+
+    def _keep(self, objective: float) -> None:
+        """Take note of a point."""
+        assert self._record is not None
+        self._record = self._record.with_point(_point(self._last, objective), 0.0)
+        self._good_states[:] = self._states()
+        assert self._model is not None
+        assert self._statement is not None
+        assert self.best is not None
+        point = self._statement.point(*self._model.present())
+        is_number = np.isfinite(point.objective) and np.isfinite(point.constraints).all()
+        if is_number and point.is_better(self.best, FEASIBLE):
+            self.best = point
+
+    def _place_at_best(self) -> None:
+        """Set the design variables to the best point, and the states to those of the last good one."""
+        assert self._model is not None
+        assert self.best is not None
+        self._states()[:] = self._good_states
+        self._model.set(self.best.x)
+
+    def _go_to_best(self) -> None:
+        """Run the model at the best point, unless it was last run there."""
+        assert self.best is not None
+        if self._substitute is None and self._exc_info is None and np.array_equal(self._last, self.best.x):
+            return
+        self._exc_info, self._last = None, self.best.x
+        self._states()[:] = self._good_states
+        super()._objfunc(self.best.x)
+        if self._exc_info is not None:
+            self._reraise()
+
+    def _turn_back(self) -> float:
+        """Count a failure and put the model back; the value for the optimizer."""
+        assert self._record is not None
+        self._exc_info = None
+        self.n_failed_analyses += 1
+        self._states()[:] = self._good_states
+        self._substitute = RECOVERIES[self.options["optimizer"]](self._record, self._last)
+        return self._substitute.objective
+
+    def _states(self) -> np.ndarray:
+        """All outputs of the model."""
+        return self._problem().model._outputs.asarray()
+
+    def _end_at_the_result(self, fail: bool) -> bool:
+        """Run the model where the optimizer says that it ended, or at the best point if it failed; whether it did.
+
+        A search whose every step failed ends beside the last good point, whatever it says.
+        """
+        found = np.asarray(getattr(self._scipy_optimize_result, "x", self._last), dtype=float)
+        if self._record is None:
+            return fail
+        if not fail and (self._substitute is not None or not np.array_equal(found, self._last)):
+            self._objfunc(found)
+            if self._exc_info is not None:
+                self._reraise()
+            fail = self._substitute is not None
+        if fail:
+            self._go_to_best()
+        return fail
+
+
+class _GradientError(Exception):
+    """Derivatives that failed at a point which an optimizer has taken."""
+
+
+def _point(x: np.ndarray, objective: float) -> Point:
+    """A point by its objective alone: the optimizer keeps its own account of constraints."""
+    return Point(x.copy(), objective, np.zeros(0), np.zeros(0))

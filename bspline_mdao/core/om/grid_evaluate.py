@@ -1,0 +1,191 @@
+"""The grid that belongs to a set of control points, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import identity, kron
+
+from ...base.numerics.processes import summed
+from ...errors import InputError
+from ...names import CONTROL_POINTS, GRID, SURFACE
+from ..mesh.surface import SurfaceGrid
+from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare, nodes_at
+from ..walls.grid_map import GridMap, GridState
+from ..walls.wall_correction import WallCorrection
+from .check_directions import check_along_directions
+from .checked_along_edges import check_along_edges, lines_among
+from .component import (
+    LINEAR_STEP,
+    LastState,
+    SparseComponent,
+    add_product,
+    as_node_numbers,
+    fails_together,
+    failures_as_analysis_errors,
+    finite_points,
+)
+from .model_option import declare_model
+from .shares import declare_partition, part_of_model
+
+
+class GridEvaluate(SparseComponent):
+    """Regenerate the grid from the control points, Eq. (3), ``x = layer(A b + T(b) r)``.
+
+    A holds the basis values at the parameters and knots of the model. The residual r of the fit turns with its
+    surroundings, and nodes near walls follow them as a rigid body, see `bspline_mdao.core.walls.grid_map`. What turns
+    with what, and what is near which wall, is that of the model. Of a model without ``wall_layer`` the grid is
+    ``A b + r``, and the component is linear (`is_linear`).
+
+    ==================  ======  ====================  =====  =======================================================
+    name                role    shape                 units  meaning
+    ==================  ======  ====================  =====  =======================================================
+    ``control_points``  input   (3 n_control_points)  m      control points, each shared one once, xyz interleaved
+    ``surface``         input   (3 n)                 m      where the nodes of a ``surface``, or those of ``numbers``,
+                                                             are asked to be
+    ``grid``            output  (3 n_nodes)           m      nodes, blocks in file order, each in C order of (i, j, k)
+    ==================  ======  ====================  =====  =======================================================
+
+    On several processes ``grid`` is distributed: each evaluates the nodes of its `Share`, to the bits that they have on
+    one process. Forwards no message is sent; in reverse one sum of all processes, of the size of the inputs. With a
+    ``surface`` every process sees the nodes of the whole grid in ``setup``, and needs the whole model for that.
+
+    Options
+    -------
+    model : FittedModel or ModelShare
+        The fitted grid, or what this process needs of it.
+    partition : Partition or Share, optional
+        Which nodes each process holds; by default `Partition.of` deals out the blocks. A `Share` is this process's.
+    surface : SurfaceGrid, optional
+        Surface whose nodes are to be exactly where ``surface`` says. What control points miss of them fades over the
+        blocks, see :doc:`/theory/asked_walls`.
+    numbers : sequence of int, optional
+        Which of its nodes, each once; all by default.
+    assembled : bool
+        Declare A as a sparse matrix instead of applying it matrix-free, for solvers that want a matrix. It takes many
+        times the memory and the time, and the map has to be linear, without a ``surface``.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if a matrix is asked of a map that is not linear, or with a ``surface``; if the surface is of
+        another model, or ``numbers`` are not those of its nodes, each once; if the partition does not fit the model or
+        the number of processes.
+    om.AnalysisError
+        In a run, if a control point is not finite, or if the surroundings of a point are turned inside out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import GridEvaluate, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", GridEvaluate(model=model), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("control_points", model.control_points.ravel())
+    >>> problem.run_model()
+    >>> bool(np.allclose(problem.get_val("grid"), model.regenerate().to_vector()))
+    True
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        declare_model(self, desc="the fitted grid, or a share of it")
+        declare_partition(self)
+        self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
+        self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
+        self.options.declare("assembled", types=bool, default=False, desc="declare the sparse Jacobian")
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the outputs depend linearly (affinely, with a residual) on the inputs."""
+        model = self.options["model"]
+        has_walls = any(face.kind == "wall" for face in model.topology.boundary)
+        return not model.settings.wall_layer or (model.residual is None and not has_walls)
+
+    @fails_together
+    def setup(self):
+        """Declare the variables, of the sizes of the model."""
+        model, surface = part_of_model(self), self.options["surface"]
+        self._last = LastState()
+        if self.options["assembled"] and surface is not None:
+            raise InputError(f"{self.msginfo}: assembled=True does not go with a surface; leave one out")
+        if self.options["assembled"] and not self.is_linear:
+            raise InputError(
+                f"{self.msginfo}: assembled=True needs a linear map; fit the grid with wall_layer=False, or leave "
+                f"assembled out"
+            )
+        self.matrix_free = not self.options["assembled"]
+        self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
+        self._map, self._correction = self._maps(model)
+        if surface is not None:
+            self.add_input(SURFACE, val=surface.points[self._numbers(surface)].ravel(), units="m")
+            check_along_edges(self, SURFACE, lines_among(self._numbers(surface), surface.faces), digits=300.0)
+        self.add_output(GRID, shape=3 * self._map.n_asked, units="m", distributed=self.comm.size > 1)
+        if self.is_linear:
+            check_along_directions(self, LINEAR_STEP)
+        else:
+            check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)
+
+    @fails_together
+    def setup_partials(self):
+        """Declare the Jacobian once and for all where it is wanted as a matrix."""
+        if self.options["assembled"]:  # a matrix-free one stays undeclared: OpenMDAO would allocate it, and it is dense
+            matrix = self._map.evaluator.matrix()[: self._map.n_asked]
+            jacobian = kron(matrix, identity(3), format="coo")
+            self.declare_sparse(GRID, CONTROL_POINTS, jacobian.row, jacobian.col, jacobian.data)
+
+    def compute(self, inputs, outputs):
+        """Evaluate the volumes at the nodes, and let nodes follow walls."""
+        state = self._state_at(inputs)
+        outputs[GRID] = state.nodes[: self._map.n_asked].ravel()
+        if self.under_complex_step:
+            change = state.jvp(*(inputs[name].imag.reshape(-1, 3) for name in self._names))
+            outputs[GRID] += 1j * change[: self._map.n_asked].ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose at the inputs."""
+        if self.options["assembled"]:
+            super().compute_jacvec_product(inputs, d_inputs, d_outputs, mode)
+            return
+        state, grid_map = self._state_at(inputs), self._map
+
+        def jvp(*directions):
+            return state.jvp(*directions)[: grid_map.n_asked]
+
+        def vjp(bar):
+            return [None if part is None else summed(self.comm, part) for part in state.full_vjp(grid_map.padded(bar))]
+
+        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=self._names)
+
+    def _maps(self, model: FittedModel | ModelShare) -> tuple[GridMap, WallCorrection | None]:
+        """Map to the nodes of this process, and the correction of walls that are given."""
+        surface, whole = self.options["surface"], self.options["model"]
+        if surface is None:
+            return model.grid_map(), None
+        rows = surface.rows[self._numbers(surface)]
+        if isinstance(model, FittedModel):
+            grid_map = model.grid_map()
+            return grid_map, WallCorrection.of(model.topology, grid_map.nodes, rows)
+        nodes = nodes_at(whole, np.arange(whole.n_nodes))
+        return model.corrected_map(whole, WallCorrection.of(model.topology, nodes, rows))
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return (CONTROL_POINTS,) if self._correction is None else (CONTROL_POINTS, SURFACE)
+
+    def _numbers(self, surface: SurfaceGrid) -> np.ndarray:
+        """Numbers of the nodes of the surface that are given."""
+        numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
+        if surface.rows.max() >= self.options["model"].n_nodes:
+            raise InputError(f"{self.msginfo}: the surface is of another model; make it of this one")
+        if len(np.unique(numbers)) < len(numbers):
+            raise InputError(f"{self.msginfo}: 'numbers' has a node twice; give each once")
+        return numbers
+
+    def _state_at(self, inputs) -> GridState:
+        with failures_as_analysis_errors(self):
+            points = [finite_points(inputs[name], name, self.msginfo).real for name in self._names]
+            return self._last.at(points, lambda control, *wall: self._map.at(control, self._correction, *wall))

@@ -1,0 +1,236 @@
+"""The chain from a baseline grid and design variables to the moved grid and its quality, as an OpenMDAO group."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ...base.checks import require_list
+from ...errors import InputError
+from ...names import ALL_NAMES
+from ..design.parametrization import Parametrization
+from ..measures.measure import MEMBERS
+from ..mesh.boundary import moving_mesh, require_mesh_of
+from ..mesh.moving_mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid
+from ..model.model_share import ModelShare
+from ..movement.comoving import ComovingFrame
+from ..movement.mover import Mover
+from ..movement.rotations import Rotations
+from ..movement.shared import AUTO, WAYS
+from .component import fails_together
+from .control_mesh_move import ControlMeshMove, mesh_of
+from .fit import Fit
+from .grid_evaluate import GridEvaluate
+from .live_grid_evaluate import LiveGridEvaluate
+from .model_option import Copied, declare_model
+from .quality import Quality
+from .shares import declare_partition, share_of
+from .surface_control import SurfaceControl
+from .surface_control_fit import SurfaceControlFit
+from .surface_evaluate import SurfaceEvaluate
+from .surface_measure import SurfaceMeasure
+
+
+class GridMovement(Copied, om.Group):
+    """Fit, design, move, evaluate, judge: the ordinary chain in one subsystem, named as in `bspline_mdao.names`.
+
+    =================  =================================================================  ============================
+    subsystem          component                                                          is there
+    =================  =================================================================  ============================
+    fit                `Fit`: ``grid_initial`` -> ``control_points_initial``              with ``fit``
+    control            `SurfaceControl`: variables -> ``surface_control_points``          with a ``parametrization``
+    evaluate_surface   `SurfaceEvaluate`: -> ``surface``                                  with ``measures`` alone
+    fit_surface        `SurfaceControlFit`: ``surface`` -> ``surface_control_points``     with ``surface``
+    ``measure_...``    `SurfaceMeasure`: ``surface`` -> the measure, by its name          one for each of ``measures``
+    move               `ControlMeshMove`: -> ``control_points``                           always
+    evaluate           `GridEvaluate`, or `LiveGridEvaluate`: -> ``grid``                 always
+    quality            `Quality`: ``grid`` -> its outputs                                 with ``quality``, or with
+                                                                                          ``require_valid`` for that
+    =================  =================================================================  ============================
+
+    All inputs start at the values of the model, so that the first run gives the baseline grid. Without a
+    parametrization ``surface_control_points`` is an input. With a ``surface`` it is the nodes of this surface that are
+    given: the control points are fitted to them, and the wall of the grid is exactly where they are.
+
+    Options
+    -------
+    model : FittedModel or ModelShare
+        The fitted grid, or what one of several processes needs of it: that goes without a fit, and without nodes of a
+        surface that are given.
+    parametrization : Parametrization, optional
+        Design variables of the surface and the linear constraints among its control points.
+    measures : sequence of Measure
+        What is measured of the surface, all on one `SurfaceGrid`.
+    mover : Mover, optional
+        Moves the control mesh of the model; by default `Rotations`, on the mesh of the parametrization or with all
+        walls as the design surface.
+    surface : SurfaceGrid, optional
+        Surface whose nodes are given: ``surface`` is an input.
+    numbers : sequence of int, optional
+        Which of these nodes are given; all by default.
+    require_valid : bool
+        Refuse designs that invert cells of the grid which were valid on the baseline, whether or not there are bounds
+        of the quality, see `Quality`. Of a partition that is made of rows nobody knows the cells, and nothing is
+        refused. What the control mesh does is no reason, see `ControlMeshMove`.
+    comoving : bool
+        Let all that is fixed, such as the far field, go along with the rigid part of the surface's motion, see
+        `ComovingFrame`.
+    certify : bool
+        Refuse designs with which more elements of the splines are proved invalid than on the baseline, between control
+        points as well, see `bspline_mdao.certify`.
+    processes : {"auto", "first", "all"}
+        Which of several processes move the control mesh, see `ControlMeshMove`.
+    fit : bool, optional
+        Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input. By default they
+        are fitted on one process, and on several with ``live`` alone: there ``grid_initial`` is distributed, and
+        OpenMDAO wants such an input to be connected.
+    partition : Partition or Share, optional
+        Which nodes of the grid each process holds, see `GridEvaluate`; by default blocks are dealt out.
+    live : bool
+        The grid changes upstream: differentiate through parameters and knots as well, see `Fit`.
+    quality : bool or sequence of str
+        Measure the cells of the grid; which bounds are outputs where they are named, see `Quality`.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the mover or the parametrization is that of another model, if the two have different design
+        surfaces, if measures are of different surfaces, if the model does not say what moves, if ``live`` is asked
+        for without ``fit``, or a ``surface`` together with a parametrization, with ``live``, or with measures of
+        another one.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import DesignSurface, GridMovement, Twist, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
+    >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
+    >>> problem = om.Problem(GridMovement(model=wing.model, parametrization=shape, fit=False), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.set_val("twist", [0.0, -3.0], units="deg")
+    >>> problem.run_model()
+    >>> problem.get_val("grid").shape, problem.get_val("quality_pnorm").shape
+    ((4500,), (1,))
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        declare_model(self)
+        types = (Parametrization, type(None))
+        self.options.declare("parametrization", types=types, default=None, recordable=False, desc="design variables")
+        self.options.declare("measures", default=(), recordable=False, desc="what is measured of the surface")
+        self.options.declare("mover", default=None, recordable=False, desc="moves the control mesh of the model")
+        self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
+        self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
+        self.options.declare("require_valid", types=bool, default=True, desc="refuse inverted cells of the grid")
+        self.options.declare("comoving", types=bool, default=False, desc="outer boundaries go along")
+        self.options.declare("certify", types=bool, default=False, desc="refuse splines that are proved invalid")
+        self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
+        desc = "fit the control points to the baseline grid"
+        self.options.declare("fit", types=(bool, type(None)), default=None, desc=desc)
+        declare_partition(self)
+        self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
+        self.options.declare("quality", default=True, desc="measure the cells of the grid, or which bounds of them")
+
+    @fails_together
+    def setup(self):
+        """Add the components in the order of the chain."""
+        model, is_live, mover = self.options["model"], self.options["live"], self._mover()
+        surface = self.options["surface"]
+        is_share, is_fitted = isinstance(model, ModelShare), self.options["fit"]
+        if is_fitted is None:
+            is_fitted = is_live or (self.comm.size == 1 and not is_share)
+        if is_share and (is_fitted or surface is not None):
+            raise InputError(
+                f"{self.msginfo}: a share of a model has neither a fit nor nodes of a surface that are given; leave "
+                f"out 'fit', 'live' and 'surface', or give the whole model"
+            )
+        if is_live and not is_fitted:
+            raise InputError(f"{self.msginfo}: live=True needs fit=True; there is no grid to follow")
+        if surface is not None:
+            self._require_alone(surface)
+        if is_fitted:
+            self._add("fit", Fit(model=model, live=is_live))
+        asked = {"surface": surface, "numbers": self.options["numbers"]} if surface is not None else {}
+        if self.options["parametrization"] is not None:
+            self._add("control", SurfaceControl(parametrization=self.options["parametrization"]))
+        elif surface is not None:
+            self._add("fit_surface", SurfaceControlFit(model=model, mesh=mover.mesh, **asked))
+        if self.options["measures"]:
+            self._add_measures(mover.mesh)
+        certified = model if self.options["certify"] else None
+        self._add("move", ControlMeshMove(mover=mover, certified=certified, processes=self.options["processes"]))
+        held = {"model": model, "partition": self.options["partition"]}
+        self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(**held, **asked))
+        quality, is_judged = self.options["quality"], self.options["require_valid"] and self._has_cells()
+        if quality or is_judged:
+            bounds = {} if quality is True else {"aggregates": quality or ()}
+            self._add("quality", Quality(**held, **bounds, require_valid=is_judged))
+
+    def _has_cells(self) -> bool:
+        """Whether processes have cells of the grid: shares that are made of rows have nodes alone."""
+        share = share_of(self)
+        return share is None or share.windows is not None
+
+    def _require_alone(self, surface: SurfaceGrid) -> None:
+        """Refuse what does not go together with nodes of a surface that are given."""
+        if self.options["parametrization"] is not None:
+            raise InputError(
+                f"{self.msginfo}: both a parametrization and the nodes of a surface would move the surface; give one"
+            )
+        if self.options["live"]:
+            raise InputError(f"{self.msginfo}: live=True does not follow nodes of a surface; leave one out")
+        if self.options["measures"] and self.options["numbers"] is not None:
+            raise InputError(f"{self.msginfo}: measures need all nodes of the surface; leave out 'numbers'")
+
+    def _add(self, name: str, component: om.ExplicitComponent):
+        self.add_subsystem(name, component, promotes=["*"])
+
+    def _add_measures(self, mesh: MovingMesh):
+        """Regenerate the surface and measure it."""
+        measures = require_list(self.options["measures"], "measure", MEMBERS, self.msginfo)
+        surface = measures[0].surface
+        for measure in measures:
+            if measure.surface is not surface:
+                raise InputError(
+                    f"{self.msginfo}: measure '{measure.name}' is of another SurfaceGrid; make all with the same one"
+                )
+        self._require_names([measure.name for measure in measures])
+        if self.options["surface"] is None:
+            self._add("evaluate_surface", SurfaceEvaluate(model=self.options["model"], mesh=mesh, surface=surface))
+        elif self.options["surface"] is not surface:
+            raise InputError(f"{self.msginfo}: the measures are of another surface than the nodes; make them with it")
+        for measure in measures:
+            self._add(f"measure_{measure.name}", SurfaceMeasure(measure=measure))
+
+    def _require_names(self, names: list[str]):
+        """Refuse names of measures that are taken."""
+        parametrization = self.options["parametrization"]
+        variables = [] if parametrization is None else [variable.name for variable in parametrization.variables]
+        twice = [name for n, name in enumerate(names) if name in names[:n] or name in variables or name in ALL_NAMES]
+        if twice:
+            raise InputError(
+                f"{self.msginfo}: the name '{twice[0]}' of a measure is taken; give it another one with name=..."
+            )
+
+    def _mover(self) -> Mover:
+        """The user's mover, or rotations, in a frame that goes along if that is asked for."""
+        mover = self._own_mover()
+        return ComovingFrame(mover) if self.options["comoving"] else mover
+
+    def _own_mover(self) -> Mover:
+        """The user's mover, or rotations."""
+        model, mover, parametrization = (self.options[name] for name in ("model", "mover", "parametrization"))
+        if mover is None and parametrization is None:
+            return Rotations(moving_mesh(model))
+        whose = "parametrization" if mover is None else "mover"
+        mover = mover or Rotations(parametrization.mesh)
+        mesh = mesh_of(mover, self.msginfo)
+        require_mesh_of(model, mesh, f"{self.msginfo}: the {whose}'s mesh")
+        if parametrization is not None and not np.array_equal(mesh.surface_ids, parametrization.mesh.surface_ids):
+            raise InputError(
+                f"{self.msginfo}: the mover and the parametrization have different design surfaces; "
+                f"make both with the same moving_mesh(model)"
+            )
+        return mover

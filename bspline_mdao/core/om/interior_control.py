@@ -1,0 +1,103 @@
+"""Interior control points as design variables, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...base.checks import require_list
+from ...errors import InputError
+from ...names import ALL_NAMES, CONTROL_POINTS, CONTROL_POINTS_INITIAL
+from ..design.interior_points import InteriorShift
+from ..model.fitted_model import FittedModel
+from .check_directions import check_along_directions
+from .component import LINEAR_STEP, SparseComponent, fails_together, finite_points, finite_values
+from .model_option import declare_model
+
+
+class InteriorControl(SparseComponent):
+    """Move interior control points by design variables, one after the other; the surface stays.
+
+    The component is linear. Before a mover, promote ``control_points`` as ``control_points_initial`` of that, so that
+    surface and inside are designed together; without one, `GridEvaluate` takes ``control_points`` as they are.
+
+    ==========================  ======  ====================  =====  ===============================================
+    name                        role    shape                 units  meaning
+    ==========================  ======  ====================  =====  ===============================================
+    name of each variable       input   (n_values,)                  its values, zero where nothing moves
+    ``control_points_initial``  input   (3 n_control_points)  m      control points before, xyz interleaved
+    ``control_points``          output  (3 n_control_points)  m      control points after
+    ==========================  ======  ====================  =====  ===============================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid.
+    variables : sequence of InteriorPoints
+        The variables.
+
+    Attributes
+    ----------
+    shifts : dict of str to InteriorShift
+        After ``setup``: the bounds, and which points each value moves.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if two variables have one name or one that is taken, or one has no point to move.
+    om.AnalysisError
+        In a run, if a value or a control point is not finite.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import InteriorControl, InteriorPoints, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(reports=None)
+    >>> component = InteriorControl(model=model, variables=[InteriorPoints("inside")])
+    >>> _ = problem.model.add_subsystem("body", component, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> problem.get_val("control_points").shape
+    (234,)
+    """
+
+    is_linear = True
+    """Whether the outputs depend linearly (affinely) on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        declare_model(self, FittedModel)
+        self.options.declare("variables", recordable=False, desc="interior control points that move")
+        self.shifts: dict[str, InteriorShift] = {}
+
+    @fails_together
+    def setup(self):
+        """Declare the variables, of the sizes of the model."""
+        model, points = self.options["model"], self.options["model"].control_points
+        variables = require_list(self.options["variables"], "variable", ("name", "bind"), self.msginfo)
+        self.shifts = {}
+        for variable in variables:
+            if not variable.name or variable.name in ALL_NAMES or variable.name in self.shifts:
+                raise InputError(f"{self.msginfo}: the name '{variable.name}' of a variable is taken; choose another")
+            self.shifts[variable.name] = variable.bind(model)
+            self.add_input(variable.name, val=self.shifts[variable.name].initial)
+        self.add_input(CONTROL_POINTS_INITIAL, val=points.ravel(), units="m")
+        self.add_output(CONTROL_POINTS, val=points.ravel(), units="m")
+        check_along_directions(self, LINEAR_STEP)
+
+    @fails_together
+    def setup_partials(self):
+        """Declare the Jacobian once and for all."""
+        diagonal = np.arange(self.options["model"].control_points.size)
+        self.declare_sparse(CONTROL_POINTS, CONTROL_POINTS_INITIAL, diagonal, diagonal, 1.0)
+        for name, shift in self.shifts.items():
+            entries = shift.matrix.tocoo()
+            self.declare_sparse(CONTROL_POINTS, name, entries.row, entries.col, entries.data)
+
+    @fails_together
+    def compute(self, inputs, outputs):
+        """Move the points."""
+        points = finite_points(inputs[CONTROL_POINTS_INITIAL], CONTROL_POINTS_INITIAL, self.msginfo)
+        for name, shift in self.shifts.items():
+            points = shift.apply(points, finite_values(inputs[name], name, self.msginfo))
+        outputs[CONTROL_POINTS] = points.ravel()

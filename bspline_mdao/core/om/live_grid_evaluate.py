@@ -1,0 +1,150 @@
+"""The grid that belongs to a set of control points and to a baseline grid that changes, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ...errors import InputError
+from ...names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
+from ..fit.live_fit import LiveGrid, LiveGridState, live_grid
+from ..model.fitted_model import FittedModel
+from .checked_along_edges import check_along_edges, numbered_blocks
+from .component import (
+    CheckedOnProcesses,
+    LastState,
+    add_product,
+    fails_together,
+    failures_as_analysis_errors,
+    finite_points,
+    refuse_complex_step,
+)
+from .fit import LIVE_SHARPNESS
+from .model_option import declare_model
+from .shares import WholeNodes, blocks_of, declare_partition
+
+INPUTS = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
+
+
+class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
+    """Regenerate the grid where parameters and knots follow the baseline grid x0: `bspline_mdao.core.fit.live_fit`.
+
+    The partner of ``Fit(live=True)``: behind a grid generator the totals of the regenerated grid are exact. Residual
+    and wall layer are those of x0; which nodes are near a wall, and how much they follow it, stays as in the model. Of
+    a model without ``wall_layer`` the grid is ``x = x0 + A(x0) (b - b0)``. Where there is no residual either, it is
+    ``x = A(x0) b``, and there is no input ``control_points_initial``.
+
+    ==========================  ======  ====================  =====  ===============================================
+    name                        role    shape                 units  meaning
+    ==========================  ======  ====================  =====  ===============================================
+    ``grid_initial``            input   (3 n_nodes)           m      nodes of the baseline, as for `Fit`
+    ``control_points_initial``  input   (3 n_control_points)  m      control points fitted to the baseline
+    ``control_points``          input   (3 n_control_points)  m      control points after movement
+    ``grid``                    output  (3 n_nodes)           m      nodes, blocks in file order, each in C order of
+                                                                     (i, j, k), xyz interleaved
+    ==========================  ======  ====================  =====  ===============================================
+
+    On several processes ``grid_initial`` and ``grid`` are distributed, as ``grid_initial`` of `Fit`. Each process is
+    sent all nodes, and evaluates all of the grid: for grids that fit into the memory of one.
+
+    Options
+    -------
+    model : FittedModel
+        Fit of a baseline grid: topology, orders and numbers of control points.
+    partition : Partition, optional
+        Which blocks each process holds, none of them cut; by default
+        ``Partition.of(model.topology, n, imbalance=math.inf)``.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the model's parameters are corrected or given, or its knots are the user's own, or if the
+        partition cuts a block or is of another number of processes; in a run, under complex step.
+    om.AnalysisError
+        In a run, if a number is not finite, if the nodes have no parameters and knots, or if the surroundings of a
+        point are turned inside out.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import LiveGridEvaluate, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", LiveGridEvaluate(model=model), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> problem.get_val("grid").shape
+    (2250,)
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        declare_model(self, FittedModel, desc="fit of the baseline grid")
+        declare_partition(self)
+
+    @fails_together
+    def setup(self):
+        """Declare the variables, of the sizes of the model."""
+        model, is_shared = self.options["model"], self.comm.size > 1
+        partition = blocks_of(self)
+        self._whole = WholeNodes.of(self.comm, partition)
+        grid = model.regenerate()
+        baseline = grid.to_vector().reshape(-1, 3)
+        self._baseline, self._last = LastState(), LastState()
+        needs_initial = self._baseline.at([baseline], self._grid).needs_initial
+        own = self._whole.own(baseline).ravel()
+        self.add_input(GRID_INITIAL, val=own, units="m", distributed=is_shared)
+        if needs_initial:
+            self.add_input(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
+        self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
+        self.add_output(GRID, val=own, units="m", distributed=is_shared)
+        shapes = (window.shape for window in partition.pieces[self.comm.rank])
+        check_along_edges(self, GRID_INITIAL, numbered_blocks(shapes), LIVE_SHARPNESS)
+        for name in (CONTROL_POINTS_INITIAL, CONTROL_POINTS) if needs_initial else (CONTROL_POINTS,):
+            check_along_edges(self, name, model.mesh.control_ids)
+
+    def compute(self, inputs, outputs):
+        """Evaluate the volumes at the nodes, and let nodes follow walls."""
+        outputs[GRID] = self._whole.own(self._state_at(inputs).nodes).ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose."""
+        state, whole = self._state_at(inputs), self._whole
+
+        def jvp(d_nodes, *d_control):
+            return whole.own(state.jvp(whole.gather(d_nodes), *d_control))
+
+        def vjp(bar):
+            nodes_bar, *control_bars = state.vjp(whole.gather(bar))
+            return [None if nodes_bar is None else whole.own(nodes_bar), *control_bars]
+
+        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=INPUTS)
+
+    def _grid(self, nodes: np.ndarray) -> LiveGrid:
+        return live_grid(self.options["model"], nodes)
+
+    def _state_at(self, inputs) -> LiveGridState:
+        points = self._points(inputs)
+        points[GRID_INITIAL] = self._whole.gather(points[GRID_INITIAL])
+        return self._state_of(points)
+
+    @fails_together
+    def _points(self, inputs) -> dict[str, np.ndarray]:
+        """Inputs as points, those of the grid of this process alone."""
+        refuse_complex_step(self)
+        return {name: finite_points(inputs[name], name, self.msginfo) for name in INPUTS if name in inputs}
+
+    @fails_together
+    def _state_of(self, points: dict[str, np.ndarray]) -> LiveGridState:
+        with failures_as_analysis_errors(self, (InputError,)):
+            grid = self._baseline.at([points[GRID_INITIAL]], self._grid)
+
+        def make(*copies: np.ndarray) -> LiveGridState:
+            made_for = dict(zip(points, copies))
+            return grid.at(made_for.get(CONTROL_POINTS_INITIAL), made_for[CONTROL_POINTS])
+
+        with failures_as_analysis_errors(self):
+            return self._last.at(list(points.values()), make)

@@ -1,0 +1,49 @@
+"""Which nodes of a surface or a grid each process of a solver holds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....base.numerics.processes import summed, together
+from ....errors import InputError
+from ..component import as_node_numbers
+
+__all__ = ["nodes_of_rank"]
+
+
+def nodes_of_rank(numbers, n: int, name: str, comm, pathname: str) -> np.ndarray:
+    """Numbers of the nodes that this process holds.
+
+    Parameters
+    ----------
+    numbers : sequence of int, optional
+        As a user gives them, on every process its own, or none of them. By default all nodes are dealt out in their
+        order, as many to each process.
+    n : int
+        Number of nodes there are.
+    name, pathname : str
+        Option and component, for messages.
+    comm : communicator
+        The processes.
+
+    Returns
+    -------
+    ndarray of int
+
+    Raises
+    ------
+    InputError
+        On all processes, if one of them gives a number that does not exist, or if none gives any.
+    """
+    if comm.size == 1:
+        return as_node_numbers(numbers, n, name, pathname)
+    with together(comm):
+        if numbers is None:
+            here = np.arange(n * comm.rank // comm.size, n * (comm.rank + 1) // comm.size)
+        elif np.size(numbers) == 0:
+            here = np.zeros(0, dtype=int)
+        else:
+            here = as_node_numbers(numbers, n, name, pathname)
+    if not summed(comm, np.array([len(here)])).any():
+        raise InputError(f"{pathname}: no process gives any of '{name}'; give those of the solver's nodes on each")
+    return here

@@ -1,0 +1,186 @@
+"""The warper role of MPhys: surface coordinates to volume coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ....base.numerics.processes import summed, together
+from ....grids.topology.partition import Partition, Share
+from ....names import GRID, SURFACE
+from ...fit.surface_fit import SurfaceMiss
+from ...mesh.surface import SurfaceGrid
+from ...model.fitted_model import FittedModel
+from ..check_directions import check_along_directions
+from ..component import LINEAR_STEP, CheckedOnProcesses, finite_points
+from ..grid_movement import GridMovement
+from ..model_option import Copied, declare_model
+from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG
+from .distribution import nodes_of_rank
+from .renamed import Renamed, Renaming
+from .wiring import require_source_before
+
+__all__ = ["VolumeWarper"]
+
+
+INSIDE = (
+    'the grid has to be moved inside the coupling: give the builder scenario="aerostructural", or let it return this '
+    "group from get_coupling_group_subsystem instead of get_pre_coupling_subsystem"
+)
+"""What to do where the nodes of the surface come from a coupling that has not run yet."""
+
+
+class VolumeWarper(Copied, om.Group):
+    """Move the volume behind the surface, as IDWarp does for ADflow and DAFoam.
+
+    The surface control points follow the nodes, the mover moves the control mesh, and the grid is regenerated,
+    with the nodes of its wall exactly where the solver has them.
+
+    ===================  ======  ============  ==============================================================
+    name                 role    shape         meaning
+    ===================  ======  ============  ==============================================================
+    ``x_aero``           input   (3 n_points)  surface nodes of the solver (m)
+    ``x_aero0``          input   (3 n_points)  the same before an analysis; MPhys may connect it, nothing reads it
+    ``aero_vol_coords``  output  (3 n_nodes)   volume nodes of the solver (m), under the name ``volume_name``
+    ===================  ======  ============  ==============================================================
+
+    On several processes ``x_aero`` and the volume nodes are distributed: each process has the nodes of its own part of
+    the solver, any number of them.
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid.
+    mover : Mover, optional
+        Moves its control mesh; by default `Rotations` with all walls as the design surface.
+    surface : SurfaceGrid, optional
+        The design surface; all walls by default.
+    numbers : sequence of int, optional
+        The node of the surface that each of the solver's surface points is, of its points on this process, which may be
+        none; by default all in their order, as many on each process. Of a node that is given more than once, also by
+        several processes, the mean counts.
+    rows : sequence of int, optional
+        The row of the grid that each of the solver's volume nodes is, of its nodes on this process, see
+        `bspline_mdao.grids.topology.sharing`: no others are evaluated. By default all, blocks in file order, each in C
+        order of (i, j, k); of several processes each has those that `Partition.of` deals out to it.
+    volume_name : str
+        What the solver calls the volume nodes: "aero_vol_coords" (DAFoam), "adflow_vol_coords" (ADflow).
+    require_valid : bool
+        Refuse surfaces that invert cells of the grid, see `GridMovement`; none are where ``rows`` are given.
+    comoving : bool
+        Let all that is fixed go along with the rigid part of the surface's motion, see `GridMovement`.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if a number or a row does not exist, if the nodes do not determine the control points, or if the
+        mover is that of another model. In a run, if the nodes of the surface come from what runs later.
+
+    Notes
+    -----
+    Every node that the solver gives is met to round-off, whatever the surface: one from `SurfaceGeometry`, which gives
+    the grid of `GridMovement`, or an elastic wing's, of which control points alone would miss a part. That part fades
+    over the blocks, see :doc:`/theory/asked_walls`; `miss` tells how much it is, and where, and so does the log to
+    those who ask for information. Nodes of the surface that the solver does not give follow the control points.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import SurfaceGrid, VolumeWarper, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(VolumeWarper(model=model), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.set_val("x_aero", 1.1 * SurfaceGrid.of(model).points.ravel())
+    >>> problem.run_model()
+    >>> problem.get_val("aero_vol_coords").shape
+    (2250,)
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        declare_model(self, FittedModel)
+        self.options.declare("mover", default=None, recordable=False, desc="moves the control mesh of the model")
+        self.options.declare("surface", default=None, recordable=False, desc="the design surface")
+        self.options.declare("numbers", default=None, recordable=False, desc="surface nodes that the solver has")
+        self.options.declare("rows", default=None, recordable=False, desc="volume nodes that the solver has")
+        self.options.declare("volume_name", default=VOLUME, types=str, desc="name of the volume nodes")
+        self.options.declare("require_valid", types=bool, default=True, desc="refuse inverted cells of the grid")
+        self.options.declare("comoving", types=bool, default=False, desc="outer boundaries go along")
+
+    def setup(self):
+        """Add the components in the order of the chain."""
+        model, comm = self.options["model"], self.comm
+        surface = self.options["surface"] or SurfaceGrid.of(model)
+        numbers = nodes_of_rank(self.options["numbers"], surface.n_points, "numbers", comm, self.msginfo)
+        counts = summed(comm, np.bincount(numbers, minlength=surface.n_points))
+        valid, given = self.options["require_valid"], np.flatnonzero(counts)
+        options = {"model": model, "surface": surface, "numbers": given}
+        options |= {name: self.options[name] for name in ("mover", "comoving")}
+        share = self._share(model)
+        movement = GridMovement(**options, partition=share, require_valid=valid, fit=False, quality=False)
+        given_nodes = _SolverSurface(surface=surface, numbers=numbers, counts=counts)
+        self.add_subsystem("surface", given_nodes, promotes_inputs=[X_AERO], promotes_outputs=[SURFACE])
+        self.promotes("surface", inputs=[X_JIG], **(_FIRST if comm.size > 1 else {}))
+        self.add_subsystem("movement", movement, promotes_inputs=[SURFACE], promotes_outputs=[GRID])
+        nodes = {"shape": 3 * (model.n_nodes if share is None else share.n_nodes), "distributed": comm.size > 1}
+        handed = Renaming(GRID, self.options["volume_name"], {**nodes, "units": "m"}, {**nodes, "tags": COUPLING})
+        self.add_subsystem("nodes", Renamed(pairs=[handed]), promotes=["*"])
+
+    def _share(self, model: FittedModel) -> Share | None:
+        """Nodes of the grid that this process evaluates, in the solver's order; None for all of them on one process."""
+        rows, comm = self.options["rows"], self.comm
+        if rows is not None:
+            return Share.of_rows(nodes_of_rank(rows, model.n_nodes, "rows", comm, self.msginfo), model.n_nodes)
+        return None if comm.size == 1 else Partition.of(model.topology, comm.size).share(comm.rank)
+
+    @property
+    def miss(self) -> SurfaceMiss | None:
+        """Distances by which control points alone would have missed the nodes in the last run; None before any."""
+        return self.movement.fit_surface.miss
+
+
+_FIRST = {"src_indices": [0], "flat_src_indices": True, "src_shape": (1,)}
+"""Of what MPhys connects and nobody reads, one number: OpenMDAO leaves no distributed input unconnected."""
+
+
+class _SolverSurface(CheckedOnProcesses, om.ExplicitComponent):
+    """Take the nodes of the surface from a solver, each once: the mean of those that are given more than once.
+
+    The solver's nodes are distributed, the surface is the same on all processes: the sum of their parts.
+    """
+
+    def initialize(self):
+        self.options.declare("surface", types=SurfaceGrid, recordable=False)
+        self.options.declare("numbers", recordable=False)
+        self.options.declare("counts", recordable=False)
+
+    def setup(self):
+        numbers, counts = self.options["numbers"], self.options["counts"]
+        points, given = self.options["surface"].points, np.flatnonzero(counts)
+        self._places = np.searchsorted(given, numbers)
+        self._weights, self._is_wired = 1.0 / counts[numbers][:, None], False
+        nodes = {"val": points[numbers].ravel(), "distributed": self.comm.size > 1}
+        self.add_input(X_AERO, **nodes, tags=COUPLING)
+        self.add_input(X_JIG, **(nodes if self.comm.size == 1 else {}), tags=COORDINATES)
+        self.add_output(SURFACE, val=points[given].ravel(), units="m")
+        check_along_directions(self, LINEAR_STEP)
+
+    def _means(self, nodes: np.ndarray) -> np.ndarray:
+        means = np.zeros((self._get_var_meta(SURFACE, "size") // 3, 3), dtype=nodes.dtype)
+        np.add.at(means, self._places, nodes * self._weights)
+        return summed(self.comm, means)
+
+    def compute(self, inputs, outputs):
+        with together(self.comm):
+            if not self._is_wired:
+                require_source_before(self, X_AERO, INSIDE)
+            nodes = finite_points(inputs[X_AERO], X_AERO, self.msginfo)
+        self._is_wired = True
+        outputs[SURFACE] = self._means(nodes).ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        if SURFACE in d_outputs and X_AERO in d_inputs:
+            if mode == "fwd":
+                d_outputs[SURFACE] += self._means(d_inputs[X_AERO].reshape(-1, 3)).ravel()
+            else:
+                d_inputs[X_AERO] += (d_outputs[SURFACE].reshape(-1, 3)[self._places] * self._weights).ravel()

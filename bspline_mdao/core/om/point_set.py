@@ -1,0 +1,140 @@
+"""Points of other disciplines that follow the shape, such as the nodes of a structure, as an OpenMDAO component.
+
+Theory: ``docs/theory/body_points.rst``, ``docs/theory/inversion.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import openmdao.api as om
+
+from ...errors import InputError
+from ...names import CONTROL_POINTS, GRID, SURFACE
+from ..model.fitted_model import FittedModel
+from ..walls.embedded_points import EmbeddedState
+from .check_directions import check_along_directions
+from .checked_along_edges import check_along_edges, numbered_blocks
+from .component import LINEAR_STEP, fails_together
+from .model_option import declare_model
+from .moved_points import MovedPoints
+
+
+@dataclass(frozen=True, eq=False)
+class _Nodes:
+    """A grid that was given."""
+
+    nodes: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Ridden:
+    """Points that ride on walls, and their derivative."""
+
+    points: np.ndarray
+    jvp: Callable
+    vjp: Callable
+
+
+class PointSet(MovedPoints, om.ExplicitComponent):
+    """Move points that were not fitted with the shape: spars, ribs and tanks inside the body, probes in the flow.
+
+    Points inside the body ride on its walls alone. Where all do, the component needs nothing but these:
+
+    ===============  ======  ============  =====  ======================================================================
+    name             role    shape         units  meaning
+    ===============  ======  ============  =====  ======================================================================
+    ``surface``      input   (3 n_wall)    m      nodes of all walls, ``SurfaceGrid.of(model)``; see `SurfaceEvaluate`
+    ``points``       output  (3 n)         m      the points, under the name ``name``, xyz interleaved
+    ===============  ======  ============  =====  ======================================================================
+
+    Where some are in the volumes, it takes in the place of ``surface``
+
+    ==================  ======  ============  =====  ===================================================================
+    name                role    shape         units  meaning
+    ==================  ======  ============  =====  ===================================================================
+    ``control_points``  input   (3 n_c)       m      all control points, see `ControlMeshMove`
+    ``grid``            input   (3 n_nodes)   m      the grid of these, see `GridEvaluate`
+    ==================  ======  ============  =====  ===================================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid.
+    points : ndarray, shape (n, 3)
+        The points on the baseline (m).
+    name : str
+        Name of the output, "points" by default.
+    tolerance : float, optional
+        Distance (m) up to which a point counts as inside the volumes, see `FittedModel.embed_points`.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, with the number of the first point that is neither in a volume nor in the body, and if there are
+        several processes and points in the volumes: the grid is then distributed.
+    om.AnalysisError
+        In a run, if an input is not finite, or if the surroundings of a wall node are turned inside out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import PointSet, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(reports=None)
+    >>> component = PointSet(model=model, points=np.array([[2.0, 0.0, 0.0]]), name="probe")
+    >>> _ = problem.model.add_subsystem("body", component, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("control_points", 1.1 * model.control_points.ravel())
+    >>> problem.run_model()
+    >>> problem.get_val("probe").round(6) + 0.0
+    array([2.2, 0. , 0. ])
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        declare_model(self, FittedModel)
+        self.options.declare("points", types=np.ndarray, recordable=False, desc="the points on the baseline, m")
+        self.options.declare("name", types=str, default="points", desc="name of the output")
+        self.options.declare("tolerance", default=None, desc="distance up to which a point counts as inside, m")
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the outputs depend linearly (affinely) on the inputs: known after ``setup``."""
+        return self._embedded.layer is None
+
+    @fails_together
+    def setup(self):
+        """Find what the points are embedded in, and declare the variables."""
+        model = self.options["model"]
+        self._embedded = model.embed_points(self.options["points"], self.options["tolerance"])
+        n_in_volume, n_points = len(self._embedded.in_volume), len(self._embedded.points)
+        if n_in_volume and self.comm.size > 1:
+            raise InputError(
+                f"{self.msginfo}: {n_in_volume} of {n_points} points are in the volumes, the first is point "
+                f"{self._embedded.in_volume[0] + 1}, and {self.comm.size} processes share the grid there; give points "
+                f"inside the body, or take one process"
+            )
+        nodes = self._embedded.grid_map.nodes
+        if n_in_volume:
+            self._moves_by(self._of_grid, CONTROL_POINTS, GRID)
+            self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
+            self.add_input(GRID, val=nodes.ravel(), units="m")
+        else:
+            self._moves_by(self._of_walls, SURFACE)
+            self.add_input(SURFACE, val=nodes[self._embedded.wall_rows].ravel(), units="m")
+        self.add_output(self.options["name"], val=self._embedded.points.ravel(), units="m")
+        check_along_directions(self, LINEAR_STEP)
+        if not self.is_linear:  # of points in the volumes, some follow walls
+            check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)
+            check_along_edges(self, GRID, numbered_blocks(model.topology.shapes))
+
+    def _of_grid(self, control_points: np.ndarray, nodes: np.ndarray) -> EmbeddedState:
+        return self._embedded.at(control_points, _Nodes(nodes))
+
+    def _of_walls(self, nodes: np.ndarray) -> _Ridden:
+        body = self._embedded.body
+        return _Ridden(body.at(nodes), body.jvp, lambda bar: (body.vjp(bar),))

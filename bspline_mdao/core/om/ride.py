@@ -1,0 +1,116 @@
+"""An unstructured mesh that rides along with the control mesh, as an OpenMDAO component.
+
+Theory: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ...errors import InputError
+from ...grids.cells.mixed_cells import MixedMesh
+from ...names import CONTROL_POINTS
+from ..model.fitted_model import FittedModel
+from ..riding.riding_mesh import RidingMesh
+from .check_directions import check_along_directions
+from .checked_along_edges import check_along_edges
+from .component import LINEAR_STEP, fails_together
+from .model_option import declare_model
+from .moved_points import MovedPoints
+
+WALL = "wall"
+
+
+class Ride(MovedPoints, om.ExplicitComponent):
+    """Move the nodes of a mesh that was not fitted, of tetrahedra, wedges and others, with the control mesh.
+
+    ==================  ======  ====================  =====  =======================================================
+    name                role    shape                 units  meaning
+    ==================  ======  ====================  =====  =======================================================
+    ``control_points``  input   (3 n_control_points)  m      all control points, see `ControlMeshMove`
+    ``wall``            input   (3 n_wall)            m      with ``asked``: where the nodes of the mesh's walls are to
+                                                             be, those of `wall_nodes` on the baseline
+    ``mesh``            output  (3 n)                 m      nodes of the mesh, under the name ``name``, xyz interleaved
+    ==================  ======  ====================  =====  =======================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid.
+    mesh : MixedMesh
+        The mesh on the baseline, by ``read_mesh(file).mesh`` or from arrays.
+    name : str
+        Name of the output, "mesh" by default.
+    asked : bool
+        Whether the nodes of its walls are given. Without, they follow the control points.
+    walls : sequence of str, optional
+        Markers of the mesh that are walls; those that lie on walls of the grid by default.
+    tolerance : float, optional
+        Distance (m) up to which nodes may be outside the grid, see `RidingMesh`.
+    hold_outside : bool
+        Hold nodes that are farther outside.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if nodes are outside the grid, a marker does not exist, or nodes of walls are to be given and
+        there are none.
+    om.AnalysisError
+        In a run, if an input is not finite, if the surroundings of a wall node are turned inside out, or if the
+        boundary of the grid moves beside nodes that are held.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import MixedMesh, Ride, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> corners = np.array([[2.0, 0.0, 0.0], [2.5, 0.0, 0.0], [2.0, 0.5, 0.0], [2.0, 0.0, 0.5]])
+    >>> mesh = MixedMesh(corners, {"tetra": np.array([[0, 1, 2, 3]])})
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("ride", Ride(model=model, mesh=mesh), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("control_points", 1.1 * model.control_points.ravel())
+    >>> problem.run_model()
+    >>> problem.get_val("mesh")[:3].round(6) + 0.0
+    array([2.2, 0. , 0. ])
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        declare_model(self, FittedModel)
+        self.options.declare("mesh", types=MixedMesh, recordable=False, desc="the mesh on the baseline")
+        self.options.declare("name", types=str, default="mesh", desc="name of the output")
+        self.options.declare("asked", types=bool, default=False, desc="whether nodes of walls are given")
+        self.options.declare("walls", default=None, desc="markers that are walls")
+        self.options.declare("tolerance", default=None, desc="distance up to which nodes may be outside, m")
+        self.options.declare("hold_outside", types=bool, default=False, desc="hold nodes farther outside")
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the nodes depend linearly (affinely) on the inputs: known after ``setup``."""
+        return self._riding.walls is None
+
+    @property
+    def wall_nodes(self) -> np.ndarray:
+        """Numbers of the nodes of the mesh's walls, ascending: known after ``setup``."""
+        return np.zeros(0, dtype=int) if self._riding.walls is None else self._riding.walls.rows
+
+    @fails_together
+    def setup(self):
+        """Look for the nodes in the volumes, and declare the variables."""
+        options = self.options
+        model, mesh = options["model"], options["mesh"]
+        chosen = {name: options[name] for name in ("walls", "tolerance", "hold_outside")}
+        self._riding = RidingMesh.of(model, mesh, **chosen)
+        if options["asked"] and not self._riding.n_asked:
+            raise InputError(f"{self.msginfo}: the mesh has no walls whose nodes could be given; leave 'asked' out")
+        self._moves_by(self._riding.at, *((CONTROL_POINTS, WALL) if options["asked"] else (CONTROL_POINTS,)))
+        self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
+        if options["asked"]:
+            self.add_input(WALL, val=mesh.points[self.wall_nodes].ravel(), units="m")
+        self.add_output(options["name"], val=mesh.points.ravel(), units="m")
+        check_along_directions(self, LINEAR_STEP)
+        if not self.is_linear:
+            check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)

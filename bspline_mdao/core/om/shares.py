@@ -1,0 +1,133 @@
+"""Which nodes of a grid each process of a component holds: its model, and its option ``partition``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import openmdao.api as om
+
+from ...errors import InputError
+from ...grids.topology.index_space import Window
+from ...grids.topology.partition import Partition, Share
+from ..fit.fit_nodes import whole_blocks
+from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare
+
+
+def declare_partition(component: om.ExplicitComponent) -> None:
+    """Declare the option ``partition``, in ``initialize``."""
+    component.options.declare(
+        "partition",
+        default=None,
+        types=(Partition, Share),
+        recordable=False,
+        desc="nodes that each process holds: a Partition, or the Share of this one; dealt out by default",
+    )
+
+
+def share_of(component: om.ExplicitComponent) -> Share | None:
+    """Take the nodes that this process holds, by the option ``partition`` or else by the option ``model``.
+
+    Returns
+    -------
+    Share or None
+        None where one process has all of the grid, in its order.
+
+    Raises
+    ------
+    InputError
+        If the partition is one of another number of processes, or the model is a share of other nodes.
+    """
+    model, partition, n_ranks = component.options["model"], component.options["partition"], component.comm.size
+    if partition is None:
+        if isinstance(model, ModelShare):
+            return model.share
+        return None if n_ranks == 1 else Partition.of(model.topology, n_ranks).share(component.comm.rank)
+    if isinstance(partition, Share):
+        return partition
+    if partition.n_ranks != n_ranks:
+        raise InputError(
+            f"{component.msginfo}: the partition is one of {partition.n_ranks} processes, and there are {n_ranks}; "
+            f"make it by Partition.of(model.topology, {n_ranks})"
+        )
+    return partition.share(component.comm.rank)
+
+
+def part_of_model(component: om.ExplicitComponent) -> FittedModel | ModelShare:
+    """Take what this process holds of the option ``model``: all of it where `share_of` gives none.
+
+    Raises
+    ------
+    InputError
+        As `share_of`; also if the partition is of another grid, or the model is a share of other nodes.
+    """
+    model, share = component.options["model"], share_of(component)
+    if share is None:
+        return model
+    if isinstance(model, FittedModel):
+        return model.share(share)
+    if not np.array_equal(model.share.rows, share.rows):
+        raise InputError(
+            f"{component.msginfo}: the model is a share of other nodes than the partition's; leave the partition out"
+        )
+    return model
+
+
+def blocks_of(component: om.ExplicitComponent) -> Partition:
+    """Take the partition of a component that needs whole blocks: its option, or one that cuts none.
+
+    Raises
+    ------
+    InputError
+        If the option is a share, is one of another number of processes, or cuts a block.
+    """
+    topology, partition, n_ranks = (
+        component.options["model"].topology,
+        component.options["partition"],
+        component.comm.size,
+    )
+    advice = f"make it by Partition.of(model.topology, {n_ranks}, imbalance=math.inf)"
+    if partition is None:
+        return whole_blocks(topology, n_ranks)
+    if isinstance(partition, Share) or partition.n_ranks != n_ranks or partition.shapes != topology.shapes:
+        raise InputError(f"{component.msginfo}: needs a partition of all blocks to {n_ranks} processes; {advice}")
+    for window in (window for windows in partition.pieces for window in windows):
+        if window != Window.whole(window.block, topology.shapes[window.block]):
+            raise InputError(f"{component.msginfo}: needs whole blocks, and block {window.block + 1} is cut; {advice}")
+    return partition
+
+
+@dataclass(frozen=True, eq=False)
+class WholeNodes:
+    """Nodes of a whole grid on every process, from those that each holds: for maps that need all of them.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes.
+    rows : tuple of ndarray of int
+        Rows in the grid vector of the nodes of each process.
+    """
+
+    comm: Any
+    rows: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, comm: Any, partition: Partition) -> WholeNodes:
+        """Take the rows of a partition."""
+        return cls(comm, tuple(partition.share(rank).rows for rank in range(partition.n_ranks)))
+
+    def gather(self, nodes: np.ndarray) -> np.ndarray:
+        """Nodes of the grid, shape (n_nodes, 3), from those of each process, shape (n, 3)."""
+        if self.comm.size == 1:
+            return nodes
+        whole = np.empty((sum(map(len, self.rows)), 3), nodes.dtype)
+        for rows, part in zip(self.rows, self.comm.allgather(nodes)):
+            whole[rows] = part
+        return whole
+
+    def own(self, whole: np.ndarray) -> np.ndarray:
+        """Nodes of this process, shape (n, 3), out of those of the grid."""
+        return whole if self.comm.size == 1 else whole[self.rows[self.comm.rank]]

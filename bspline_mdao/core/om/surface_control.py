@@ -1,0 +1,110 @@
+"""Surface control points from design variables, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+from ...names import CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
+from ..design.parametrization import Parametrization
+from .check_directions import check_along_directions
+from .component import (
+    SMOOTH_STEP,
+    SparseComponent,
+    SparsePattern,
+    fails_together,
+    finite_points,
+    finite_values,
+    refuse_complex_step,
+)
+
+
+class SurfaceControl(SparseComponent):
+    """Move the surface control points by design variables: free-form, planform, the user's own, and all of them.
+
+    The variables are those of a `Parametrization`; each is an input under its own name and moves nothing at its initial
+    value. Linear constraints among the control points are eliminated, so that any values satisfy them.
+
+    ==========================  ======  ====================  =====  ===============================================
+    name                        role    shape                 units  meaning
+    ==========================  ======  ====================  =====  ===============================================
+    name of each variable       input   (n_values)            its    its values
+    ``control_points_initial``  input   (3 n_control_points)  m      control points before the move, xyz interleaved
+    ``surface_control_points``  output  (3 n_surface)         m      those on the design surface after the move, in
+                                                                     the order of the mesh's ``surface_ids``
+    ==========================  ======  ====================  =====  ===============================================
+
+    Options
+    -------
+    parametrization : Parametrization
+        The variables and the linear constraints.
+
+    Raises
+    ------
+    om.AnalysisError
+        In a run, if a value or a control point is not finite.
+    InputError
+        For partial derivatives under complex step.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import DesignSurface, SurfaceControl, Twist, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
+    >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", SurfaceControl(parametrization=shape), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> problem.get_val("surface_control_points").size == 3 * wing.mesh.surface_ids.size
+    True
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare(
+            "parametrization", types=Parametrization, recordable=False, desc="variables and constraints"
+        )
+
+    @fails_together
+    def setup(self):
+        """Declare the variables, of the sizes of the parametrization."""
+        parametrization = self.options["parametrization"]
+        mesh = parametrization.mesh
+        for variable in parametrization.variables:
+            self.add_input(variable.name, val=parametrization.initial[variable.name], units=variable.units)
+        self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
+        self.add_output(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
+        check_along_directions(self, SMOOTH_STEP)
+
+    @fails_together
+    def setup_partials(self):
+        """Declare what may differ from zero."""
+        pattern, ids = self.options["parametrization"].pattern, self.options["parametrization"].mesh.surface_ids
+        columns = (3 * ids[:, None] + [0, 1, 2]).ravel()
+        self._sparse = {CONTROL_POINTS_INITIAL: SparsePattern.of(pattern.initial)}
+        self._sparse |= {name: SparsePattern.of(values) for name, values in pattern.values.items()}
+        for name, sparse in self._sparse.items():
+            cols = columns[sparse.cols] if name == CONTROL_POINTS_INITIAL else sparse.cols
+            self.declare_sparse(SURFACE_CONTROL_POINTS, name, sparse.rows, cols)
+
+    @fails_together
+    def compute(self, inputs, outputs):
+        """Move the points."""
+        outputs[SURFACE_CONTROL_POINTS] = self.options["parametrization"].apply(*self._at(inputs)).ravel()
+
+    @fails_together
+    def compute_partials(self, inputs, partials):
+        """Differentiate the move."""
+        refuse_complex_step(self)
+        found = self.options["parametrization"].partials(*self._at(inputs))
+        for name, matrix in {CONTROL_POINTS_INITIAL: found.initial, **found.values}.items():
+            partials[SURFACE_CONTROL_POINTS, name] = self._sparse[name].data(matrix, f"{self.msginfo}: '{name}'")
+
+    def _at(self, inputs):
+        """Surface control points of the baseline and the values of all variables."""
+        parametrization = self.options["parametrization"]
+        initial = finite_points(inputs[CONTROL_POINTS_INITIAL], CONTROL_POINTS_INITIAL, self.msginfo)
+        names = [variable.name for variable in parametrization.variables]
+        values = {name: finite_values(inputs[name], name, self.msginfo) for name in names}
+        return initial[parametrization.mesh.surface_ids], values

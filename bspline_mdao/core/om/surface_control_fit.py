@@ -1,0 +1,149 @@
+"""Surface control points fitted to surface nodes, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import openmdao.api as om
+
+from ...grids.topology.sharing import node_sharing
+from ...names import SURFACE, SURFACE_CONTROL_POINTS
+from ..fit.surface_fit import LOGGER, FollowedSurface, SurfaceFollower, SurfaceMiss
+from ..mesh.moving_mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid
+from ..mesh.surface_map import SurfaceMap
+from ..model.fitted_model import FittedModel
+from ..movement.mover import PLANE_TOLERANCE
+from .checked_along_edges import CheckedAlongEdges, check_along_edges, lines_among
+from .component import (
+    LastState,
+    add_product,
+    as_node_numbers,
+    fails_together,
+    failures_as_analysis_errors,
+    finite_points,
+)
+from .model_option import declare_model
+
+
+class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
+    """Let the surface control points follow surface nodes: smoothly, and rigid motions exactly.
+
+    They are a quasi-interpolant of the nodes, which does not swing about kinks as least squares do. What control points
+    miss of the nodes is left to `GridEvaluate`, which puts these exactly where they are asked to be. Control points on
+    planes of symmetry stay in them. See `bspline_mdao.core.fit.surface_fit`.
+
+    ==========================  ======  =============  =====  ======================================================
+    name                        role    shape          units  meaning
+    ==========================  ======  =============  =====  ======================================================
+    ``surface``                 input   (3 n)          m      nodes of the `SurfaceGrid`, or those of ``numbers``, xyz
+                                                              interleaved
+    ``surface_control_points``  output  (3 n_surface)  m      control points on the design surface, in the order of the
+                                                              mesh's ``surface_ids``
+    ==========================  ======  =============  =====  ======================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid.
+    mesh : MovingMesh
+        Its control mesh, which says what is the design surface.
+    surface : SurfaceGrid
+        Which nodes.
+    numbers : sequence of int, optional
+        Which of these nodes are given; all by default.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the nodes do not determine the control points, or depend on others than those.
+    om.AnalysisError
+        In a run, if a node is not finite, or leaves a plane of symmetry.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import SurfaceControlFit, SurfaceGrid, brick_grid, fit_grid, moving_mesh
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> surface = SurfaceGrid.of(model)
+    >>> problem = om.Problem(reports=None)
+    >>> component = SurfaceControlFit(model=model, mesh=moving_mesh(model), surface=surface)
+    >>> _ = problem.model.add_subsystem("body", component, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("surface", 1.1 * surface.points.ravel())
+    >>> problem.run_model()
+    >>> problem.get_val("surface_control_points").shape
+    (78,)
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly (affinely) on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        declare_model(self, FittedModel)
+        self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
+        self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="which nodes")
+        self.options.declare("numbers", default=None, recordable=False, desc="which of them are given")
+        self._last = LastState()
+
+    @property
+    def miss(self) -> SurfaceMiss | None:
+        """Distances of the nodes of the last run from those of the control points alone; None before any."""
+        if self._last.points is None:
+            return None
+        (nodes,), (topology, source, rows) = self._last.points, self._places
+        fitted = self._map.apply(self._last.state.control_points)[self._numbers]
+        return SurfaceMiss.of(topology, source, rows, fitted, nodes)
+
+    @fails_together
+    def setup(self):
+        """Declare the variables, of the sizes of the mesh and the surface."""
+        model, mesh, surface = (self.options[name] for name in ("model", "mesh", "surface"))
+        self._numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
+        self._last, self._map = LastState(), SurfaceMap.of(model, mesh, surface)
+        self._follower = SurfaceFollower.of(model, mesh, surface, self._numbers)
+        on_planes = surface.on_planes(model)
+        self._planes = [(np.isin(self._numbers, ids), normal) for ids, normal in on_planes]
+        self._places = model.topology, node_sharing(model.topology).source_rows(), surface.rows[self._numbers]
+        self.add_input(SURFACE, val=self._follower.baseline.ravel(), units="m")
+        self.add_output(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
+        check_along_edges(self, SURFACE, lines_among(self._numbers, surface.faces))
+
+    @fails_together
+    def compute(self, inputs, outputs):
+        """Let the control points follow, and log what they miss, for those who ask for information."""
+        followed = self._followed(inputs)
+        outputs[SURFACE_CONTROL_POINTS] = followed.control_points.ravel()
+        if self.under_complex_step:
+            outputs[SURFACE_CONTROL_POINTS] += 1j * followed.jvp(inputs[SURFACE].imag.reshape(-1, 3)).ravel()
+        elif not self.under_approx and LOGGER.isEnabledFor(logging.INFO):
+            LOGGER.info("%s: of control points alone, %s", self.msginfo, self.miss)
+
+    @fails_together
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose at the inputs."""
+        followed = self._followed(inputs)
+        products = {"jvp": followed.jvp, "vjp": followed.vjp}
+        add_product(inputs, d_inputs, d_outputs, mode, **products, of=SURFACE_CONTROL_POINTS, wrt=SURFACE)
+
+    def _followed(self, inputs) -> FollowedSurface:
+        nodes = finite_points(inputs[SURFACE], SURFACE, self.msginfo).real
+        with failures_as_analysis_errors(self):
+            return self._last.at([nodes], self._follow)
+
+    def _follow(self, nodes: np.ndarray) -> FollowedSurface:
+        self._require_in_planes(nodes)
+        return self._follower.at(nodes)
+
+    def _require_in_planes(self, nodes: np.ndarray) -> None:
+        """Refuse nodes that leave their planes of symmetry."""
+        for is_member, normal in self._planes:
+            off = np.abs((nodes - self._follower.baseline)[is_member] @ normal)
+            if off.max(initial=0.0) > PLANE_TOLERANCE * self.options["mesh"].size:
+                number = np.flatnonzero(is_member)[np.argmax(off)]
+                raise om.AnalysisError(
+                    f"{self.msginfo}: point {number + 1} of '{SURFACE}' leaves its plane of symmetry by "
+                    f"{off.max():.3g} m; keep the nodes on planes of symmetry in them"
+                )

@@ -1,0 +1,103 @@
+"""The surface that belongs to a set of surface control points, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import openmdao.api as om
+
+from ...names import SURFACE, SURFACE_CONTROL_POINTS
+from ..mesh.moving_mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid
+from ..mesh.surface_map import SurfaceMap, SurfaceState
+from .check_directions import check_along_directions
+from .checked_along_edges import CheckedAlongEdges, check_along_edges, lines_among
+from .component import LINEAR_STEP, LastState, add_product, fails_together, failures_as_analysis_errors, finite_points
+from .model_option import declare_model
+
+
+class SurfaceEvaluate(CheckedAlongEdges, om.ExplicitComponent):
+    """Regenerate the nodes of some patches from the surface control points, Eq. (3), without moving the grid.
+
+    They are those of `GridEvaluate` to round-off, at a fraction of the cost. The component is linear (`is_linear`)
+    where the residual of the fit does not turn with the surface.
+
+    ==========================  ======  =============  =====  ======================================================
+    name                        role    shape          units  meaning
+    ==========================  ======  =============  =====  ======================================================
+    ``surface_control_points``  input   (3 n_surface)  m      those on the design surface, in the order of the mesh's
+                                                              ``surface_ids``
+    ``surface``                 output  (3 n)          m      nodes of the `SurfaceGrid`, each once, xyz interleaved
+    ==========================  ======  =============  =====  ======================================================
+
+    Options
+    -------
+    model : FittedModel or ModelShare
+        The fitted grid, or what one of several processes needs of it.
+    mesh : MovingMesh
+        Its control mesh, which says what is the design surface.
+    surface : SurfaceGrid
+        Which nodes.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if nodes depend on control points that a mover may move and that are not on the design surface.
+    om.AnalysisError
+        In a run, if a control point is not finite, or if the surroundings of a point are turned inside out.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import SurfaceEvaluate, SurfaceGrid, brick_grid, fit_grid, moving_mesh
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> component = SurfaceEvaluate(model=model, mesh=moving_mesh(model), surface=SurfaceGrid.of(model))
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", component, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> problem.get_val("surface").shape
+    (294,)
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        declare_model(self)
+        self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
+        self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="which nodes")
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the outputs depend linearly (affinely) on the inputs."""
+        model = self.options["model"]
+        return model.residual is None or not model.settings.wall_layer
+
+    @fails_together
+    def setup(self):
+        """Declare the variables."""
+        mesh, surface = self.options["mesh"], self.options["surface"]
+        self._map, self._last = SurfaceMap.of(self.options["model"], mesh, surface), LastState()
+        self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
+        self.add_output(SURFACE, val=surface.points.ravel(), units="m")
+        if self.is_linear:
+            check_along_directions(self, LINEAR_STEP)
+        else:
+            check_along_edges(self, SURFACE_CONTROL_POINTS, lines_among(mesh.surface_ids, mesh.blocks))
+
+    @fails_together
+    def compute(self, inputs, outputs):
+        """Evaluate the volumes at the nodes."""
+        state = self._state_at(inputs)
+        outputs[SURFACE] = state.nodes.ravel()
+        if self.under_complex_step:
+            outputs[SURFACE] += 1j * state.jvp(inputs[SURFACE_CONTROL_POINTS].imag.reshape(-1, 3)).ravel()
+
+    @fails_together
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose at the inputs."""
+        state = self._state_at(inputs)
+        products = {"jvp": state.jvp, "vjp": state.vjp}
+        add_product(inputs, d_inputs, d_outputs, mode, **products, of=SURFACE, wrt=SURFACE_CONTROL_POINTS)
+
+    def _state_at(self, inputs) -> SurfaceState:
+        points = finite_points(inputs[SURFACE_CONTROL_POINTS], SURFACE_CONTROL_POINTS, self.msginfo).real
+        with failures_as_analysis_errors(self):
+            return self._last.at([points], self._map.at)

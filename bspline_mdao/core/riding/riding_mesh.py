@@ -1,0 +1,432 @@
+"""The map from the control points of a fitted grid to the nodes of a mesh that rides along.
+
+    y = x0 + A (b - b0)                     A: the volumes at the parameters of the nodes
+    y <- y + F (w - y_wall)                 w: nodes of the mesh's own walls; F fades around them
+    x = layer(y; x0, w)                     nodes near these walls follow them as a rigid body
+
+The nodes of walls are where they are asked to be or, where nothing is asked, where the volumes put them,
+
+    w = y_wall + (G - G0) d ,               d: what the volumes miss of them; G turns with the wall.
+
+All is linear in b but for the rotations of walls. At b0 the mesh is x0 to the last bit: what the map misses of it
+there, which is round-off, is added everywhere.
+
+Theory: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from ...base.checks import as_finite_points
+from ...base.display import OneLine
+from ...errors import InputError, MovementError
+from ...grids.cells.mixed_cells import MixedMesh, first_heights, wall_normals
+from ...grids.cells.quads import area_vectors
+from ..evaluation.evaluator import Evaluator
+from ..evaluation.inversion import PointInversion, embed_points, invert_points
+from ..model.fitted_model import FittedModel
+from ..walls.closest_points import TriangleTree
+from ..walls.embedded_points import ON_PLANE, planes_of
+from ..walls.frames import Frames
+from ..walls.layer import Layered, WallLayer
+from ..walls.wall import Wall
+from .wall_faces import GridBoundary, WallFaces
+
+__all__ = ["RiddenMesh", "RidingMesh"]
+
+FADE = 8.0, 0.1
+"""Widths of the faces of a wall over which a difference between where its nodes are asked to be and where the volumes
+put them fades, but at least this part of the size of all walls: next to narrow faces at edges, widths alone are less
+than the difference, and cells fold (127 of pyHyp's M6 as wedges, bent by 30 degrees at half span; none so)."""
+
+STAYS = 1e-9
+"""Displacement, by the size of the grid, up to which the boundary beside held nodes counts as at rest."""
+
+
+AT_END = 1e-12
+"""Parameters this close to 0 or 1 are there: the search knows places no better."""
+
+
+@dataclass(frozen=True, eq=False)
+class RidingWalls(OneLine):
+    """Walls of a mesh that rides.
+
+    Parameters
+    ----------
+    faces : WallFaces
+        Their faces.
+    rows : ndarray of int, shape (n_wall,)
+        Their nodes, ascending.
+    planes : list of (ndarray of int, ndarray of shape (3,))
+        Nodes of the mesh in planes that walls end on, and the planes' unit normals.
+    fading : scipy.sparse.csr_array, shape (n_points, n_wall)
+        F, but for these planes.
+    layer : WallLayer
+        Nodes that follow them.
+    missed : ndarray, shape (n_wall, 3)
+        d: what the volumes miss of their nodes (m).
+    at, beside : ndarray of int, shape (m,)
+        Numbers of nodes of walls among `rows`, and the nodes of the mesh next to them.
+    """
+
+    faces: WallFaces
+    rows: np.ndarray
+    planes: list[tuple[np.ndarray, np.ndarray]]
+    fading: csr_array
+    layer: WallLayer
+    missed: np.ndarray
+    at: np.ndarray
+    beside: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: MixedMesh, faces: WallFaces, planes: list, fixed: np.ndarray, missed: np.ndarray) -> RidingWalls:
+        """Find what follows walls; ``missed`` is what the volumes miss of all nodes, ``fixed`` are nodes that stay."""
+        rows = np.unique(faces.faces)
+        quads, points = np.searchsorted(rows, faces.faces), mesh.points[rows]
+        at, beside = first_heights(mesh, faces.faces, rows)
+        normals = wall_normals(mesh.points, faces.faces, rows)
+        heights = np.zeros(len(rows))
+        heights[at] = np.maximum(np.einsum("nd,nd->n", mesh.points[beside] - points[at], normals[at]), 0.0)
+        of_wall = [(np.flatnonzero(np.isin(rows, ids)), normal) for ids, normal in planes]
+        of_wall = [(ids, normal) for ids, normal in of_wall if len(ids)]
+        wall = Wall.of(points, quads, heights, of_wall, faces=faces.marker)
+        layer = WallLayer.of(wall, mesh.points, rows, planes, fixed)
+        return cls(faces, rows, planes, _fading(mesh.points, points, quads), layer, missed[rows], at, beside)
+
+    @property
+    def initial(self) -> np.ndarray:
+        """Their nodes on the baseline (m)."""
+        return self.layer.wall.tree.points
+
+    def faded(self, mismatch: np.ndarray) -> np.ndarray:
+        """F times what was missed of the nodes, shape (n_wall, 3): no node leaves a plane by it."""
+        return self._in_planes(self.fading @ mismatch)
+
+    def faded_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `faded`, from shape (n_points, 3)."""
+        return self.fading.T @ self._in_planes(bar.copy(), backwards=True)
+
+    def _in_planes(self, vectors: np.ndarray, backwards: bool = False) -> np.ndarray:
+        for ids, normal in self.planes[:: -1 if backwards else 1]:
+            vectors[ids] -= np.outer(vectors[ids] @ normal, normal)
+        return vectors
+
+    def heights(self, points: np.ndarray) -> np.ndarray:
+        """Heights of the nodes next to walls above them (m), shape (m,), of a mesh, shape (n_points, 3)."""
+        normals = wall_normals(points, self.faces.faces, self.rows)[self.at]
+        return np.einsum("nd,nd->n", points[self.beside] - points[self.rows[self.at]], normals)
+
+
+@dataclass(frozen=True, eq=False)
+class RidingMesh(OneLine):
+    """The map from control points to the nodes of a mesh. Made by `RidingMesh.of`.
+
+    Parameters
+    ----------
+    mesh : MixedMesh
+        The mesh on the baseline.
+    control_points : ndarray, shape (n_control_points, 3)
+        Control points of the baseline (m).
+    evaluator : Evaluator
+        A of the nodes that move.
+    rows : ndarray of int, shape (n_moving,)
+        Nodes that move.
+    held : ndarray of int, shape (n_held,)
+        Nodes outside the grid, which stay.
+    boundary : Evaluator or None
+        Nearest points of the grid to these.
+    distances : ndarray, shape (n_points,)
+        Distances of the nodes to the volumes (m).
+    walls : RidingWalls or None
+        Its walls.
+    baseline : ndarray, shape (n_points, 3)
+        What the map gives for the control points of the baseline: its nodes, but for round-off (m).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import MixedMesh, RidingMesh, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> cell = np.array([[2.0, 0.0, 0.0], [2.5, 0.0, 0.0], [2.0, 0.5, 0.0], [2.0, 0.0, 0.5]])
+    >>> riding = RidingMesh.of(model, MixedMesh(cell, {"tetra": np.array([[0, 1, 2, 3]])}))
+    >>> moved = riding.at(1.1 * model.control_points)
+    >>> moved.points[0].round(6) + 0.0
+    array([2.2, 0. , 0. ])
+    """
+
+    mesh: MixedMesh
+    control_points: np.ndarray
+    evaluator: Evaluator
+    rows: np.ndarray
+    held: np.ndarray
+    boundary: Evaluator | None
+    distances: np.ndarray
+    walls: RidingWalls | None
+    baseline: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        model: FittedModel,
+        mesh: MixedMesh,
+        walls: tuple[str, ...] | list[str] | None = None,
+        tolerance: float | None = None,
+        hold_outside: bool = False,
+    ) -> RidingMesh:
+        """Find what moves the nodes of a mesh.
+
+        Parameters
+        ----------
+        model : FittedModel
+            The fitted grid.
+        mesh : MixedMesh
+            The mesh on the baseline.
+        walls : sequence of str, optional
+            Markers of the mesh that are walls, by name or pattern; those that lie on walls of the grid by default.
+        tolerance : float, optional
+            Distance (m) up to which a node may be outside the grid: it then moves with the nearest point of it. By
+            default the size of the boundary faces of the grid there, since curved walls are cut differently by every
+            mesh.
+        hold_outside : bool
+            Hold nodes that are farther outside where they are, instead of refusing them. The boundary of the grid
+            beside them has to stay, too.
+
+        Returns
+        -------
+        RidingMesh
+
+        Raises
+        ------
+        InputError
+            If nodes are outside the grid, a marker does not exist, or a tolerance is no length.
+        """
+        if tolerance is not None and not tolerance >= 0.0:
+            raise InputError(f"{mesh.source}: a tolerance of {tolerance}; give a length in metres, 0 or more")
+        points = as_finite_points(mesh.points, mesh.n_points, mesh.source)
+        boundary, b0 = GridBoundary.of(model), model.control_points
+        planes = planes_of(model.grid_map(), points)
+        found = _on_planes(model, invert_points(model.mesh, b0, points), points, planes)
+        outside = np.flatnonzero(~found.is_inside)
+        allowed = boundary.size_at(points[outside]) if tolerance is None else tolerance
+        lost = outside[found.distance[outside] > allowed]
+        if len(lost) and not hold_outside:
+            raise InputError(_outside_message(mesh, found, lost))
+        rows = np.setdiff1d(np.arange(len(points)), lost)
+        evaluator = embed_points(model.mesh, _part(found, rows))
+        held = embed_points(model.mesh, _part(found, lost)) if len(lost) else None
+        missed = np.zeros_like(points)
+        missed[rows] = points[rows] - evaluator.forward(b0)
+        faces, parts = WallFaces.of(mesh, boundary, walls), None
+        if len(faces.faces):
+            parts = RidingWalls.of(mesh, faces, planes, lost, missed)
+        made = cls(mesh, b0, evaluator, rows, lost, held, found.distance, parts, points)
+        return replace(made, baseline=made._mapped(b0, None)[0])
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return self.mesh.n_points
+
+    @property
+    def n_asked(self) -> int:
+        """Number of nodes of walls."""
+        return 0 if self.walls is None else len(self.walls.rows)
+
+    def at(self, control_points: np.ndarray, wall: np.ndarray | None = None) -> RiddenMesh:
+        """Nodes of the mesh and their derivative.
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points (m).
+        wall : ndarray, shape (n_asked, 3), optional
+            Where the nodes of the walls are to be (m), in the order of ``walls.rows``; by default they follow the
+            volumes.
+
+        Returns
+        -------
+        RiddenMesh
+
+        Raises
+        ------
+        InputError
+            If an array has the wrong shape or holds a number that is not finite.
+        MovementError
+            If the grid's boundary moves beside nodes that are held, or the surroundings of a node of a wall are turned
+            inside out.
+        """
+        source = self.mesh.source
+        control_points = as_finite_points(control_points, len(self.control_points), f"{source}: control points")
+        if wall is not None:
+            wall = as_finite_points(wall, self.n_asked, f"{source}: nodes of walls")
+        self._require_rest(control_points)
+        points, turned, layered = self._mapped(control_points, wall)
+        points += self.mesh.points - self.baseline
+        if self.walls is not None and layered is not None:
+            points[self.walls.rows] = layered.frames.moved
+        return RiddenMesh(self, points, turned, layered)
+
+    def _mapped(
+        self, control_points: np.ndarray, wall: np.ndarray | None
+    ) -> tuple[np.ndarray, Frames | None, Layered | None]:
+        """Nodes, how walls turn by themselves where nothing is asked of them, and the layer."""
+        points = self.mesh.points.copy()
+        points[self.rows] += self.evaluator.forward(control_points - self.control_points)
+        walls, turned = self.walls, None
+        if walls is None:
+            return points, None, None
+        mapped, frames = points[walls.rows], walls.layer.wall.frames
+        if wall is None:
+            turned = frames.at(walls.initial, mapped)
+            rest = frames.at(walls.initial, walls.initial).matrices
+            wall = mapped + np.einsum("nij,nj->ni", turned.matrices - rest, walls.missed)
+        points += walls.faded(wall - mapped)
+        return points, turned, walls.layer.at(self.mesh.points, points, walls.initial, wall)
+
+    def _require_rest(self, control_points: np.ndarray) -> None:
+        """Refuse a move of the boundary beside nodes that are held."""
+        if self.boundary is None:
+            return
+        moves = np.linalg.norm(self.boundary.forward(control_points - self.control_points), axis=1)
+        worst = int(np.argmax(moves))
+        if moves[worst] > STAYS * np.linalg.norm(np.ptp(self.control_points, axis=0)):
+            raise MovementError(
+                f"{self.mesh.source}: {len(self.held):,} nodes outside the grid are held, but beside node "
+                f"{self.held[worst] + 1} its boundary moves by {moves[worst]:.3g} m; fix that boundary, or take a grid "
+                f"that covers the mesh"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class RiddenMesh(OneLine):
+    """A mesh that was moved, and the derivative of its nodes.
+
+    Parameters
+    ----------
+    of : RidingMesh
+        The map.
+    points : ndarray, shape (n_points, 3)
+        The nodes (m).
+    turned : Frames or None
+        How walls turned of which nothing was asked.
+    layered : Layered or None
+        The nodes that followed walls.
+    """
+
+    of: RidingMesh
+    points: np.ndarray
+    turned: Frames | None
+    layered: Layered | None
+
+    def jvp(self, d_control_points: np.ndarray, d_wall: np.ndarray | None = None) -> np.ndarray:
+        """Change of the nodes, shape (n_points, 3).
+
+        Parameters
+        ----------
+        d_control_points : ndarray, shape (n_control_points, 3)
+            Change of the control points.
+        d_wall : ndarray, shape (n_asked, 3), optional
+            Change of the places that the nodes of walls were asked for; needed where they were.
+        """
+        of, change = self.of, np.zeros_like(self.points)
+        change[of.rows] = of.evaluator.forward(d_control_points)
+        walls = of.walls
+        if walls is None or self.layered is None:
+            return change
+        mapped = change[walls.rows]
+        if self.turned is not None:
+            d_wall = mapped + np.einsum("nij,nj->ni", self.turned.jvp(None, mapped), walls.missed)
+        elif d_wall is None:
+            raise InputError(f"{of.mesh.source}: nodes of walls were asked for; give their change as well")
+        change += walls.faded(d_wall - mapped)
+        self.layered.jvp(None, change, None, d_wall)
+        change[walls.rows] = d_wall
+        return change
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n_points, 3)
+            Derivative of a scalar with respect to the nodes.
+
+        Returns
+        -------
+        control_points_bar : ndarray, shape (n_control_points, 3)
+        wall_bar : ndarray, shape (n_asked, 3), or None
+            With respect to the places that the nodes of walls were asked for; None where they were not.
+        """
+        of, bar = self.of, np.array(bar, dtype=float)
+        walls, wall_bar = of.walls, None
+        if walls is not None and self.layered is not None:
+            wall_bar = bar[walls.rows]
+            bar[walls.rows] = 0.0
+            bar, more, _ = self.layered.frozen_vjp(bar)
+            missed_bar = walls.faded_vjp(bar)
+            wall_bar = wall_bar + more + missed_bar
+            bar[walls.rows] -= missed_bar
+            if self.turned is not None:
+                turned_bar, _ = self.turned.frozen_vjp(np.einsum("ni,nj->nij", wall_bar, walls.missed))
+                bar[walls.rows] += wall_bar + turned_bar
+                wall_bar = None
+        return of.evaluator.adjoint(np.ascontiguousarray(bar[of.rows])), wall_bar
+
+
+def _fading(points: np.ndarray, wall: np.ndarray, quads: np.ndarray) -> csr_array:
+    """Weights of the nodes of a wall in the nodes of the mesh, one at the wall and zero from where `FADE` says on."""
+    width = np.sqrt(np.linalg.norm(area_vectors(wall[quads]), axis=1))
+    counts = np.bincount(quads.ravel(), minlength=len(wall))
+    widths = np.bincount(quads.ravel(), np.repeat(width, 4), len(wall)) / np.maximum(counts, 1)
+    size = float(np.linalg.norm(np.ptp(wall, axis=0)))
+    tree = TriangleTree.of(wall, quads, np.maximum(FADE[0] * widths, FADE[1] * size))
+    near = tree.closest_points(points)
+    rows = np.repeat(near.points, np.diff(near.starts))
+    weights = near.weights[:, None] * near.barycentric
+    corners = tree.triangles[near.triangles]
+    places = np.repeat(rows, 3), corners.ravel()
+    return coo_array((weights.ravel(), places), shape=(len(points), len(wall))).tocsr()
+
+
+def _on_planes(model: FittedModel, found: PointInversion, points: np.ndarray, planes: list) -> PointInversion:
+    """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there.
+
+    The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it. What
+    is off by round-off is in the plane: all parameters of a section are in its planes but for those across. Parameters
+    that are off an end by round-off are put there, so that nodes stay in planes to the last bit.
+    """
+    parameters, near = found.parameters.copy(), ON_PLANE * np.linalg.norm(np.ptp(model.control_points, axis=0))
+    for rows, normal in planes:
+        for d in range(3):
+            at_end = rows[np.abs(parameters[rows, d] - np.round(parameters[rows, d])) <= AT_END]
+            parameters[at_end, d] = np.round(parameters[at_end, d])
+            ids = np.setdiff1d(rows, at_end)
+            kept, off = parameters[ids, d], []
+            for values in (kept, np.round(kept)):
+                parameters[ids, d] = values
+                places = embed_points(model.mesh, replace(_part(found, ids), parameters=parameters[ids]))
+                off.append(np.abs((places.forward(model.control_points) - points[ids]) @ normal))
+            parameters[ids, d] = np.where((off[0] > near) & (off[1] < 1e-3 * off[0]), np.round(kept), kept)
+    return replace(found, parameters=parameters)
+
+
+def _part(found: PointInversion, rows: np.ndarray) -> PointInversion:
+    """What was found of some points."""
+    return PointInversion(*(getattr(found, part.name)[rows] for part in fields(PointInversion)))
+
+
+def _outside_message(mesh: MixedMesh, found: PointInversion, lost: np.ndarray) -> str:
+    """Say which nodes are outside the grid, and what to do."""
+    worst = lost[np.argmax(found.distance[lost])]
+    first, farthest = (
+        f"node {q % mesh.n_stored + 1} at ({', '.join(f'{x:.4g}' for x in mesh.points[q])})" for q in (lost[0], worst)
+    )
+    return (
+        f"{mesh.source}: {len(mesh.stored_ids(lost)):,} of {mesh.n_stored:,} nodes are outside the fitted grid, "
+        f"the first is {first}, the farthest {farthest}, {found.distance[worst]:.3g} m away; take a grid that covers "
+        f"the mesh, allow a larger tolerance, or hold nodes outside where they are (--tolerance, --hold-outside)"
+    )

@@ -1,0 +1,50 @@
+"""The two planes between which a fitted section lies, for meshes of two dimensions.
+
+Theory: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...grids.io.meshes.layer_of_cells import SectionSpan
+from ...grids.topology.boundary_surface import BoundarySurface
+from ..model.fitted_model import FittedModel
+from ..walls.embedded_points import ON_PLANE
+
+__all__ = ["section_span"]
+
+
+def section_span(model: FittedModel) -> SectionSpan | None:
+    """Find the two planes of symmetry that a fitted section lies between.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+
+    Returns
+    -------
+    SectionSpan or None
+        None where the grid is no section: its planes of symmetry are not two across one axis, at its two ends.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, fit_grid, section_span
+    >>> section_span(fit_grid(brick_grid((5, 5, 5, 5)))) is None
+    True
+    """
+    nodes, topology = model.grid_map().nodes, model.topology
+    faces = [face for face in topology.boundary if face.kind == "symmetry"]
+    if not faces:
+        return None
+    surface = BoundarySurface.of(topology, nodes, faces)
+    quads = nodes[surface.rows][surface.quads]
+    low, high = nodes.min(axis=0), nodes.max(axis=0)
+    near = ON_PLANE * np.linalg.norm(high - low)
+    ends = [(np.abs(quads - end) <= near).all(axis=1) for end in (low, high)]  # of quads, by axis
+    for axis in range(3):
+        at_low, at_high = (end[:, axis] for end in ends)
+        if at_low.any() and at_high.any() and (at_low | at_high).all():
+            return SectionSpan(axis, float(low[axis]), float(high[axis]))
+    return None

@@ -1,0 +1,173 @@
+"""The walls of a mesh that rides: those of its faces that lie on the walls of the fitted grid.
+
+A face of the mesh belongs to the boundary face of the grid that is nearest and looks the same way, if it is no farther
+above or below it than half the width of either. A marker is a wall where most of its area belongs to walls; without
+markers every face of the skin is taken by itself.
+
+Theory: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...base.display import OneLine
+from ...errors import InputError
+from ...grids.cells.mixed_cells import MixedMesh
+from ...grids.cells.quads import area_vectors
+from ...grids.topology.boundary_surface import BoundarySurface
+from ..model.fitted_model import FittedModel
+
+__all__ = ["GridBoundary", "WallFaces"]
+
+N_NEAREST = 12
+"""Boundary quads of the grid that a face is compared with: more than meet in an edge of a flat wall and a plane."""
+
+ABOVE = 0.5
+"""Distance of a face from the plane of its boundary quad, by the width of either, up to which it may belong to it: two
+cuts of a round nose are an eighth of their width apart where that is the radius."""
+
+
+@dataclass(frozen=True, eq=False)
+class GridBoundary:
+    """Boundary quads of the fitted grid on the baseline. Made by `GridBoundary.of`.
+
+    Parameters
+    ----------
+    tree : scipy.spatial.cKDTree
+        Their middles.
+    sizes, widths : ndarray, shape (n,)
+        Their longest diagonals, and their areas by these (m).
+    normals : ndarray, shape (n, 3)
+        Their unit normals; zero without area.
+    is_wall : ndarray of bool, shape (n,)
+        Whether they are of a wall.
+    patch : ndarray of str, shape (n,)
+        The patch that they belong to.
+    """
+
+    tree: cKDTree
+    sizes: np.ndarray
+    widths: np.ndarray
+    normals: np.ndarray
+    is_wall: np.ndarray
+    patch: np.ndarray
+
+    @classmethod
+    def of(cls, model: FittedModel) -> GridBoundary:
+        """Take them of a fitted grid."""
+        topology, nodes = model.topology, model.grid_map().nodes
+        surface = BoundarySurface.of(topology, nodes, topology.boundary)
+        x = nodes[surface.rows][surface.quads]
+        sizes, widths, normals = _measured(x)
+        kinds = np.array([face.kind == "wall" for face in topology.boundary])
+        names = np.array([str(face.patch) for face in topology.boundary])
+        face = surface.quad_faces
+        return cls(cKDTree(x.mean(axis=1)), sizes, widths, normals, kinds[face], names[face])
+
+    def size_at(self, points: np.ndarray) -> np.ndarray:
+        """Size of the boundary quads next to points, shape (n,)."""
+        return self.sizes[self.tree.query(points)[1]]
+
+    def on_patches(self, points: np.ndarray, patches: Collection[str]) -> np.ndarray:
+        """Whether points of walls, shape (n, 3), are on some of their patches."""
+        walls = np.flatnonzero(self.is_wall)
+        _, near = cKDTree(self.tree.data[walls]).query(points)
+        return np.isin(self.patch[walls[near]], list(patches))
+
+    def on_walls(self, x: np.ndarray) -> np.ndarray:
+        """Whether faces by their corners, shape (n, 4, 3), are on walls."""
+        middles, (_, widths, normals) = x.mean(axis=1), _measured(x)
+        k = min(N_NEAREST, len(self.sizes))
+        distances, near = (part.reshape(len(x), k) for part in self.tree.query(middles, k))
+        alike = np.abs(np.einsum("nkd,nd->nk", self.normals[near], normals))
+        best = np.argmin(distances + self.sizes[near] * (1.0 - alike), axis=1)
+        rows = np.arange(len(x))
+        chosen = near[rows, best]
+        off = np.abs(np.einsum("nd,nd->n", middles - self.tree.data[chosen], self.normals[chosen]))
+        is_near = distances[rows, best] < 2.0 * self.sizes[chosen]
+        is_near &= off < ABOVE * np.maximum(widths, self.widths[chosen])
+        return self.is_wall[chosen] & is_near
+
+
+def _measured(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Longest diagonals of quads by their corners, shape (n, 4, 3), areas by these, and unit normals.
+
+    Normals are zero without area. An area by the diagonal is the width of a long quad, and less than that of a square.
+    """
+    areas = area_vectors(x)
+    lengths = np.linalg.norm(areas, axis=1)
+    normals = np.divide(areas, lengths[:, None], out=np.zeros_like(areas), where=lengths[:, None] > 0.0)
+    sizes = np.maximum(np.linalg.norm(x[:, 2] - x[:, 0], axis=1), np.linalg.norm(x[:, 3] - x[:, 1], axis=1))
+    return sizes, np.divide(lengths, sizes, out=np.zeros_like(sizes), where=sizes > 0.0), normals
+
+
+@dataclass(frozen=True, eq=False)
+class WallFaces(OneLine):
+    """Faces of a mesh that are walls.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Markers that are walls; one, ``"skin"``, where there are no markers.
+    faces : ndarray of int, shape (n, 4)
+        Faces around the normal into the mesh.
+    marker : ndarray of int, shape (n,)
+        Marker that each belongs to.
+    """
+
+    names: tuple[str, ...]
+    faces: np.ndarray
+    marker: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: MixedMesh, boundary: GridBoundary, wanted: Sequence[str] | None = None) -> WallFaces:
+        """Find them.
+
+        Parameters
+        ----------
+        mesh : MixedMesh
+            The mesh.
+        boundary : GridBoundary
+            Boundary of the fitted grid.
+        wanted : sequence of str, optional
+            Markers, by name or pattern, in the place of those that are found.
+
+        Raises
+        ------
+        InputError
+            If a name is that of no marker.
+        """
+        if not mesh.markers:
+            if wanted:
+                raise InputError(f"{mesh.source}: has no markers, so none is '{wanted[0]}'; leave the option out")
+            skin = mesh.skin
+            faces = skin[boundary.on_walls(mesh.points[skin])][:, ::-1]
+            return cls(("skin",), faces, np.zeros(len(faces), dtype=int))
+        names = cls._named(mesh, wanted) if wanted else cls._found(mesh, boundary)
+        faces = [mesh.into_fluid(mesh.markers[name]) for name in names]
+        marker = np.repeat(np.arange(len(names)), [len(part) for part in faces])
+        return cls(names, np.concatenate([np.zeros((0, 4), dtype=int), *faces]), marker)
+
+    @staticmethod
+    def _named(mesh: MixedMesh, wanted: Sequence[str]) -> tuple[str, ...]:
+        markers = mesh.markers or {}
+        for pattern in wanted:
+            if not any(fnmatchcase(name, pattern) for name in markers):
+                raise InputError(f"{mesh.source}: no marker is '{pattern}'; its markers are {', '.join(markers)}")
+        return tuple(name for name in markers if any(fnmatchcase(name, pattern) for pattern in wanted))
+
+    @staticmethod
+    def _found(mesh: MixedMesh, boundary: GridBoundary) -> tuple[str, ...]:
+        names = []
+        for name, faces in (mesh.markers or {}).items():
+            x = mesh.points[faces]
+            areas = np.linalg.norm(area_vectors(x), axis=1)
+            if len(faces) and areas[boundary.on_walls(x)].sum() > 0.5 * areas.sum():
+                names.append(name)
+        return tuple(names)

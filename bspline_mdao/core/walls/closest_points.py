@@ -1,0 +1,191 @@
+"""Points of a wall that are closest to given points: local minima of the distance, with smooth weights.
+
+There is one closest point beside a smooth or convex wall; in a concave corner, a cove or a gap there are several, and
+the nearest one jumps where two are equally near. So a point takes all local minima of its distance up to `FARTHEST`
+times as far as the nearest, with weights that come in smoothly. Whether a place is one is a matter of the surface
+alone, not of its reach: beside a nose with narrow faces, which reach less far, no farther place steps in.
+
+Triangles are kept in a complete binary tree of boxes, halved along the longest side of their centres' box, to which
+normals count as well. Where the cone of a box's normals has no way to a point, it holds no minimum, and is left out.
+
+Theory: ``docs/theory/wall_layer.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.numerics.threads import run_tasks, thread_count
+from .closest_search import MAX_CLOSEST, find_closest
+from .normal_cones import cones_of_boxes, unit_normals
+
+__all__ = ["ClosestPoints", "TriangleTree"]
+
+LEAF = 4
+"""Triangles in a box that is not halved, at most."""
+
+TURN = 0.25
+"""Part of the size of a surface that normals one apart count as when its triangles are halved: else boxes hold both
+sides of a thin wing, and their cones say nothing."""
+
+CHUNK_POINTS = 2**12
+"""Points per piece of work."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClosestPoints:
+    """Closest points of some points on a surface; points far from it have none.
+
+    Parameters
+    ----------
+    points : ndarray of int, shape (n,)
+        Numbers of the points that have closest points.
+    starts : ndarray of int, shape (n + 1,)
+        First closest point of each.
+    triangles : ndarray of int32, shape (m,)
+        Triangle that each closest point is in, the nearest one of a point first.
+    barycentric : ndarray, shape (m, 3)
+        Weights of the triangle's corners there, which sum to one.
+    weights : ndarray, shape (m,)
+        How much the point follows the surface at each: those of a point sum to one on the surface, and to zero from the
+        surface's reach on.
+    """
+
+    points: np.ndarray
+    starts: np.ndarray
+    triangles: np.ndarray
+    barycentric: np.ndarray
+    weights: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleTree:
+    """Triangles of a surface, sorted for searches. Made by `TriangleTree.of`.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Corners (m).
+    triangles : ndarray of int32, shape (n_triangles, 3)
+        Corners of every triangle, in the order of the tree, around the normal into the fluid.
+    reach : ndarray, shape (n,)
+        Distance (m) up to which points follow the surface, at its corners.
+    boxes : ndarray, shape (2 n_leaves, 6)
+        Lower and upper corner of every box; box k holds boxes 2 k and 2 k + 1, the first of all is number 1.
+    far : ndarray, shape (2 n_leaves,)
+        Largest reach in every box.
+    cones : ndarray, shape (2 n_leaves, 5)
+        Cones of normals in every box, see `.normal_cones`.
+    leaf_starts : ndarray of int, shape (n_leaves + 1,)
+        First triangle of every leaf.
+    around_starts : ndarray of int, shape (n + 1,)
+        First triangle around every corner.
+    around : ndarray of int32, shape (3 n_triangles,)
+        Triangles around corners.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    reach: np.ndarray
+    boxes: np.ndarray
+    far: np.ndarray
+    cones: np.ndarray
+    leaf_starts: np.ndarray
+    around_starts: np.ndarray
+    around: np.ndarray
+
+    @classmethod
+    def of(cls, points: np.ndarray, quads: np.ndarray, reach: np.ndarray) -> TriangleTree:
+        """Halve the quads of a surface along their shorter diagonals and sort the halves, but for those without area.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Corners (m).
+        quads : ndarray of int, shape (n_quads, 4)
+            Corners of every quad in turn, around the normal into the fluid.
+        reach : ndarray, shape (n,)
+            Distance (m) up to which points follow the surface, at its corners.
+        """
+        triangles = _halves(points, quads)
+        corners = points[triangles]
+        middles = 0.5 * (corners.min(axis=1) + corners.max(axis=1))
+        size = np.linalg.norm(np.ptp(middles, axis=0)) if len(middles) else 0.0
+        order, starts = _sorted_in_halves(np.concatenate([middles, TURN * size * unit_normals(corners)], axis=1))
+        triangles, corners = np.ascontiguousarray(triangles[order], dtype=np.int32), corners[order]
+        lower, upper, far = corners.min(axis=1), corners.max(axis=1), reach[triangles].max(axis=1, initial=0.0)
+        if not len(triangles):  # one box that nothing is near to
+            lower, upper, far = np.full((1, 3), np.inf), np.full((1, 3), -np.inf), np.zeros(1)
+        box = np.concatenate([lower, -upper], axis=1)
+        levels = [(np.minimum.reduceat(box, starts[:-1]), np.maximum.reduceat(far, starts[:-1]))]
+        while len(levels[0][1]) > 1:
+            boxes, far = levels[0]
+            levels.insert(0, (np.minimum(boxes[::2], boxes[1::2]), np.maximum(far[::2], far[1::2])))
+        boxes, far = (np.concatenate([parts[0][:1], *parts]) for parts in zip(*levels))
+        around = (np.argsort(triangles.ravel(), kind="stable") // 3).astype(np.int32)
+        around_starts = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=len(points)))])
+        boxes, cones = boxes * np.repeat([1.0, -1.0], 3), cones_of_boxes(points, triangles, starts)
+        return cls(points, triangles, reach, boxes, far, cones, starts, around_starts, around)
+
+    def closest_points(self, points: np.ndarray, n_threads: int | None = None) -> ClosestPoints:
+        """Find the closest points of points.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            The points (m).
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``. Results do not depend on it.
+
+        Returns
+        -------
+        ClosestPoints
+        """
+        cuts = list(range(0, len(points), CHUNK_POINTS)) + [len(points)]
+        tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.cones, self.leaf_starts
+        around = self.around_starts, self.around
+        size = float(np.linalg.norm(np.ptp(self.points, axis=0)))
+        found: list = [None] * (len(cuts) - 1)
+
+        def search(number: int):
+            part = points[cuts[number] : cuts[number + 1]]
+            counts, triangles = np.zeros(len(part), dtype=np.int64), np.empty((len(part), MAX_CLOSEST), dtype=np.int32)
+            barycentric, weights = np.empty((len(part), MAX_CLOSEST, 3)), np.empty((len(part), MAX_CLOSEST))
+            find_closest(part, *tree, *around, size, counts, triangles, barycentric, weights)
+            is_found, near = np.arange(MAX_CLOSEST) < counts[:, None], np.flatnonzero(counts)
+            results = triangles[is_found], barycentric[is_found], weights[is_found]
+            found[number] = cuts[number] + near, counts[near], *results
+
+        run_tasks(search, len(found), thread_count(n_threads))
+        empty = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)
+        found.append((*empty, np.empty((0, 3)), np.empty(0)))
+        ids, counts, triangles, barycentric, weights = (np.concatenate(parts) for parts in zip(*found))
+        return ClosestPoints(ids, np.concatenate([[0], np.cumsum(counts)]), triangles, barycentric, weights)
+
+
+def _halves(points, quads):
+    """Triangles of quads, those with area, shape (n_triangles, 3)."""
+    x = points[quads]
+    is_first_shorter = np.linalg.norm(x[:, 2] - x[:, 0], axis=1) <= np.linalg.norm(x[:, 3] - x[:, 1], axis=1)
+    first, second = quads[:, [0, 1, 2, 0, 2, 3]], quads[:, [1, 2, 3, 1, 3, 0]]
+    triangles = np.where(is_first_shorter[:, None], first, second).reshape(-1, 3)
+    x = points[triangles]
+    sides = x - np.roll(x, 1, axis=1)
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return triangles[area > 1e-12 * np.max(np.sum(sides**2, axis=2), axis=1, initial=0.0)]
+
+
+def _sorted_in_halves(centres):
+    """Order of points, shape (n, n_axes), and the first of every leaf, when they are halved again and again."""
+    order, starts = np.arange(len(centres)), np.array([0, len(centres)])
+    while np.diff(starts).max() > LEAF:
+        x = centres[order]
+        width = np.maximum.reduceat(x, starts[:-1]) - np.minimum.reduceat(x, starts[:-1])
+        number = np.repeat(np.arange(len(width)), np.diff(starts))
+        along = np.take_along_axis(x, np.argmax(width, axis=1)[number][:, None], axis=1)[:, 0]
+        order = order[np.lexsort((along, number))]
+        middle = (starts[:-1] + starts[1:]) // 2
+        starts = np.append(np.stack([starts[:-1], middle], axis=1).ravel(), len(order))
+    return order, starts

@@ -1,0 +1,164 @@
+"""The walls of a grid, the planes that nodes near them stay in, and which nodes do not follow them.
+
+All of this is found from the nodes of the boundary and of the layer next to walls, and is the same wherever the grid is
+cut. Every process that holds part of a grid has all of its walls: their size is that of a surface.
+
+Theory: ``docs/theory/wall_layer.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.numerics.mean_planes import MeanPlane, mean_planes, near_enough
+from ...base.numerics.vectors import is_line, nearest_plane
+from ...grids.topology.boundary_surface import BoundarySurface
+from ...grids.topology.held_nodes import (
+    HeldNodes,
+    NodesByRow,
+    boundary_rows,
+    face_layer_rows,
+    face_rows,
+    node_copies,
+    source_rows,
+)
+from ...grids.topology.index_space import Window
+from ...grids.topology.topology import BoundaryFace, Topology
+from .layer import WallLayer
+from .planes import PlaneNormal
+from .wall import Wall
+
+__all__ = ["GridWalls"]
+
+
+@dataclass(frozen=True, eq=False)
+class GridWalls:
+    """The walls of a grid. Made by `GridWalls.of`.
+
+    Parameters
+    ----------
+    wall : Wall
+        All walls as one.
+    rows : ndarray of int, shape (n_wall,)
+        Rows of their nodes in the grid vector, each shared one once.
+    plane_rows : ndarray of int, shape (n_plane,)
+        Rows of the nodes on the outlines of planes that walls end on.
+    normals : tuple of PlaneNormal
+        Normals of these planes, as functions of those nodes.
+    planes : tuple of (ndarray of int, ndarray of shape (3,))
+        Rows of the nodes in planes, and the planes' normals on the baseline.
+    fixed : ndarray of int
+        Rows of the nodes on other boundary faces, which do not follow walls.
+    """
+
+    wall: Wall
+    rows: np.ndarray
+    plane_rows: np.ndarray
+    normals: tuple[PlaneNormal, ...]
+    planes: tuple[tuple[np.ndarray, np.ndarray], ...]
+    fixed: np.ndarray
+
+    @staticmethod
+    def rows_seen(topology: Topology) -> np.ndarray:
+        """Rows of the nodes that `of` looks at, ascending.
+
+        They are those of the boundary and of the layer next to walls, and those that these are copies of.
+        """
+        beside = [face_layer_rows(topology, f.window)[1].ravel() for f in topology.boundary if f.kind == "wall"]
+        rows = np.unique(np.concatenate([boundary_rows(topology, topology.boundary), *beside]))
+        return np.union1d(rows, source_rows(node_copies(topology), rows))
+
+    @classmethod
+    def of(cls, topology: Topology, nodes: np.ndarray | NodesByRow, n_threads: int | None = None) -> GridWalls | None:
+        """Find the walls of a grid, and the planar faces of its boundary.
+
+        Planes are told apart to five digits of their normals and places: faces of one plane, whose corners leave it by
+        round-off of the file, are one.
+
+        Parameters
+        ----------
+        topology : Topology
+            Topology of the grid; faces of kind "wall" are walls.
+        nodes : ndarray, shape (n_nodes, 3), or NodesByRow
+            The baseline (m), or those nodes of it that are in `rows_seen`.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+
+        Returns
+        -------
+        GridWalls or None
+            None where there is no wall.
+        """
+        walls = [face for face in topology.boundary if face.kind == "wall"]
+        if not walls:
+            return None
+        surface, copies = BoundarySurface.of(topology, nodes, walls), node_copies(topology)
+        size = np.linalg.norm(np.ptp(nodes[boundary_rows(topology, topology.boundary)], axis=0))
+        planes: dict[tuple, tuple[np.ndarray, list[np.ndarray]]] = {}
+        fixed = [np.zeros(0, dtype=int)]
+        others = [face for face in topology.boundary if face.kind != "wall"]
+        rows_of = [source_rows(copies, face_rows(topology, f.window).reshape(_face_shape(f.window))) for f in others]
+        for rows, plane in zip(rows_of, _planes(others, [nodes[rows.ravel()] for rows in rows_of])):
+            area = PlaneNormal.of_outline([rows]).area_vector(nodes)
+            if plane is None:
+                fixed.append(rows.ravel())
+            elif area.any() and not is_line(nodes[rows.ravel()]):
+                sign = np.sign(plane.normal[np.argmax(np.abs(plane.normal))])
+                key = tuple(np.round(sign * np.append(plane.normal, plane.offset / size), 5))
+                normal, parts = planes.setdefault(key, (sign * plane.normal, []))
+                parts.append(rows if area @ normal > 0.0 else rows.T)
+        found = tuple((np.unique(np.concatenate([f.ravel() for f in faces])), n) for n, faces in planes.values())
+        is_met = [np.isin(rows, surface.rows) for rows, _ in found]
+        of_wall = [(np.searchsorted(surface.rows, rows[m]), n) for (rows, n), m in zip(found, is_met) if m.any()]
+        quads, faces = surface.quads, surface.quad_faces
+        wall = Wall.of(nodes[surface.rows], quads, surface.heights, of_wall, faces=faces, n_threads=n_threads)
+        outlines = [PlaneNormal.of_outline(f) for (_, f), m in zip(planes.values(), is_met) if m.any()]
+        plane_rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(outline.ids for outline in outlines)]))
+        normals = tuple(outline.among(plane_rows) for outline in outlines)
+        return cls(wall, surface.rows, plane_rows, normals, found, np.setdiff1d(np.concatenate(fixed), surface.rows))
+
+    @property
+    def needed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of the nodes that every part of the grid depends on."""
+        return self.rows, self.plane_rows
+
+    def layer(self, held: HeldNodes, nodes: np.ndarray, n_threads: int | None = None) -> WallLayer:
+        """Find which nodes follow the walls.
+
+        Parameters
+        ----------
+        held : HeldNodes
+            Nodes of the grid, `needed` ones among them.
+        nodes : ndarray, shape (n, 3)
+            Their places on the baseline (m).
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+        """
+        planes = [(numbers[numbers >= 0], n) for numbers, n in ((held.numbers_of(rows), n) for rows, n in self.planes)]
+        fixed = held.numbers_of(self.fixed)
+        rows = held.numbers_of(self.rows)
+        return WallLayer.of(self.wall, nodes, rows, planes, fixed[fixed >= 0], held.copies, n_threads, by_corners=True)
+
+
+def _planes(faces: Sequence[BoundaryFace], nodes: Sequence[np.ndarray]) -> list[MeanPlane | None]:
+    """Planes of faces; planes of symmetry may be rough. None where a face is not planar."""
+    alone = [nearest_plane(points) for points in nodes]
+    planes = [
+        MeanPlane(normal, float(normal @ points[0]), float(distances.max())) if distances.max() <= near else None
+        for points, (normal, distances, near) in zip(nodes, alone)
+    ]
+    numbers = [n for n, face in enumerate(faces) if face.kind == "symmetry"]
+    parts = [nodes[n] for n in numbers]
+    for n, plane in zip(numbers, mean_planes(parts)):
+        planes[n] = plane if plane.roughness <= near_enough(parts) else None
+    return planes
+
+
+def _face_shape(window: Window) -> tuple[int, int]:
+    """Nodes of a face window in its two directions."""
+    direction = window.shape.index(1)
+    first, second = (n for d, n in enumerate(window.shape) if d != direction)
+    return first, second

@@ -1,0 +1,565 @@
+"""Nodes near walls follow them as a rigid body, blended smoothly into any map of the others.
+
+A node at x0 on the baseline, mapped to y, with the closest points f on the wall (see `.closest_points`), goes to
+
+    x = y + sum_f beta_f (W'_f + G_f (x0 - W_f) - y),
+
+where W_f and W'_f are the places of the closest point before and after the move and G_f is its rotation (see
+`.frames`): those of the corners of its triangle, at its barycentric coordinates. Nodes of the grid itself go to
+
+    x = y + sum_f beta_f (sum_n s_n (w'_n + G_n (x0 - w_n)) - y)
+
+over the corners n of that triangle instead, with s_n in proportion to b_n^2 (3 - 2 b_n) of its barycentric coordinates:
+above a corner, where their grid lines begin, they turn about the corner, whatever the facets beside it do. A point of
+another grid on a facet would leave it. The weights beta_f sum to one on the wall and fade to zero at its reach. So a
+wall node goes exactly where it is given, the nodes above it keep their heights, and a rigid motion of the wall is one
+of its layer, wherever the closest points are. All this is a matter of places, not of grid lines: blocks of any
+topology, walls that end inside a grid, and points of other grids are treated alike.
+
+Closest points and weights are those of the baseline and stay. The map is then linear in y and in the wall's places and
+rotations, and linear in x0 together with W.
+
+Theory: ``docs/theory/wall_layer.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ...base.numerics.threads import run_tasks, thread_count
+from ...errors import InputError
+from .closest_points import ClosestPoints, TriangleTree
+from .frames import Frames
+from .wall import Wall
+
+__all__ = ["Layered", "WallLayer"]
+
+CHUNK_NODES = 2**12
+"""Nodes per piece of work: few enough for the corners of their triangles to have numbers of two bytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Some nodes of the layer, with the wall's nodes that they depend on.
+
+    Parameters
+    ----------
+    rows : ndarray of int32, shape (n,)
+        Rows of the nodes, ascending.
+    starts : ndarray of int32, shape (n + 1,)
+        First closest point of each.
+    planes : ndarray of int16, shape (n,)
+        Number of the projector of each.
+    corners : ndarray of uint16, shape (n_closest, 3)
+        Corners of the triangle of each closest point, among the piece's nodes of the wall.
+    barycentric : ndarray of float32, shape (n_closest, 2)
+        Weights of the first two corners, those of all three add up to one: barycentric coordinates, or of `by_corners`.
+        Single precision: a point a little beside the closest one does as well.
+    weights : ndarray of float32, shape (n_closest,)
+        How much the node follows the wall at each, beta_f.
+    wall_ids : ndarray of int, shape (n_corners,)
+        The piece's nodes of the wall, ascending.
+    """
+
+    rows: np.ndarray
+    starts: np.ndarray
+    planes: np.ndarray
+    corners: np.ndarray
+    barycentric: np.ndarray
+    weights: np.ndarray
+    wall_ids: np.ndarray
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """Arrays in the order in which the kernels take them."""
+        return self.rows, self.starts, self.planes, self.corners, self.barycentric, self.weights
+
+
+@dataclass(frozen=True, eq=False)
+class WallLayer:
+    """Points that follow a wall. Made by `WallLayer.of`.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    pieces : tuple
+        The nodes that follow it.
+    projectors : ndarray, shape (n_projectors, 3, 3)
+        Projectors of the correction onto planes; the first is the identity.
+    copies : ndarray of int, shape (n_copies, 2)
+        Rows that are copies of nodes of the layer, and the rows that they copy.
+    n_points : int
+        Number of points of which some follow the wall.
+    by_corners : bool
+        Whether points turn about the corners of the triangle of their closest point, and not about that point.
+    n_threads : int, optional
+        Number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
+    """
+
+    wall: Wall
+    pieces: tuple[_Piece, ...]
+    projectors: np.ndarray
+    copies: np.ndarray
+    n_points: int
+    by_corners: bool = False
+    n_threads: int | None = None
+
+    @classmethod
+    def of(
+        cls,
+        wall: Wall,
+        points: np.ndarray,
+        wall_rows: np.ndarray | None = None,
+        planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+        fixed: np.ndarray | None = None,
+        copies: np.ndarray | None = None,
+        n_threads: int | None = None,
+        by_corners: bool = False,
+    ) -> WallLayer:
+        """Find the points that follow a wall.
+
+        Parameters
+        ----------
+        wall : Wall
+            The wall.
+        points : ndarray, shape (n, 3)
+            Nodes of the grid, or points of another one, on the baseline (m).
+        wall_rows : ndarray of int, shape (wall.n_points,), optional
+            Row of every node of the wall among the points; none of another grid.
+        planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
+            Points in planes that they must stay in, and the planes' normals. Planes that share points must be at right
+            angles.
+        fixed : ndarray of int, optional
+            Points that do not follow the wall, such as those on a fixed boundary.
+        copies : ndarray of int, shape (n_copies, 2), optional
+            Rows that are copies, and the rows that they copy.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+        by_corners : bool
+            Turn points about the corners of the triangle of their closest point: for nodes of the grid whose wall it
+            is.
+
+        Returns
+        -------
+        WallLayer
+
+        Raises
+        ------
+        InputError
+            If an array has the wrong shape.
+        """
+        points = np.ascontiguousarray(points, dtype=float)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError(f"wall layer: points of shape {points.shape}; give shape (n, 3)")
+        wall_rows = np.empty(0, dtype=np.int64) if wall_rows is None else np.asarray(wall_rows)
+        if len(wall_rows) not in (0, wall.n_points):
+            raise InputError(f"wall layer: {len(wall_rows)} rows of {wall.n_points} nodes of the wall; give one each")
+        copies = np.empty((0, 2), dtype=np.int64) if copies is None else np.asarray(copies)
+        is_free = np.ones(len(points), dtype=bool)
+        for rows in (wall_rows, copies[:, 0], fixed):
+            if rows is not None:
+                is_free[rows] = False
+        free = np.flatnonzero(is_free)
+        closest = wall.tree.closest_points(points[free], n_threads)
+        rows = np.concatenate([wall_rows, free[closest.points]])
+        counts = np.concatenate([np.ones(len(wall_rows), dtype=np.int64), np.diff(closest.starts)])
+        projectors, plane_of = _projectors(planes, len(points))
+        plane_of[wall_rows] = 0
+        corners, barycentric, weights, places = _with_wall_nodes(wall.tree, closest, len(wall_rows))
+        if by_corners:
+            barycentric = _by_corners(barycentric)
+        pieces = _cut(rows, counts, places, plane_of[rows], corners, barycentric, weights)
+        is_followed = np.zeros(len(points), dtype=bool)
+        is_followed[rows] = True
+        return cls(wall, pieces, projectors, copies[is_followed[copies[:, 1]]], len(points), by_corners, n_threads)
+
+    @property
+    def n_followers(self) -> int:
+        """Number of points that follow the wall, those on it among them."""
+        return sum(len(piece.rows) for piece in self.pieces)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that the nodes of the layer take."""
+        return sum(array.nbytes for piece in self.pieces for array in vars(piece).values()) + self.copies.nbytes
+
+    def at(
+        self,
+        initial: np.ndarray,
+        mapped: np.ndarray,
+        wall_initial: np.ndarray,
+        wall_moved: np.ndarray,
+        normals: np.ndarray | None = None,
+    ) -> Layered:
+        """Move the points that follow a wall with it.
+
+        Parameters
+        ----------
+        initial : ndarray, shape (n, 3)
+            Points before the move (m).
+        mapped : ndarray, shape (n, 3), C order
+            Where a map puts them (m); those that follow the wall are overwritten in place.
+        wall_initial, wall_moved : ndarray, shape (wall.n_points, 3)
+            Nodes of the wall before and after the move (m).
+        normals : ndarray, shape (n_planes, 3), optional
+            Unit normals after the move of the planes that the wall was made with; by default they stay.
+
+        Returns
+        -------
+        Layered
+            With the nodes, and their derivative.
+
+        Raises
+        ------
+        MovementError
+            If the surroundings of a node of the wall are turned inside out.
+        """
+        frames = self.wall.frames.at(wall_initial, wall_moved, normals)
+        self._follow(initial, _packed(frames.moved, frames.matrices, frames.initial), mapped)
+        return Layered(self, initial, frames, mapped)
+
+    def _follow(self, initial, frames, mapped):
+        """Overwrite mapped points; linear in them and the frames after the move, and in all places before it."""
+        self._run(lambda piece, ids: _follow(*self._arrays(piece), initial, frames[ids], mapped))
+        mapped[self.copies[:, 0]] = mapped[self.copies[:, 1]]
+
+    def _arrays(self, piece: _Piece) -> tuple:
+        """What the kernels take of a piece, and of the layer."""
+        return *piece.arrays, self.projectors, self.by_corners
+
+    def _run(self, task) -> list:
+        """Results of a task for every piece, in order."""
+        results: list = [None] * len(self.pieces)
+
+        def run(number: int):
+            results[number] = task(self.pieces[number], self.pieces[number].wall_ids)
+
+        run_tasks(run, len(self.pieces), thread_count(self.n_threads))
+        return results
+
+
+@dataclass(frozen=True, eq=False)
+class Layered:
+    """Points that followed a move of a wall, and their derivative.
+
+    Parameters
+    ----------
+    layer : WallLayer
+        The points that follow.
+    initial : ndarray, shape (n, 3)
+        Points before the move (m).
+    frames : Frames
+        The move of the wall, with its nodes before and after.
+    nodes : ndarray, shape (n, 3)
+        Points after it (m).
+    """
+
+    layer: WallLayer
+    initial: np.ndarray
+    frames: Frames
+    nodes: np.ndarray
+
+    def jvp(
+        self, d_initial, d_mapped: np.ndarray, d_wall_initial, d_wall_moved: np.ndarray, d_normals=None
+    ) -> np.ndarray:
+        """Change of the points.
+
+        Parameters
+        ----------
+        d_initial : ndarray, shape (n, 3), or None
+            Change of the points before the move; None for none, also of the wall.
+        d_mapped : ndarray, shape (n, 3), C order
+            Change of the mapped points, overwritten in place by that of the points.
+        d_wall_initial : ndarray, shape (wall.n_points, 3), or None
+            Change of the wall's nodes before the move.
+        d_wall_moved : ndarray, shape (wall.n_points, 3)
+            Change of the wall's nodes after it.
+        d_normals : ndarray, shape (n_planes, 3), or None
+            Change of the normals of its planes after it.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            `d_mapped`.
+        """
+        frames = self.frames
+        d_frames = _packed(d_wall_moved, frames.jvp(d_wall_initial, d_wall_moved, d_normals), frames.initial)
+        self.layer._follow(self.initial, d_frames, d_mapped)
+        if d_initial is not None:
+            change = np.zeros_like(d_mapped)
+            self.layer._follow(d_initial, _packed(0.0 * d_wall_initial, frames.matrices, d_wall_initial), change)
+            d_mapped += change
+        return d_mapped
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n, 3), C order
+            Derivative of a scalar with respect to the points, overwritten in place by that with respect to the mapped
+            ones.
+
+        Returns
+        -------
+        initial_bar, mapped_bar : ndarray, shape (n, 3)
+        wall_initial_bar, wall_moved_bar : ndarray, shape (wall.n_points, 3)
+        normals_bar : ndarray, shape (n_planes, 3)
+        """
+        _move_rows(self.layer.copies, bar)
+        initial_bar, wall_initial_bar = np.zeros_like(bar), np.zeros_like(bar, shape=self.frames.initial.shape)
+        layer, frames = self.layer, self._motion
+        sums = layer._run(lambda piece, ids: _turned_back(*layer._arrays(piece), frames[ids], bar, initial_bar))
+        _add_up(layer.pieces, sums, wall_initial_bar)
+        places_bar, matrices_bar = self._frames_vjp(bar)
+        before, after, normals_bar = self.frames.vjp(matrices_bar)
+        return initial_bar, bar, wall_initial_bar + before, places_bar + after, normals_bar
+
+    def frozen_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Results of `vjp` for points and wall that do not change before the move.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n, 3), C order
+            Derivative of a scalar with respect to the points, overwritten in place by that with respect to the mapped
+            ones.
+
+        Returns
+        -------
+        mapped_bar : ndarray, shape (n, 3)
+        wall_moved_bar : ndarray, shape (wall.n_points, 3)
+        normals_bar : ndarray, shape (n_planes, 3)
+        """
+        _move_rows(self.layer.copies, bar)
+        places_bar, matrices_bar = self._frames_vjp(bar)
+        after, normals_bar = self.frames.frozen_vjp(matrices_bar)
+        return bar, places_bar + after, normals_bar
+
+    @property
+    def _motion(self) -> np.ndarray:
+        """Places and rotations of the wall's nodes, shape (n, 15)."""
+        return _packed(self.frames.moved, self.frames.matrices, self.frames.initial)
+
+    def _frames_vjp(self, bar):
+        """Derivatives with respect to places and rotations of the wall; ``bar`` becomes that of the mapped points."""
+        layer, frames = self.layer, self._motion
+        sums = layer._run(lambda piece, ids: _follow_back(*layer._arrays(piece), self.initial, frames[ids], bar))
+        frames_bar = np.zeros((len(frames), 12), dtype=bar.dtype)
+        _add_up(layer.pieces, sums, frames_bar)
+        return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)
+
+
+def _packed(places, matrices, initial) -> np.ndarray:
+    """Places and rotations after a move and places before it side by side, shape (n, 15)."""
+    return np.concatenate([places, matrices.reshape(-1, 9), initial], axis=1)
+
+
+def _projectors(planes, n):
+    """Different projectors onto planes, shape (m, 3, 3), the first one the identity; which one each point has."""
+    plane_of, found = np.zeros(n, dtype=np.int16), [np.eye(3)]
+    for ids, normal in planes:
+        normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+        for number in np.unique(plane_of[ids]).tolist():
+            plane_of[ids[plane_of[ids] == number]] = len(found)
+            found.append(found[number] - np.outer(normal, normal @ found[number]))
+    return np.array(found), plane_of
+
+
+def _with_wall_nodes(tree: TriangleTree, closest: ClosestPoints, n_wall: int):
+    """Corners, coordinates and weights of all closest points, the wall's nodes first; each point's nearest triangle."""
+    corners = np.concatenate(
+        [np.repeat(np.arange(n_wall, dtype=np.int32)[:, None], 3, axis=1), tree.triangles[closest.triangles]]
+    )
+    barycentric = np.concatenate([np.tile([1.0, 0.0], (n_wall, 1)), closest.barycentric[:, :2]])
+    first = np.zeros(n_wall, dtype=np.int64)
+    if n_wall:
+        first[tree.triangles[::-1].ravel()] = np.repeat(np.arange(len(tree.triangles))[::-1], 3)
+    return (
+        corners,
+        barycentric,
+        np.concatenate([np.ones(n_wall), closest.weights]),
+        np.concatenate([first, closest.triangles[closest.starts[:-1]]]),
+    )
+
+
+def _by_corners(barycentric):
+    """Weights of the first two corners, in proportion to b^2 (3 - 2 b) of all three barycentric coordinates b."""
+    b = np.column_stack([barycentric, 1.0 - barycentric.sum(axis=1)])
+    smooth = b * b * (3.0 - 2.0 * b)
+    return (smooth / smooth.sum(axis=1, keepdims=True))[:, :2]
+
+
+def _cut(rows, counts, places, planes, corners, barycentric, weights) -> tuple[_Piece, ...]:
+    """Cut the nodes of a layer into pieces, each over a part of the wall."""
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    order = np.argsort(places, kind="stable")
+    pieces = []
+    for first in range(0, len(rows), CHUNK_NODES):
+        nodes = order[first : first + CHUNK_NODES]
+        nodes = nodes[np.argsort(rows[nodes])]
+        ends = np.cumsum(counts[nodes])
+        closest = np.arange(ends[-1]) + np.repeat(starts[nodes] - ends + counts[nodes], counts[nodes])
+        wall_ids, local = np.unique(corners[closest], return_inverse=True)
+        pieces.append(
+            _Piece(
+                rows[nodes].astype(np.int32),
+                np.concatenate([[0], ends]).astype(np.int32),
+                planes[nodes],
+                local.reshape(-1, 3).astype(np.uint16),
+                barycentric[closest].astype(np.float32),
+                weights[closest].astype(np.float32),
+                wall_ids,
+            )
+        )
+    return tuple(pieces)
+
+
+def _add_up(pieces, sums, out):
+    """Add the sums of all pieces, in their order."""
+    for piece, part in zip(pieces, sums):
+        out[piece.wall_ids] += part
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _move_rows(copies, bar):
+    for n in range(len(copies)):
+        for d in range(3):
+            bar[copies[n, 1], d] += bar[copies[n, 0], d]
+            bar[copies[n, 0], d] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _corners(corners, barycentric, k):
+    """Corners of the triangle of a closest point, and its barycentric coordinates."""
+    # unsigned: signed numbers would be checked for counting from the end
+    a, b, c = np.uint64(corners[k, 0]), np.uint64(corners[k, 1]), np.uint64(corners[k, 2])
+    u, v = np.float64(barycentric[k, 0]), np.float64(barycentric[k, 1])
+    return (a, b, c), (u, v, 1.0 - u - v)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _closest(frames, at, barycentric):
+    """A closest point before the move."""
+    (a, b, c), (u, v, w) = at, barycentric
+    return (
+        u * frames[a, 12] + v * frames[b, 12] + w * frames[c, 12],
+        u * frames[a, 13] + v * frames[b, 13] + w * frames[c, 13],
+        u * frames[a, 14] + v * frames[b, 14] + w * frames[c, 14],
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _arm(initial, row, frames, n, closest, by_corners):
+    """Vector from what a point turns about, a corner or the closest point, to the point."""
+    x, y, z = (frames[n, 12], frames[n, 13], frames[n, 14]) if by_corners else closest
+    return initial[row, 0] - x, initial[row, 1] - y, initial[row, 2] - z
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _projected(projector, x, y, z):
+    p = projector
+    return (
+        p[0, 0] * x + p[0, 1] * y + p[0, 2] * z,
+        p[1, 0] * x + p[1, 1] * y + p[1, 2] * z,
+        p[2, 0] * x + p[2, 1] * y + p[2, 2] * z,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _follow(rows, starts, planes, corners, barycentric, weights, projectors, by_corners, initial, frames, mapped):
+    for i in range(len(rows)):
+        row, total = np.uint64(rows[i]), 0.0
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(starts[i], starts[i + 1]):
+            at, at_weights = _corners(corners, barycentric, k)
+            beta = np.float64(weights[k])
+            closest = _closest(frames, at, at_weights)
+            for n, weight in zip(at, at_weights):
+                s, (d, e, f) = beta * weight, _arm(initial, row, frames, n, closest, by_corners)
+                x += s * (frames[n, 0] + frames[n, 3] * d + frames[n, 4] * e + frames[n, 5] * f)
+                y += s * (frames[n, 1] + frames[n, 6] * d + frames[n, 7] * e + frames[n, 8] * f)
+                z += s * (frames[n, 2] + frames[n, 9] * d + frames[n, 10] * e + frames[n, 11] * f)
+            total += beta
+        if planes[i] == 0:
+            mapped[row, 0] = (1.0 - total) * mapped[row, 0] + x
+            mapped[row, 1] = (1.0 - total) * mapped[row, 1] + y
+            mapped[row, 2] = (1.0 - total) * mapped[row, 2] + z
+        else:
+            x, y, z = x - total * mapped[row, 0], y - total * mapped[row, 1], z - total * mapped[row, 2]
+            x, y, z = _projected(projectors[planes[i]], x, y, z)
+            mapped[row, 0] += x
+            mapped[row, 1] += y
+            mapped[row, 2] += z
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _follow_back(rows, starts, planes, corners, barycentric, weights, projectors, by_corners, initial, frames, bar):
+    """Transpose of `_follow` with respect to the frames, returned, and the mapped points, in place of ``bar``."""
+    sums = np.zeros((len(frames), 12), dtype=bar.dtype)
+    for i in range(len(rows)):
+        row, total = np.uint64(rows[i]), 0.0
+        x, y, z = bar[row, 0], bar[row, 1], bar[row, 2]
+        if planes[i] != 0:
+            x, y, z = _projected(projectors[planes[i]], x, y, z)
+        for k in range(starts[i], starts[i + 1]):
+            at, at_weights = _corners(corners, barycentric, k)
+            beta = np.float64(weights[k])
+            closest = _closest(frames, at, at_weights)
+            for n, weight in zip(at, at_weights):
+                s, (d, e, f) = beta * weight, _arm(initial, row, frames, n, closest, by_corners)
+                sums[n, 0] += s * x
+                sums[n, 1] += s * y
+                sums[n, 2] += s * z
+                sums[n, 3] += s * x * d
+                sums[n, 4] += s * x * e
+                sums[n, 5] += s * x * f
+                sums[n, 6] += s * y * d
+                sums[n, 7] += s * y * e
+                sums[n, 8] += s * y * f
+                sums[n, 9] += s * z * d
+                sums[n, 10] += s * z * e
+                sums[n, 11] += s * z * f
+            total += beta
+        bar[row, 0] -= total * x
+        bar[row, 1] -= total * y
+        bar[row, 2] -= total * z
+    return sums
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _turned_back(rows, starts, planes, corners, barycentric, weights, projectors, by_corners, frames, bar, initial_bar):
+    """Transpose of `_follow` with respect to the points before the move, added to, and the wall's, returned."""
+    sums = np.zeros((len(frames), 3), dtype=bar.dtype)
+    for i in range(len(rows)):
+        row = np.uint64(rows[i])
+        x, y, z = bar[row, 0], bar[row, 1], bar[row, 2]
+        if planes[i] != 0:
+            x, y, z = _projected(projectors[planes[i]], x, y, z)
+        for k in range(starts[i], starts[i + 1]):
+            at, at_weights = _corners(corners, barycentric, k)
+            beta = np.float64(weights[k])
+            all_d, all_e, all_f = 0.0, 0.0, 0.0
+            for n, weight in zip(at, at_weights):
+                s = beta * weight
+                d = s * (frames[n, 3] * x + frames[n, 6] * y + frames[n, 9] * z)
+                e = s * (frames[n, 4] * x + frames[n, 7] * y + frames[n, 10] * z)
+                f = s * (frames[n, 5] * x + frames[n, 8] * y + frames[n, 11] * z)
+                all_d, all_e, all_f = all_d + d, all_e + e, all_f + f
+                if by_corners:
+                    sums[n, 0] -= d
+                    sums[n, 1] -= e
+                    sums[n, 2] -= f
+            initial_bar[row, 0] += all_d
+            initial_bar[row, 1] += all_e
+            initial_bar[row, 2] += all_f
+            if not by_corners:
+                for n, weight in zip(at, at_weights):
+                    sums[n, 0] -= weight * all_d
+                    sums[n, 1] -= weight * all_e
+                    sums[n, 2] -= weight * all_f
+    return sums

@@ -1,0 +1,128 @@
+"""The rigid motion nearest to that of a set of points, in the sense of least squares, and its derivative.
+
+Points x0 go to x; with the means m0 and m, and M = sum (x - m) (x0 - m0)^T, it is the rotation R nearest to M (see
+`.polar`) and the shift m - R m0. Planes that have to stay where they are leave a rotation about the normal of one of
+them, or none where there are several, and shifts along all.
+
+P. H. Schoenemann, "A generalized solution of the orthogonal Procrustes problem", Psychometrika 31, 1966, pp. 1-10.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import MovementError
+from .planes import MirrorMeans
+from .polar import nearest_rotations, rotation_changes
+
+__all__ = ["RigidMotion", "RigidPart"]
+
+SAME_PLANE = 1e-4
+"""Normals count as one up to this angle (rad): planes of files are flat to single precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigidPart:
+    """The map from moved points to the nearest rigid motion.
+
+    Parameters
+    ----------
+    normals : ndarray, shape (n_planes, 3)
+        Unit normals of planes that stay where they are.
+    """
+
+    normals: np.ndarray
+
+    @property
+    def _along(self) -> np.ndarray:
+        """Orthonormal directions in which nothing may shift, shape (m, 3)."""
+        _, sizes, rows = np.linalg.svd(self.normals.reshape(-1, 3))
+        return rows[: np.count_nonzero(sizes > SAME_PLANE)]
+
+    def at(self, initial: np.ndarray, moved: np.ndarray) -> RigidMotion:
+        """Nearest rigid motion of points, shape (n, 3), before and after (m).
+
+        Raises
+        ------
+        MovementError
+            If the points are turned inside out as a whole.
+        """
+        along = self._along
+        arms = initial - initial.mean(axis=0), moved - moved.mean(axis=0)
+        matrices, stiffness, is_fine = (arms[1].T @ arms[0])[None].copy(), np.empty((1, 3, 3)), np.ones(1, dtype=bool)
+        mirrored = None
+        if len(along) > 1:
+            matrices[:], stiffness[:] = np.eye(3), np.eye(3)
+        else:
+            mirrored = MirrorMeans.of([(np.zeros(1, dtype=int), normal) for normal in along], None, matrices)
+            nearest_rotations(0, 1, matrices, stiffness, is_fine)
+        if not is_fine[0]:
+            raise MovementError("movement: the surface is turned inside out as a whole; take a smaller step")
+        means = initial.mean(axis=0), moved.mean(axis=0)
+        in_planes = np.eye(3) - along.T @ along
+        shift = in_planes @ (means[1] - matrices[0] @ means[0])
+        return RigidMotion(matrices[0], shift, arms, means[0], in_planes, stiffness, mirrored)
+
+
+@dataclass(frozen=True, eq=False)
+class RigidMotion:
+    """A rigid motion ``x -> R x + shift``, and its derivative in the points that it was found for.
+
+    Parameters
+    ----------
+    rotation : ndarray, shape (3, 3)
+        R.
+    shift : ndarray, shape (3,)
+        Shift (m).
+    arms : tuple of two ndarray of shape (n, 3)
+        The points before and after less their means (m).
+    mean : ndarray, shape (3,)
+        Mean of those before (m).
+    in_planes : ndarray, shape (3, 3)
+        Projector onto what shifts may do.
+    stiffness : ndarray, shape (1, 3, 3)
+        ``tr(S) I - S``, see `.polar`.
+    mirrored : MirrorMeans or None
+        Mean with the mirror image; None where nothing turns.
+    """
+
+    rotation: np.ndarray
+    shift: np.ndarray
+    arms: tuple[np.ndarray, np.ndarray]
+    mean: np.ndarray
+    in_planes: np.ndarray
+    stiffness: np.ndarray
+    mirrored: MirrorMeans | None
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Take points, shape (n, 3), along."""
+        return points @ self.rotation.T + self.shift
+
+    def undo(self, points: np.ndarray) -> np.ndarray:
+        """Take points, shape (n, 3), back."""
+        return (points - self.shift) @ self.rotation
+
+    def jvp(self, d_initial: np.ndarray, d_moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Change of rotation and shift with those of the points, each of shape (n, 3)."""
+        change = np.zeros((1, 3, 3))
+        if self.mirrored is not None:
+            change[0] = d_moved.T @ self.arms[0] + self.arms[1].T @ d_initial  # arms sum to zero: means do not matter
+            self.mirrored.jvp(change, None)
+            rotation_changes(0, 1, self.rotation[None], self.stiffness, change)
+        d_shift = d_moved.mean(axis=0) - self.rotation @ d_initial.mean(axis=0) - change[0] @ self.mean
+        return change[0], self.in_planes @ d_shift
+
+    def vjp(self, rotation_bar: np.ndarray, shift_bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`."""
+        n, shift_bar = len(self.arms[0]), self.in_planes @ shift_bar
+        initial_bar = np.tile(-self.rotation.T @ shift_bar / n, (n, 1))
+        moved_bar = np.tile(shift_bar / n, (n, 1))
+        if self.mirrored is not None:
+            bar = (rotation_bar - np.outer(shift_bar, self.mean))[None]
+            rotation_changes(0, 1, self.rotation[None], self.stiffness, bar)
+            self.mirrored.vjp(bar)
+            moved_bar += self.arms[0] @ bar[0].T
+            initial_bar += self.arms[1] @ bar[0]
+        return initial_bar, moved_bar

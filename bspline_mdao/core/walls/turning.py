@@ -1,0 +1,442 @@
+"""Vectors at the nodes of a grid that turn with their surroundings, such as the residual of a fit: ``T(b) r``.
+
+A vector that stays as it is while the grid turns about it shears the cells there; after a rigid motion it points the
+wrong way. So it is multiplied by a rotation: `LocalRotations` of the corners of the spans, which are points of the
+mapping itself, interpolated trilinearly within every span. The weights are positive and sum to one, so that a
+rigid motion of the control points turns every vector by its own rotation, to round-off. Where vectors are long beside
+the spans, the rotations are smoothed over their length first (`.rotation_filter`): else they would fold cells there.
+
+- Corners on walls see the wall alone, so that vectors on it depend on the control points of the surface only. Corners
+  on other boundary faces see these alone, so that nothing turns where they are fixed; corners in planes of symmetry,
+  and in planes that walls end on, which slide as these do, see the plane. All others see their neighbours. Smoothing
+  joins corners of one kind, and takes rotations of walls into planes, and those of all faces inside, as given.
+- On planar boundary faces that are no walls, the part of a vector along the normal follows the face's mean normal, and
+  the rest stays in the plane: nodes do not leave a plane whose control points do not. Where corners see the plane alone
+  that is so anyway; where they see a wall or another face as well, the part along the normal is put in its place.
+
+Rotations are exact functions of the control points; the places of nodes and corners in their spans are fixed.
+
+Theory: ``docs/theory/wall_layer.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+
+from ...base.numerics.mean_planes import mean_planes, near_enough
+from ...grids.topology.boundary_surface import quads_in_turn
+from ...grids.topology.held_nodes import HeldNodes, face_rows
+from ...grids.topology.sharing import boundary_sides
+from ..evaluation.evaluator import Evaluator
+from ..splines.mesh import BSplineMesh
+from .corner_group import CornerGroup
+from .node_vectors import FaceNodes, SpanNodes, Vectors, transposed
+from .planes import PlaneNormal
+from .residual_lengths import corner_numbers
+from .rotations import Rotations
+
+__all__ = ["Turn", "Turning"]
+
+PLANAR = 1e-5
+"""A face is planar where its corners leave the plane by less than this part of its size: single precision of files."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """The map from control points to the rotations of vectors at the nodes. Made by `Turning.of`.
+
+    Parameters
+    ----------
+    corners : Evaluator
+        From control points to the corners of all spans, each shared one once.
+    points : ndarray, shape (n_corners, 3)
+        The corners on the baseline (m).
+    groups : tuple
+        Corners that see each other.
+    planes : tuple
+        Planes of boundary faces.
+    faces : tuple
+        The boundary faces in them.
+    plane_of_corner : ndarray of int, shape (n_corners,)
+        The plane that a corner sees alone; -1 for none.
+    cells : tuple
+        The nodes of every volume.
+    evaluator : Evaluator
+        Of the nodes; it gives the pieces of work and the number of threads.
+    flat : FaceNodes
+        The nodes in planes.
+    flat_copies : ndarray of int, shape (n_copies, 2)
+        Rows that are copies of these, and the rows that they copy.
+    """
+
+    corners: Evaluator
+    points: np.ndarray
+    groups: tuple[CornerGroup, ...]
+    planes: tuple[PlaneNormal, ...]
+    faces: tuple[_BoundaryFace, ...]
+    plane_of_corner: np.ndarray
+    cells: tuple[SpanNodes, ...]
+    evaluator: Evaluator
+    flat: FaceNodes
+    flat_copies: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        held: HeldNodes,
+        mesh: BSplineMesh,
+        parameters: Sequence[np.ndarray],
+        control_points: np.ndarray,
+        lengths: np.ndarray,
+        evaluator: Evaluator,
+    ) -> Turning:
+        """Find the corners, groups and planes that the vectors of nodes turn with.
+
+        Parameters
+        ----------
+        held : HeldNodes
+            The nodes; their topology has segments, links, and the kinds of boundary faces.
+        mesh : BSplineMesh
+            One volume per segment.
+        parameters : sequence of ndarray, each of shape (n_v, 3)
+            Parameters of the nodes that each segment evaluates.
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points of the baseline (m).
+        lengths : ndarray, shape (n_corners,)
+            Largest vector around every corner (m), by `.residual_lengths.residual_lengths`.
+        evaluator : Evaluator
+            Evaluation of the nodes, by `Evaluator.of_nodes`.
+        """
+        places, ids = corner_numbers(held.topology, mesh)
+        corners = _corner_evaluator(mesh, places, ids, evaluator.n_threads)
+        points = corners.forward(control_points)
+        faces = _boundary_faces(held, ids, points)
+        groups, plane = _groups(faces, ids, points, lengths)
+        planes = [face for face in faces if face.plane is not None]
+        quads = [
+            np.concatenate([f.quads for f in planes if f.plane == k]) for k in range(len({f.plane for f in planes}))
+        ]
+        cells = _cells(mesh, ids, evaluator, parameters, held)
+        rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(face.rows for face in planes)]))
+        flat = _face_nodes(rows, cells, planes, plane)
+        flat = flat.part(np.flatnonzero((flat.planes >= 0).any(axis=1)))
+        copies = held.copies[np.isin(held.copies[:, 1], flat.rows)]
+        normals = tuple(map(PlaneNormal.of_quads, quads))
+        return cls(corners, points, groups, normals, tuple(planes), plane, cells, evaluator, flat, copies)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory besides the evaluator's (B)."""
+        arrays = [array for cell in self.cells for array in (cell.corners, cell.fractions)]
+        arrays += [self.flat.rows, self.flat.corners, self.flat.weights]
+        return sum(array.nbytes for array in arrays) + int(self.corners.bytes_per_node * self.corners.n_rows)
+
+    def vectors(self, vectors: np.ndarray) -> Vectors:
+        """Sort vectors of all nodes, shape (n_nodes, 3), so that they can be turned."""
+        inner = vectors.copy()
+        inner[self.flat.rows] = 0.0
+        return Vectors(tuple(cell.pack(inner) for cell in self.cells), vectors[self.flat.rows])
+
+    def at(self, control_points: np.ndarray, initial: np.ndarray | None = None) -> Turn:
+        """Rotations of control points, shape (n_control_points, 3), from where they were at first: on the baseline.
+
+        Raises
+        ------
+        MovementError
+            If the surroundings of a corner are turned inside out.
+        """
+        moved = self.corners.forward(control_points)
+        initial = self.points if initial is None else self.corners.forward(initial)
+        matrices = np.tile(np.eye(3).ravel(), (self.corners.n_rows, 1))
+        rotations = tuple(group.at(initial, moved, matrices) for group in self.groups)
+        normals = [[plane.normal(points) for plane in self.planes] for points in (moved, initial)]
+        return Turn(self, initial, moved, rotations, matrices, np.reshape(normals, (2, len(self.planes), 3)))
+
+    def of_rows(self, rows: FaceNodes) -> Turning:
+        """Return the part of the map that the rotations of these nodes need."""
+        needed, _ = self._dependencies(rows)
+        return replace(self, groups=tuple(g for g in self.groups if needed[g.ids[g.own]].any()))
+
+    def seen_by(self, rows: FaceNodes) -> np.ndarray:
+        """Corners that the rotations of these nodes depend on."""
+        return self._dependencies(rows)[1]
+
+    def _dependencies(self, rows: FaceNodes) -> tuple[np.ndarray, np.ndarray]:
+        """Corners whose rotations these nodes need, as a mask, and the corners that these see."""
+        needed = np.zeros(len(self.points), dtype=bool)
+        needed[rows.corners[rows.weights > 0.0]] = True
+        seen = [group.add_dependencies(needed) for group in reversed(self.groups)]
+        return needed, np.unique(np.concatenate(seen))
+
+    def rows(self, rows: np.ndarray) -> FaceNodes:
+        """Weights and planes of nodes on boundary faces by their rows, which are evaluated ones in ascending order."""
+        return _face_nodes(rows, self.cells, self.faces, self.plane_of_corner)
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """Rotations at one set of control points.
+
+    Parameters
+    ----------
+    of : Turning
+        The map.
+    initial, moved : ndarray, shape (n_corners, 3)
+        Corners of the spans at first and now (m).
+    rotations : tuple of Rotations
+        Of every group.
+    matrices : ndarray, shape (n_corners, 9)
+        Rotation of every corner.
+    normals : ndarray, shape (2, n_planes, 3)
+        Normals of all planes, now and at first.
+    """
+
+    of: Turning
+    initial: np.ndarray
+    moved: np.ndarray
+    rotations: tuple[Rotations, ...]
+    matrices: np.ndarray
+    normals: np.ndarray
+
+    def evaluate(self, control_points: np.ndarray, vectors: Vectors) -> np.ndarray:
+        """Nodes ``A b + T v``, shape (n_nodes, 3)."""
+        flat = self.of.flat
+        return self._forward(
+            control_points, self.matrices, vectors, flat.turned(self.matrices, self.normals, vectors.flat)
+        )
+
+    def change(self, d_control_points: np.ndarray, d_initial: np.ndarray | None = None) -> Turn.Change:
+        """Differentiate the rotations along a direction in the control points, and in those at first."""
+        d_moved = self.of.corners.forward(d_control_points)
+        d_first = None if d_initial is None else self.of.corners.forward(d_initial)
+        d_matrices = np.zeros_like(self.matrices)
+        for group, rotations in zip(self.of.groups, self.rotations):
+            group.jvp(rotations, d_first, d_moved, d_matrices)
+        d_normals = np.zeros_like(self.normals)
+        for k, faces in enumerate(self.of.planes):
+            d_normals[0, k] = faces.normal_jvp(self.moved, d_moved)
+            d_normals[1, k] = 0.0 if d_first is None else faces.normal_jvp(self.initial, d_first)
+        return Turn.Change(d_matrices, d_normals)
+
+    @dataclass(frozen=True, eq=False)
+    class Change:
+        """Changes of the rotations of all corners, and of the normals of all planes, now and at first."""
+
+        matrices: np.ndarray
+        normals: np.ndarray
+
+    def jvp(
+        self, d_control_points: np.ndarray, change: Turn.Change, vectors: Vectors, d_vectors: Vectors | None = None
+    ) -> np.ndarray:
+        """Change of `evaluate`, shape (n_nodes, 3), with that of the rotations, see `change`, and of the vectors."""
+        d_flat = None if d_vectors is None else d_vectors.flat
+        flat = self.of.flat.jvp(self.matrices, self.normals, vectors.flat, change.matrices, change.normals, d_flat)
+        out = self._forward(d_control_points, change.matrices, vectors, flat)
+        if d_vectors is not None:
+            out += self._forward(np.zeros_like(d_control_points), self.matrices, d_vectors, np.zeros_like(flat))
+        return out
+
+    def vjp(self, vectors: Vectors, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of `jvp` with `change`, in all that ``T v`` depends on.
+
+        Parameters
+        ----------
+        vectors : Vectors
+            The vectors.
+        bar : ndarray, shape (n_nodes, 3)
+            Derivative of a scalar with respect to the nodes, zero in copies.
+
+        Returns
+        -------
+        control_bar, initial_bar : ndarray, shape (n_control_points, 3)
+            Derivatives with respect to the control points, now and at first.
+        vectors_bar : ndarray, shape (n_nodes, 3)
+            Derivatives with respect to the vectors; those of copies do not count.
+        """
+        _, matrices_bar, normals_bar, flat_bar = self._bars(vectors, bar)
+        bars = self.of.vectors(bar)
+        none = np.zeros((len(self.of.flat.rows), 3))
+        zero = np.zeros((self.of.evaluator.n_control_points, 3))
+        vectors_bar = self._forward(zero, transposed(self.matrices), bars, none)
+        vectors_bar[self.of.flat.rows] = flat_bar
+        moved_bar, initial_bar = np.zeros_like(self.moved), np.zeros_like(self.initial)
+        for group, rotations in self._reversed():
+            before, after = rotations.vjp(group.pull(matrices_bar))
+            initial_bar[group.ids] += before
+            moved_bar[group.ids] += after
+        for faces, now, first in zip(self.of.planes, *normals_bar):
+            faces.add_normal_vjp(self.moved, now, moved_bar)
+            faces.add_normal_vjp(self.initial, first, initial_bar)
+        adjoint = self.of.corners.adjoint
+        return adjoint(moved_bar), adjoint(initial_bar), vectors_bar
+
+    def control_vjp(self, vectors: Vectors, bar: np.ndarray) -> np.ndarray:
+        """First result of `vjp` alone, for a baseline that does not change."""
+        control_bar, matrices_bar, normals_bar, _ = self._bars(vectors, bar)
+        moved_bar = np.zeros_like(self.moved)
+        self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
+        return control_bar + self.of.corners.adjoint(moved_bar)
+
+    def rows_vjp(self, rows: FaceNodes, vectors: np.ndarray, bar: np.ndarray) -> np.ndarray:
+        """Derivative in the control points, shape (n_control_points, 3), of the turned vectors of some nodes alone."""
+        matrices_bar, moved_bar = np.zeros_like(self.matrices), np.zeros_like(self.moved)
+        normals_bar, _ = rows.vjp(self.matrices, self.normals, vectors, bar, matrices_bar)
+        self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
+        return self.of.corners.adjoint(moved_bar)
+
+    def _reversed(self):
+        """Groups with their rotations, the last first: each is smoothed towards those before it."""
+        return zip(reversed(self.of.groups), reversed(self.rotations))
+
+    def _add_corner_bars(self, matrices_bar, normals_bar, moved_bar) -> None:
+        """Add the derivatives with respect to the corners now; those with respect to the rotations are used up."""
+        for group, rotations in self._reversed():
+            moved_bar[group.ids] += rotations.moved_vjp(group.pull(matrices_bar))
+        for faces, now in zip(self.of.planes, normals_bar[0]):
+            faces.add_normal_vjp(self.moved, now, moved_bar)
+
+    def _forward(self, control_points, matrices, vectors: Vectors, flat: np.ndarray) -> np.ndarray:
+        """Evaluate and turn all nodes, those in planes with vectors that are turned already."""
+        cells = self.of.cells
+        turned = [(cell.fractions, packed, cell.corners, matrices) for cell, packed in zip(cells, vectors.packed)]
+        out = self.of.evaluator.forward(control_points, turned=turned)
+        out[self.of.flat.rows] += flat
+        copies = self.of.flat_copies
+        out[copies[:, 0]] = out[copies[:, 1]]
+        return out
+
+    def _bars(self, vectors: Vectors, bar: np.ndarray):
+        """Derivatives with respect to control points, rotations of all corners, normals, and vectors in planes."""
+        of = self.of
+        turns = [np.empty((len(cell.corners), 8, 9)) for cell in of.cells]
+        turned = [(cell.fractions, packed, part) for cell, packed, part in zip(of.cells, vectors.packed, turns)]
+        control_bar, matrices_bar = of.evaluator.adjoint(bar, turned=turned), np.zeros_like(self.matrices)
+        for cell, part in zip(of.cells, turns):
+            _gather(cell.corners, part, matrices_bar)
+        flat_bar = bar[of.flat.rows]
+        np.add.at(flat_bar, np.searchsorted(of.flat.rows, of.flat_copies[:, 1]), bar[of.flat_copies[:, 0]])
+        bars = of.flat.vjp(self.matrices, self.normals, vectors.flat, flat_bar, matrices_bar)
+        return control_bar, matrices_bar, *bars
+
+
+def _corner_evaluator(mesh: BSplineMesh, places, ids, n_threads) -> Evaluator:
+    """Evaluation of the corners of all spans, each in the first volume that has it."""
+    flat = np.concatenate([numbers.ravel() for numbers in ids])
+    numbers, first = np.unique(flat, return_index=True)
+    is_first = np.zeros(len(flat), dtype=bool)
+    is_first[first] = True
+    ends = np.cumsum([part.size for part in ids])[:-1]
+    own = np.split(is_first, ends)
+    parameters = [x.reshape(-1, 3)[mask] for x, mask in zip(places, own)]
+    rows = [part.ravel()[mask] for part, mask in zip(ids, own)]
+    return Evaluator.build(mesh, parameters, rows, len(numbers), n_threads=n_threads)
+
+
+@dataclass(frozen=True, eq=False)
+class _BoundaryFace:
+    """A boundary face of a segment: quads of corners, and nodes that are held; which corners see it, and its plane."""
+
+    quads: np.ndarray
+    rows: np.ndarray
+    rank: int
+    plane: int | None
+
+
+def _boundary_faces(held: HeldNodes, ids, points: np.ndarray) -> list[_BoundaryFace]:
+    """Gather the boundary faces; those of one plane have quads whose areas point to one side."""
+    numbers: dict[tuple, int] = {}
+    topology, faces = held.topology, []
+    size = np.linalg.norm(np.ptp(points, axis=0))
+    sides = [(*side, np.take(ids[side[1]], -(side[2] % 2), axis=side[2] // 2)) for side in boundary_sides(topology)]
+    parts = [points[corners.ravel()] for face, _, _, corners in sides if face.kind == "symmetry"]
+    near, mirrors = near_enough(parts), iter(mean_planes(parts))  # of symmetry, which may be rough
+    for face, number, side, corners in sides:
+        rows = held.numbers_of(face_rows(topology, topology.segments[number].face(side)).ravel())
+        quads, plane = quads_in_turn(corners), None
+        normal, area = PlaneNormal.of_quads(quads).normal_and_area(points)
+        offsets = points[corners.ravel()] @ normal
+        offset, is_planar = offsets.mean(), np.ptp(offsets) <= PLANAR * np.sqrt(area)
+        if face.kind == "symmetry":
+            mirror = next(mirrors)
+            sign = 1.0 if mirror.normal @ normal > 0.0 else -1.0
+            normal, offset, is_planar = sign * mirror.normal, sign * mirror.offset, mirror.roughness <= near
+        if face.kind != "wall" and area > 0.0 and is_planar:
+            sign = np.sign(normal[np.argmax(np.abs(normal))])
+            key = tuple(np.round([*(sign * normal), sign * offset / size], 5))
+            plane, quads = numbers.setdefault(key, len(numbers)), quads if sign > 0.0 else quads[:, ::-1]
+        rank = {"wall": 0, "symmetry": 2}.get(face.kind or "", 1)
+        faces.append(_BoundaryFace(quads, rows[rows >= 0], rank, plane))
+    on_wall = np.unique(np.concatenate([np.zeros(0, int), *(face.quads.ravel() for face in faces if face.rank == 0)]))
+    sliding = {face.plane for face in faces if np.isin(face.quads, on_wall).any()} - {None}
+    return [replace(face, rank=2) if face.plane in sliding else face for face in faces]
+
+
+def _face_nodes(
+    rows: np.ndarray, cells: Sequence[SpanNodes], faces: Sequence[_BoundaryFace], plane_of_corner: np.ndarray
+) -> FaceNodes:
+    """Weights and planes of nodes by their rows; ``faces`` are those in planes."""
+    places, found = [], []
+    for cell in cells:
+        own = cell.nodes.rows[: cell.nodes.n_nodes]
+        nodes = np.flatnonzero(np.isin(own, rows))
+        places.append(np.searchsorted(rows, own[nodes]))
+        found.append(cell.weights(nodes))
+    order = np.argsort(np.concatenate(places))
+    corners, weights = (np.concatenate(parts)[order] for parts in zip(*found))
+    planes, count = np.full((len(rows), 3), -1), np.zeros(len(rows), dtype=int)
+    for k in sorted({face.plane for face in faces if face.plane is not None}):
+        is_in = np.isin(rows, np.concatenate([face.rows for face in faces if face.plane == k]))
+        sees_more = ((plane_of_corner[corners] != k) & (weights > 0.0)).any(axis=1)
+        at = np.flatnonzero(is_in & sees_more & (count < 3))
+        planes[at, count[at]] = k
+        count[at] += 1
+    return FaceNodes(rows, corners, weights, planes)
+
+
+def _groups(
+    faces: list[_BoundaryFace], ids, points: np.ndarray, lengths: np.ndarray
+) -> tuple[tuple[CornerGroup, ...], np.ndarray]:
+    """Corners on walls, on other boundary faces, in planes that slide, and all; and the plane that each sees alone."""
+    pairs = [
+        np.stack([n.take(range(n.shape[d] - 1), d), n.take(range(1, n.shape[d]), d)]) for n in ids for d in range(3)
+    ]
+    edges = np.concatenate([ends.reshape(2, -1).T for ends in pairs])
+    rank, plane, groups = np.full(len(points), 3), np.full(len(points), -2), []
+    for face in faces:
+        rank[face.quads] = np.minimum(rank[face.quads], face.rank)
+    for face in faces:
+        own = np.unique(face.quads[rank[face.quads] == face.rank])
+        number = -1 if face.plane is None else face.plane
+        plane[own] = np.where(plane[own] == -2, number, np.where(plane[own] == number, number, -1))
+    for k in range(3):
+        quads = [face.quads for face in faces if face.rank == k]
+        if quads:
+            members, corners = np.unique(np.concatenate(quads)), np.concatenate(quads)
+            group = CornerGroup.of(points, lengths, members, rank[members] == k, is_apart=k < 2, quads=corners)
+            if group.filter is not None:  # smoothed corners see those of other planes and walls as well
+                plane[members[group.filter.free]] = -1
+            groups.append(group)
+    groups.append(CornerGroup.of(points, lengths, np.arange(len(points)), rank == 3, is_apart=False, edges=edges))
+    return tuple(groups), plane
+
+
+def _cells(mesh: BSplineMesh, ids, evaluator: Evaluator, parameters, held: HeldNodes) -> tuple[SpanNodes, ...]:
+    """Place the nodes of all volumes in their spans."""
+    cells, place = [], np.empty(evaluator.n_rows, dtype=np.int64)
+    for volume, corners, nodes, x, numbers in zip(mesh.volumes, ids, evaluator.nodes, parameters, held.numbers):
+        place[numbers] = np.arange(len(numbers))
+        cells.append(SpanNodes.of(volume, corners, nodes, x[place[nodes.rows[: nodes.n_nodes]]]))
+    return tuple(cells)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(corners, sums, out):
+    """Add the sums of the spans, shape (n_spans, 8, 9), to their corners."""
+    for run in range(corners.shape[0]):
+        for column in range(8):
+            for e in range(9):
+                out[corners[run, column], e] += sums[run, column, e]

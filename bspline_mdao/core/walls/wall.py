@@ -1,0 +1,132 @@
+"""A wall on the baseline: its triangles, how the layer above it turns, and its reach, up to which points follow it.
+
+The reach is a few times the width of the wall's quads. Grids whose cells at the wall are as high as wide need no layer,
+and have none.
+
+Theory: ``docs/theory/wall_layer.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array, diags_array
+
+from ...errors import InputError
+from .closest_points import TriangleTree
+from .closest_search import fade
+from .frames import WallFrames
+
+__all__ = ["Wall"]
+
+REACH = (20.0, 3.0)
+"""A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less."""
+
+VISCOUS = (24.0, 36.0)
+"""Widths of quads by first heights, exceeded at a quarter of the nodes, up to which a grid is inviscid and its wall has
+no layer, and from which on it has its whole reach. Grids have 1 to 24, or 36 to 16,000."""
+
+N_SMOOTHINGS = 3
+"""Times that the reach of a wall is averaged with that of the neighbours: it then varies over several quads, and the
+layer ends smoothly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """A wall on the baseline. Made by `Wall.of`.
+
+    Parameters
+    ----------
+    tree : TriangleTree
+        Its triangles and its reach.
+    frames : WallFrames
+        How the layer above it turns.
+    """
+
+    tree: TriangleTree
+    frames: WallFrames
+
+    @classmethod
+    def of(
+        cls,
+        points: np.ndarray,
+        quads: np.ndarray,
+        heights: np.ndarray,
+        planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+        fixed: np.ndarray | None = None,
+        faces: np.ndarray | None = None,
+        n_threads: int | None = None,
+    ) -> Wall:
+        """Sort the triangles of a wall, and find its reach and the neighbours of its nodes.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Its nodes on the baseline (m), each once.
+        quads : ndarray of int, shape (n_quads, 4)
+            Corners of its quads in turn, around the normal into the fluid.
+        heights : ndarray, shape (n,)
+            Heights of the first cells at the nodes (m); 0 where there is none.
+        planes : sequence of (ndarray of int, ndarray of shape (3,))
+            Nodes in planes that they must stay in, and the planes' normals: their rotation keeps the plane.
+        fixed : ndarray of int, optional
+            Nodes that never turn, such as those on a fixed boundary.
+        faces : ndarray of int, shape (n_quads,), optional
+            Face that each quad belongs to. Heights are kept above each face by itself, where several meet in a node.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+
+        Returns
+        -------
+        Wall
+
+        Raises
+        ------
+        InputError
+            If an array has the wrong shape.
+        """
+        points = np.ascontiguousarray(points, dtype=float)
+        frames = WallFrames.of(points, quads, planes, fixed, faces, n_threads)
+        heights = np.asarray(heights, dtype=float)
+        if heights.shape != (len(points),):
+            raise InputError(f"wall layer: heights of shape {heights.shape}; give shape ({len(points)},)")
+        return cls(TriangleTree.of(points, np.asarray(quads), _reach(points, np.asarray(quads), heights)), frames)
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return len(self.tree.points)
+
+
+def _reach(points, quads, heights) -> np.ndarray:
+    """Distance up to which points follow a wall, at its nodes, shape (n,): see `REACH`."""
+    x = points[quads]
+    diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
+    area = 0.5 * np.linalg.norm(np.cross(*diagonals), axis=1)
+    longest = np.max([np.linalg.norm(d, axis=1) for d in diagonals], axis=0)
+    width = np.divide(area, longest, out=np.zeros(len(quads)), where=longest > 0.0)
+    ends = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
+    around = _mean_of(quads.ravel(), np.repeat(np.arange(len(quads)), 4), len(points), len(quads))
+    beside = _mean_of(ends.ravel(), ends[:, ::-1].ravel(), len(points), len(points))
+    spacing = around @ width
+    reach = np.maximum(spacing, np.minimum(REACH[0] * heights, REACH[1] * spacing))
+    for _ in range(N_SMOOTHINGS):
+        reach = 0.5 * (reach + beside @ reach)
+    return reach * _viscosity(spacing, heights)
+
+
+def _viscosity(spacing, heights) -> float:
+    """Fraction of its reach that a wall has: where cells are as high as wide, a layer is useless and costs quality."""
+    has_height = heights > 0.0
+    if not has_height.any():
+        return 0.0
+    flatness = np.quantile(spacing[has_height] / heights[has_height], 0.75)
+    return 1.0 - fade(np.log(max(flatness, 1.0) / VISCOUS[0]) / np.log(VISCOUS[1] / VISCOUS[0]))
+
+
+def _mean_of(rows, columns, n_rows: int, n_columns: int) -> csr_array:
+    """Matrix of the means of the values at the columns that go with each row."""
+    sums = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_rows, n_columns)).tocsr()
+    return diags_array(1.0 / np.maximum(sums @ np.ones(n_columns), 1.0)) @ sums

@@ -1,0 +1,106 @@
+"""Runs that hover: their residual is low and goes up and down, but there is no flow where they are.
+
+As a shock moves over the cells, steady states end one after the other, each where it meets an unstable one: at a fold.
+A run comes past places where the last one has just ended. There the residual has a minimum that is not zero, and the
+Jacobian is singular. On the far side a part of the states moves away at a rate mu in pseudo-time. A step with a time
+step h takes that part by
+
+    (1/h - mu) T dW = -R ,
+
+which is forward, and the residual grows by 1/(1 - h mu), as long as h mu < 1. With h mu = 1 it has no bound, and with
+more it goes *backward*, to the near side, from where the next long step leads to the far side again: the run goes to
+and fro for ever.
+
+By how much what a step is made of moves away, its `growth` h mu, is known from the step and its residual: it is the
+Rayleigh quotient of the Jacobian in the metric of the time terms. A run that hovers goes back to short time steps, and
+lets them grow only as far as `growth` allows. So it is carried past the fold, while the residual rises by orders of
+magnitude, to where there is a flow.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...base.numerics.processes import summed
+from .newton_step import BACK, Course, NewtonStep
+
+__all__ = ["begins_to_hover", "course_of", "hovering_cfl", "lowest_before", "since_it_hovers"]
+
+HOVERING, HOVERING_FROM = 8, 1e-3
+"""Steps without a new lowest residual after which a run hovers, where all of theirs are below the second number. One
+that goes back is enough where the residual rises."""
+
+REST_CFL, LONG_REST_CFL = 20.0, 5.0
+"""CFL numbers, of usual and long time steps, that a run which hovers goes back to."""
+
+OVER = 0.1
+"""Part of the lowest residual before it hovered below which a run hovers no more."""
+
+GROWTH = 0.4
+"""What `growth` is led to. The residual then rises by 1/(1 - 0.4) a step; from 0.5 on it would double, and parts of
+steps would be taken."""
+
+LARGEST_RISE, LEAST_RISE = 10.0, 1.5
+"""Most and least growth of the CFL number, but for that bound: while the run is carried past, a residual that rises is
+no sign against it."""
+
+
+def course_of(update, last, residual, held, comm) -> Course:
+    """Tell where an update leads.
+
+    Parameters
+    ----------
+    update, last : ndarray, shape (n_cells, 5)
+        The update and the one before, which may be missing.
+    residual : ndarray, shape (n_cells, 5)
+        Before the step.
+    held : ndarray, shape (n_cells, 5)
+        The time terms' product with the update, ``T dW / CFL``, in the units of the residual.
+    comm : communicator
+        The processes.
+    """
+    last = np.zeros_like(update) if last is None else last
+    pairs = (update, last), (update, update), (last, last), (held, residual), (held, held)
+    along, new, old, driven, slowed = summed(comm, np.array([np.einsum("ij,ij", a, b) for a, b in pairs]))
+    tiny = np.finfo(float).tiny
+    return Course(float(along / max(np.sqrt(new * old), tiny)), float(1.0 + driven / max(slowed, tiny)))
+
+
+def begins_to_hover(history: Sequence[NewtonStep]) -> bool:
+    """Whether residuals are low but no new lowest one was among the last; while shocks travel they are higher."""
+    residuals = [step.residual for step in history]
+    if len(residuals) < 3:
+        return False
+    goes_back = history[-1].course.turn < BACK and residuals[-1] > residuals[-2] and max(residuals[-3:]) < HOVERING_FROM
+    is_held = max(residuals[-HOVERING:]) < HOVERING_FROM and len(residuals) > HOVERING
+    return goes_back or (is_held and min(residuals[-HOVERING:]) > min(residuals[:-HOVERING]))
+
+
+def lowest_before(history: Sequence[NewtonStep]) -> float:
+    """Lowest residual before a run began to hover, zero of one that does not; that of its last step is not set yet."""
+    before = history[-2].hovers_from if len(history) > 1 else 0.0
+    if before:
+        return before if history[-1].residual > OVER * before else 0.0
+    return min(step.residual for step in history) if begins_to_hover(history) else 0.0
+
+
+def hovering_cfl(history: Sequence[NewtonStep], is_long: bool) -> float:
+    """CFL number of the next step of a run that hovers: short at first, then as long as growth allows."""
+    cfl, length, growth = history[-1].cfl, history[-1].length, history[-1].course.growth
+    if not history[-2].hovers_from:
+        return min(cfl, LONG_REST_CFL if is_long else REST_CFL)
+    fall = history[-2].residual / max(history[-1].residual, np.finfo(float).tiny)
+    factor = min(LARGEST_RISE, max(LEAST_RISE, fall)) if length == 1.0 else min(1.0, max(0.2, 1.5 * length))
+    return cfl * (min(factor, GROWTH / growth) if growth > 0.0 else factor)
+
+
+def since_it_hovers(history: list[NewtonStep]) -> list[NewtonStep]:
+    """Steps of a run that hovers, from the first one that did on; all of another. Past a fold residuals rise."""
+    first = len(history)
+    while history[first - 1].hovers_from:
+        first -= 1
+    return history[first:] or history

@@ -1,0 +1,1 @@
+"""Forces of a flow: coefficients, loads along the span, hinges, induced drag."""

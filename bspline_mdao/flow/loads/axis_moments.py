@@ -1,0 +1,107 @@
+"""Moments about axes: the bending moment at the root of a wing, and hinge moments of control surfaces.
+
+Which faces belong to a control surface is decided on the baseline and kept.
+
+Theory: ``docs/theory/far_field.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ...base.display import OneLine
+
+__all__ = ["AxisMoment"]
+
+
+@dataclass(frozen=True, eq=False)
+class AxisMoment(OneLine):
+    """Coefficient of the moment of some forces about an axis, positive by the right hand from its first point on.
+
+    Parameters
+    ----------
+    points : csr_array, shape (n_forces, n_nodes)
+        Weights of the nodes of a grid in the points that forces act at.
+    weights : ndarray, shape (n_forces,)
+        Part of each force that counts.
+    ends : csr_array, shape (2, n_nodes)
+        Weights of the nodes in the two points of the axis; none where it does not move with the grid.
+    offsets : ndarray, shape (2, 3)
+        What is added to these (m).
+    volume : float
+        Reference area times reference chord (m^3).
+    """
+
+    points: csr_array
+    weights: np.ndarray
+    ends: csr_array
+    offsets: np.ndarray
+    volume: float
+
+    @classmethod
+    def about_fixed(cls, points: csr_array, weights: np.ndarray, axis, volume: float) -> AxisMoment:
+        """Take an axis that stays, given by two points (m), shape (2, 3)."""
+        none = csr_array((2, points.shape[1]))
+        return cls(points, weights, none, np.array(axis, dtype=float), volume)
+
+    @classmethod
+    def bending(cls, points: csr_array, nodes: np.ndarray, axes: np.ndarray, reference, volume: float) -> AxisMoment:
+        """Take the moment that bends a wing upwards about its plane of symmetry.
+
+        The axis points downstream, through span 0 and the height of the reference point; forces on both halves of a
+        whole wing add up.
+
+        Parameters
+        ----------
+        points : csr_array, shape (n_forces, n_nodes)
+            See above.
+        nodes : ndarray, shape (n_nodes, 3)
+            Baseline nodes (m), which tell the side that a force is on.
+        axes : ndarray, shape (3, 3)
+            Rows are the directions downstream, along the span, and up.
+        reference : sequence of three float
+            The reference point (m).
+        volume : float
+            See above.
+        """
+        middle = np.asarray(reference, dtype=float) * (1.0 - np.abs(axes[1]))
+        sides = np.sign(points @ nodes @ axes[1])
+        return cls.about_fixed(points, sides, [middle, middle + np.linalg.det(axes) * axes[0]], volume)
+
+    def evaluate(self, forces: np.ndarray, nodes: np.ndarray):
+        """Coefficient of forces divided by the dynamic pressure (m^2), shape (n_forces, 3); real or complex.
+
+        Nodes are those of the grid (m), shape (n_nodes, 3).
+        """
+        start, direction, _ = self._axis(nodes)
+        arms = self.points @ nodes - start
+        return self.weights @ np.cross(arms, forces) @ direction / self.volume
+
+    def jvp(self, forces, nodes, d_forces, d_nodes):
+        """Derivative of `evaluate` along a direction in both arguments."""
+        start, direction, length = self._axis(nodes)
+        d_ends = self.ends @ d_nodes
+        d_line = d_ends[1] - d_ends[0]
+        d_direction = (d_line - direction * (direction @ d_line)) / length
+        arms, d_arms = self.points @ nodes - start, self.points @ d_nodes - d_ends[0]
+        d_moment = self.weights @ (np.cross(arms, d_forces) + np.cross(d_arms, forces))
+        return (d_moment @ direction + self.weights @ np.cross(arms, forces) @ d_direction) / self.volume
+
+    def vjp(self, forces, nodes, bar: float) -> tuple[np.ndarray, np.ndarray]:
+        """Apply the transpose of `jvp`: derivatives with respect to the forces and the nodes, times a number."""
+        start, direction, length = self._axis(nodes)
+        arms, parts = self.points @ nodes - start, bar / self.volume * self.weights[:, None]
+        arms_bar = parts * np.cross(forces, direction)
+        direction_bar = np.sum(parts * np.cross(arms, forces), axis=0)
+        line_bar = (direction_bar - direction * (direction @ direction_bar)) / length
+        ends_bar = np.stack([-line_bar - arms_bar.sum(axis=0), line_bar])
+        return parts * np.cross(direction, arms), self.points.T @ arms_bar + self.ends.T @ ends_bar
+
+    def _axis(self, nodes):
+        """First point, direction, and length of what is between the points."""
+        start, end = self.ends @ nodes + self.offsets
+        length = np.sqrt(np.sum((end - start) ** 2))
+        return start, (end - start) / length, length

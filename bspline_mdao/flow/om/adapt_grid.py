@@ -1,0 +1,127 @@
+"""Adapt a grid to a flow: interior control points move until lift or drag are those of finer grids.
+
+Theory: ``docs/theory/adaptation.rst``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from ...core.design.interior_points import InteriorPoints
+from ...core.model.fitted_model import FittedModel
+from ...errors import InputError
+from .adaptation import Adaptation
+from .error_estimate import FUNCTIONALS
+from .error_search import ErrorSearch, limits_of
+
+__all__ = ["adapt_grid"]
+
+ROUNDS, ITERATIONS = 4, 8
+"""Rounds, each with adjoints of its own, and iterations of the optimiser in each."""
+
+
+def adapt_grid(
+    model: FittedModel,
+    of: str | Iterable[str] = "CD",
+    *,
+    mach: float,
+    alpha: float,
+    limits: Mapping[str, float] | None = None,
+    reach: float = 0.4,
+    sliding: str | Sequence[str] = (),
+    rounds: int = ROUNDS,
+    iterations: int = ITERATIONS,
+    progress: Callable[[float, str], None] | None = None,
+    **flow,
+) -> Adaptation:
+    """Move interior control points so that the adjoint's estimate of the error of lift or drag falls.
+
+    Nodes of walls, of the far field and of undeclared faces stay to the last bit, those of symmetry planes slide in
+    them, and the number of nodes is what it was.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid. What the splines miss of it is carried along as it is.
+    of : str or iterable of str
+        Any of ``CL``, ``CD``, ``CD_induced``, ``CD_entropy`` and ``CM_bending``.
+    mach, alpha : float
+        Mach number and angle of attack (deg) of the flow.
+    limits : dict of str to float, optional
+        The coefficients on infinitely fine grids, where they are known. By default those of second order by the flows
+        on the grid and on the member of twice the cells in each direction.
+    reach : float
+        How far control points may go, by the distance to their nearest neighbours; below 0.5.
+    sliding : str or sequence of str
+        Planar patches whose nodes slide in their planes, beside symmetry planes.
+    rounds, iterations : int
+        Rounds, each with the adjoints of the grid that it starts from, and iterations in each, at most.
+    progress : callable, optional
+        Called with the fraction done and what is being done.
+    **flow
+        Options of `EulerFlow`: the ``reference_area``, which has no default, ``axes`` and the like.
+
+    Returns
+    -------
+    Adaptation
+        With the grid that was given, where none better was found.
+
+    Raises
+    ------
+    InputError
+        If an option cannot be used, no control point may move, or the boundary does not tell what it is.
+    om.AnalysisError
+        If the flow on the given grid or on the finer one cannot be solved.
+
+    Examples
+    --------
+    >>> from bspline_mdao import FarField, adapt_grid, fit_grid, infinite_wing_grid, naca_section
+    >>> model = fit_grid(infinite_wing_grid(naca_section(0.12), (17, 9), far_field=FarField(5.0)))
+    >>> found = adapt_grid(model, mach=0.5, alpha=1.0, reference_area=1.0, limits={"CD": 0.0}, rounds=1, iterations=2)
+    >>> 0.0 < found.after["CD"].value < found.before["CD"].value
+    True
+    """
+    names = [of] if isinstance(of, str) else list(of)
+    _check(names, limits, rounds, iterations, flow)
+    started = time.perf_counter()
+    shift = InteriorPoints("interior", reach=reach, sliding=sliding).bind(model)
+    tell = progress or (lambda done, what: None)
+    if limits is None:
+        tell(0.0, "flow on the finer member")
+        limits = limits_of(model, names, mach, alpha, flow)
+    search = ErrorSearch(model, shift, {name: float(limits[name]) for name in names}, mach, alpha, flow)
+    for number in range(rounds):
+        tell((number + 1) / (rounds + 1), f"round {number + 1} of {rounds}")
+        if not search.run_round(iterations):
+            break
+    return Adaptation(
+        baseline=model,
+        shift=shift,
+        values=search.values,
+        limits=search.limits,
+        before=search.before,
+        after=search.after,
+        flows=search.flows,
+        seconds=time.perf_counter() - started,
+    )
+
+
+def _check(names: list[str], limits: Mapping[str, float] | None, rounds: int, iterations: int, flow: dict) -> None:
+    """Refuse options that cannot be used."""
+    unknown = [name for name in names if name not in FUNCTIONALS]
+    if unknown or not names:
+        raise InputError(f"adapt to {', '.join(unknown) or 'nothing'}; give any of {', '.join(FUNCTIONALS)}")
+    if limits is not None:
+        for name in names:
+            if name not in limits or not np.isfinite(limits[name]):
+                raise InputError(f"adapt: limits has no number for {name}; give one, or leave limits out")
+    for what, number in (("rounds", rounds), ("iterations", iterations)):
+        if number < 1:
+            raise InputError(f"adapt: {what} is {number}; give 1 or more")
+    if flow.get("reference_area") is None:
+        raise InputError("adapt: there is no reference_area; give that of what the grid shows, such as 1.0")
+    if flow.get("trim"):
+        raise InputError("adapt: the angle of attack is kept; leave trim out and give alpha as the trimmed flow has it")

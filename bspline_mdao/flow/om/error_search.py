@@ -1,0 +1,211 @@
+"""Search for values of interior control points at which lift and drag are those of finer grids.
+
+    x = x_0 + A E v,    loss = sum_J nu ((J - J_limit) / (J_0 - J_limit))^2 + bound / bound_0  + price of flat corners
+
+Rounds of L-BFGS lower the loss with the adjoints of the grid that they start from. Each evaluation solves the flow, and
+one adjoint system for the gradient, which is exact while those adjoints are frozen. What is searched are steps in which
+control points move together, see `bspline_mdao.core.adaptation.stiffness`.
+
+Theory: ``docs/theory/adaptation.rst``.
+
+References
+----------
+J. Nocedal, Updating quasi-Newton matrices with limited storage, *Mathematics of Computation* 35(151), 1980.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import openmdao.api as om
+from scipy.optimize import minimize
+
+from ...core.adaptation.loss import price, price_slope
+from ...core.adaptation.stiffness import StiffValues
+from ...core.design.interior_points import InteriorShift
+from ...core.model.fitted_model import FittedModel
+from ...errors import InputError
+from ...grids.cells.grid_quality import GridQuality, GridValues
+from ...names import GRID
+from ..euler.error_estimate import ErrorEstimate
+from ..euler.estimate_loss import EstimateLoss, WeightedAdjoint
+from ..euler.gas import N_STATES, free_stream
+from ..loads.stream import RADIAN
+from .error_estimate import ADJOINT_TOLERANCE, finer_member
+from .euler_flow import EulerFlow
+
+__all__ = ["ErrorSearch", "flow_problem", "limits_of"]
+
+FACTOR = 2.0
+"""Cells per direction of the finer member, divided by those of the grid."""
+
+WIDTH = 0.1
+"""Contributions below this part of their mean count by their squares."""
+
+CORNER, CORNER_SHARPNESS, CORNER_PART = "corner_ks", 300.0, 0.25
+"""The smooth bound of the corners of all cells, its sharpness, and the part of it that is kept."""
+
+FAILED = 1e3
+"""Loss of a grid whose flow cannot be solved: it has the optimiser make smaller steps."""
+
+DISTANCE = 2.0
+"""What the square of a distance from the limit counts, nu, beside a bound."""
+
+PARTS = (1.0, 0.5, 0.25, 0.125)
+"""Parts of what a round finds, one of which is taken: with less of it adjoints change less."""
+
+GRADIENT_TOLERANCE = 1e-5
+"""Residual of the adjoint systems of gradients."""
+
+CLOSEST = 1e-12
+"""Distance from the limit, at least, that errors are measured by."""
+
+
+class ErrorSearch:
+    """The grid on its way: values that were taken last, and what they are compared with."""
+
+    def __init__(
+        self,
+        model: FittedModel,
+        shift: InteriorShift,
+        limits: Mapping[str, float],
+        mach: float,
+        alpha: float,
+        options: Mapping,
+    ):
+        self.model, self.shift, self.limits = model, shift, dict(limits)
+        self.mach, self.alpha, self.options = mach, RADIAN * alpha, options
+        self.evaluator, grid = model.evaluator(), model.regenerate()
+        self.nodes = grid.to_vector().reshape(-1, 3)
+        self.quality = GridQuality.of_baseline(grid, rho=CORNER_SHARPNESS)
+        bound = self.quality.evaluate(self.nodes, (CORNER,)).aggregates[CORNER]
+        self.least_corner = bound - (1.0 - CORNER_PART) * abs(bound)
+        self.flows, self.stiff = 0, StiffValues.of(model, shift)
+        self.values = shift.initial
+        self.before: dict[str, ErrorEstimate] = {}
+        self.before = self.after = self.look(self.values)
+
+    def pose(self, values: np.ndarray) -> None:
+        """Pose the flow on the grid of some values, which settles the faces with weights of their own."""
+        model = replace(self.model, control_points=self.shift.apply(self.model.control_points, values))
+        self.problem = flow_problem(model, self.mach, self.alpha / RADIAN, self.options)
+        self.problem.final_setup()
+        self.flow, self.forces = (self.problem.model.state.options[name] for name in ("flow", "forces"))
+        self.stream = free_stream(self.mach, self.alpha, self.flow.axes)
+        axes = self.problem.model.options["axes"]
+        self.member = finer_member(self.model, self.flow, self.forces, self.nodes_at(values), axes, FACTOR)
+
+    def nodes_at(self, values: np.ndarray) -> np.ndarray:
+        """Nodes of the grid (m): those that no control point moves keep every bit."""
+        return self.nodes + self.evaluator.forward(self.shift.displacement(values))
+
+    def run_round(self, iterations: int) -> bool:
+        """Take what L-BFGS finds, or a part of it, if that is better with adjoints of its own; tell whether it was."""
+        stiff = self.stiff.at(self.values)
+
+        def loss(steps):
+            values = stiff.values(steps)
+            value, bar = self.loss(values)
+            return value, stiff.vjp(values, bar)
+
+        settings = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 30}
+        found = minimize(loss, np.zeros(self.shift.n_values), jac=True, method="L-BFGS-B", options=settings)
+        for part in PARTS:
+            values = stiff.values(part * found.x)
+            try:
+                seen = self.look(values)
+            except (om.AnalysisError, InputError):  # a finer member with cells of negative volume is refused
+                continue
+            if self.score(seen) < self.score(self.after):
+                self.values, self.after = values, seen
+                return True
+        return False
+
+    def score(self, estimates: Mapping[str, ErrorEstimate]) -> float:
+        """What grids are compared by: the loss without the price of corners."""
+        ratios = (self.distance(estimate.value, name) ** 2 for name, estimate in estimates.items())
+        return DISTANCE * sum(ratios) + sum(e.bound / self.before[name].bound for name, e in estimates.items())
+
+    def distance(self, value: float, name: str) -> float:
+        """Distance of a coefficient from its limit, by that on the grid that was given."""
+        return (value - self.limits[name]) / self.scale(name)
+
+    def scale(self, name: str) -> float:
+        """Distance from the limit on the grid that was given."""
+        return max(abs(self.before[name].value - self.limits[name]), CLOSEST)
+
+    def solve(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes and states of the flow."""
+        nodes = self.nodes_at(values)
+        self.problem.set_val(GRID, nodes.ravel())
+        self.flows += 1
+        self.problem.run_model()
+        return nodes, self.problem.get_val("states").reshape(-1, N_STATES).copy()
+
+    def look(self, values: np.ndarray) -> dict[str, ErrorEstimate]:
+        """Pose the flow afresh, estimate the errors of all coefficients, and keep the loss with their adjoints."""
+        self.pose(values)
+        nodes, states = self.solve(values)
+        try:
+            self.member.flow.require_volumes(self.member.nodes_at(nodes))
+        except InputError as error:
+            raise InputError(f"adapt: on the finer member of the grid {error}; give a grid of more cells") from None
+        estimates, adjoints, finer = {}, [], self.member.prolonged(states, nodes, self.stream)
+        for name in self.limits:
+            bar = self.forces.vjp(states, nodes, self.alpha, self.mach, {name: np.ones(1)})[0]
+            psi = self.problem.model.state.adjoint(bar, ADJOINT_TOLERANCE)
+            value = self.problem.get_val(name).item()
+            estimates[name] = self.member.estimate(value, name, psi, finer, self.alpha, self.mach)
+            bound = (self.before or estimates)[name].bound
+            adjoints.append(WeightedAdjoint(psi, bound, WIDTH * bound / len(states)))
+        self.estimate_loss = EstimateLoss(self.member, adjoints, self.stream)
+        return estimates
+
+    def loss(self, values: np.ndarray) -> tuple[float, np.ndarray]:
+        """Loss of a grid, and its derivative with respect to the values."""
+        nodes = self.nodes_at(values)
+        found = self.quality.evaluate(nodes, (CORNER,))
+        gain = found.aggregates[CORNER] - self.least_corner
+        loss, nodes_bar = price(gain), self.quality.vjp(nodes, found, GridValues({CORNER: price_slope(gain)}))
+        try:
+            error, error_bar = self.error_loss(values)
+        except om.AnalysisError:
+            error, error_bar = FAILED, np.zeros_like(nodes_bar)
+        return loss + error, self.shift.vjp(self.evaluator.adjoint(nodes_bar + error_bar))
+
+    def error_loss(self, values: np.ndarray) -> tuple[float, np.ndarray]:
+        """Loss without the price of corners, and its derivative with respect to the nodes, flow included."""
+        nodes, states = self.solve(values)
+        loss, states_bar, nodes_bar = self.estimate_loss.gradient(states, nodes)
+        bars = {}
+        for name in self.limits:
+            off = self.distance(self.problem.get_val(name).item(), name)
+            loss += DISTANCE * off**2
+            bars[name] = np.array([2.0 * DISTANCE * off / self.scale(name)])
+        from_states, from_nodes, _, _ = self.forces.vjp(states, nodes, self.alpha, self.mach, bars)
+        adjoint = self.problem.model.state.adjoint(states_bar + from_states, GRADIENT_TOLERANCE)
+        tangent = self.flow.at(nodes).linearize(states, self.flow.areas(nodes), self.stream)
+        return loss, nodes_bar + from_nodes - self.flow.nodes_vjp(nodes, tangent, adjoint)
+
+
+def flow_problem(model: FittedModel, mach: float, alpha: float, options: Mapping) -> om.Problem:
+    """Pose a flow at a Mach number and an angle of attack (deg)."""
+    problem = om.Problem(EulerFlow(model=model, **{"iprint": 0, **options}), reports=None)
+    problem.setup(mode="rev")
+    problem.set_val("Mach_number", mach)
+    problem.set_val("alpha", alpha, units="deg")
+    return problem
+
+
+def limits_of(
+    model: FittedModel, names: Sequence[str], mach: float, alpha: float, options: Mapping
+) -> dict[str, float]:
+    """Limits of second order, by the flows on a grid and on its finer member."""
+    values = []
+    for member in (model, model.member(FACTOR)):
+        problem = flow_problem(member, mach, alpha, options)
+        problem.run_model()
+        values.append([problem.get_val(name).item() for name in names])
+    return {name: fine - (coarse - fine) / (FACTOR**2 - 1.0) for name, coarse, fine in zip(names, *values)}

@@ -1,0 +1,367 @@
+"""The flow about the grid of a fitted model by the Euler equations, as an OpenMDAO group, and its forces.
+
+Theory: ``docs/theory/euler.rst`` and ``docs/theory/far_field.rst``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ...core.mesh.surface import SurfaceGrid
+from ...core.model.fitted_model import FittedModel
+from ...core.om.component import CheckedOnProcesses, add_bar, direction_in, fails_together
+from ...core.om.model_option import Copied, declare_model
+from ...core.om.shares import declare_partition, part_of_model
+from ...errors import InputError
+from ...grids.topology.partition import Partition, Share
+from ...names import GRID
+from ..euler.discretization import SHOCK_THRESHOLD
+from ..euler.flow_grid import FlowGrid
+from ..euler.forces import FlowForces
+from ..euler.gas import N_STATES
+from ..euler.sequencing import coarse_levels, useful_levels
+from ..loads.hinges import HingeMoment
+from ..loads.stream import RADIAN
+from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
+from .euler_wall_forces import EulerWallForces
+from .flow_files import load_states, save_states, write_fields
+from .references import COEFFICIENTS, REFERENCES, declare_coefficients, declare_references
+from .spurious_drag import drag_sources, is_optimised, warn_of_spurious_drag
+from .trimmed_state import TrimmedState
+
+
+class EulerFlow(Copied, om.Group):
+    """Steady compressible flow without friction on all blocks of a grid, with its exact adjoint.
+
+    Walls are slipped along, planes of symmetry are kept, and the far field is the free stream: patches of these kinds
+    must cover the boundary of the grid. A cell with a negative volume is refused with an ``om.AnalysisError``, a folded
+    corner is not noticed: keep these out by constraints of `Quality`. Of a node that blocks share, the first row in the
+    grid counts for all.
+
+    ================  ======  ============  =====  =====================================================================
+    name              role    shape         units  meaning
+    ================  ======  ============  =====  =====================================================================
+    ``grid``          input   (3 n_nodes)   m      nodes, blocks in file order, each in C order of (i, j, k)
+    ``alpha``         input   (1,)          deg    angle of attack; 2 by default
+    ``Mach_number``   input   (1,)                 of the free stream; 0.3 by default
+    ``states``        output  (5 n_cells)          see `EulerState`
+    ``CL``, ``CD``    output  (1,)                 lift and drag of the pressures on the walls
+    ``CM``            output  (3,)                 moments about the axes x, y and z of the grid; with ``axes="xzy"`` a
+                                                   positive third one turns the nose down
+    ``Cp``            output  (n_wall)             pressure coefficients on the wall faces
+    ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing, from the tip
+    ``CD_induced``    output  (1,)                 induced drag from the wake far downstream
+    ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
+    ``CM_bending``    output  (1,)                 moment that bends the wing up at its plane of symmetry, about an
+                                                   axis downstream through span 0 at the height of the moment reference;
+                                                   the sum for both halves of a whole wing
+    ``CM_...``        output  (1,)                 hinge moments, one for each of the ``hinges``, by its name
+    ``strip_span``    output  (n_strips)    m      distance of the middle of every strip from span 0
+    ``strip_chord``   output  (n_strips)    m      its chord, from leading to trailing edge
+    ``strip_cl``,     output  (n_strips)           its lift and drag of the pressures, by its chord and width;
+    ``strip_cd``                                   ``strip_chord`` times ``strip_cl`` is ``span_load``
+    ``strip_cm``      output  (n_strips)           its moment about the quarter chord, positive nose up
+    ================  ======  ============  =====  =====================================================================
+
+    Moments are divided by reference area and chord.
+
+    On several processes ``grid`` and ``states`` are distributed, and ``grid`` has to be connected, such as to that of
+    `GridEvaluate`; all other variables are the same on all of them. All processes raise the same error.
+
+    With ``trim`` the angle is solved for, so that ``CL`` is what is asked for, and all derivatives are at fixed lift:
+
+    =============  ======  ============  =====  ========================================================================
+    name           role    shape         units  meaning
+    =============  ======  ============  =====  ========================================================================
+    ``CL_target``  input   (1,)                 lift coefficient; 0.3 by default
+    ``alpha``      output  (1,)          deg    angle of attack; 2 at first
+    =============  ======  ============  =====  ========================================================================
+
+    With a ``loaded`` surface also
+
+    ====================  ======  ============  =====  =================================================================
+    name                  role    shape         units  meaning
+    ====================  ======  ============  =====  =================================================================
+    ``dynamic_pressure``  input   (1,)          Pa     of the free stream; to be given
+    ``wall_forces``       output  (3 n_points)  N      forces on the nodes of the surface, see `EulerWallForces`
+    ====================  ======  ============  =====  =================================================================
+
+    Options
+    -------
+    model : FittedModel or ModelShare
+        The fitted grid, with its patches; or what this process has of it.
+    reference_area : float
+        Of what the grid shows (m^2): of the half wing, if it shows one half.
+    reference_chord : float
+        For moments (m).
+    moment_reference : sequence of three float
+        Point that moments are about, in the axes of the grid (m).
+    partition : Partition, optional
+        Who has which pieces of the grid, on several processes; the same as that of what gives the ``grid``.
+        `Partition.of` by default.
+    axes : str
+        Axes of the grid that point downstream, along the span, and up.
+    shock_threshold : float
+        Of the sensor of shocks; 0.05 by default, 0 for none. Flow slower than 0.83 of the speed of sound is the same to
+        the last bit with it and without.
+    loaded : SurfaceGrid, optional
+        Walls whose nodes are to have forces.
+    hinges : sequence of HingeMoment
+        Control surfaces whose moments are wanted.
+    restart : path-like, optional
+        File of states to start from, which `save_states` made of this grid or another member of its family.
+    trim : bool
+        Whether the angle of attack is solved for at a given lift, see `TrimmedState`.
+    tolerance, linear_tolerance, max_steps, iprint, anchored
+        See `EulerState`.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the patches do not tell what the boundary is, there is no reference area, or the partition does
+        not fit the model or the number of processes.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import EulerFlow, FarField, fit_grid, infinite_wing_grid, naca_section
+    >>> model = fit_grid(infinite_wing_grid(naca_section(0.12), (17, 9), far_field=FarField(5.0)))
+    >>> problem = om.Problem(EulerFlow(model=model, reference_area=1.0, iprint=0), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.set_val("alpha", 2.0, units="deg")
+    >>> problem.set_val("Mach_number", 0.5)
+    >>> problem.run_model()
+    >>> problem.get_val("CL").round(1)
+    array([0.3])
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        declare_model(self)
+        declare_references(self.options)
+        declare_partition(self)
+        self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
+        self.options.declare("shock_threshold", default=SHOCK_THRESHOLD, lower=0.0, desc="of the sensor; 0 for none")
+        self.options.declare("loaded", types=SurfaceGrid, default=None, allow_none=True, recordable=False)
+        self.options.declare("hinges", types=(list, tuple), default=(), recordable=False, desc="hinge moments")
+        self.options.declare("restart", default=None, desc="file of states to start from")
+        self.options.declare("trim", types=bool, default=False, desc="solve for alpha at a given lift")
+        declare_solver(self.options)
+
+    def setup(self):
+        """Add the solution and what is made of it."""
+        model = self.options["model"]
+        self._partition, nodes = self._pieces()
+        partition = self._partition
+        shocks = self.options["shock_threshold"]
+        how = {"partition": partition, "comm": self.comm, "shock_threshold": shocks}
+        flow = FlowGrid.of(model.topology, nodes, self.options["axes"], **how)
+        n_levels = useful_levels(model.topology)
+        levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], **how)
+        settings = {name: self.options[name] for name in SOLVER_OPTIONS}
+        forces = FlowForces.of(flow, nodes, *(self.options[name] for name in REFERENCES), hinges=self._hinges(flow))
+        kind = TrimmedState if self.options["trim"] else EulerState
+        state = kind(flow=flow, levels=levels, nodes=nodes, forces=forces, **settings)
+        if self.options["restart"] is not None:
+            states, alpha = load_states(self.options["restart"], self.comm, model.topology, partition)
+            state.start_from(states, alpha)
+        self.add_subsystem("state", state, promotes=["*"])
+        self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, forces=forces), promotes=["*"])
+        if self.options["loaded"] is not None:
+            wall_forces = EulerWallForces(flow=flow, nodes=nodes, surface=self.options["loaded"])
+            self.add_subsystem("wall_forces", wall_forces, promotes=["*"])
+        if self.comm.size == 1:  # OpenMDAO wants distributed inputs to be connected
+            self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
+        if self.options["trim"]:
+            self.set_input_defaults("CL_target", val=0.3)
+        else:
+            self.set_input_defaults("alpha", val=2.0, units="deg")
+        self.set_input_defaults("Mach_number", val=0.3)
+
+    def write_fields(self, path) -> None:
+        """Write the fields of the flow for ParaView or Tecplot: on all blocks, and those on the walls beside them.
+
+        ``Cp``, ``Mach``, ``velocity`` relative to the speed of the stream, ``density`` relative to that of the stream,
+        ``entropy`` above that of the stream by the specific heat at constant volume, and ``total_pressure_loss``
+        relative to that of the stream, on nodes and cells, and on cells also those of
+        `bspline_mdao.grids.cells.cell_fields`: quality, height at walls, block and patch. Walls have the fields of the
+        cells behind them, but their own ``Cp``. Of several processes, all come here, and the first writes.
+
+        Parameters
+        ----------
+        path : path-like
+            ``something.vtm`` (ParaView) or ``something.dat`` (Tecplot); the walls go to ``something_walls.vtm``.
+
+        Raises
+        ------
+        InputError
+            If the model has not run, or a file cannot be written.
+        """
+        model = self.options["model"]
+        write_fields(path, self.state, self.forces, model.topology, model.header, self._partition)
+
+    def save_states(self, path) -> None:
+        """Save the states, for the option ``restart`` or `load_states`.
+
+        Parameters
+        ----------
+        path : path-like
+            HDF5 file; one that is there is replaced when the new one is complete.
+
+        Raises
+        ------
+        InputError
+            If the model has not run, or the file cannot be written.
+        """
+        save_states(path, self.state, self.options["model"].topology, self._partition)
+
+    def load_states(self, path) -> None:
+        """Start the next run from saved states of this grid or of another member of its family, after ``setup``.
+
+        Parameters
+        ----------
+        path : path-like
+            File that `save_states` made.
+
+        Raises
+        ------
+        InputError
+            If it is missing, damaged, no file of states, or of another grid.
+        """
+        states, alpha = load_states(path, self.comm, self.options["model"].topology, self._partition)
+        self.state.start_from(states, alpha)
+        self.state.set_val("states", states.ravel())
+        if self.options["trim"]:
+            self.state.set_val("alpha", alpha, units="deg")
+
+    def _hinges(self, flow: FlowGrid) -> list[tuple[HingeMoment, np.ndarray]]:
+        """The hinges, and which wall faces belong to the patches of each."""
+        parts = []
+        for hinge in self.options["hinges"]:
+            is_within = np.ones(len(flow.walls.corners), dtype=bool)
+            if hinge.patches is not None:
+                surface = hinge.patches
+                if not isinstance(surface, SurfaceGrid):
+                    surface = SurfaceGrid.of(self.options["model"], surface)
+                is_within[:] = False
+                is_within[flow.walls.faces_on(surface.rows[surface.quads])] = True
+            parts.append((hinge, is_within))
+        return parts
+
+    @fails_together
+    def _pieces(self) -> tuple[Partition, np.ndarray]:
+        """Who has which pieces of the grid, and the baseline nodes of this process (m), shape (n_nodes, 3)."""
+        part, partition = part_of_model(self), self.options["partition"]
+        if isinstance(partition, Share):
+            raise InputError(
+                f"{self.msginfo}: a Share does not tell which cells others have; give the Partition that it is of"
+            )
+        partition = partition or Partition.of(part.topology, self.comm.size)
+        if isinstance(part, FittedModel):
+            return partition, part.regenerate().to_vector().reshape(-1, 3)
+        if not np.array_equal(part.share.rows, partition.share(self.comm.rank).rows):
+            raise InputError(
+                f"{self.msginfo}: the model is a share of other nodes than those of Partition.of(model.topology, "
+                f"{self.comm.size}); give the partition that it is of"
+            )
+        return partition, part.regenerate()
+
+
+class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
+    """Coefficients of forces and moments, pressures, and drag in the far field, of the states of all cells.
+
+    ================  ======  ============  =====  =====================================================================
+    name              role    shape         units  meaning
+    ================  ======  ============  =====  =====================================================================
+    ``states``        input   (5 n_cells)          see `EulerState`
+    ``grid``          input   (3 n_nodes)   m      nodes
+    ``alpha``         input   (1,)          deg    angle of attack
+    ``Mach_number``   input   (1,)                 of the free stream
+    ``CL``, ``CD``    output  (1,)                 lift and drag of the pressures on the walls
+    ``CM``            output  (3,)                 moments about the axes x, y and z of the grid
+    ``Cp``            output  (n_wall)             pressure coefficients on the wall faces, in the order of `CellFaces`
+    ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing
+    ``CD_induced``    output  (1,)                 induced drag from the wake far downstream, see `InducedDrag`
+    ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
+    ``CM_bending``,   output                       moments about axes and loads of strips, see `EulerFlow`
+    ``CM_...``,
+    ``strip_...``
+    ================  ======  ============  =====  =====================================================================
+
+    Options
+    -------
+    flow : FlowGrid
+        Faces and axes.
+    nodes : ndarray, shape (n_nodes, 3)
+        Baseline nodes (m).
+    forces : FlowForces
+        What sums them, with the references.
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces and axes")
+        self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
+        self.options.declare("forces", types=FlowForces, recordable=False, desc="what sums them")
+
+    def setup(self):
+        """Declare the variables."""
+        check_on_grid(self, self.options["flow"], self.options["nodes"])
+        self._forces, self._is_looked_at = self.options["forces"], False
+        is_shared = self.comm.size > 1
+        self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells, distributed=is_shared)
+        self.add_input(GRID, val=self.options["nodes"].ravel(), units="m", distributed=is_shared)
+        self.add_input("alpha", units="deg", desc="angle of attack")
+        self.add_input("Mach_number", desc="of the free stream")
+        declare_coefficients(self, self._forces.wing.induced.strips.n_strips)
+        self.add_output("CD_entropy", desc="drag of the entropy that leaves through the far field")
+        for name in self._forces.wing.moments:
+            if name not in COEFFICIENTS:
+                self.add_output(name, desc="hinge moment")
+        self.add_output("Cp", shape=len(self._forces.walls.corners), desc="pressure coefficients on the wall faces")
+
+    def compute(self, inputs, outputs):
+        """Sum the pressures on the walls, and the rest of the outputs."""
+        at = _at(inputs)
+        for name, value in self._forces.evaluate(*at).items():
+            outputs[name] = value
+        if not self._is_looked_at and not np.iscomplexobj(at[0]):
+            self._is_looked_at = True
+            if is_optimised(self, "CD"):
+                sources = drag_sources(self.options["flow"], self._forces, *at)
+                if self.comm.rank == 0:
+                    warn_of_spurious_drag(self.pathname, sources)
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose."""
+        if mode == "fwd":
+            found = self._forces.jvp(*_at(inputs), *_directions(inputs, d_inputs))
+            for name in d_outputs:
+                d_outputs[name] += found[name]
+        else:
+            bars = self._forces.vjp(*_at(inputs), {name: d_outputs[name] for name in d_outputs})
+            for name, bar, unit in zip(_INPUTS, bars, _UNITS):
+                add_bar(d_inputs, name, unit * np.asarray(bar))
+
+
+_INPUTS = ("states", GRID, "alpha", "Mach_number")
+
+_UNITS = (1.0, 1.0, RADIAN, 1.0)
+"""Inputs in the order of the kernel's arguments, and their units in those of the kernel."""
+
+
+def _at(inputs):
+    """States, nodes, angle (rad) and Mach number."""
+    states, nodes = inputs["states"].reshape(-1, N_STATES), inputs[GRID].reshape(-1, 3)
+    return states, nodes, RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
+
+
+def _directions(inputs, d_inputs):
+    """Directions in all of these, zero where OpenMDAO leaves one out."""
+    states = d_inputs["states"] if "states" in d_inputs else np.zeros_like(inputs["states"])
+    d_alpha, d_mach = (d_inputs[name].item() if name in d_inputs else 0.0 for name in _INPUTS[2:])
+    return states.reshape(-1, N_STATES), direction_in(d_inputs, inputs, GRID), RADIAN * d_alpha, d_mach

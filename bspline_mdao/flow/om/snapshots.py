@@ -1,0 +1,220 @@
+"""What there is to look at, at one moment: a grid, its control mesh, and a flow about it."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...base.numerics.processes import from_all
+from ...core.model.fitted_model import MODELS, FittedModel
+from ...core.model.model_share import ModelShare
+from ...errors import InputError
+from ...grids.io.fields import write_with_quality, writer_of
+from ...grids.topology.grid import Block, Grid
+from ...grids.topology.partition import Partition, Share
+from ...names import CONTROL_POINTS, GRID
+from ..euler.fields import wall_path, write_flow
+from ..euler.gas import N_STATES
+
+__all__ = ["Snapshot"]
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot(OneLine):
+    """A grid, and what else is known of it, kept while a problem goes on.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    title : str
+        What pictures call it.
+    model : FittedModel, ModelShare or None
+        The fitted grid that it comes from.
+    control_points : ndarray or None
+        Its control points (m), shape (n_control_points, 3).
+    pressures : ndarray or None
+        Pressure coefficients of the wall faces, of an `EulerFlow`.
+    states : ndarray or None
+        Its states.
+    mach : float or None
+        Mach number of the free stream.
+    lattice, panel_pressures : ndarray or None
+        Nodes of the lattice of a `LatticeFlow` in the axes of the grid (m), shape (n_chord, n_span, 3), and its output
+        ``delta_Cp``, shape (n_chord - 1, n_span - 1).
+
+    Examples
+    --------
+    >>> from bspline_mdao import Snapshot, brick_grid
+    >>> Snapshot.of(brick_grid((5, 5, 5, 5)), title="baseline")
+    Snapshot('baseline', 750 nodes, no flow)
+    """
+
+    grid: Grid
+    title: str
+    model: FittedModel | ModelShare | None = None
+    control_points: np.ndarray | None = None
+    pressures: np.ndarray | None = None
+    states: np.ndarray | None = None
+    mach: float | None = None
+    lattice: np.ndarray | None = None
+    panel_pressures: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        flow = "no flow" if self.pressures is None else f"Mach {self.mach:.3g}"
+        return f"Snapshot({self.title!r}, {self.grid.n_nodes:,} nodes, {flow})"
+
+    @classmethod
+    def of(cls, what: Any, title: str | None = None) -> Snapshot:
+        """Take a grid, a fitted grid, or a problem as it is now.
+
+        Parameters
+        ----------
+        what : Grid, FittedModel, openmdao.api.Problem, openmdao.api.Group or Snapshot
+            Of a problem or a group of it, the first `GridMovement`, `GridEvaluate` or flow tells the grid, and the
+            first `EulerFlow` or `LatticeFlow` the flow.
+        title : str, optional
+            What pictures call it.
+
+        Returns
+        -------
+        Snapshot
+            Of its own: what the problem does afterwards does not change it.
+
+        Raises
+        ------
+        InputError
+            If there is no grid in it, or a problem has not run.
+        """
+        if isinstance(what, cls):
+            return what
+        if isinstance(what, Grid):
+            return cls(what, title or what.source)
+        if isinstance(what, FittedModel):
+            return cls(what.regenerate(), title or what.header.source, what, what.control_points)
+        if hasattr(what, "model") and hasattr(what.model, "system_iter"):
+            return _of_group(what.model, title or "now")
+        if hasattr(what, "system_iter"):
+            return _of_group(what, title or "now")
+        raise InputError(
+            f"nothing to look at in a {type(what).__name__}; give a Grid, a FittedModel, or a problem that has run"
+        )
+
+    def write(self, path) -> dict[str, Path]:
+        """Write what there is, for ParaView or Tecplot.
+
+        Parameters
+        ----------
+        path : path-like
+            ``something.vtm`` or ``something.dat``: the grid, with the quality and the place of its cells, and the flow,
+            see `EulerFlow.write_fields`. Walls go to ``something_walls``, the control mesh to ``something_control``.
+
+        Returns
+        -------
+        dict of str to Path
+            ``grid``, and where there are such ``walls`` and ``control mesh``: the files.
+
+        Raises
+        ------
+        InputError
+            If the suffix is another one, or a file cannot be written.
+        """
+        path = Path(path)
+        written, write = {"grid": path}, writer_of(path)
+        if self.model is not None and self.states is not None and self.pressures is not None and self.mach is not None:
+            states = self.states.reshape(-1, N_STATES)
+            write_flow(path, self.model.topology, self.grid, states, self.pressures, self.mach)
+            written["walls"] = wall_path(path)
+        else:
+            write_with_quality(path, self.grid)
+        if self.model is not None and self.control_points is not None:
+            nets = self.model.mesh.nets(self.control_points)
+            blocks = tuple(Block(net, name) for net, name in zip(nets, self.model.topology.segment_names))
+            written["control mesh"] = path.with_name(f"{path.stem}_control{path.suffix}")
+            write(written["control mesh"], Grid(blocks, source="control mesh"))
+        return written
+
+
+def _of_group(group, title: str) -> Snapshot:
+    """What a group of a problem holds now; several processes gather what each of them has."""
+    systems = list(group.system_iter(include_self=True, recurse=True))
+    model = next((found for system in systems if (found := _model_of(system)) is not None), None)
+    if model is None:
+        raise InputError("the problem has no GridMovement, GridEvaluate or EulerFlow of a FittedModel to look at")
+    values = _values(systems)
+    if GRID not in values and group.comm.size == 1:  # that of a LatticeFlow is the input of no component
+        with suppress(KeyError):
+            values[GRID] = np.array(group.get_val(GRID))
+    if GRID not in values:
+        raise InputError("the problem has no grid yet; run it first: problem.run_model()")
+    grid = model.header.grid(model.topology.shapes, values[GRID].reshape(-1, 3))
+    points, mach = values.get(CONTROL_POINTS), values.get("Mach_number")
+    return Snapshot(
+        grid,
+        title,
+        model,
+        model.control_points if points is None else points.reshape(-1, 3),
+        values.get("Cp"),
+        values.get("states"),
+        None if mach is None else float(mach.ravel()[0]),
+        *_lattice(systems),
+    )
+
+
+def _lattice(systems) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Nodes of the first lattice in the axes of the grid, and the pressure differences on it."""
+    for system in systems:
+        if "camber" in system.options and "delta_Cp" in system.get_io_metadata(metadata_keys=()):
+            nodes = system.get_val("camber_surface", from_src=False) @ system.options["camber"].axes
+            return nodes, np.array(system.get_val("delta_Cp"))
+    return None, None
+
+
+def _model_of(system) -> FittedModel | ModelShare | None:
+    """The fitted grid that a system was made with."""
+    found = system.options["model"] if "model" in system.options else None  # noqa: SIM401 (no mapping: it has no get)
+    return found if isinstance(found, MODELS) else None
+
+
+def _values(systems) -> dict[str, np.ndarray]:
+    """Values of the variables that are looked for, of the first component that has each, as copies."""
+    found: dict[str, np.ndarray] = {}
+    for system in systems:
+        own = system.get_io_metadata(metadata_keys=())
+        for name in (GRID, CONTROL_POINTS, "Cp", "states", "Mach_number"):
+            if name not in found and name in own:
+                value = np.array(system.get_val(name, from_src=False))
+                found[name] = value if system.comm.size == 1 else _gathered(systems, system, name, value)
+    return found
+
+
+def _gathered(systems, system, name: str, value: np.ndarray) -> np.ndarray:
+    """All of a variable of which each process has a part: nodes by their rows, states by their cells."""
+    if name not in (GRID, "states"):
+        return value
+    share = _share(systems, system.comm)
+    numbers = share.rows if name == GRID else share.cells
+    every = from_all(system.comm, (numbers, value.reshape(len(numbers), -1)))
+    whole = np.empty((1 + max(int(own.max(initial=-1)) for own, _ in every), every[0][1].shape[1]))
+    for own, part in every:
+        whole[own] = part
+    return whole.ravel()
+
+
+def _share(systems, comm) -> Share:
+    """Nodes and cells of this process, as the components say that have parts of the grid."""
+    for system in systems:
+        given = "partition" in system.options and system.options["partition"]
+        if isinstance(given, Share):
+            return given
+        if isinstance(given, Partition):
+            return given.share(comm.rank)
+        if isinstance(model := _model_of(system), ModelShare):
+            return model.share
+    topology = next(model.topology for system in systems if (model := _model_of(system)) is not None)
+    return Partition.of(topology, comm.size).share(comm.rank)

@@ -1,0 +1,296 @@
+"""The cells of one block, or of a piece of it: what the baseline decides about them, their measures and derivatives.
+
+A chunk is some layers of cells along the first direction, few enough for the corner measures to fit the second-level
+cache.
+
+Theory: ``docs/theory/quality.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.numerics.processes import gathered, together
+from ..topology.index_space import Window
+from .cell_loops import as_points, block_jvp, block_measures, block_vjp
+from .hexahedron import COLLAPSE_TOLERANCE, UPPER_CORNERS, cell_quality, collapsed_corners, flat_direction, stack_plane
+from .jacobian_bounds import N_COEFFICIENTS, block_coefficients, coefficients_jvp, coefficients_vjp
+from .orthogonality import orthogonality, orthogonality_jvp, orthogonality_vjp
+from .pieces import Frame, Pieces, has_cells
+
+__all__ = ["BlockCells", "Chunk", "Measures", "block_cells", "chunk_jvp", "chunk_measures", "chunk_vjp"]
+
+LOWER_CORNERS = np.uint8(0b00001111)
+"""Corners 0 to 3: those of a planar block."""
+
+CHUNK_CELLS = 8192
+"""Cells of a chunk, at most, if it is more than one layer: their corner measures fit the second-level cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockCells:
+    """Cells of a block, or of a piece of it, with what stays as it was on the baseline."""
+
+    # Where a process holds some pieces of a grid, "grid" stands for them below.
+
+    name: str  # name of the block
+    window: Window  # the piece of it: all of it as a rule
+    # where the piece starts in the grid vector and among the cells
+    first_node: int
+    first_cell: int
+    handedness: int  # +1 or -1, the sign that most of the block's cells had
+    # bits of the degenerate corners, per cell; of a planar block with its flat direction moved last
+    degenerate_corners: np.ndarray
+    inverse_volume: np.ndarray  # (n_cells,), 1 / volume, in absolute value (m^-3); 0 for cells that had none
+    was_invalid: np.ndarray  # cells that were not valid
+    flat: int | None  # direction with a single node
+    normal: np.ndarray | None  # (3,), or None, unit normal of a planar block, which serves as its third edges
+    shortest: float  # edges at degenerate corners that are shorter have collapsed (m)
+
+    @classmethod
+    def of_baseline(
+        cls,
+        name: str,
+        window: Window,
+        nodes: np.ndarray,
+        first_node: int,
+        first_cell: int,
+        frame: Frame,
+        handedness: int | None = None,
+    ) -> BlockCells:
+        """Decide about the cells of a piece of a block with nodes (ni, nj, nk, 3) on the baseline."""
+        # ``frame`` is that of the block. Its ``handedness`` is that of most cells of the piece by default.
+        degenerate_corners, flat = collapsed_corners(nodes, frame.size), flat_direction(nodes.shape)
+        quality = cell_quality(nodes, degenerate_corners, handedness, frame.normal)
+        if flat is not None:
+            degenerate_corners = np.moveaxis(degenerate_corners, flat, 2) | UPPER_CORNERS
+        volume = np.abs(quality.volume).ravel()
+        return cls(
+            name=name,
+            window=window,
+            first_node=first_node,
+            first_cell=first_cell,
+            handedness=quality.handedness,
+            degenerate_corners=np.ascontiguousarray(degenerate_corners),
+            inverse_volume=np.divide(1.0, volume, out=np.zeros_like(volume), where=volume > np.finfo(float).tiny),
+            was_invalid=np.flatnonzero(~quality.is_valid),
+            flat=flat,
+            normal=frame.normal,
+            shortest=COLLAPSE_TOLERANCE * frame.size,
+        )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Nodes of the piece in each direction."""
+        return self.window.shape
+
+    def number(self, cell: int) -> tuple[int, ...]:
+        """Number (i, j, k) in the whole block, from 1, of a cell."""
+        index = np.unravel_index(cell, self.degenerate_in_block.shape)
+        return tuple(int(n) + low + 1 for n, low in zip(index, self.window.lo))
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return self.degenerate_corners.size
+
+    @property
+    def degenerate_in_block(self) -> np.ndarray:
+        """``degenerate_corners`` in the shape of the block's cells."""
+        return self.degenerate_corners if self.flat is None else np.moveaxis(self.degenerate_corners, 2, self.flat)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that the state takes (B)."""
+        return self.degenerate_corners.nbytes + self.inverse_volume.nbytes + self.was_invalid.nbytes
+
+    @property
+    def cells(self) -> slice:
+        """Slice of the block's cells among those of the grid."""
+        return slice(self.first_cell, self.first_cell + self.n_cells)
+
+    def nodes_of(self, grid_nodes: np.ndarray) -> np.ndarray:
+        """View the block's part of nodes (n, 3) of a grid as (ni, nj, nk, 3)."""
+        size = int(np.prod(self.shape))
+        return grid_nodes[self.first_node : self.first_node + size].reshape(*self.shape, 3)
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Cut the block along its first direction, and return the chunks in order."""
+        layer = int(np.prod(self.degenerate_corners.shape[1:]))
+        n_layers = max(1, CHUNK_CELLS // layer)
+        for start in range(0, len(self.degenerate_corners), n_layers):
+            yield Chunk(self, start, min(start + n_layers, len(self.degenerate_corners)))
+
+
+def block_cells(
+    pieces: Pieces,
+    nodes: np.ndarray,  # (n_nodes, 3), nodes of this process (m)
+    frames: Sequence[Frame],  # frame of the block of each of its pieces, see `Pieces.frames`
+) -> tuple[BlockCells, ...]:  # one for each piece of this process that has cells
+    """Decide about the cells of all pieces of a process on the baseline; all processes call it."""
+    blocks: list[BlockCells] = []
+    signs = _handedness(pieces, nodes, frames) if pieces.split else {}
+    with together(pieces.comm):
+        for piece, x, first_node, frame in zip(pieces.own, pieces.nodes_of(nodes), pieces.starts, frames):
+            if has_cells(piece.shape):
+                first_cell = blocks[-1].cells.stop if blocks else 0
+                place, sign = (piece, x, first_node, first_cell), signs.get(piece.block)
+                blocks.append(BlockCells.of_baseline(pieces.names[piece.block], *place, frame, sign))
+    return tuple(blocks)
+
+
+def _handedness(pieces: Pieces, nodes: np.ndarray, frames: Sequence[Frame]) -> dict[int, int]:
+    """Sign that most cells of each split block have; where as many have the other, that of its middle layer."""
+    counts = []
+    with together(pieces.comm):
+        for piece, x, frame in zip(pieces.own, pieces.nodes_of(nodes), frames):
+            if piece.block in pieces.split and has_cells(piece.shape):
+                counts.append((piece.block, *_signs(piece, x, frame, pieces.shapes[piece.block])))
+    every = gathered(pieces.comm, np.array(counts, dtype=int).reshape(-1, 3))
+    totals = {block: every[every[:, 0] == block, 1:].sum(axis=0).tolist() for block in pieces.split}
+    return {block: 1 if tuple(total) >= (0, 0) else -1 for block, total in totals.items()}
+
+
+def _signs(piece: Window, nodes: np.ndarray, frame: Frame, shape: tuple[int, ...]) -> tuple[int, int]:
+    """Positive minus negative volumes among the cells of a piece, and among those of the middle layer of its block."""
+    volume = np.sign(cell_quality(nodes, collapsed_corners(nodes, frame.size), 1, frame.normal).volume)
+    along = next(d for d in range(3) if shape[d] > 1)
+    layer = (shape[along] - 1) // 2 - piece.lo[along]
+    middle = volume.take(layer, axis=along) if 0 <= layer < volume.shape[along] else volume[:0]
+    return int(np.nansum(volume)), int(np.nansum(middle))
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Layers ``start`` to ``stop`` of the cells of a block."""
+
+    block: BlockCells
+    # layers along its first direction, the first that is not flat
+    start: int
+    stop: int
+
+    @property
+    def degenerate_corners(self) -> np.ndarray:
+        """Bits of the degenerate corners of the chunk's cells."""
+        return self.block.degenerate_corners[self.start : self.stop]
+
+    @property
+    def solid_bits(self) -> np.ndarray:
+        """Those of the cells that `solid` gives: of a planar block's both sides alike."""
+        bits = self.degenerate_corners
+        return bits if self.block.flat is None else (bits & LOWER_CORNERS) * np.uint8(17)
+
+    @property
+    def in_block(self) -> slice:
+        """Slice of the chunk's cells among those of the block."""
+        layer = int(np.prod(self.block.degenerate_corners.shape[1:]))
+        return slice(self.start * layer, self.stop * layer)
+
+    @property
+    def in_grid(self) -> slice:
+        """Slice of the chunk's cells among those of the grid."""
+        cells, first = self.in_block, self.block.first_cell
+        return slice(first + cells.start, first + cells.stop)
+
+    def solid(self, grid_nodes: np.ndarray, normal: np.ndarray | None = None) -> np.ndarray:
+        """Nodes of the chunk as (layers + 1, n, m, 3); a planar one is given depth along ``normal``, if any."""
+        nodes = self._nodes(grid_nodes)
+        return nodes if self.block.flat is None else stack_plane(nodes[:, :, 0], 0.0 if normal is None else normal)
+
+    def add(self, solid_bar: np.ndarray, grid_bar: np.ndarray) -> None:
+        """Add adjoints of what `solid` gives to those of the grid's nodes."""
+        bar = self._nodes(grid_bar)
+        bar += solid_bar if self.block.flat is None else solid_bar.sum(axis=2, keepdims=True)
+
+    def _nodes(self, grid_nodes: np.ndarray) -> np.ndarray:
+        nodes = self.block.nodes_of(grid_nodes)
+        if self.block.flat is not None:
+            nodes = np.moveaxis(nodes, self.block.flat, 2)
+        return nodes[self.start : self.stop + 1]
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Measures of the cells of a chunk, or changes or adjoints of them."""
+
+    q: np.ndarray  # (n_cells,), orthogonality, Eq. (9)
+    triples: np.ndarray  # (8, n_cells), corner triple products; 1 at degenerate corners
+    # corner Jacobians divided by the volume of the cell on the baseline; infinite at degenerate corners
+    jacobians: np.ndarray  # (8, n_cells)
+    volume: np.ndarray  # (n_cells,), volumes divided by those of the baseline; infinite where there was none
+    # Bernstein coefficients of the Jacobian divided by the volume of the cell on the baseline; infinite where they are
+    # zero by a collapsed edge. None where they are not asked for
+    coefficients: np.ndarray | None = None  # (27, n_cells), or None
+
+    @classmethod
+    def zeros_like(cls, other: Measures) -> Measures:
+        """Zeros of the shapes of another."""
+        q, triples, jacobians, volume = map(np.zeros_like, (other.q, other.triples, other.jacobians, other.volume))
+        coefficients = None if other.coefficients is None else np.zeros_like(other.coefficients)
+        return cls(q, triples, jacobians, volume, coefficients)
+
+
+def chunk_measures(chunk: Chunk, nodes: np.ndarray, with_coefficients: bool = False) -> Measures:
+    """Measure the cells of a chunk of a grid with nodes (n_nodes, 3)."""
+    triples, jacobians, volume = _empty(chunk)
+    points = as_points(chunk.solid(nodes, chunk.block.normal))
+    block_measures(points, chunk.degenerate_corners, chunk.block.handedness, triples, jacobians, volume)
+    coefficients = None
+    if with_coefficients:
+        coefficients, bits = np.empty((N_COEFFICIENTS, volume.size)), chunk.solid_bits
+        block_coefficients(points, bits, chunk.block.handedness, chunk.block.shortest, coefficients)
+        _scale(chunk, coefficients, np.inf)
+    _scale(chunk, jacobians, np.inf)
+    _scale(chunk, volume[None], np.inf)
+    return Measures(orthogonality(triples, axis=0), triples, jacobians, volume, coefficients)
+
+
+def chunk_jvp(chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray, measures: Measures) -> Measures:
+    """Change of the measures with the nodes."""
+    d_triples, d_jacobians, d_volume = _empty(chunk)
+    points, d_points = as_points(chunk.solid(nodes, chunk.block.normal)), as_points(chunk.solid(d_nodes))
+    block_jvp(points, d_points, chunk.degenerate_corners, chunk.block.handedness, d_triples, d_jacobians, d_volume)
+    _scale(chunk, d_jacobians, 0.0)
+    _scale(chunk, d_volume[None], 0.0)
+    d_coefficients = None
+    if measures.coefficients is not None:
+        d_coefficients = np.empty_like(measures.coefficients)
+        coefficients_jvp(points, d_points, chunk.degenerate_corners, chunk.block.handedness, d_coefficients)
+        _scale(chunk, d_coefficients, 0.0)
+    change = orthogonality_jvp(measures.triples, d_triples, axis=0)
+    return Measures(change, d_triples, d_jacobians, d_volume, d_coefficients)
+
+
+def chunk_vjp(chunk: Chunk, nodes: np.ndarray, measures: Measures, bar: Measures, nodes_bar: np.ndarray) -> None:
+    """Add the adjoint of the nodes, from that of the measures, to ``nodes_bar`` (n_nodes, 3)."""
+    triples_bar = bar.triples + orthogonality_vjp(measures.triples, bar.q, axis=0)
+    inverse = chunk.block.inverse_volume[chunk.in_block]
+    solid = chunk.solid(nodes, chunk.block.normal)
+    solid_bar = np.zeros(solid.shape)
+    block_vjp(
+        as_points(solid), chunk.degenerate_corners, chunk.block.handedness,
+        triples_bar, bar.jacobians * inverse, bar.volume * inverse, as_points(solid_bar),
+    )  # fmt: skip
+    if bar.coefficients is not None:
+        coefficients_vjp(
+            as_points(solid), chunk.degenerate_corners, chunk.block.handedness, bar.coefficients * inverse,
+            as_points(solid_bar),
+        )  # fmt: skip
+    chunk.add(solid_bar, nodes_bar)
+
+
+def _empty(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    n = chunk.degenerate_corners.size
+    return np.empty((8, n)), np.empty((8, n)), np.empty(n)
+
+
+def _scale(chunk: Chunk, rows: np.ndarray, without: float) -> None:
+    """Divide rows by the volumes of the baseline; cells that had none get the value ``without``."""
+    inverse = chunk.block.inverse_volume[chunk.in_block]
+    had_none = inverse == 0.0
+    rows *= np.where(had_none, 1.0, inverse)
+    if had_none.any():
+        rows[:, had_none] = without

@@ -1,0 +1,178 @@
+"""What is proved about the validity of a grid, block by block, and the proof for its cells.
+
+Theory: ``docs/theory/validity.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...base.numerics.processes import from_all, together
+from ...base.numerics.threads import run_tasks, thread_count
+from ...base.text import counted
+from .bernstein import INVALID, MAX_HALVINGS, UNDECIDED, VALID
+from .block_cells import BlockCells, Chunk
+from .cell_loops import as_points
+from .grid_quality import GridQuality
+from .hexahedron import mean_normal
+from .jacobian_bounds import block_bounds, decide_cells
+
+__all__ = ["BlockCertificate", "Certificate", "certify_cells", "joined", "of_statuses"]
+
+STATUSES = {VALID: "valid", UNDECIDED: "undecided", INVALID: "invalid"}
+
+MOST_NAMED = 5
+"""Places of a block that are named, at most."""
+
+
+@dataclass(frozen=True)
+class BlockCertificate(OneLine):
+    """What is proved about the cells, or the elements of the spline, of one block."""
+
+    block: str  # name of the block
+    what: str  # what it is about
+    n: int  # number of them
+    # how many are proved invalid, and of how many nothing is proved
+    n_invalid: int
+    n_undecided: int
+    places: tuple[tuple[int, int, int, str], ...]  # some of these, numbered from 1, the invalid ones first
+
+    @property
+    def status(self) -> str:
+        """``"valid"``: all are; ``"invalid"``: one is not, at least; ``"undecided"`` otherwise."""
+        return "invalid" if self.n_invalid else "undecided" if self.n_undecided else "valid"
+
+    def __str__(self) -> str:
+        if self.status == "valid":
+            return f"{self.block}: all of {counted(self.n, self.what)} valid"
+        counts = [
+            f"{n:,} {status}" for n, status in ((self.n_invalid, "invalid"), (self.n_undecided, "undecided")) if n
+        ]
+        places = ", ".join(f"({i}, {j}, {k}) {status}" for i, j, k, status in self.places)
+        return f"{self.block}: {' and '.join(counts)} of {counted(self.n, self.what)}, such as {places}"
+
+
+@dataclass(frozen=True)
+class Certificate(OneLine):
+    """What is proved about a grid: of the trilinear maps of its cells, and of its splines where it has some."""
+
+    cells: tuple[BlockCertificate, ...]  # one for each block that has cells
+    splines: tuple[BlockCertificate, ...] = ()  # one for each volume of a fitted model; empty for a grid alone
+
+    @property
+    def status(self) -> str:
+        """``"valid"``: all blocks are; ``"invalid"``: one is not, at least; ``"undecided"`` otherwise."""
+        found = {part.status for part in (*self.cells, *self.splines)}
+        return "invalid" if "invalid" in found else "undecided" if "undecided" in found else "valid"
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether everything is proved valid."""
+        return self.status == "valid"
+
+    def __repr__(self) -> str:
+        parts = [_summary(parts) for parts in (self.cells, self.splines) if parts]
+        return f"Certificate({self.status}: {'; '.join(parts)})"
+
+    def lines(self) -> list[str]:
+        """Sum up, and name what is not valid, block by block."""
+        lines = []
+        for parts in (self.cells, self.splines):
+            if parts:
+                lines.append(_summary(parts))
+                lines += [f"  {part}" for part in parts if part.status != "valid"]
+        return lines
+
+
+def _summary(parts: tuple[BlockCertificate, ...]) -> str:
+    """Count what is valid, invalid and undecided in several blocks."""
+    n, n_invalid, n_undecided = (sum(getattr(p, name) for p in parts) for name in ("n", "n_invalid", "n_undecided"))
+    what, in_blocks = parts[0].what, f"of {counted(len(parts), 'block')}"
+    if n_invalid + n_undecided == 0:
+        return f"all {n:,} {what}s {in_blocks} valid"
+    n_valid = n - n_invalid - n_undecided
+    return f"{n_valid:,} of {n:,} {what}s {in_blocks} valid, {n_invalid:,} invalid, {n_undecided:,} undecided"
+
+
+def of_statuses(
+    # see `BlockCertificate`
+    block: str,
+    what: str,
+    status: np.ndarray,  # uint8 (n_i, n_j, n_k), what is known of each
+    offset: tuple[int, ...] = (0, 0, 0),  # number, from 0, of the first
+) -> BlockCertificate:
+    """Sum up the statuses of a block."""
+    n_invalid, n_undecided = (int(np.count_nonzero(status == value)) for value in (INVALID, UNDECIDED))
+    places: list[tuple[int, int, int, str]] = []
+    for value in (INVALID, UNDECIDED):
+        ids = np.flatnonzero(status == value)[: MOST_NAMED - len(places)]
+        for index in zip(*np.unravel_index(ids, status.shape)):
+            i, j, k = (int(at) + first + 1 for at, first in zip(index, offset))
+            places.append((i, j, k, STATUSES[value]))
+    return BlockCertificate(block, what, status.size, n_invalid, n_undecided, tuple(places))
+
+
+def joined(parts: Iterable[BlockCertificate]) -> BlockCertificate:
+    """Join what is known of the pieces of one block."""
+    parts = list(parts)
+    places = sorted((place for part in parts for place in part.places), key=lambda p: (p[3] != "invalid", p[:3]))
+    n, n_invalid, n_undecided = (sum(getattr(p, name) for p in parts) for name in ("n", "n_invalid", "n_undecided"))
+    return BlockCertificate(parts[0].block, parts[0].what, n, n_invalid, n_undecided, tuple(places[:MOST_NAMED]))
+
+
+def certify_cells(
+    quality: GridQuality,  # the cells, and what the baseline decided about them. All its processes call this
+    nodes: np.ndarray,  # (n_nodes, 3), nodes of this process (m)
+    max_halvings: int = MAX_HALVINGS,  # see `bspline_mdao.grids.cells.bernstein.decide`
+) -> tuple[BlockCertificate, ...]:  # one for each block of the grid that has cells
+    """Prove which cells are valid: whose trilinear maps have a positive Jacobian everywhere inside."""
+    own, pieces = [], quality.pieces
+    normals = quality.normals(nodes)
+    with together(pieces.comm):
+        for block in quality.blocks:
+            status = statuses_of(block, nodes, normals.get(block.window.block), max_halvings, quality.n_threads)
+            part = of_statuses(block.name, "cell", status, block.window.lo)
+            own.append((block.window.block, block.window.lo, part))
+    found: dict[int, list] = {}
+    for number, _, part in sorted(
+        (entry for parts in from_all(pieces.comm, own) for entry in parts), key=lambda e: e[:2]
+    ):
+        found.setdefault(number, []).append(part)
+    return tuple(joined(parts) for parts in found.values())
+
+
+def statuses_of(
+    block: BlockCells,
+    nodes: np.ndarray,
+    normal: np.ndarray | None = None,
+    max_halvings: int = MAX_HALVINGS,
+    n_threads: int | None = None,
+) -> np.ndarray:
+    """Statuses of the cells of a block of a grid with nodes (n_nodes, 3), in the shape of its cells."""
+    # ``normal`` is that of a planar block now; its mean one by default.
+    chunks = list(block.chunks())
+    status = np.empty(block.n_cells, dtype=np.uint8)
+    if block.flat is not None and normal is None:
+        normal = mean_normal(np.moveaxis(block.nodes_of(nodes), block.flat, 2)[:, :, 0])
+
+    def task(number: int) -> None:
+        chunk = chunks[number]
+        _decide(chunk, nodes, normal, max_halvings, status[chunk.in_block])
+
+    run_tasks(task, len(chunks), thread_count(n_threads))
+    in_block = status.reshape(block.degenerate_corners.shape)
+    return in_block if block.flat is None else np.moveaxis(in_block, 2, block.flat)
+
+
+def _decide(chunk: Chunk, nodes: np.ndarray, normal: np.ndarray | None, max_halvings: int, status: np.ndarray) -> None:
+    """Write the statuses of the cells of a chunk."""
+    block = chunk.block
+    points, bounds = as_points(chunk.solid(nodes, normal)), np.empty((3, status.size))
+    bits = chunk.solid_bits
+    sign = float(block.handedness)
+    block_bounds(points, bits, sign, *bounds)
+    decide_cells(points, bits, sign, block.shortest, *bounds, max_halvings, status)

@@ -1,0 +1,298 @@
+"""Quality of all cells of a grid as a function of its nodes: Q of every cell, aggregates, derivatives.
+
+Aggregates of the heights of the first cells at walls are beside those of all cells; `.aggregates` has the table of
+them.
+
+The grid is worked through in chunks whose corner measures fit the cache. Chunks depend on the shapes of the blocks
+alone and their results are joined in order, so that nothing depends on the number of threads.
+
+Processes may hold pieces of the grid. Nodes and cells are then those of a process, and aggregates those of the whole
+grid: all processes make the same calls.
+
+Theory: ``docs/theory/quality.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...base.numerics.processes import gathered, summed
+from ...base.numerics.threads import run_tasks, thread_count
+from ...errors import InputError
+from ..topology.grid import Grid
+from .aggregates import AGGREGATES, KreisselmeierSteinhauser, Part, PNorm
+from .block_cells import BlockCells, Chunk, Measures, block_cells, chunk_jvp, chunk_measures, chunk_vjp
+from .first_cells import FirstCells
+from .hexahedron import CellQuality, cell_quality, summed_areas, unit_normal
+from .pieces import Pieces
+
+__all__ = ["GridQuality", "GridValues"]
+
+
+@dataclass(frozen=True)
+class GridValues:
+    """Quality of a grid, or its change or adjoint."""
+
+    # smooth bounds, by the names in `.aggregates.AGGREGATES`: lower ones, but for ``height_high_ks``
+    aggregates: Mapping[str, float]
+    # Q of every cell: blocks in order, each in C order of its cells. In an adjoint None stands for zeros
+    q: np.ndarray | None = None  # (n_cells,), or None
+
+
+@dataclass(frozen=True, eq=False)
+class GridQuality(OneLine):
+    """Quality of the cells of a grid whose baseline has decided about handedness and collapsed corners."""
+
+    pieces: Pieces  # pieces of the grid that the processes hold: whole blocks in one process as a rule
+    blocks: tuple[BlockCells, ...]  # those of this process that have cells
+    first_cells: FirstCells  # the first cells at walls
+    rho: float = 100.0  # sharpness of the Kreisselmeier-Steinhauser aggregates of cells
+    p: int = 64  # power of the p-norms
+    rho_height: float = 1000.0  # sharpness of the aggregates of heights
+    # number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it
+    n_threads: int | None = None
+
+    def __post_init__(self):
+        if not self.pieces.n_cells_of_all:
+            raise InputError("quality: no block of the grid has cells in two directions; nothing can be measured")
+        for name in AGGREGATES:
+            self._rule(name)
+
+    @classmethod
+    def of_baseline(
+        cls,
+        grid: Grid,  # the grid. Its walls are its patches of kind ``"wall"``
+        **settings,  # ``rho``, ``p``, ``rho_height`` and ``n_threads``
+    ) -> GridQuality:
+        """Decide about the cells of a baseline grid, and about the first cells at its walls."""
+        # `InputError` if all nodes of a block are at one point, or no block has cells
+        return cls.of_pieces(Pieces.of_grid(grid), grid.to_vector().reshape(-1, 3), **settings)
+
+    @classmethod
+    def of_pieces(
+        cls,
+        pieces: Pieces,  # the pieces, and the processes that hold them
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of the pieces of this process (m)
+        **settings,  # see `of_baseline`
+    ) -> GridQuality:  # decisions are those of the whole blocks
+        """Decide about the cells of a baseline grid in pieces; all processes call it."""
+        # `InputError` see `of_baseline`
+        frames = pieces.frames(nodes)
+        blocks = block_cells(pieces, nodes, frames)
+        return cls(pieces, blocks, FirstCells.of_pieces(pieces, nodes, frames), **settings)
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of this process."""
+        return self.pieces.n_nodes
+
+    @property
+    def n_cells(self) -> int:
+        """Cells of this process."""
+        return self.blocks[-1].cells.stop if self.blocks else 0
+
+    @property
+    def bytes_per_node(self) -> float:
+        """Memory that the state takes, divided by the number of nodes (B); of this process."""
+        return (sum(block.n_bytes for block in self.blocks) + self.first_cells.n_bytes) / max(1, self.n_nodes)
+
+    @property
+    def aggregates(self) -> tuple[str, ...]:
+        """Names of the aggregates that the grid has: those of heights only where it has walls."""
+        return tuple(AGGREGATES) if self.first_cells.n_of_all else tuple(_of_cells(AGGREGATES))
+
+    def cells(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+    ) -> list[CellQuality]:  # one for each of ``blocks``
+        """Measure every cell, block by block."""
+        return list(self.cells_in_turn(nodes))
+
+    def cells_in_turn(self, nodes: np.ndarray) -> Iterator[CellQuality]:
+        """Measure every cell as `cells` does, one block after another, without keeping them."""
+        normals = self.normals(nodes)
+        places = ((block, block.nodes_of(nodes), normals.get(block.window.block)) for block in self.blocks)
+        return (cell_quality(x, block.degenerate_in_block, block.handedness, normal) for block, x, normal in places)
+
+    def normals(self, nodes: np.ndarray) -> dict[int, np.ndarray]:
+        """Mean normals of planar blocks that are split, by their numbers, now; all processes call it."""
+        if not self.pieces.has_split_planes:
+            return {}
+        planes = [(block, block.flat) for block in self.blocks if block.flat is not None]
+        views = [np.moveaxis(block.nodes_of(nodes), flat, 2)[:, :, 0] for block, flat in planes]
+        areas = np.zeros((len(self.pieces.shapes), 3))
+        for (block, _), plane in zip(planes, views):
+            areas[block.window.block] += summed_areas(plane)
+        areas = summed(self.pieces.comm, areas)
+        return {block.window.block: unit_normal(areas[block.window.block]) for block, _ in planes}
+
+    def require(self, names: Sequence[str]) -> None:
+        """Refuse names of aggregates that do not exist, or not on this grid."""
+        missing = next((name for name in names if name not in self.aggregates), None)
+        if missing in AGGREGATES:
+            raise InputError(
+                f"'{missing}': no wall of the grid has first cells to measure; declare the patches of kind wall"
+            )
+        if missing is not None:
+            raise InputError(f"no aggregate '{missing}'; choose from {', '.join(AGGREGATES)}")
+
+    def evaluate(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+        names: Sequence[str] | None = None,  # aggregates wanted; all that the grid has by default
+        cells: bool = False,  # whether Q of every cell is wanted
+    ) -> GridValues:
+        """Aggregate the quality of a grid. `InputError` if there is no such aggregate."""
+        names = self.aggregates if names is None else names
+        self.require(names)
+        q = np.empty(self.n_cells) if cells else None
+        of_cells, is_certified = _of_cells(names), _needs_coefficients(names)
+
+        def work(chunk: Chunk):
+            measures = chunk_measures(chunk, nodes, is_certified)
+            if q is not None:
+                q[chunk.in_grid] = measures.q
+            return [self._rule(name).part(AGGREGATES[name].numbers(measures)) for name in of_cells]
+
+        parts = self._height_parts(nodes, names)
+        if of_cells or cells:
+            for name, column in zip(of_cells, zip(*self._over_chunks(work))):
+                parts[name] = self._rule(name).join(column)
+        return GridValues(self._joined(names, parts), q)
+
+    def jvp(
+        self,
+        # nodes and their change (m)
+        nodes: np.ndarray,  # (n_nodes, 3)
+        d_nodes: np.ndarray,  # (n_nodes, 3)
+        values: GridValues,  # what `evaluate` gives for the nodes
+    ) -> GridValues:  # changes of what ``values`` holds
+        """Change of the quality with the nodes."""
+        d_q = np.empty(self.n_cells) if values.q is not None else None
+        of_cells, is_certified = _of_cells(values.aggregates), _needs_coefficients(values.aggregates)
+
+        def work(chunk: Chunk):
+            measures = chunk_measures(chunk, nodes, is_certified)
+            change = chunk_jvp(chunk, nodes, d_nodes, measures)
+            if d_q is not None:
+                d_q[chunk.in_grid] = change.q
+            return [_sum(self._weights(measures, values, name), AGGREGATES[name].numbers(change)) for name in of_cells]
+
+        found = self._height_changes(nodes, d_nodes, values.aggregates)
+        if of_cells or d_q is not None:
+            rows = self._over_chunks(work)
+            found |= dict(zip(of_cells, np.array(rows).reshape(len(rows), len(of_cells)).sum(axis=0).tolist()))
+        changes = summed(self.pieces.comm, np.array([found[name] for name in values.aggregates]))
+        return GridValues(dict(zip(values.aggregates, changes.tolist())), d_q)
+
+    def vjp(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+        values: GridValues,  # what `evaluate` gives for the nodes
+        bar: GridValues,  # adjoints of some or all of that
+    ) -> np.ndarray:  # (n_nodes, 3)
+        """Adjoint of the nodes from that of the quality."""
+        nodes_bar = np.zeros((self.n_nodes, 3))
+        seeds = {name: bar.aggregates[name] for name in _of_cells(bar.aggregates) if bar.aggregates[name] != 0.0}
+
+        is_certified = _needs_coefficients(seeds)
+
+        def work(chunk: Chunk):
+            measures = chunk_measures(chunk, nodes, is_certified)
+            adjoint = Measures.zeros_like(measures)
+            for name, seed in seeds.items():
+                AGGREGATES[name].numbers(adjoint)[...] += seed * self._weights(measures, values, name)
+            if bar.q is not None:
+                adjoint.q[...] += bar.q[chunk.in_grid]
+            chunk_vjp(chunk, nodes, measures, adjoint, nodes_bar)
+
+        if seeds or bar.q is not None:
+            for parity in (0, 1):  # neighbouring chunks share a layer of nodes
+                self._over_chunks(work, parity)
+        self._add_height_bars(nodes, values.aggregates, bar.aggregates, nodes_bar)
+        return nodes_bar
+
+    def _height_parts(self, nodes: np.ndarray, names: Iterable[str]) -> dict[str, Part]:
+        """Parts of the aggregates of heights among the names; an upper bound takes the negative numbers."""
+        signs = _height_signs(names)
+        ratios = self.first_cells.ratios(nodes) if signs else np.empty(0)
+        return {name: self._rule(name).part(sign * ratios) for name, sign in signs.items()}
+
+    def _joined(self, names: Collection[str], parts: Mapping[str, Part]) -> dict[str, float]:
+        """Aggregates of the whole grid from the parts of this process, and those of the others."""
+        none = {name: self._rule(name).part(np.zeros(0)) for name in names}
+        tables = gathered(self.pieces.comm, np.array([[parts.get(name, none[name]) for name in names]]))
+        signs, found = _height_signs(names), {}
+        for n, name in enumerate(names):
+            whole = self._rule(name).join([Part(*table[n]) for table in tables])
+            found[name] = signs.get(name, 1.0) * self._rule(name).value(whole)
+        return found
+
+    def _height_changes(self, nodes: np.ndarray, d_nodes: np.ndarray, values: Mapping[str, float]) -> dict[str, float]:
+        """Changes of the aggregates of heights that there are values of."""
+        weights = self._height_weights(nodes, values)
+        d_ratios = self.first_cells.ratios_jvp(nodes, d_nodes) if weights else np.empty(0)
+        return {name: float(_sum(weight, d_ratios)) for name, weight in weights.items()}
+
+    def _add_height_bars(
+        self, nodes: np.ndarray, values: Mapping[str, float], seeds: Mapping[str, float], nodes_bar: np.ndarray
+    ) -> None:
+        """Add the adjoint of the nodes from those of the aggregates of heights."""
+        asked = {name: value for name, value in values.items() if seeds.get(name)}
+        weights = self._height_weights(nodes, asked)
+        if weights:
+            bar: Any = sum(seeds[name] * weight for name, weight in weights.items())
+            self.first_cells.ratios_vjp(nodes, bar, nodes_bar)
+
+    def _height_weights(self, nodes: np.ndarray, values: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """Derivatives, with respect to every ratio, of the aggregates of heights that there are values of."""
+        signs = _height_signs(values)
+        ratios = self.first_cells.ratios(nodes) if signs else np.empty(0)
+        return {name: self._rule(name).weights(sign * ratios, sign * values[name]) for name, sign in signs.items()}
+
+    def _rule(self, name: str) -> KreisselmeierSteinhauser | PNorm:
+        """Rule of an aggregate, with the sharpness that the settings give it."""
+        if AGGREGATES[name].rule == "pnorm":
+            return PNorm(self.p)
+        return KreisselmeierSteinhauser(self.rho_height if AGGREGATES[name].is_of_heights else self.rho)
+
+    def _weights(self, measures: Measures, values: GridValues, name: str) -> np.ndarray:
+        return self._rule(name).weights(AGGREGATES[name].numbers(measures), values.aggregates[name])
+
+    def _over_chunks(self, work, parity: int | None = None) -> list:
+        """Results of ``work`` for all chunks, or for every other one of each block, in order."""
+        start, step = (0, 1) if parity is None else (parity, 2)
+        chunks = [chunk for block in self.blocks for chunk in list(block.chunks())[start::step]]
+        results = [None] * len(chunks)
+
+        def task(number: int) -> None:
+            results[number] = work(chunks[number])
+
+        run_tasks(task, len(chunks), thread_count(self.n_threads))
+        return results
+
+
+def _sum(weights: np.ndarray, changes: np.ndarray) -> float:
+    """Sum of products, in an order that does not depend on the threads of BLAS."""
+    weights *= changes
+    return weights.sum()
+
+
+def _of_cells(names: Iterable[str]) -> list[str]:
+    """Aggregates among the names that measure cells, in their order."""
+    return [name for name in names if not AGGREGATES[name].is_of_heights]
+
+
+def _needs_coefficients(names: Iterable[str]) -> bool:
+    """Whether one of the aggregates is of Bernstein coefficients, which take time of their own."""
+    return any(AGGREGATES[name].measure == "coefficients" for name in names)
+
+
+def _height_signs(names: Iterable[str]) -> dict[str, float]:
+    """Sign of each aggregate of heights among the names, in the order of the table: -1 for an upper bound."""
+    return {n: -1.0 if a.is_upper else 1.0 for n, a in AGGREGATES.items() if a.is_of_heights and n in names}

@@ -1,0 +1,324 @@
+"""Meshes of mixed cells: tetrahedra, pyramids, wedges, hexahedra and polyhedra, by the faces of their cells.
+
+Corners are numbered as VTK, CGNS and Gmsh do::
+
+    tetra    0, 1, 2, and 3 above               pyramid      0, 1, 2, 3, and 4 above
+    wedge    0, 1, 2, and 3, 4, 5 above         hexahedron   0, 1, 2, 3, and 4, 5, 6, 7 above
+
+Every inner face is there twice, once of each of its cells, as a quad that goes around the normal out of the cell;
+triangles have their last corner twice, and faces of more corners are cut into a fan.
+
+Theory: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+
+from ...base.checks import as_finite_points
+from ...base.display import OneLine
+from ...errors import InputError
+from .mesh_numbers import require_cells, require_corners
+from .quads import area_vectors
+
+__all__ = ["FACES", "CellQuality", "MixedMesh", "face_keys", "fans", "first_heights", "padded"]
+
+FACES = {
+    "tetra": ((0, 2, 1, 1), (0, 1, 3, 3), (1, 2, 3, 3), (2, 0, 3, 3)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4, 4), (1, 2, 4, 4), (2, 3, 4, 4), (3, 0, 4, 4)),
+    "wedge": ((0, 2, 1, 1), (3, 4, 5, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Faces of each kind of cell, around the normal out of it."""
+
+MIXERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
+"""Odd numbers by which corners become one number modulo 2^64 where they do not fit: two of ten million faces are taken
+for one with a chance of 3e-6."""
+
+UPRIGHT = 0.1
+"""Cosine of the angle between an edge and the normal of the wall, from which on the edge leads off the wall."""
+
+CANCELLED = 1e-6
+"""Part of the areas around a node that their sum has to be for a normal there: at the edge of a plate without
+thickness both sides cancel but for rounding."""
+
+
+def padded(faces: np.ndarray) -> np.ndarray:
+    """Faces as quads, shape (n, 4): a triangle has its last corner twice."""
+    return faces if faces.shape[1] == 4 else faces[:, [0, 1, 2, 2]]
+
+
+def fans(
+    corners: np.ndarray,  # int (n_corners,), corners of all faces one after the other
+    sizes: np.ndarray,  # int (n_faces,), how many each has
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cut faces of any number of corners into quads and triangles."""
+    # returns quads int (n, 4): quads, and triangles with their last corner twice; faces of more corners are fans
+    # returns face int (n,): face that each is of, ascending
+    starts, counts = np.cumsum(sizes) - sizes, np.where(sizes > 4, sizes - 2, 1)
+    face = np.repeat(np.arange(len(sizes)), counts)
+    piece = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
+    last = np.where(sizes[face] == 4, 3, piece + 2)
+    places = np.stack([0 * piece, piece + 1, piece + 2, last], axis=1)
+    return corners[starts[face][:, None] + places], face
+
+
+@dataclass(frozen=True, eq=False)
+class CellQuality(OneLine):
+    """Volumes of cells, and which are inverted."""
+
+    volumes: np.ndarray  # (n_cells,), volumes (m^3)
+    # whether the volume, or that of a pyramid from the middle of the cell to one of its faces, is not positive. The
+    # middle is that of the middles of its faces, weighted by their areas
+    is_inverted: np.ndarray  # bool (n_cells,)
+
+
+@dataclass(frozen=True, eq=False)
+class MixedMesh(OneLine):
+    """A mesh of mixed cells. Made by `read_mesh`, or from arrays.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Nodes (m).
+    cells : mapping of str to ndarray of int, each of shape (n_kind, n_corners)
+        Corners of the cells of each kind, see `FACES`.
+    markers : mapping of str to ndarray of int, each of shape (n_faces, 4)
+        Faces of the parts of the boundary by their names, triangles with their last corner twice.
+    polyhedra : tuple of two ndarray of int, of shapes (n_faces, 4) and (n_faces,), optional
+        Faces of cells of any kind as seen from each cell, around the normal out of it, and the numbers of their cells.
+    source : str
+        Where it comes from, for messages.
+    n_copies : int
+        How often each node of its file is among the nodes, all of them once before any a second time: twice where the
+        file is of two dimensions.
+
+    Raises
+    ------
+    InputError
+        If a node is not finite, an element has a node that there is not, a kind of cells is unknown, or a cell has no
+        faces: kernels index by these numbers without looking.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import MixedMesh
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> mesh = MixedMesh(corners, {"tetra": np.array([[0, 1, 2, 3]])})
+    >>> mesh.quality().volumes.round(6)
+    array([0.166667])
+    """
+
+    points: np.ndarray
+    cells: Mapping[str, np.ndarray]
+    markers: Mapping[str, np.ndarray] | None = None
+    polyhedra: tuple[np.ndarray, np.ndarray] | None = None
+    source: str = "mesh"
+    n_copies: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse what is no mesh, whoever reads it."""
+        object.__setattr__(self, "points", self.as_nodes(self.points))
+        n, copies = len(self.points), self.n_copies
+        for kind, corners in self.cells.items():
+            if kind not in FACES:
+                raise InputError(f"{self.source}: has cells '{kind}'; known are {', '.join(FACES)}")
+            require_corners(corners, 1 + max(map(max, FACES[kind])), n, f"{self.source}: cells '{kind}'", copies)
+        for name, faces in (self.markers or {}).items():
+            require_corners(faces, 4, n, f"{self.source}: faces of marker '{name}'", copies)
+        if self.polyhedra is not None:
+            require_cells(*self.polyhedra, n, self.source)
+
+    def as_nodes(self, points: np.ndarray) -> np.ndarray:
+        """Return other nodes of the mesh, shape (n, 3), as 8-byte reals.
+
+        Raises
+        ------
+        InputError
+            If they are of another shape, not finite, or complex.
+        """
+        nodes = as_finite_points(points, len(self.points), f"{self.source}: nodes")
+        if nodes.dtype.kind == "c":
+            raise InputError(f"{self.source}: nodes are complex; give real ones")
+        return nodes
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    @property
+    def n_stored(self) -> int:
+        """Number of nodes of its file."""
+        return self.n_points // self.n_copies
+
+    def stored_ids(self, ids: np.ndarray) -> np.ndarray:
+        """Numbers in its file of some nodes, ascending, each once."""
+        return np.unique(ids % self.n_stored) if len(ids) else ids
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        n = sum(len(corners) for corners in self.cells.values())
+        return n + (0 if self.polyhedra is None else int(self.polyhedra[1].max(initial=-1)) + 1)
+
+    @cached_property
+    def cell_faces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Faces of all cells, shape (n, 4), around the normal out of these, and their cells, shape (n,).
+
+        Programs do not agree which way a wedge goes round: faces are turned where most cells of a kind have negative
+        volumes otherwise.
+        """
+        kind = np.int32 if max(self.n_points, self.n_cells) < 2**31 else np.int64
+        parts = [(np.zeros((0, 4), dtype=kind), np.zeros(0, dtype=kind))]
+        for name, corners in self.cells.items():
+            faces = corners.astype(kind)[:, np.array(FACES[name])].reshape(-1, 4)
+            parts.append((faces, np.repeat(np.arange(len(corners), dtype=kind), len(FACES[name]))))
+        if self.polyhedra is not None:
+            parts.append((self.polyhedra[0].astype(kind), self.polyhedra[1].astype(kind)))
+        first = 0
+        for k, (faces, cells) in enumerate(parts):
+            n = int(cells.max(initial=-1)) + 1
+            volumes = pyramids(self.points, faces, cells, n)[:, 0]
+            is_turned = np.count_nonzero(volumes < 0.0) > 0.5 * n
+            parts[k] = np.ascontiguousarray(faces[:, ::-1]) if is_turned else faces, cells + first
+            first += n
+        return np.concatenate([faces for faces, _ in parts]), np.concatenate([cells for _, cells in parts])
+
+    @cached_property
+    def skin(self) -> np.ndarray:
+        """Faces that one cell alone has, around the normal out of it, shape (n, 4)."""
+        faces, _ = self.cell_faces
+        keys = face_keys(faces, self.n_points)
+        _, first, counts = np.unique(keys, return_index=True, return_counts=True)
+        return faces[np.sort(first[counts == 1])]
+
+    def into_fluid(self, faces: np.ndarray) -> np.ndarray:
+        """Turn faces of the boundary so that they go around the normal into the mesh.
+
+        Parameters
+        ----------
+        faces : ndarray of int, shape (n, 4)
+            Faces of cells, in any direction.
+
+        Returns
+        -------
+        ndarray of int, shape (m, 4)
+            Those that are faces of one cell alone.
+        """
+        of_cells, _ = self.cell_faces
+        is_of_wall = np.zeros(self.n_points, dtype=bool)
+        is_of_wall[faces] = True
+        near = of_cells[is_of_wall[of_cells].all(axis=1)]
+        keys, first, counts = np.unique(face_keys(near, self.n_points), return_index=True, return_counts=True)
+        wanted = np.isin(keys, face_keys(faces, self.n_points)) & (counts == 1)
+        return near[np.sort(first[wanted])][:, ::-1]
+
+    def quality(self, points: np.ndarray | None = None) -> CellQuality:
+        """Measure its cells, with its nodes somewhere else if these are given, shape (n, 3)."""
+        volumes, least = pyramids(self.points if points is None else points, *self.cell_faces, self.n_cells).T
+        return CellQuality(volumes, np.minimum(volumes, least) <= 0.0)
+
+
+def pyramids(points: np.ndarray, faces: np.ndarray, cells: np.ndarray, n_cells: int) -> np.ndarray:
+    """Sum and least of the volumes of the pyramids from the middle of each cell to its faces, shape (n_cells, 2)."""
+    sums, found = np.zeros((n_cells, 4)), np.zeros((n_cells, 2))
+    found[:, 1] = np.inf
+    _sum_middles(points, faces, cells, sums)
+    _sum_pyramids(points, faces, cells, sums, found)
+    return found
+
+
+def face_keys(faces: np.ndarray, n_points: int) -> np.ndarray:
+    """Numbers of faces, alike where the corners are, whatever their order: shape (n,)."""
+    ids = np.sort(faces, axis=1).astype(np.int64)
+    is_triangle = (ids[:, 1:] == ids[:, :-1]).any(axis=1)
+    first = np.argmax(ids[:, 1:] == ids[:, :-1], axis=1)
+    ids[is_triangle] = np.sort(np.where(np.arange(4) == first[is_triangle, None], n_points, ids[is_triangle]), axis=1)
+    if n_points < 2**21 - 1:  # three corners tell a face, and fit into one number
+        return (ids[:, 0] * (n_points + 1) + ids[:, 1]) * (n_points + 1) + ids[:, 2]
+    return ids[:, :3].astype(np.uint64) @ np.array(MIXERS, dtype=np.uint64)
+
+
+def first_heights(
+    mesh: MixedMesh,
+    wall: np.ndarray,  # int (n_faces, 4), faces of the wall, around the normal into the mesh
+    ids: np.ndarray,  # int (n_wall,), nodes of the wall, ascending
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the node next to each node of a wall, along the edge that leads off it most."""
+    # returns at int (m,): those of the nodes that have one, as numbers among `ids`; those on the edge of a plate
+    # without thickness, where the wall has no normal, have none
+    # returns beside int (m,): nodes next to them
+    is_wall = np.zeros(mesh.n_points, dtype=bool)
+    is_wall[ids] = True
+    faces, _ = mesh.cell_faces
+    faces = faces[is_wall[faces].any(axis=1) & ~is_wall[faces].all(axis=1)]
+    edges = np.concatenate([faces[:, [k, (k + 1) % 4]] for k in range(4)])
+    edges = np.concatenate([edges, edges[:, ::-1]])
+    edges = np.unique(edges[is_wall[edges[:, 0]] & ~is_wall[edges[:, 1]]], axis=0)
+    at = np.searchsorted(ids, edges[:, 0])
+    off = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
+    cosines = np.einsum("ed,ed->e", off, wall_normals(mesh.points, wall, ids)[at])
+    cosines /= np.maximum(np.linalg.norm(off, axis=1), np.finfo(float).tiny)
+    order = np.lexsort((-cosines, at))
+    order = order[cosines[order] > UPRIGHT]
+    at, first = np.unique(at[order], return_index=True)
+    return at, edges[order[first], 1]
+
+
+def wall_normals(points: np.ndarray, wall: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Unit normals of a wall at its nodes, shape (n_wall, 3), zero where there is none, see `first_heights`."""
+    areas, at = area_vectors(points[wall]), np.searchsorted(ids, wall)
+    parts = np.column_stack([areas, np.linalg.norm(areas, axis=1)])
+    sums = np.stack([np.bincount(at.ravel(), np.repeat(part, 4), len(ids)) for part in parts.T], axis=1)
+    lengths = np.linalg.norm(sums[:, :3], axis=1)
+    return sums[:, :3] / np.where(lengths > CANCELLED * sums[:, 3], lengths, np.inf)[:, None]
+
+
+@njit(cache=True, error_model="numpy")
+def _face(x, face):
+    """Middle and area vector of a face; that of a triangle, which has two neighbouring corners alike, is of three."""
+    a, b, c, d = face[0], face[1], face[2], face[3]
+    last = 0.0 if c == d or a == b else 1.0
+    p, q, r, s = x[a], x[b], x[c], x[d]
+    if a == b:  # seen from the other cell, the corner that is there twice comes first
+        q, r, s = r, s, s
+    u0, u1, u2 = r[0] - p[0], r[1] - p[1], r[2] - p[2]
+    v0, v1, v2 = s[0] - q[0], s[1] - q[1], s[2] - q[2]
+    part = 1.0 / (3.0 + last)
+    middle = (
+        part * (p[0] + q[0] + r[0] + last * s[0]),
+        part * (p[1] + q[1] + r[1] + last * s[1]),
+        part * (p[2] + q[2] + r[2] + last * s[2]),
+    )
+    return middle, (0.5 * (u1 * v2 - u2 * v1), 0.5 * (u2 * v0 - u0 * v2), 0.5 * (u0 * v1 - u1 * v0))
+
+
+@njit(cache=True, error_model="numpy")
+def _sum_middles(x, faces, cells, sums):
+    """Sum areas times middles, and areas, of the faces of every cell, shape (n_cells, 4)."""
+    for f in range(len(faces)):
+        middle, normal = _face(x, faces[f])
+        area, at = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), cells[f]
+        for d in range(3):
+            sums[at, d] += area * middle[d]
+        sums[at, 3] += area
+
+
+@njit(cache=True, error_model="numpy")
+def _sum_pyramids(x, faces, cells, sums, found):
+    """Sum the volumes of the pyramids from the middles of cells to their faces, and find the least."""
+    for f in range(len(faces)):
+        (m0, m1, m2), (a0, a1, a2) = _face(x, faces[f])
+        at = cells[f]
+        area = max(sums[at, 3], 1e-300)  # 1e-300: of a cell that has shrunk to a point
+        volume = (
+            a0 * (m0 - sums[at, 0] / area) + a1 * (m1 - sums[at, 1] / area) + a2 * (m2 - sums[at, 2] / area)
+        ) / 3.0
+        found[at, 0] += volume
+        found[at, 1] = min(found[at, 1], volume)

@@ -1,0 +1,396 @@
+"""CGNS grids with structured zones, in HDF5 files: bases, zones and coordinates.
+
+Format: ``docs/theory/grid_files.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ...base.text import counted
+from ...errors import InputError
+from ..topology.detection import find_topology
+from ..topology.grid import Block, Grid, find_fault
+from ..topology.index_space import Window
+from ..topology.stored_grid import StoredBlock, StoredGrid
+from ..topology.topology import Topology
+from .adf import copied_cgns, is_adf, opened_cgns
+from .cgns_faces import add_boundaries, add_connections, read_connections, read_patches_of_zones
+from .cgns_nodes import (
+    add_node,
+    children,
+    damaged_is_input_error,
+    first_child,
+    follow_link,
+    free_name,
+    is_link,
+    label,
+    require_stored,
+    set_attributes,
+    set_root_attributes,
+    value,
+    word,
+)
+from .cgns_units import add_unit, read_unit
+from .disk import deferred_interrupts, replaced_file, replaced_hdf5_file
+from .element_order import HEXAHEDRA
+from .formats import MODEL, MODEL_FORMAT
+
+__all__ = ["CgnsDialect", "add_coordinates", "open_cgns", "read_cgns", "write_base", "write_cgns"]
+
+LIBRARY_VERSION = 3.4
+"""Version written into new files; older tools refuse 4.0."""
+
+_AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
+
+
+@dataclass(frozen=True)
+class CgnsDialect:
+    """Origin of a CGNS grid: its file, and what of it was not taken over.
+
+    Parameters
+    ----------
+    path : str
+        Absolute path of the file; writing back starts from a copy of it.
+    ignored : tuple of str
+        Boundary conditions that could not be taken over as patches, and connections that fit no zone, one line each.
+    """
+
+    path: str
+    ignored: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Name the format."""
+        return f"CGNS ({'ADF' if os.path.isfile(self.path) and is_adf(self.path) else 'HDF5'})"
+
+
+def read_cgns(path: str | os.PathLike) -> Grid:
+    """Read the structured zones of a CGNS file, in HDF5 or ADF.
+
+    Zones come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
+    their names (``Zone 9`` before ``Zone 10``) elsewhere. With more than one base the names are ``base/zone``; bases of
+    a lower cell dimension than the highest (surfaces of a volume grid) are left out, which the dialect says. Boundary
+    conditions become patches, named after their family where they have one, by its path where it is in another; their
+    kind is that of the condition or, where it says nothing, of the name. One-to-one connections become those of the
+    grid. Linked nodes are followed.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    Grid
+        Its ``dialect`` is a `CgnsDialect`.
+
+    Raises
+    ------
+    InputError
+        When the file is not CGNS, is damaged, holds an unstructured zone, or a node is not finite.
+    """
+    stored = open_cgns(path)
+    blocks = []
+    with _opened(stored.source) as file:
+        for name, base, zone in _find_zones(file, stored.source):
+            blocks.append(Block(_read_nodes(base, zone, name, stored.source), name))
+    fault = find_fault(blocks)
+    if fault:
+        raise InputError(f"{stored.source}: {fault}")
+    return Grid(tuple(blocks), stored.patches, stored.source, stored.dialect, stored.connections, stored.unit)
+
+
+def open_cgns(path: str | os.PathLike) -> StoredGrid:
+    """Open a CGNS file, to read its zones, or windows of them, later.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    StoredGrid
+        As `read_cgns` gives it.
+
+    Raises
+    ------
+    InputError
+        When the file is not CGNS, is damaged, or holds an unstructured zone; later, when a node that is read is
+        not finite.
+    """
+    source = str(path)
+    with _opened(source) as file:
+        zones = _find_zones(file, source)
+        names = [name for name, _, _ in zones]
+        shapes: list[tuple[int, ...]] = [_checked_shape(base, zone, name, source) for name, base, zone in zones]
+        patches, ignored = read_patches_of_zones([(base, zone) for _, base, zone in zones], shapes)
+        ignored = _bases_left_out(file) + ignored
+        unit = read_unit(source, [(base, zone) for _, base, zone in zones])
+        connections, unfit = read_connections([zone for _, _, zone in zones], names, shapes)
+    blocks = tuple(
+        StoredBlock(shape, name, partial(_read_part, source, number, name))
+        for number, (name, shape) in enumerate(zip(names, shapes))
+    )
+    return StoredGrid(blocks, patches, source, CgnsDialect(os.path.abspath(path), ignored + unfit), connections, unit)
+
+
+@contextmanager
+def _opened(source: str) -> Iterator[h5py.File]:
+    """Open a file for reading; whatever is wrong with it is an `InputError`."""
+    with deferred_interrupts(), damaged_is_input_error(source), opened_cgns(source) as file:
+        yield file
+
+
+def _read_part(source: str, number: int, name: str, window: Window | None) -> Block:
+    """Read a window of zone ``number``, from 0."""
+    with _opened(source) as file:
+        zones = _find_zones(file, source)
+        if number >= len(zones) or zones[number][0] != name:
+            raise InputError(f"{source}: has changed since it was opened; read it again")
+        block = Block(_read_nodes(zones[number][1], zones[number][2], name, source, window), name)
+    fault = find_fault([block], number + 1, (0, 0, 0) if window is None else window.lo)
+    if fault:
+        raise InputError(f"{source}: {fault}")
+    return block
+
+
+def _find_zones(file: h5py.File, source: str) -> list[tuple[str, h5py.Group, h5py.Group]]:
+    """Name, base and zone of every block, in block order."""
+    bases = children(file, "CGNSBase_t")
+    if not bases and file.attrs.get("format") == MODEL_FORMAT:
+        raise InputError(
+            f"{source}: is a fitted model, and a grid is read here; 'bspline-mdao refine {source} -o grid.cgns' writes "
+            f"the grid of a model, and commands that take models know them by the suffix {MODEL}"
+        )
+    if not bases:
+        raise InputError(f"{source}: is an HDF5 file without a CGNS base; give a CGNS or PLOT3D grid")
+    cell_dimensions = [int(value(base)[0]) for _, base in bases]
+    chosen = [item for item, cells in zip(bases, cell_dimensions) if cells == max(cell_dimensions)]
+    zones = [
+        (name if len(chosen) == 1 else f"{base_name}/{name}", base, zone)
+        for base_name, base in chosen
+        for name, zone in children(base, "Zone_t")
+    ]
+    if not zones:
+        raise InputError(f"{source}: has no zones; give a CGNS file with a grid")
+    for name, _, zone in zones:
+        zone_type = first_child(zone, "ZoneType_t")
+        if zone_type is not None and word(zone_type) != "Structured":
+            raise InputError(
+                f"{source}: zone '{name}' is not structured, it is a mesh{_of_hexahedra(zone)}; give a grid of "
+                f"structured blocks; 'bspline-mdao ride MODEL.h5 {source}' takes the mesh along with the model of one"
+            )
+    return zones
+
+
+def _bases_left_out(file: h5py.File) -> tuple[str, ...]:
+    """Say which bases with zones are not read, since another one has cells of more dimensions."""
+    bases = [(name, int(value(base)[0]), children(base, "Zone_t")) for name, base in children(file, "CGNSBase_t")]
+    most = max(dimensions for _, dimensions, _ in bases)
+    return tuple(
+        f"base '{name}' ({counted(len(zones), 'zone')} of {dimensions}-dimensional cells) is not read, since another "
+        f"one has {most}-dimensional cells; CGNS files that are written have it as it is"
+        for name, dimensions, zones in bases
+        if zones and dimensions < most
+    )
+
+
+def _of_hexahedra(zone: h5py.Group) -> str:
+    """Say how many hexahedra an unstructured zone has, and of which degree, where they are those that we write."""
+    found = []
+    for _, section in children(zone, "Elements_t"):
+        kind, ends = int(value(section)[0]), first_child(section, "IndexRange_t")
+        if kind in HEXAHEDRA.values() and ends is not None:
+            low, high = value(ends)[:2]
+            degree = next(degree for degree, number in HEXAHEDRA.items() if number == kind)
+            shape = f"of degree {degree}, curved as 'refine --degree {degree}' writes them" if degree > 1 else ""
+            found.append(f"{int(high) - int(low) + 1:,} hexahedra {shape}".rstrip())
+    return f" of {', '.join(found)}" if found else ""
+
+
+def _checked_shape(base: h5py.Group, zone: h5py.Group, name: str, source: str) -> tuple[int, int, int]:
+    """Node counts of a zone whose coordinates are there, of that shape, and reals."""
+    shape = _zone_shape(zone, name, source)
+    for axis, node in enumerate(_coordinates(zone, int(value(base)[1]), name, source)):
+        data = node[" data"]
+        require_stored(node)
+        if data.shape[::-1] + (1,) * (3 - data.ndim) != shape or data.dtype.kind != "f":
+            raise InputError(
+                f"{source}: zone '{name}': {_AXES[axis]} is no array of {shape} reals; write it without rind planes"
+            )
+    return shape
+
+
+def _read_nodes(base: h5py.Group, zone: h5py.Group, name: str, source: str, window: Window | None = None) -> np.ndarray:
+    """Nodes of a zone, or of a window of it, shape (ni, nj, nk, 3)."""
+    shape = _checked_shape(base, zone, name, source)
+    slices = tuple(map(slice, shape)) if window is None else window.slices
+    nodes = np.zeros((*(part.stop - (part.start or 0) for part in slices), 3))
+    for axis, node in enumerate(_coordinates(zone, int(value(base)[1]), name, source)):
+        data = node[" data"]
+        array = data[slices[: data.ndim][::-1]]
+        with np.errstate(invalid="ignore"):  # a NaN is named later
+            nodes[..., axis] = array.T.reshape(nodes.shape[:3])
+    return nodes
+
+
+def _zone_shape(zone: h5py.Group, name: str, source: str) -> tuple[int, int, int]:
+    """Node counts of a zone, 1 in directions that it does not have."""
+    sizes = np.asarray(value(zone))
+    if sizes.ndim != 2 or sizes.shape[0] != 3 or not 1 <= sizes.shape[1] <= 3 or sizes[0].min() < 1:
+        raise InputError(f"{source}: zone '{name}' has no node counts of a structured zone; write it again")
+    # only arrays that are really in the file are as large as this, so that nothing is reserved for a damaged count
+    n_stored = sum(node[" data"].size for _, node in children(_grid_coordinates(zone), "DataArray_t"))
+    if float(np.prod(sizes[0].astype(float))) > n_stored:
+        raise InputError(f"{source}: zone '{name}' announces {sizes[0].tolist()} nodes and holds fewer; write it again")
+    return tuple(int(n) for n in sizes[0]) + (1,) * (3 - sizes.shape[1])
+
+
+def _grid_coordinates(zone: h5py.Group) -> h5py.Group:
+    """Give the original grid: the node named GridCoordinates, or the first of its kind."""
+    found = children(zone, "GridCoordinates_t")
+    if not found:
+        raise KeyError(f"zone {zone.name} has no coordinates")
+    return dict(found).get("GridCoordinates", found[0][1])
+
+
+def _coordinates(zone: h5py.Group, n_axes: int, name: str, source: str) -> list[h5py.Group]:
+    """Nodes of the Cartesian coordinates of a zone, in the order x, y, z."""
+    arrays = dict(children(_grid_coordinates(zone), "DataArray_t"))
+    missing = [axis for axis in _AXES[: min(max(n_axes, 1), 3)] if axis not in arrays]
+    if missing:
+        raise InputError(f"{source}: zone '{name}' has no {missing[0]}; only Cartesian coordinates can be read")
+    return [arrays[axis] for axis in _AXES if axis in arrays]
+
+
+def write_cgns(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
+    """Write a CGNS/HDF5 file, whole or not at all.
+
+    A grid read from CGNS is written as a copy of its file with new coordinates, and with the one-to-one connections
+    that the file lacks: everything else in the file stays, in HDF5 also where it was in ADF. Links in it are replaced
+    by what they stand for, so that no other file is touched. Any other grid makes a new file with one base, a zone for
+    every block, its patches as families, its interfaces as one-to-one connections and collapsed faces as degenerate
+    boundary conditions.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to make or replace.
+    grid : Grid
+        The grid.
+    topology : Topology, optional
+        How its blocks are joined, found from its nodes by default. Give that of the baseline for a grid that was
+        moved.
+
+    Raises
+    ------
+    InputError
+        When the file that the grid was read from is gone or changed, or the new one cannot be written.
+    """
+    fault = find_fault(grid.blocks)
+    if fault:
+        raise InputError(f"{grid.source}: {fault}; nothing was written")
+    topology = topology or find_topology(grid)
+    (_write_copy if isinstance(grid.dialect, CgnsDialect) else _write_new)(path, grid, topology)
+
+
+def _write_copy(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
+    """Write a copy of the file that a grid was read from, with its nodes."""
+    source = grid.dialect.path
+    if not os.path.isfile(source):
+        raise InputError(f"{source}: is gone; it is needed to write the grid back as CGNS with all that it held")
+    with replaced_file(path) as temporary, damaged_is_input_error(source), deferred_interrupts():
+        copied_cgns(source, temporary)
+        _replace_coordinates(temporary, source, grid, topology)
+
+
+def _replace_coordinates(path: Path, source: str, grid: Grid, topology: Topology) -> None:
+    """Put the nodes of a grid into a copy of the file that it was read from, and add the connections that it lacks."""
+    with h5py.File(path, "r+") as file, opened_cgns(source) as original:
+        _resolve_links(file, original)
+        zones = _find_zones(file, source)
+        names = [name for name, _, _ in zones]
+        if names != [block.name for block in grid.blocks]:
+            raise InputError(f"{source}: has changed since the grid was read (zones {names[:3]}...); read it again")
+        for block, (name, base, zone) in zip(grid.blocks, zones):
+            if _zone_shape(zone, name, source) != block.shape:
+                raise InputError(f"{source}: zone '{name}' has changed since the grid was read; read it again")
+            for axis, node in enumerate(_coordinates(zone, int(value(base)[1]), name, source)):
+                data = node[" data"]
+                data[...] = block.nodes[..., axis].T.reshape(data.shape)
+        nodes = [zone for _, _, zone in zones]
+        declared = [side for item in read_connections(nodes, names, grid.shapes)[0] for side in (item.a, item.b)]
+        lacking = [item for item in topology.interfaces if not any(item.a.overlaps(side) for side in declared)]
+        add_connections(nodes, lacking)
+        if grid.unit and not read_unit(source, [(base, zone) for _, base, zone in zones]):
+            for base in {base.name: base for _, base, _ in zones}.values():
+                add_unit(base, grid.unit)
+
+
+def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
+    """Replace links below ``group`` by copies of what they stand for; ``original`` is the same node of the source."""
+    for name in list(group):
+        if group.get(name, getclass=True) is not h5py.Group:
+            continue
+        target = follow_link(original[name])
+        if is_link(original[name]):
+            del group[name]
+            original.file.copy(target, group, name)
+            kind = target.attrs["type"]
+            set_attributes(group[name], name, label(target), kind.decode() if isinstance(kind, bytes) else str(kind))
+        _resolve_links(group[name], target)
+
+
+def _write_new(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
+    """Write a file of one base, with a zone for every block."""
+    with replaced_hdf5_file(path) as file, deferred_interrupts():
+        is_flat = all(block.shape[2] == 1 for block in grid.blocks)
+        n_indices = 2 if is_flat else 3
+        base = write_base(file, n_indices, grid.unit)
+        zones = [_write_zone(base, block, n_indices) for block in grid.blocks]
+        add_boundaries(base, zones, grid, [w for w in topology.collapsed if w.is_on_face(topology.shapes[w.block])])
+        add_connections(zones, topology.interfaces)
+
+
+def write_base(file: h5py.File, n_dimensions: int, unit: str = "") -> h5py.Group:
+    """Write what the CGNS library puts at the root of an HDF5 file, and a base whose cells have 2 or 3 dimensions."""
+    set_root_attributes(file)
+    add_node(file, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([LIBRARY_VERSION], np.float32))
+    base = add_node(file, "Base", "CGNSBase_t", np.array([n_dimensions, 3], np.int32))
+    add_unit(base, unit)
+    return base
+
+
+def _write_zone(base: h5py.Group, block: Block, n_indices: int) -> h5py.Group:
+    """Write a block as a zone of 2 or 3 index directions."""
+    n_nodes = np.array(block.shape[:n_indices], np.int32)
+    sizes = np.array([n_nodes, n_nodes - 1, np.zeros_like(n_nodes)])
+    zone = add_node(base, free_name(base, block.name), "Zone_t", sizes)
+    add_node(zone, "ZoneType", "ZoneType_t", "Structured")
+    add_coordinates(zone, block.nodes.reshape(*block.shape[:n_indices], 3))
+    return zone
+
+
+def add_coordinates(zone: h5py.Group, nodes: np.ndarray) -> None:
+    """Write the coordinates of a zone.
+
+    Parameters
+    ----------
+    zone : h5py.Group
+        The zone.
+    nodes : ndarray, shape (..., 3)
+        Nodes in the zone's index directions.
+    """
+    coordinates = add_node(zone, "GridCoordinates", "GridCoordinates_t")
+    for axis, name in enumerate(_AXES):
+        array = add_node(coordinates, name, "DataArray_t", np.ascontiguousarray(nodes[..., axis].T, np.float64))
+        add_node(array, "DimensionalExponents", "DimensionalExponents_t", np.array([0, 1, 0, 0, 0], np.float32))

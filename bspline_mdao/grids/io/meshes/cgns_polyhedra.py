@@ -1,0 +1,162 @@
+"""Polyhedra of CGNS: polygons (NGON_n), and the cells that they bound (NFACE_n, or the polygons' parents).
+
+A list of polygons or cells is one array of numbers: with an array of where each begins, as CGNS 4 writes it, or with
+the length of each before it, as CGNS 3 did.
+
+Format: CGNS Standard Interface Data Structures, section "Elements".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+from numba import njit
+
+from ....errors import InputError
+from ...cells.mixed_cells import fans
+from ..cgns_nodes import whole_numbers
+
+__all__ = ["NFACE", "NGON", "Lists", "Polygons"]
+
+NGON, NFACE = 22, 23
+"""CGNS's numbers of sections of polygons and of cells by their polygons."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lists:
+    """Lists of numbers: corners of polygons, or polygons of cells.
+
+    Parameters
+    ----------
+    numbers : ndarray of int, shape (n,)
+        Their numbers in the zone, from 1.
+    values : ndarray of int, shape (n_values,)
+        What is in them, one list after the other.
+    sizes : ndarray of int, shape (n,)
+        How many each has.
+    """
+
+    numbers: np.ndarray
+    values: np.ndarray
+    sizes: np.ndarray
+
+    @classmethod
+    def read(cls, parts: Mapping[str, h5py.Group], low: int, high: int, what: str) -> Lists:
+        """Read the lists of a section with numbers from ``low`` to ``high`` by the nodes in it.
+
+        Raises
+        ------
+        InputError
+            If they do not end where they should.
+        """
+        stored, n = whole_numbers(parts["ElementConnectivity"]), high - low + 1
+        if not 0 <= n <= len(stored):  # before there is an array of as many
+            raise InputError(f"{what}: announces {n:,} polygons or cells of {len(stored):,} numbers; write it again")
+        if "ElementStartOffset" in parts:
+            starts = whole_numbers(parts["ElementStartOffset"])
+            is_whole = len(starts) == n + 1 and starts[0] == 0 and starts[-1] == len(stored)
+            values, sizes = stored, np.diff(starts)
+        else:
+            values, sizes = np.empty(len(stored) - n, dtype=np.int64), np.empty(n, dtype=np.int64)
+            is_whole = _take_apart(stored, values, sizes)
+        if not is_whole or (sizes < 0).any():
+            raise InputError(f"{what}: its polygons or polyhedra do not end with the numbers; write it again")
+        return cls(np.arange(low, high + 1), values, sizes)
+
+    @classmethod
+    def joined(cls, parts: list[Lists]) -> Lists:
+        """Join lists of several sections, in the order of their numbers."""
+        parts = sorted(parts, key=lambda part: part.numbers[:1].tolist())
+        return cls(
+            *(np.concatenate([getattr(part, name) for part in parts]) for name in ("numbers", "values", "sizes"))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Polygons:
+    """Polygons of a zone, cut into triangles and quads.
+
+    Parameters
+    ----------
+    numbers : ndarray of int, shape (n,)
+        Numbers of the polygons in the zone, ascending.
+    quads : ndarray of int, shape (n_quads, 4)
+        Their pieces by nodes from 0, see `fans`.
+    polygon : ndarray of int, shape (n_quads,)
+        Polygon that each piece is of, ascending.
+    """
+
+    numbers: np.ndarray
+    quads: np.ndarray
+    polygon: np.ndarray
+
+    @classmethod
+    def of(cls, lists: Lists, what: str) -> Polygons:
+        """Cut polygons.
+
+        Raises
+        ------
+        InputError
+            If one has fewer than three corners.
+        """
+        if (lists.sizes < 3).any():
+            worst = int(np.argmin(lists.sizes))
+            raise InputError(f"{what}: polygon {lists.numbers[worst]} has {lists.sizes[worst]} corners; write it again")
+        return cls(lists.numbers, *fans(lists.values - 1, lists.sizes))
+
+    def of_cells(self, cells: Lists, what: str) -> tuple[np.ndarray, np.ndarray]:
+        """Pieces as seen from cells that list their polygons, and the cells that they are of, from 0.
+
+        The number of a polygon that looks into the cell is negative.
+
+        Raises
+        ------
+        InputError
+            If a cell has a polygon that does not exist.
+        """
+        numbers = np.abs(cells.values)
+        rows = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
+        is_known = self.numbers[rows] == numbers
+        if not is_known.all():
+            raise InputError(
+                f"{what}: a cell has polygon {numbers[~is_known][0]}, which does not exist; write it again"
+            )
+        return self._seen(rows, np.repeat(np.arange(len(cells.sizes)), cells.sizes), cells.values < 0)
+
+    def of_parents(self, parents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pieces as seen from the cells on both sides of polygons, shape (2, n), and these cells, from 0.
+
+        A polygon looks from the first to the second; 0 stands for none.
+        """
+        sides, rows = np.nonzero(parents)
+        _, cells = np.unique(parents[sides, rows], return_inverse=True)
+        return self._seen(rows, cells.ravel(), sides == 1)
+
+    def _seen(self, rows: np.ndarray, cells: np.ndarray, is_turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pieces of some polygons for their cells, turned or not."""
+        starts = np.searchsorted(self.polygon, np.arange(len(self.numbers) + 1))
+        counts = np.diff(starts)[rows]
+        first = np.repeat(starts[rows] - np.cumsum(counts) + counts, counts)
+        quads, turned = self.quads[first + np.arange(len(first))], np.repeat(is_turned, counts)
+        quads[turned] = quads[turned, ::-1]
+        return quads, np.repeat(cells, counts)
+
+
+@njit(cache=True)
+def _take_apart(stored, values, sizes):
+    """Take lengths and values apart; False where they do not end with the numbers."""
+    at = n_values = 0
+    for k in range(len(sizes)):
+        if at >= len(stored) or stored[at] < 0 or stored[at] > len(stored) - at - 1:
+            return False
+        sizes[k] = stored[at]
+        for j in range(stored[at]):
+            if n_values >= len(values):
+                return False
+            values[n_values] = stored[at + 1 + j]
+            n_values += 1
+        at += 1 + sizes[k]
+    return at == len(stored)

@@ -1,0 +1,232 @@
+"""Meshes of two dimensions, taken as one layer of cells between the two planes of a section.
+
+Triangles become wedges, quads hexahedra, and lines of markers quads. Every node is there twice: first all those in the
+lower plane, in the order of the file, then those in the upper one. A section moves alike in both planes, so that either
+copy says where a node of the file is.
+
+Format: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....base.display import OneLine
+from ....errors import InputError, MovementError
+from ...cells.mixed_cells import MixedMesh
+from .stored_mesh import StoredMesh, StoredPoints
+
+__all__ = ["LayerPoints", "SectionSpan", "layer_of_cells", "volume_or_layer"]
+
+PRISMS = {"triangle": "wedge", "quad": "hexahedron"}
+"""Cell between the copies of an element in the two planes."""
+
+ALIKE = 1e-6
+"""Part of the size of a mesh by which the two copies of a node may come apart: less than any cell is wide, and more
+than what systems solved to single precision leave."""
+
+
+@dataclass(frozen=True)
+class SectionSpan(OneLine):
+    """The two parallel planes between which a section lies. Found by `section_span`.
+
+    Parameters
+    ----------
+    axis : int
+        Axis across them: 0, 1 or 2 for x, y or z.
+    low, high : float
+        Their coordinates (m).
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid, naca_section, section_o_grid, section_span
+    >>> span = section_span(fit_grid(section_o_grid(naca_section(0.12), n_around=32, far=20.0)))
+    >>> span.axis, span.in_plane, round(span.low, 9), round(span.high, 9)
+    (2, (0, 1), 0.0, 1.0)
+    """
+
+    axis: int
+    low: float
+    high: float
+
+    @property
+    def in_plane(self) -> tuple[int, int]:
+        """Axes of the planes, in their order: those of the two coordinates of a node of the file."""
+        first, second = (axis for axis in range(3) if axis != self.axis)
+        return first, second
+
+
+@dataclass(frozen=True, eq=False)
+class LayerPoints(OneLine):
+    """Nodes of a file of two dimensions, in both planes.
+
+    Parameters
+    ----------
+    stored : ndarray, shape (n, 2) or (n, 3)
+        Nodes of the file.
+    axes : tuple of int
+        The two coordinates of them that lie in the planes.
+    span : SectionSpan
+        The planes.
+    source : str
+        Name of the file, for messages.
+    """
+
+    stored: np.ndarray
+    axes: tuple[int, int]
+    span: SectionSpan
+    source: str
+
+    @classmethod
+    def of(cls, stored: np.ndarray, span: SectionSpan | None, source: str) -> LayerPoints:
+        """Find the coordinates that lie in the planes: both, or of three those that are not alike in all nodes.
+
+        Raises
+        ------
+        InputError
+            If there are no planes, or the nodes are in no plane of two axes.
+        """
+        if span is None:
+            raise InputError(
+                f"{source}: is of two dimensions, and rides along with a section alone: a grid between two parallel "
+                f"planes of symmetry; give such a model (in Python: read_mesh(..., span=section_span(model)))"
+            )
+        axes = list(range(stored.shape[1]))
+        flat = np.flatnonzero((stored == stored[:1]).all(axis=0))
+        if len(axes) == 3 and len(flat):
+            axes.remove(int(flat[0]))
+        if len(axes) != 2:
+            raise InputError(
+                f"{source}: is a surface that is in no plane of two axes; give a mesh of a volume or a plane"
+            )
+        return cls(stored, (axes[0], axes[1]), span, source)
+
+    @property
+    def values(self) -> np.ndarray:
+        """The nodes, shape (2 n, 3)."""
+        n = len(self.stored)
+        points = np.empty((2 * n, 3))
+        points[:n, self.span.axis], points[n:, self.span.axis] = self.span.low, self.span.high
+        for axis, stored in zip(self.span.in_plane, self.axes):
+            points[:n, axis] = points[n:, axis] = self.stored[:, stored]
+        return points
+
+    def in_file(self, values: np.ndarray) -> np.ndarray:
+        """Give other nodes, shape (2 n, 3), as the file has them: those in the lower plane.
+
+        Raises
+        ------
+        MovementError
+            If the copies of a node have come apart.
+        """
+        values = np.asarray(values, dtype=float)
+        low, high = (half[:, self.span.in_plane] for half in np.split(values, 2))
+        apart = np.linalg.norm(high - low, axis=1)
+        worst = int(np.argmax(apart))
+        if not apart[worst] <= ALIKE * np.linalg.norm(np.ptp(low, axis=0)):
+            raise MovementError(
+                f"{self.source}: node {worst + 1} is {apart[worst]:.3g} m farther in one plane of the section than in "
+                f"the other, and the file has two dimensions; nothing was written; deform the section alike along its "
+                f"span"
+            )
+        stored = self.stored.astype(float)
+        stored[:, self.axes] = low
+        return stored
+
+    def mesh(self, cells: Mapping[str, np.ndarray], lines: Mapping[str, np.ndarray]) -> MixedMesh:
+        """Make the layer of cells of triangles and quads, and of its markers, which are lines, shape (m, 2)."""
+        n = len(self.stored)
+        prisms = {PRISMS[name]: np.concatenate([corners, corners + n], axis=1) for name, corners in cells.items()}
+        markers = {name: np.concatenate([ends, ends[:, ::-1] + n], axis=1) for name, ends in lines.items()}
+        return MixedMesh(self.values, prisms, markers, source=self.source, n_copies=2)
+
+
+@dataclass(frozen=True, eq=False)
+class _PointsTwice:
+    """Nodes in the bytes of a file of two dimensions, and in both planes."""
+
+    stored: StoredPoints
+    layer: LayerPoints
+
+    @property
+    def values(self) -> np.ndarray:
+        """The nodes, shape (2 n, 3)."""
+        return self.layer.values
+
+    def replaced(self, values: np.ndarray) -> bytes:
+        """Return the bytes with other nodes, shape (2 n, 3)."""
+        return self.stored.replaced(self.layer.in_file(values))
+
+
+def layer_of_cells(
+    stored: StoredPoints,
+    cells: Mapping[str, np.ndarray],
+    lines: Mapping[str, np.ndarray],
+    span: SectionSpan | None,
+    source: str,
+) -> StoredMesh:
+    """Make the layer of cells of a mesh of two dimensions.
+
+    Parameters
+    ----------
+    stored : StoredPoints
+        Its nodes in the bytes of its file, shape (n, 2), or (n, 3) with one coordinate alike in all.
+    cells : mapping of str to ndarray of int
+        Corners of its triangles and quads.
+    lines : mapping of str to ndarray of int, each of shape (m, 2)
+        Ends of the lines of its markers.
+    span : SectionSpan or None
+        The planes.
+    source : str
+        Name of the file, for messages.
+
+    Returns
+    -------
+    StoredMesh
+
+    Raises
+    ------
+    InputError
+        If there are no planes, or the nodes are in no plane of two axes.
+    """
+    layer = LayerPoints.of(stored.values, span, source)
+    return StoredMesh(layer.mesh(cells, lines), _PointsTwice(stored, layer))
+
+
+Elements = Mapping[str, np.ndarray]
+
+
+def volume_or_layer(
+    stored: StoredPoints,
+    volume: tuple[Elements, Elements],
+    plane: tuple[Elements, Elements],
+    span: SectionSpan | None,
+    source: str,
+) -> StoredMesh:
+    """Make the mesh of the cells of a volume or, where there are none, the layer of those of a plane.
+
+    Parameters
+    ----------
+    stored : StoredPoints
+        Nodes in the bytes of the file.
+    volume, plane : tuple of two mapping of str to ndarray of int
+        Corners of cells by kind, and of the elements of markers by name: faces, shape (m, 4), of a volume, and lines,
+        shape (m, 2), of a plane.
+    span : SectionSpan or None
+        The planes of the section.
+    source : str
+        Name of the file, for messages.
+
+    Raises
+    ------
+    InputError
+        If there are no cells, or those of a plane and no span.
+    """
+    if volume[0]:
+        return StoredMesh(MixedMesh(stored.values, volume[0], volume[1], source=source), stored)
+    if plane[0]:
+        return layer_of_cells(stored, *plane, span, source)
+    raise InputError(f"{source}: has no cells of a volume or of a plane; give a mesh of one")

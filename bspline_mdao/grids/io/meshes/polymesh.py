@@ -1,0 +1,121 @@
+"""OpenFOAM's ``polyMesh``: points, faces, owner, neighbour and boundary; written with other points.
+
+Format: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+import gzip
+import os
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ....base.display import OneLine
+from ....errors import InputError
+from ...cells.mixed_cells import MixedMesh, fans
+from ..disk import replaced_folder
+from .foam_lists import FoamFile
+from .stored_mesh import StoredPoints
+
+__all__ = ["PolyMeshFolder", "read_polymesh"]
+
+LEVEL = 6
+"""How much is compressed: as OpenFOAM does, zlib's default."""
+
+_PATCH = re.compile(r"([^\s{}();]+)\s*\{([^{}]*)\}")
+
+
+@dataclass(frozen=True, eq=False)
+class PolyMeshFolder(OneLine):
+    """A ``polyMesh`` and its folder.
+
+    Parameters
+    ----------
+    mesh : MixedMesh
+        The mesh.
+    file : FoamFile
+        Its file ``points``.
+    stored : StoredPoints
+        This file, with the places of the coordinates.
+    """
+
+    mesh: MixedMesh
+    file: FoamFile
+    stored: StoredPoints
+
+    def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
+        """Write the folder with other nodes, shape (n, 3), in the format of its file; all else in it is copied."""
+        own, data = self.file.path, self.stored.replaced(self.mesh.as_nodes(points))
+        stays, twin = data == self.file.data, {"points": "points.gz", "points.gz": "points"}[own.name]
+        if (Path(path) / twin).is_file():
+            raise InputError(f"{Path(path) / twin}: is there beside what would be {own.name}; remove it")
+        with replaced_folder(path) as new:
+            for file in sorted(own.parent.rglob("*")):
+                if file.is_file() and file != own.with_name(twin) and (stays or file != own):
+                    copy = new / file.relative_to(own.parent)
+                    copy.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(file, copy)
+            if not stays:
+                (new / own.name).write_bytes(gzip.compress(data, LEVEL, mtime=0) if self.file.is_compressed else data)
+
+
+def read_polymesh(path: str | os.PathLike) -> PolyMeshFolder:
+    """Read a ``polyMesh``.
+
+    Parameters
+    ----------
+    path : path-like
+        The folder.
+
+    Returns
+    -------
+    PolyMeshFolder
+
+    Raises
+    ------
+    InputError
+        If a file is missing or damaged.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        raise InputError(f"{path}: is no folder; give the folder polyMesh of a case")
+    files = {name: FoamFile.read(folder, name) for name in ("points", "faces", "owner", "neighbour", "boundary")}
+    stored = files["points"].points()
+    points, (corners, sizes) = stored.values, files["faces"].faces()
+    owner, neighbour = files["owner"].labels(), files["neighbour"].labels()
+    if len(owner) != len(sizes) or len(neighbour) > len(owner):
+        raise InputError(f"{path}: has {len(sizes):,} faces and {len(owner):,} owners; write it again")
+    if (sizes < 3).any():
+        raise InputError(
+            f"{files['faces'].path}: face {int(np.argmin(sizes))} has {sizes.min()} corners; write it again"
+        )
+    quads, face = fans(corners, sizes)
+    is_inner = face < len(neighbour)
+    of_cells = np.concatenate([owner[face], neighbour[face[is_inner]]])
+    seen = np.concatenate([quads, quads[is_inner][:, ::-1]])
+    markers = {}
+    for name, first, n in _patches(files["boundary"], len(sizes)):
+        markers[name] = quads[(face >= first) & (face < first + n)]
+    return PolyMeshFolder(MixedMesh(points, {}, markers, (seen, of_cells), str(path)), files["points"], stored)
+
+
+def _patches(file: FoamFile, n_faces: int) -> list[tuple[str, int, int]]:
+    """Name, first face and number of faces of every patch."""
+    text, n_patches = file.dictionaries()
+    found: list[tuple[str, int, int]] = []
+    for match in _PATCH.finditer(text):
+        sizes = [re.search(rf"\b{key}\s+(\d+)\s*;", match[2]) for key in ("startFace", "nFaces")]
+        if None in sizes or sum(int(size[1]) for size in sizes if size) > n_faces:
+            raise InputError(f"{file.path}: patch '{match[1]}' has no faces of the mesh; write it again")
+        first, n = (int(size[1]) for size in sizes if size)
+        found.append((match[1], first, n))
+    names = {name for name, _, _ in found}
+    if _PATCH.sub("", text).split() != [")"]:
+        raise InputError(f"{file.path}: has other text beside its patches; write it again")
+    if not len(names) == len(found) == n_patches:
+        raise InputError(f"{file.path}: announces {n_patches:,} patches and holds {len(names):,}; write it again")
+    return found

@@ -1,0 +1,175 @@
+"""Numbers in text: found, and replaced in their places, so that all else stays as it is to the last byte."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....base.text import reason_of
+from ....errors import InputError
+
+__all__ = ["TextPoints", "blanked", "integers", "integers_by_line", "words_of"]
+
+LONGEST = 100
+"""Characters of a coordinate, at most: four times as many as tell a number of 8 bytes from the next."""
+
+_BLANKS = np.zeros(256, dtype=bool)
+_BLANKS[list(b" \t\n\v\f\r()")] = True
+
+
+def words_of(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First bytes of words, between blanks and brackets, the bytes behind them, and their lines, counted from 0."""
+    if b"\0" in text:  # at the end of a word NumPy leaves it out
+        raise InputError(f"{what}: has a byte that is zero, and is no text; write the file again")
+    data = np.frombuffer(text, dtype=np.uint8)
+    edges = np.diff(_BLANKS[data].astype(np.int8), prepend=1, append=1)
+    starts = np.flatnonzero(edges == -1)
+    return starts, np.flatnonzero(edges == 1), np.searchsorted(np.flatnonzero(data == ord("\n")), starts)
+
+
+def blanked(text: bytes, comments: re.Pattern[bytes]) -> bytes:
+    """Put blanks in the place of comments, so that all else stays in its place; the ends of lines stay."""
+    return comments.sub(lambda found: re.sub(rb"[^\n]", b" ", found[0]), text)
+
+
+def integers(text: bytes, n: int, what: str) -> np.ndarray:
+    """Whole numbers of a text of ``n`` of them.
+
+    Raises
+    ------
+    InputError
+        If a word is no whole number, or there is another number of words.
+    """
+    try:
+        numbers = np.array(text.split(), dtype=np.int64)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"{what}: is no list of whole numbers ({reason_of(error)}); write the file again") from error
+    if len(numbers) != n:
+        raise InputError(f"{what}: announces {n:,} whole numbers and holds {len(numbers):,}; write the file again")
+    return numbers
+
+
+def integers_by_line(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray]:
+    """Whole numbers of a text, and the first of every line that has some.
+
+    Parameters
+    ----------
+    text : bytes
+        Lines of whole numbers.
+    what : str
+        Where they are, for messages.
+
+    Returns
+    -------
+    numbers : ndarray of int, shape (n,)
+    starts : ndarray of int, shape (n_lines + 1,)
+        First number of each line.
+
+    Raises
+    ------
+    InputError
+        If a word is no whole number.
+    """
+    starts, _, lines = words_of(text, what)
+    numbers = integers(text, len(starts), what)
+    firsts = np.flatnonzero(np.diff(lines, prepend=-1))
+    return numbers, np.append(firsts, len(starts))
+
+
+@dataclass(frozen=True, eq=False)
+class TextPoints:
+    """Points whose coordinates are the first words of lines of a text.
+
+    Parameters
+    ----------
+    text : bytes
+        The whole text.
+    spans : ndarray of int, shape (n, n_axes, 2)
+        First byte of each coordinate and the one behind it.
+    values : ndarray, shape (n, n_axes)
+        The coordinates.
+    """
+
+    text: bytes
+    spans: np.ndarray
+    values: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        text: bytes,
+        span: tuple[int, int],
+        n_axes: int,
+        what: str,
+        before: int = 0,
+        behind: int = 0,
+        comments: re.Pattern[bytes] | None = None,
+    ) -> TextPoints:
+        """Find the points in a part of a text; empty lines hold none.
+
+        Parameters
+        ----------
+        text : bytes
+            The whole text.
+        span : tuple of int
+            First byte of the part, and the one behind it.
+        n_axes : int
+            Coordinates of a point.
+        what : str
+            What it is, for messages.
+        before, behind : int
+            Words of each line before and behind them.
+        comments : re.Pattern, optional
+            What is a comment, and holds no words.
+
+        Raises
+        ------
+        InputError
+            If a line has too few words or too many, or coordinates are no numbers.
+        """
+        part = text[slice(*span)] if comments is None else blanked(text[slice(*span)], comments)
+        starts, ends, lines = words_of(part, what)
+        firsts = np.flatnonzero(np.diff(lines, prepend=-1))
+        counts, n_words = np.diff(np.append(firsts, len(starts))), before + n_axes + behind
+        is_wrong = counts != n_words
+        if is_wrong.any():
+            node = int(np.argmax(is_wrong))
+            few = "few" if counts[node] < n_words else "many"
+            raise InputError(
+                f"{what}: node {node + 1} has too {few} coordinates: {counts[node]} words in its line, in the place of "
+                f"{n_words}; write it again"
+            )
+        ids = firsts[:, None] + before + np.arange(n_axes)
+        return cls.at(text, span[0] + np.stack([starts[ids], ends[ids]], axis=-1), what)
+
+    @classmethod
+    def of_words(cls, text: bytes, start: int, stop: int, n_axes: int, what: str) -> TextPoints:
+        """Find points in a part of a text whose words are nothing but their coordinates, on whatever lines."""
+        starts, ends, _ = words_of(text[start:stop], what)
+        if len(starts) % n_axes:
+            raise InputError(f"{what}: {len(starts):,} coordinates are not {n_axes} of each node; write it again")
+        return cls.at(text, start + np.stack([starts, ends], axis=-1).reshape(-1, n_axes, 2), what)
+
+    @classmethod
+    def at(cls, text: bytes, spans: np.ndarray, what: str) -> TextPoints:
+        """Take points whose coordinates have known places, shape (n, n_axes, 2)."""
+        longest = int(np.diff(spans, axis=-1).max(initial=0))
+        if longest > LONGEST:  # all words take as many bytes as the longest
+            raise InputError(f"{what}: a coordinate of {longest:,} characters is no number; write the file again")
+        try:
+            values = np.array([text[a:b] for a, b in spans.reshape(-1, 2).tolist()]).astype(float)
+        except ValueError as error:
+            raise InputError(f"{what}: a coordinate is no number ({reason_of(error)}); write the file again") from error
+        return cls(text, spans, values.reshape(spans.shape[:2]))
+
+    def replaced(self, values: np.ndarray) -> bytes:
+        """Return the text with other coordinates, shape (n, n_axes): the words of points that stay are kept."""
+        is_new = (values != self.values).any(axis=1)
+        words = [repr(x).encode() for x in values[is_new].ravel().tolist()]
+        spans, view = self.spans[is_new].reshape(-1, 2), memoryview(self.text)
+        kept = zip([0, *spans[:, 1].tolist()], [*spans[:, 0].tolist(), len(self.text)])
+        pieces: list[bytes | memoryview] = [b""] * (2 * len(words) + 1)
+        pieces[::2], pieces[1::2] = [view[a:b] for a, b in kept], words
+        return b"".join(pieces)

@@ -1,0 +1,337 @@
+"""Grids and cases for OpenFOAM, in ASCII.
+
+A grid is a folder ``polyMesh`` with points, faces, owner, neighbour and boundary; a case has it in ``constant``, fields
+in ``0``, and dictionaries of settings in ``constant`` and ``system``.
+
+Each shared node is written once. Faces with repeated corners become triangles, those that have collapsed are left out,
+and what remains is in OpenFOAM's order: inner faces by owner and neighbour, the owner being the lower cell, then
+patch after patch.
+
+Format: ``docs/theory/grid_files.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...errors import InputError
+from ..cells.cell_faces import BoundaryFaces, CellFaces
+from ..topology.detection import find_topology
+from ..topology.grid import Grid
+from ..topology.topology import Topology
+from .disk import replaced_folder
+from .formats import POLYMESH
+
+__all__ = ["CaseField", "PolyMesh", "write_case", "write_polymesh"]
+
+TYPES = {"wall": "wall", "symmetry": "symmetry"}
+"""OpenFOAM's type of a patch by its kind; others are a ``patch``."""
+
+_HEAD = "FoamFile\n{{\n    version 2.0;\n    format ascii;\n    class {};\n{}    object {};\n}}\n\n"
+_CHUNK = 100_000  # lines that are put into words at once
+_NO_WORD = re.compile(r"[^\x21-\x7e]|[\"'/;{}()$#]")  # what a name cannot hold in OpenFOAM's dictionaries
+
+
+def write_polymesh(folder: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
+    """Write a grid for OpenFOAM.
+
+    Patches of kind ``wall`` and ``symmetry`` get the type of that name, all others the type ``patch``; boundary that
+    nothing is declared of is the patch ``unassigned``. Characters that OpenFOAM does not take in a name become ``_``.
+
+    Parameters
+    ----------
+    folder : path-like
+        The folder to make, or to replace the mesh of: usually ``constant/polyMesh`` of a case.
+    grid : Grid
+        The grid.
+    topology : Topology, optional
+        How its blocks are joined, found from its nodes by default. Give that of the baseline for a grid that was
+        moved.
+
+    Raises
+    ------
+    InputError
+        If a block has no cells, cells have negative volumes, two patches have the same name in OpenFOAM, or a file
+        cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from bspline_mdao import brick_grid, write_polymesh
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_polymesh(f"{folder}/polyMesh", brick_grid((5, 5, 5, 5)))
+    ...     sorted(path.name for path in Path(folder, "polyMesh").iterdir())
+    ['boundary', 'faces', 'neighbour', 'owner', 'points']
+    """
+    PolyMesh.of(topology or find_topology(grid), grid.to_vector().reshape(-1, 3)).write(folder)
+
+
+@dataclass(frozen=True)
+class CaseField(OneLine):
+    """A field of an OpenFOAM case.
+
+    Parameters
+    ----------
+    dimensions : str
+        Exponents of its unit as OpenFOAM writes them, such as ``"[1 -1 -2 0 0 0 0]"`` of a pressure.
+    value : float or sequence of three floats
+        What it begins with in all cells: a scalar or a vector.
+    conditions : mapping of str to str
+        Entries of the patches of each kind, such as ``{"wall": "type zeroGradient;"}``; those under ``"other"`` are for
+        all kinds that are not named, and for the patch ``unassigned``.
+
+    Examples
+    --------
+    >>> from bspline_mdao import CaseField
+    >>> CaseField("[0 2 -2 0 0 0 0]", 0.0, {"wall": "type zeroGradient;"})
+    CaseField(dimensions='[0 2 -2 0 0 0 0]', value=0, conditions=1 by name)
+    """
+
+    dimensions: str
+    value: float | Sequence[float]
+    conditions: Mapping[str, str]
+
+
+def write_case(
+    folder: str | os.PathLike,
+    grid: Grid,
+    fields: Mapping[str, CaseField],
+    settings: Mapping[str, str],
+    topology: Topology | None = None,
+) -> None:
+    """Write a case for OpenFOAM: the grid, fields to start from, and settings.
+
+    Parameters
+    ----------
+    folder : path-like
+        The case to make, or to replace these files of.
+    grid : Grid
+        The grid, which becomes ``constant/polyMesh``, see `write_polymesh`.
+    fields : mapping of str to CaseField
+        Fields by their names, such as ``"p"`` and ``"U"``, which become the files of ``0``.
+    settings : mapping of str to str
+        Text of dictionaries by their places, such as ``"system/controlDict"``; the head is written for them.
+    topology : Topology, optional
+        How the blocks are joined, found from the nodes by default. Give that of the baseline for a grid that was
+        moved.
+
+    Raises
+    ------
+    InputError
+        As `write_polymesh`; or if a field has no condition for a patch, is neither scalar nor vector, or a dictionary
+        has no place below the case. Nothing is written then.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from bspline_mdao import CaseField, flat_plate_grid, write_case
+    >>> conditions = {"wall": "type zeroGradient;", "symmetry": "type symmetry;", "other": "type slip;"}
+    >>> settings = {"system/controlDict": "application potentialFoam; endTime 1; deltaT 1;"}
+    >>> fields = {"p": CaseField("[0 2 -2 0 0 0 0]", 0.0, conditions)}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_case(folder, flat_plate_grid((5, 5, 5)), fields, settings)
+    ...     sorted(os.listdir(folder))
+    ['0', 'constant', 'system']
+    """
+    mesh = PolyMesh.of(topology or find_topology(grid), grid.to_vector().reshape(-1, 3))
+    mesh.write_case(folder, fields, settings)
+
+
+@dataclass(frozen=True, eq=False)
+class PolyMesh:
+    """Faces in OpenFOAM's order between the cells of a multi-block grid.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n_points, 3)
+        Each shared node once (m).
+    corners : ndarray of int, shape (n_faces, 4)
+        Points of each face, in turn; the area vector points out of the owner.
+    is_corner : ndarray of bool, shape (n_faces, 4)
+        False for corners that repeat the next one.
+    owner, neighbour : ndarray of int, shapes (n_faces,) and (n_inner,)
+        Cells on both sides, numbered as in `CellFaces`.
+    boundary : tuple of BoundaryFaces
+        The patches, with their names in OpenFOAM.
+    """
+
+    points: np.ndarray
+    corners: np.ndarray
+    is_corner: np.ndarray
+    owner: np.ndarray
+    neighbour: np.ndarray
+    boundary: tuple[BoundaryFaces, ...]
+
+    @classmethod
+    def of(cls, topology: Topology, nodes: np.ndarray) -> PolyMesh:
+        """Order the faces of a grid.
+
+        Parameters
+        ----------
+        topology : Topology
+            How its blocks are joined.
+        nodes : ndarray, shape (n_nodes, 3)
+            Its nodes (m).
+
+        Raises
+        ------
+        InputError
+            If a block has no cells, cells have negative volumes, or two patches have the same name in OpenFOAM.
+        """
+        cells = CellFaces.of(topology, nodes)
+        cells.require_volumes(nodes)
+        is_corner = cells.corners != np.roll(cells.corners, -1, axis=1)
+        inner, edge = _kept(cells, has_area=is_corner.sum(axis=1) > 2)
+        is_turned = np.append(cells.left[inner] > cells.right[inner], np.zeros(len(edge), dtype=bool))[:, None]
+        order = np.concatenate([inner, edge])
+        corners, is_corner = (
+            np.where(is_turned, part[order, ::-1], part[order]) for part in (cells.corners, is_corner)
+        )
+        sides = np.sort([cells.left[inner], cells.right[inner]], axis=0)
+        used, numbers = np.unique(corners, return_inverse=True)
+        return cls(
+            points=nodes[used],
+            corners=numbers.reshape(corners.shape),
+            is_corner=is_corner,
+            owner=np.concatenate([sides[0], cells.left[edge]]),
+            neighbour=sides[1],
+            boundary=_renumbered(cells.boundary, len(inner), edge),
+        )
+
+    def write(self, folder: str | os.PathLike) -> None:
+        """Write the five files, all or none.
+
+        Parameters
+        ----------
+        folder : path-like
+            The folder, made if need be.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be written.
+        """
+        with replaced_folder(folder) as new:
+            for name, (kind, n, lines) in self._files().items():
+                with open(new / name, "w", encoding="ascii") as file:
+                    file.write(_HEAD.format(kind, self._note() if "label" in kind else "", name) + f"{n}\n(\n")
+                    file.writelines(lines)
+                    file.write(")\n")
+
+    def write_case(
+        self, folder: str | os.PathLike, fields: Mapping[str, CaseField], settings: Mapping[str, str]
+    ) -> None:
+        """Write a case with this mesh.
+
+        Parameters
+        ----------
+        folder : path-like
+            The case.
+        fields, settings : mapping
+            See `write_case`, the function.
+
+        Raises
+        ------
+        InputError
+            As there.
+        """
+        texts = {("0", name): (*_field_text(name, field, self.boundary), name) for name, field in fields.items()}
+        for place, text in settings.items():
+            above, name = PurePosixPath(place).parent, PurePosixPath(place).name
+            if str(above) == "." or ".." in above.parts or above.is_absolute():
+                raise InputError(f"OpenFOAM: '{place}' is no place in a case; name it as 'system/controlDict'")
+            texts[str(above), name] = "dictionary", text, name
+        self.write(Path(folder) / "constant" / POLYMESH)
+        for parent in dict.fromkeys(parent for parent, _ in texts):
+            with replaced_folder(Path(folder) / parent) as new:
+                for kind, text, name in (entry for (where, _), entry in texts.items() if where == parent):
+                    head = f"FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
+                    (new / name).write_text(head + text, encoding="ascii")
+
+    def _files(self) -> dict[str, tuple[str, int, Iterable[str]]]:
+        """Class, number of entries and text of every file."""
+        forms = np.array(["3(%d %d %d)\n", "4(%d %d %d %d)\n"])[self.is_corner.sum(axis=1) - 3]
+        return {
+            "points": ("vectorField", len(self.points), _lines("(%.17g %.17g %.17g)\n", self.points)),
+            "faces": ("faceList", len(self.corners), _ragged_lines(forms, self.corners, self.is_corner)),
+            "owner": ("labelList", len(self.owner), _lines("%d\n", self.owner[:, None])),
+            "neighbour": ("labelList", len(self.neighbour), _lines("%d\n", self.neighbour[:, None])),
+            "boundary": ("polyBoundaryMesh", len(self.boundary), map(_entry, self.boundary)),
+        }
+
+    def _note(self) -> str:
+        """Sizes, which OpenFOAM's tools read at the head of owner and neighbour."""
+        n_cells = int(self.owner.max()) + 1
+        sizes = f"nPoints:{len(self.points)} nCells:{n_cells} nFaces:{len(self.owner)}"
+        return f'    note "{sizes} nInternalFaces:{len(self.neighbour)}";\n'
+
+
+def _kept(cells: CellFaces, has_area: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Inner faces in order of the lower and then the higher cell, and boundary faces, without those to leave out."""
+    left, right = cells.left[: cells.n_inner], cells.right
+    order = np.lexsort((np.maximum(left, right), np.minimum(left, right)))
+    is_between = has_area[: cells.n_inner] & (left != right)  # a cell closed on itself has no face there
+    return order[is_between[order]], cells.n_inner + np.flatnonzero(has_area[cells.n_inner :])
+
+
+def _renumbered(boundary: Sequence[BoundaryFaces], n_inner: int, edge: np.ndarray) -> tuple[BoundaryFaces, ...]:
+    """Patches with names for OpenFOAM and the ranges of those of their faces that are kept."""
+    names = [_NO_WORD.sub("_", patch.name) for patch in boundary]
+    for patch, name in zip(boundary, names):
+        if names.count(name) > 1:
+            raise InputError(f"patch {patch.name}: another patch is '{name}' to OpenFOAM, too; rename one of them")
+    ends = n_inner + np.searchsorted(edge, [(patch.start, patch.stop) for patch in boundary]).reshape(-1, 2)
+    return tuple(
+        replace(patch, name=name, start=start, stop=stop)
+        for patch, name, (start, stop) in zip(boundary, names, ends.tolist())
+    )
+
+
+def _lines(form: str, values: np.ndarray) -> Iterable[str]:
+    """Rows of values in words."""
+    for start in range(0, len(values), _CHUNK):
+        part = values[start : start + _CHUNK]
+        yield form * len(part) % tuple(part.ravel().tolist())
+
+
+def _ragged_lines(forms: np.ndarray, values: np.ndarray, is_there: np.ndarray) -> Iterable[str]:
+    """Rows of those values that are there in words, each row in its own form."""
+    for start in range(0, len(values), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        yield "".join(forms[part].tolist()) % tuple(values[part][is_there[part]].tolist())
+
+
+def _entry(patch: BoundaryFaces) -> str:
+    """Entry of a patch in the file ``boundary``."""
+    sizes = f"nFaces {patch.stop - patch.start};\n        startFace {patch.start};"
+    return f"    {patch.name}\n    {{\n        type {TYPES.get(patch.kind or '', 'patch')};\n        {sizes}\n    }}\n"
+
+
+def _field_text(name: str, field: CaseField, boundary: Sequence[BoundaryFaces]) -> tuple[str, ...]:
+    """Class of a field and its text below the head."""
+    value = np.asarray(field.value, dtype=float)
+    if value.shape not in ((), (3,)):
+        raise InputError(f"OpenFOAM: field '{name}' has a value of shape {value.shape}; give a number or three")
+    entries = []
+    for patch in boundary:
+        condition = field.conditions.get(patch.kind or "other", field.conditions.get("other"))
+        if condition is None:
+            raise InputError(
+                f"OpenFOAM: field '{name}' has no condition for patch '{patch.name}' of kind {patch.kind or 'other'}; "
+                f"add it, or one for 'other'"
+            )
+        entries.append(f"{patch.name} {{ {condition} }}\n")
+    words = f"({' '.join(map(str, value.tolist()))})" if value.ndim else str(value.tolist())
+    start = f"dimensions {field.dimensions};\ninternalField uniform {words};\n"
+    return (
+        "volVectorField" if value.ndim else "volScalarField",
+        f"{start}boundaryField\n{{\n{''.join(entries)}}}\n",
+    )

@@ -1,0 +1,62 @@
+"""Files that hold no structured grid: what they are, and what can be done with them.
+
+PLOT3D has no signature, so that whatever is of no other format is taken for it; files that are known to be none are
+named here instead.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from ...errors import InputError
+from .disk import read_raw
+from .formats import POLYMESH, read_names
+
+__all__ = ["head_of_grid"]
+
+_MESH = (
+    "is {} mesh, without structured blocks; {}; 'bspline-mdao ride MODEL.h5 {}' takes it along with the model of one"
+)
+_SHOWN = "is a {} file, which is looked at and not read here; {}"
+
+_OTHERS = (
+    (rb"\$MeshFormat", _MESH, "a Gmsh"),
+    (rb"(?:[ \t\r]*(?:%.*)?\n)*[ \t]*(?:NDIME|NZONE)\s*=", _MESH, "an SU2"),
+    (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile[^>]*UnstructuredGrid", _MESH, "a VTK"),
+    (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile|# vtk DataFile", _SHOWN, "ParaView"),
+    (rb"\s*(?:TITLE|VARIABLES|FILETYPE)\s*=|#!TDV", _SHOWN, "Tecplot"),
+    (rb"ISO-10303-21", "is a CAD file ({}), of surfaces without a grid; {}", "STEP"),
+    (rb"SQLite format 3", "is {} of an optimisation; {}; 'bspline-mdao report {}' shows it", "a case file"),
+)
+"""How files begin, what is said of them, and the name in it."""
+
+
+def head_of_grid(path: str | os.PathLike, n_bytes: int) -> bytes:
+    """Read the first bytes of a file that may hold a structured grid.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    n_bytes : int
+        How many.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is a mesh without structured blocks or another file that users have beside grids.
+    """
+    advice = f"give a {read_names()} grid"
+    if Path(path).name == POLYMESH and Path(path).is_dir():
+        raise InputError(f"{path}: {_MESH.format('an OpenFOAM', advice, path)}")
+    head = read_raw(path, n_bytes)
+    for beginning, text, name in _OTHERS:
+        if re.match(beginning, head, re.IGNORECASE):
+            raise InputError(f"{path}: {text.format(name, advice, path)}")
+    return head

@@ -1,0 +1,172 @@
+"""Numbers of a file that stays on the disk: any range of them is read when it is asked for.
+
+A file is seen as its bytes (`StoredBytes`). What holds the numbers is either pieces of these bytes, one after the other
+(`BinaryNumbers`: all of a raw file, or the payloads of its Fortran records), or text (`TextNumbers`), which is passed
+over once to find which numbers each part of it holds. All of them can be sent to other processes: what they have in
+memory stays behind.
+
+Theory: ``docs/theory/grid_files.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...errors import InputError
+from .disk import is_compressed, read_bytes
+
+__all__ = ["BinaryNumbers", "Numbers", "StoredBytes", "TextNumbers"]
+
+TEXT_PART = 2**24
+"""Bytes of a text that are made numbers at a time."""
+
+
+class Numbers(Protocol):
+    """Numbers one after the other, addressed by bytes as a binary file has them."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all numbers."""
+
+    def take(self, dtype: np.dtype, count: int, start: int) -> np.ndarray:
+        """Read ``count`` numbers from byte ``start`` on."""
+
+
+class StoredBytes:
+    """Bytes of a file, or of what is compressed in it; slices of it are read when they are asked for.
+
+    Parameters
+    ----------
+    path : path-like
+        The file. A compressed one is decompressed whole by every process that reads from it, and kept.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
+
+    def __init__(self, path: str | os.PathLike):
+        self.path = os.fspath(path)
+        self.compression = ""
+        self.ignored: tuple[str, ...] = ()
+        self._held: bytes | None = None
+        if is_compressed(path):
+            self._held, self.compression, self.ignored = read_bytes(path)
+        self._size = os.path.getsize(path) if self._held is None else len(self._held)
+
+    def __getstate__(self) -> dict:
+        return self.__dict__ | {"_held": None}
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getitem__(self, part: slice) -> bytes:
+        start, stop, _ = part.indices(self._size)
+        if self.compression and self._held is None:
+            self._held = read_bytes(self.path)[0]
+        if self._held is not None:
+            return self._held[start:stop]
+        try:
+            with open(self.path, "rb") as file:
+                file.seek(start)
+                data = file.read(max(stop - start, 0))
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be read ({error.strerror or error})") from error
+        if len(data) < stop - start:
+            raise InputError(f"{self.path}: has become shorter since it was opened; read it again")
+        return data
+
+
+@dataclass(frozen=True, eq=False)
+class BinaryNumbers:
+    """Numbers in pieces of bytes that follow each other.
+
+    Parameters
+    ----------
+    data : bytes or StoredBytes
+        The file.
+    starts : ndarray of int, shape (n,)
+        Where each piece begins in it.
+    ends : ndarray of int, shape (n,)
+        Bytes of all pieces up to the end of each.
+    """
+
+    data: Any
+    starts: np.ndarray
+    ends: np.ndarray
+
+    @classmethod
+    def whole(cls, data) -> BinaryNumbers:
+        """All of the bytes of a file, or the numbers of an array."""
+        data = data.view(np.uint8).data if isinstance(data, np.ndarray) else data
+        return cls(data, np.array([0]), np.array([len(data)]))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all pieces."""
+        return int(self.ends[-1])
+
+    def take(self, dtype: np.dtype, count: int, start: int) -> np.ndarray:
+        """Read ``count`` numbers from byte ``start`` of the pieces on, shape (count,)."""
+        stop = start + count * dtype.itemsize
+        first, last = np.searchsorted(self.ends, [start, stop - 1], side="right") if count else (0, 0)
+        parts = []
+        for piece in range(first, last + 1):
+            begin = int(self.ends[piece - 1]) if piece else 0
+            shift = int(self.starts[piece]) - begin
+            parts.append(self.data[max(start, begin) + shift : min(stop, int(self.ends[piece])) + shift])
+        return np.frombuffer(parts[0] if len(parts) == 1 else b"".join(parts), dtype, count)
+
+    def __bytes__(self) -> bytes:
+        return self.take(np.dtype(np.uint8), self.nbytes, 0).tobytes()
+
+
+@dataclass(frozen=True, eq=False)
+class TextNumbers:
+    """Numbers of a text, as reals of 8 bytes. Made by `bspline_mdao.grids.io.fortran.scan_text`.
+
+    Parameters
+    ----------
+    parse : callable
+        Makes the bytes of a part numbers, given its number of lines before as well.
+    data : StoredBytes
+        The text.
+    starts : ndarray of int, shape (n + 1,)
+        Where each part begins in it, and where the last one ends.
+    lines : ndarray of int, shape (n,)
+        Lines before each part.
+    ends : ndarray of int, shape (n,)
+        Numbers up to the end of each part.
+    n_comments : int
+        Comments in the text.
+    """
+
+    parse: Any
+    data: Any
+    starts: np.ndarray
+    lines: np.ndarray
+    ends: np.ndarray
+    n_comments: int = 0
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all numbers."""
+        return 8 * int(self.ends[-1])
+
+    def take(self, dtype: np.dtype, count: int, start: int) -> np.ndarray:
+        """Read ``count`` numbers from byte ``start`` of the numbers on, shape (count,)."""
+        if not count:
+            return np.empty(0)
+        first, last = start // 8, start // 8 + count
+        low, high = np.searchsorted(self.ends, [first, last - 1], side="right")
+        parts = [
+            self.parse(self.data[int(self.starts[n]) : int(self.starts[n + 1])], int(self.lines[n]))
+            for n in range(low, high + 1)
+        ]
+        first -= int(self.ends[low - 1]) if low else 0
+        return np.concatenate(parts)[first : first + count]

@@ -1,0 +1,237 @@
+"""A multi-block structured grid in memory, and what cannot be a node of one.
+
+Theory: ``docs/theory/topology.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ...base.checks import as_array, require_kind
+from ...base.display import OneLine, Shown
+from ...errors import InputError
+from .index_space import Interface, Window
+
+PATCH_KINDS = ("wall", "symmetry", "farfield", "other")
+"""Kinds of boundary conditions."""
+
+
+@dataclass(frozen=True)
+class Patch(OneLine):
+    """A named piece of surface with one boundary condition.
+
+    Parameters
+    ----------
+    name : str
+        The user's name for it.
+    kind : str
+        One of `PATCH_KINDS`.
+    windows : tuple of Window
+        The face windows that it covers.
+    """
+
+    name: str
+    kind: str
+    windows: tuple[Window, ...]
+
+    def __post_init__(self):
+        if self.kind not in PATCH_KINDS:
+            raise InputError(
+                f"patch {self.name}: kind {self.kind!r} is not known; give one of {', '.join(PATCH_KINDS)}"
+            )
+        object.__setattr__(self, "windows", tuple(self.windows))
+
+
+@dataclass(frozen=True)
+class Block(OneLine):
+    """A structured block: its nodes, and PLOT3D blanking.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (ni, nj, nk, 3), float64, C order
+        Node coordinates, in metres.
+    name : str
+        Zone name; ``"block 3"`` and the like where the file has none.
+    iblank : ndarray of int32, shape (ni, nj, nk), optional
+        PLOT3D blanking.
+
+    Raises
+    ------
+    InputError
+        If nodes or blanking are of another shape, or no numbers.
+    """
+
+    nodes: np.ndarray
+    name: str
+    iblank: np.ndarray | None = None
+
+    def __post_init__(self):
+        nodes = as_array(self.nodes, f"{self.name}: nodes")
+        if nodes.ndim != 4 or nodes.shape[3] != 3 or nodes.size == 0:
+            raise InputError(
+                f"{self.name}: nodes of shape {nodes.shape}; give shape (ni, nj, nk, 3) with a node or more in each "
+                f"direction, z = 0 where the grid is plane"
+            )
+        object.__setattr__(self, "nodes", nodes)
+        if self.iblank is None:
+            return
+        iblank = as_array(self.iblank, f"{self.name}: IBLANK")
+        if iblank.shape != self.shape:
+            raise InputError(f"{self.name}: IBLANK of shape {iblank.shape}; give shape {self.shape}")
+        object.__setattr__(self, "iblank", iblank.astype(np.int32, copy=False))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of nodes in each direction."""
+        return self.nodes.shape[:3]
+
+
+@dataclass(frozen=True)
+class Grid(Shown):
+    """A multi-block structured grid: blocks, declared patches and connections, and how it was written.
+
+    Parameters
+    ----------
+    blocks : tuple of Block
+        The blocks in file order.
+    patches : tuple of Patch
+        Declared patches (from CGNS boundary conditions, a TOML file or a NMF file).
+    source : str
+        Where the grid came from, for messages.
+    dialect : object, optional
+        How the file was written, so that it can be written back alike; None for a generated grid.
+    connections : tuple of Interface
+        One-to-one connections that the file declares, each once. The topology is found from the nodes; it warns where
+        the two do not agree.
+    unit : str
+        Unit of lengths, such as ``"mm"``; empty where nobody says it. Numbers are never rescaled.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid
+    >>> grid = brick_grid((5, 5, 5, 5))
+    >>> grid.n_nodes, grid.shapes[0], grid.to_vector().shape
+    (750, (5, 5, 5), (2250,))
+    >>> grid.with_vector(2.0 * grid.to_vector()).blocks[0].nodes.shape  # another grid, twice as large
+    (5, 5, 5, 3)
+    """
+
+    blocks: tuple[Block, ...]
+    patches: tuple[Patch, ...] = ()
+    source: str = "grid"
+    dialect: Any = field(default=None, compare=False)
+    connections: tuple[Interface, ...] = ()
+    unit: str = ""
+
+    @property
+    def length_unit(self) -> str:
+        """Unit that lengths are shown in: metres where nobody says another one."""
+        return self.unit or "m"
+
+    def __post_init__(self):
+        for name, kind in (("blocks", Block), ("patches", Patch)):
+            items = getattr(self, name)
+            items = tuple(items) if isinstance(items, Iterable) else (items,)
+            strangers = [type(item).__name__ for item in items if not isinstance(item, kind)]
+            if strangers:
+                raise InputError(
+                    f"{self.source}: one of the {name} is of type {strangers[0]}; give {kind.__name__} objects"
+                )
+            object.__setattr__(self, name, items)
+        if not self.blocks:
+            raise InputError(f"{self.source}: has no blocks; give one or more")
+
+    def __repr__(self) -> str:
+        n_blocks, n_patches = len(self.blocks), len(self.patches)
+        sizes = f"{n_blocks} block{'s' * (n_blocks != 1)}, {self.n_nodes:,} nodes"
+        return f"Grid({self.source}: {sizes}, {n_patches} patch{'es' * (n_patches != 1)})"
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Number of nodes of every block in each direction."""
+        return tuple(block.shape for block in self.blocks)
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all blocks, interface nodes counted once for every block that holds them."""
+        return sum(int(np.prod(shape)) for shape in self.shapes)
+
+    def to_vector(self) -> np.ndarray:
+        """All nodes as one flat vector, shape (3 n_nodes,): blocks in order, each in C order, xyz interleaved."""
+        return np.concatenate([block.nodes.reshape(-1) for block in self.blocks])
+
+    def with_vector(self, vector: np.ndarray) -> Grid:
+        """The same grid with the nodes of ``vector``, shape (3 n_nodes,)."""
+        vector = as_array(vector, f"{self.source}: the vector of nodes")
+        if vector.shape != (3 * self.n_nodes,):
+            raise InputError(
+                f"{self.source}: a vector of shape {vector.shape} does not fit {self.n_nodes} nodes; "
+                f"give shape ({3 * self.n_nodes},)"
+            )
+        blocks, start = [], 0
+        for block in self.blocks:
+            size = block.nodes.size
+            blocks.append(replace(block, nodes=vector[start : start + size].reshape(block.nodes.shape)))
+            start += size
+        return replace(self, blocks=tuple(blocks))
+
+
+def require_grid(grid) -> None:
+    """Refuse what is no grid of real numbers.
+
+    Raises
+    ------
+    InputError
+        If it is of another type, or has complex nodes.
+    """
+    require_kind(grid, Grid, "the grid", "read one with read_grid(path), or make a Grid of Blocks")
+    if any(np.iscomplexobj(block.nodes) for block in grid.blocks):
+        raise InputError(f"{grid.source}: has complex nodes; give real ones")
+
+
+def find_fault(blocks: Iterable[Block], first: int = 1, lo: tuple[int, ...] = (0, 0, 0)) -> str | None:
+    """Name the first node that is not finite, farther away than any grid reaches, or has an IBLANK that is none.
+
+    Parameters
+    ----------
+    blocks : iterable of Block
+        The blocks of a grid.
+    first : int
+        Number of the first of them, from 1.
+    lo : tuple of int
+        Index of their first node in the whole block, where they are windows.
+
+    Returns
+    -------
+    str or None
+        Block, indices (from 1) and value; None where all nodes are sound.
+    """
+    for number, block in enumerate(blocks, first):
+        name = f"block {number}" + (f" '{block.name}'" if block.name != f"block {number}" else "")
+        is_sound = np.abs(block.nodes) <= MAX_COORDINATE
+        if not is_sound.all():
+            *index, axis = np.argwhere(~is_sound)[0].tolist()
+            return f"{name}: node {_shown(index, lo)} has {'xyz'[axis]} = {block.nodes[(*index, axis)]:.6g}"
+        if block.iblank is not None:
+            is_sound = np.abs(block.iblank.astype(np.int64)) <= MAX_IBLANK
+            if not is_sound.all():
+                index = np.argwhere(~is_sound)[0].tolist()
+                return f"{name}: node {_shown(index, lo)} has an IBLANK that is no block number"
+    return None
+
+
+MAX_COORDINATE = 1e15
+"""Metres; a larger coordinate is a damaged number, and its powers would overflow further on."""
+
+
+MAX_IBLANK = 1_000_000
+"""IBLANK is 0, 1 or the negative of a block number."""
+
+
+def _shown(index: list[int], lo: tuple[int, ...]) -> str:
+    """Write an index from 1."""
+    return "(" + ", ".join(str(i + start + 1) for i, start in zip(index, lo)) + ")"

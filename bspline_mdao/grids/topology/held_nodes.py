@@ -1,0 +1,239 @@
+"""Some nodes of a grid in an order of their own: where each is evaluated, and which are copies of others.
+
+A node that blocks share is evaluated in the first segment that holds it, whoever asks for it: so it has the same bits
+wherever the grid is cut. Nothing here is of the size of the grid unless all of it is held: links and collapses join
+nodes on faces of segments alone.
+
+Theory: ``docs/theory/topology.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .index_space import Window, window_rows
+from .topology import BoundaryFace, Topology, joined_pairs, joined_points
+
+__all__ = ["HeldNodes", "NodesByRow", "boundary_rows", "face_layer_rows", "face_rows", "node_copies", "source_rows"]
+
+
+def node_copies(topology: Topology) -> np.ndarray:
+    """Rows that are copies and the rows that they copy, shape (n_copies, 2), by ascending first ones.
+
+    They are those of `bspline_mdao.grids.topology.sharing.node_sharing`.
+    """
+    segments = topology.segments
+    shapes = [segment.shape for segment in segments]
+    pairs = joined_pairs(shapes, topology.links, topology.collapses, topology.segment_names)
+    rows, sources = (_rows_of_points(topology, points) for points in joined_points(pairs))
+    rows, first = np.unique(rows, return_index=True)
+    sources = sources[first]
+    return np.stack([rows, sources], axis=1)[rows != sources]
+
+
+def source_rows(copies: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Rows of nodes, or of those that they copy: `node_copies`."""
+    if not len(copies):
+        return np.asarray(rows)
+    at = np.minimum(np.searchsorted(copies[:, 0], rows), len(copies) - 1)
+    return np.where(copies[at, 0] == rows, copies[at, 1], rows)
+
+
+def face_rows(topology: Topology, window: Window) -> np.ndarray:
+    """Rows in the grid vector of the nodes of a window of a block: an array of the window's shape."""
+    shapes = topology.shapes
+    return window_rows(window, shapes[window.block], sum(map(math.prod, shapes[: window.block])))
+
+
+def face_layer_rows(topology: Topology, window: Window) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the nodes of a face window and of the layer next to it, shape (n, m), as `face_layers` takes them."""
+    flat = window.shape.index(1)
+    at = window.lo[flat]
+    beside = min(1, topology.shapes[window.block][flat] - 1) if at == 0 else at - 1
+    lo, hi = (end[:flat] + (beside,) + end[flat + 1 :] for end in (window.lo, window.hi))
+    face, inner = face_rows(topology, window), face_rows(topology, Window(window.block, lo, hi))
+    return face.squeeze(flat), inner.squeeze(flat)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldNodes:
+    """Some nodes of a grid. Made by `HeldNodes.of` or `HeldNodes.of_grid`.
+
+    Parameters
+    ----------
+    topology : Topology
+        Topology of the grid.
+    rows : ndarray of int, shape (n,)
+        Row of every node in the grid vector.
+    n_asked : int
+        How many of them were asked for, the first ones; the others are what these need.
+    copies : ndarray of int, shape (n_copies, 2)
+        Numbers of nodes that are copies, and of the nodes that they copy, by ascending first ones.
+    numbers : tuple of ndarray of int
+        Per segment, numbers of the nodes that it evaluates, ascending.
+    places : tuple of ndarray of int
+        Per segment, the places of these in the C order of its nodes.
+    """
+
+    topology: Topology
+    rows: np.ndarray
+    n_asked: int
+    copies: np.ndarray
+    numbers: tuple[np.ndarray, ...]
+    places: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, topology: Topology, rows: np.ndarray, needed: Sequence[np.ndarray] = ()) -> HeldNodes:
+        """Hold some nodes, and those that they are copies of.
+
+        Parameters
+        ----------
+        topology : Topology
+            Topology of the grid.
+        rows : ndarray of int, shape (n_asked,)
+            Rows of the nodes in any order, which is kept; a node may be there twice.
+        needed : sequence of ndarray of int
+            Rows of nodes that are to be among the others.
+        """
+        copies = node_copies(topology)
+        also = source_rows(copies, each_once(np.concatenate([np.zeros(0, dtype=np.int64), *needed])))
+        also = each_once(np.concatenate([source_rows(copies, rows), also]))
+        also = also[~np.isin(also, rows)]
+        held = np.concatenate([rows, also])
+        unique, first = np.unique(held, return_index=True)
+        source = first[np.searchsorted(unique, source_rows(copies, held))]
+        is_copy = source != np.arange(len(held))
+        own = np.flatnonzero(~is_copy)
+        numbers, places = _by_segments(topology, held[own], own)
+        copied = np.flatnonzero(is_copy)
+        return cls(topology, held, len(rows), np.stack([copied, source[copied]], axis=1), numbers, places)
+
+    @classmethod
+    def of_grid(cls, topology: Topology) -> HeldNodes:
+        """Hold all nodes of a grid, in its order."""
+        return cls.of(topology, np.arange(topology.n_nodes))
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes, those among them that others need."""
+        return len(self.rows)
+
+    def numbers_of(self, rows: np.ndarray) -> np.ndarray:
+        """Number of each node, or of the one that it copies, by its row; -1 where it is not held."""
+        rows, (unique, first) = source_rows(self._copies_of_grid, rows), self._sorted
+        at = np.minimum(np.searchsorted(unique, rows), max(len(unique) - 1, 0))
+        return np.where(unique[at] == rows, first[at], -1) if len(unique) else np.full(rows.shape, -1)
+
+    def sources_of(self, rows: np.ndarray) -> np.ndarray:
+        """Row of each node of the grid, or of the one that it copies, held or not."""
+        return source_rows(self._copies_of_grid, rows)
+
+    @cached_property
+    def _copies_of_grid(self) -> np.ndarray:
+        return node_copies(self.topology)
+
+    @cached_property
+    def _sorted(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.unique(self.rows, return_index=True)
+
+
+@dataclass(frozen=True, eq=False)
+class NodesByRow:
+    """Places of some nodes of a grid, which are looked up by their rows as if all were there.
+
+    Parameters
+    ----------
+    rows : ndarray of int, shape (n,), ascending
+        Rows of the nodes in the grid vector.
+    points : ndarray, shape (n, 3)
+        Their places (m).
+    """
+
+    rows: np.ndarray
+    points: np.ndarray
+
+    def __getitem__(self, rows: np.ndarray) -> np.ndarray:
+        """Places of nodes by their rows.
+
+        Raises
+        ------
+        KeyError
+            If one is not there.
+        """
+        at = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
+        if not np.array_equal(self.rows[at], rows):
+            raise KeyError("a node that is looked up by its row is not among those that are there")
+        return self.points[at]
+
+
+def boundary_rows(topology: Topology, faces: Sequence[BoundaryFace]) -> np.ndarray:
+    """Rows of the nodes of boundary faces, ascending, each once."""
+    rows = [face_rows(topology, face.window).ravel() for face in faces]
+    return each_once(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
+
+
+def each_once(rows: np.ndarray) -> np.ndarray:
+    """Sort rows, and keep each once; what `np.unique` does by hashes since NumPy 2.3, in a hundred times as long."""
+    rows = np.sort(rows)
+    return rows[np.concatenate([np.ones(min(1, rows.size), dtype=bool), rows[1:] != rows[:-1]])]
+
+
+def _rows_of_points(topology: Topology, points: np.ndarray) -> np.ndarray:
+    """Rows of points that are counted through, segments in order, each in C order."""
+    segments, shapes = topology.segments, topology.shapes
+    starts = np.cumsum([0, *(math.prod(segment.shape) for segment in segments)])
+    firsts = np.cumsum([0, *map(math.prod, shapes)])
+    rows, of = np.empty(len(points), dtype=np.int64), np.searchsorted(starts, points, side="right") - 1
+    order = np.argsort(of, kind="stable")
+    for number, at in _groups(of[order], order):
+        window, shape = segments[number], shapes[segments[number].block]
+        i, j, k = (
+            index + lo for index, lo in zip(np.unravel_index(points[at] - starts[number], window.shape), window.lo)
+        )
+        rows[at] = firsts[window.block] + (i * shape[1] + j) * shape[2] + k
+    return rows
+
+
+def _by_segments(topology: Topology, rows: np.ndarray, numbers: np.ndarray):
+    """Sort nodes into the first segments that hold them: their numbers, and their places there."""
+    firsts = np.cumsum([0, *map(math.prod, topology.shapes)])
+    of_block = np.searchsorted(firsts, rows, side="right") - 1
+    order = np.argsort(of_block, kind="stable")
+    sorted_numbers = [np.zeros(0, dtype=np.int64)] * len(topology.segments)
+    places = list(sorted_numbers)
+    grids = _segment_grids(topology)
+    for block, at in _groups(of_block[order], order):
+        (lows, table), index = grids[block], np.unravel_index(rows[at] - firsts[block], topology.shapes[block])
+        intervals = [np.maximum(np.searchsorted(low, i) - 1, 0) for low, i in zip(lows, index)]
+        of_segment = table[tuple(intervals)]
+        again = np.argsort(of_segment, kind="stable")
+        for segment, which in _groups(of_segment[again], again):
+            window = topology.segments[segment]
+            local = tuple(i[which] - lo for i, lo in zip(index, window.lo))
+            sorted_numbers[segment] = numbers[at[which]]
+            places[segment] = np.ravel_multi_index(local, window.shape)
+    return tuple(sorted_numbers), tuple(places)
+
+
+def _segment_grids(topology: Topology) -> list[tuple[list[np.ndarray], np.ndarray]]:
+    """Per block, the low ends of its segments in each direction, and the numbers of the segments by these."""
+    by_block: list[list[int]] = [[] for _ in topology.shapes]
+    for number, segment in enumerate(topology.segments):
+        by_block[segment.block].append(number)
+    grids = []
+    for numbers in by_block:
+        lows = [np.unique([topology.segments[n].lo[d] for n in numbers]) for d in range(3)]
+        grids.append((lows, np.reshape(numbers, [len(low) for low in lows])))
+    return grids
+
+
+def _groups(keys: np.ndarray, values: np.ndarray):
+    """Yield every one of ascending keys with its values."""
+    starts = np.flatnonzero(np.diff(keys, prepend=-1))
+    for start, end in zip(starts, np.append(starts[1:], len(keys))):
+        yield int(keys[start]), values[start:end]

@@ -1,0 +1,59 @@
+"""The unit of the lengths of a grid: what its file says, or its user.
+
+Numbers are never rescaled: the unit is written beside them. Where nothing is said, metres are assumed.
+
+Theory: ``docs/theory/grid_files.rst``, "Units".
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
+
+from ...errors import InputError
+
+if TYPE_CHECKING:  # help names the units, and should not wait for NumPy
+    from .grid import Grid
+    from .stored_grid import StoredGrid
+
+__all__ = ["LENGTH_UNITS", "in_unit", "metres_of"]
+
+_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+
+LENGTH_UNITS = tuple(_METRES)
+"""Units of lengths."""
+
+AnyGrid = TypeVar("AnyGrid", "Grid", "StoredGrid")
+
+
+def in_unit(grid: AnyGrid, unit: str | None) -> AnyGrid:
+    """Say in which unit the lengths of a grid are; its numbers stay.
+
+    Parameters
+    ----------
+    grid : Grid or StoredGrid
+        The grid.
+    unit : str or None
+        One of `LENGTH_UNITS`; None leaves it as its file says.
+
+    Returns
+    -------
+    Grid or StoredGrid
+
+    Raises
+    ------
+    InputError
+        If there is no such unit, or the file says another one.
+    """
+    if unit is None:
+        return grid
+    if unit not in LENGTH_UNITS:
+        raise InputError(f"{grid.source}: no unit is called '{unit}'; choose one of {', '.join(LENGTH_UNITS)}")
+    if grid.unit not in ("", unit):
+        raise InputError(f"{grid.source}: its file says that lengths are in {grid.unit}, not {unit}; leave out --units")
+    return replace(grid, unit=unit)
+
+
+def metres_of(unit: str) -> float:
+    """How many metres a unit is."""
+    return _METRES[unit]

@@ -1,0 +1,273 @@
+"""Which part of a grid each of several processes holds: whole blocks, pieces of them where the balance asks for it.
+
+A piece is a window of a block. Neighbouring pieces of a block share the nodes of the plane between them; a cell belongs
+to one piece only. The order of the nodes of a share is that of its pieces, each in C order, so that the share of a
+process that is alone is the grid.
+
+A solver that has its own distribution says which nodes each process holds instead: `Share.of_rows`.
+
+Theory: ``docs/parallel.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from heapq import heapify, heapreplace
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...errors import InputError
+from .edge_cut import with_short_cuts
+from .index_space import Window, window_rows
+from .topology import Topology
+
+__all__ = ["Partition", "Share"]
+
+
+@dataclass(frozen=True, eq=False)
+class Share(OneLine):
+    """The nodes of a grid that one process holds. Made by `Partition.share`, `Share.of_grid` or `Share.of_rows`.
+
+    Parameters
+    ----------
+    n_nodes_of_grid : int
+        Nodes of all blocks of the grid.
+    rows : ndarray of int, shape (n_nodes,)
+        Row in the grid vector of every node of the share: pieces in order, each in C order.
+    windows : tuple of Window, or None
+        Its pieces; None where it was made of rows.
+    shapes_of_grid : tuple of tuple of int
+        Number of nodes of each block of the grid in each direction; empty where the share was made of rows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Share
+    >>> share = Share.of_rows([0, 1, 2], n_nodes_of_grid=100)
+    >>> share.n_nodes, share.is_grid
+    (3, False)
+    """
+
+    n_nodes_of_grid: int
+    rows: np.ndarray
+    windows: tuple[Window, ...] | None = None
+    shapes_of_grid: tuple[tuple[int, ...], ...] = ()
+
+    @classmethod
+    def of_windows(cls, shapes: Sequence[tuple[int, ...]], windows: Sequence[Window]) -> Share:
+        """Make the share of some pieces of blocks of given shapes."""
+        starts = np.cumsum([0, *map(math.prod, shapes)])
+        rows = [window_rows(window, shapes[window.block], int(starts[window.block])).ravel() for window in windows]
+        return cls(int(starts[-1]), np.concatenate([np.zeros(0, dtype=np.int64), *rows]), tuple(windows), tuple(shapes))
+
+    @classmethod
+    def of_grid(cls, topology: Topology) -> Share:
+        """Make the share of a process that is alone: all nodes."""
+        return Partition.of(topology, 1).share(0)
+
+    @classmethod
+    def of_rows(cls, rows: Sequence[int] | np.ndarray, n_nodes_of_grid: int) -> Share:
+        """Make the share of a process whose nodes a solver names.
+
+        Parameters
+        ----------
+        rows : sequence of int
+            Row in the grid vector of every node, in the solver's order; a node may be there twice.
+        n_nodes_of_grid : int
+            Nodes of all blocks of the grid.
+
+        Raises
+        ------
+        InputError
+            If they are no rows of the grid.
+        """
+        array = np.asarray(rows)
+        is_list = array.ndim == 1 and (array.dtype.kind in "iu" or not array.size)
+        if not is_list or (array.size and not 0 <= array.min() <= array.max() < n_nodes_of_grid):
+            raise InputError(
+                f"share of a grid: the rows are not those of {n_nodes_of_grid} nodes; give a list of integers from 0 "
+                f"to {n_nodes_of_grid - 1}"
+            )
+        return cls(n_nodes_of_grid, array.astype(np.int64))
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.rows)
+
+    @property
+    def is_grid(self) -> bool:
+        """Whether the share is all of the grid, in its order."""
+        return self.n_nodes == self.n_nodes_of_grid and bool((np.diff(self.rows, prepend=-1) == 1).all())
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Number of nodes of each piece in each direction.
+
+        Raises
+        ------
+        InputError
+            If the share was made of rows.
+        """
+        return tuple(window.shape for window in self._pieces)
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """Number of the first node of each piece among those of the share, and their number."""
+        return (0, *np.cumsum([math.prod(shape) for shape in self.shapes], dtype=int).tolist())
+
+    @cached_property
+    def cells(self) -> np.ndarray:
+        """Number in the grid of every cell of the share: pieces in order, each in C order, as its nodes.
+
+        The cells of the grid are numbered blocks in order, each in C order; a block with fewer than two directions of
+        more than one node has none.
+
+        Raises
+        ------
+        InputError
+            If the share was made of rows.
+        """
+        starts = np.cumsum([0, *(math.prod(_n_cells(shape)) for shape in self.shapes_of_grid)])
+        cells = [np.zeros(0, dtype=np.int64)]
+        for window in self._pieces:
+            shape = self.shapes_of_grid[window.block]
+            if math.prod(_n_cells(shape)):
+                cells.append(_cells_of(window, shape, int(starts[window.block])))
+        return np.concatenate(cells)
+
+    @property
+    def _pieces(self) -> tuple[Window, ...]:
+        if self.windows is None:
+            raise InputError(
+                "share of a grid: a list of nodes has no cells; give a share of blocks, by Partition.of(topology, "
+                "n_ranks).share(rank)"
+            )
+        return self.windows
+
+
+@dataclass(frozen=True, eq=False)
+class Partition(OneLine):
+    """The pieces of a grid that each of several processes holds. Made by `Partition.of`.
+
+    Parameters
+    ----------
+    shapes : tuple of tuple of int
+        Number of nodes of each block in each direction.
+    pieces : tuple of tuple of Window
+        Pieces of each process, in the order of the blocks; none where there are too few.
+
+    Examples
+    --------
+    >>> from bspline_mdao.core.generators.canonical import flat_plate_grid
+    >>> from bspline_mdao.grids.topology.detection import find_topology
+    >>> partition = Partition.of(find_topology(flat_plate_grid()), n_ranks=3)
+    >>> [len(pieces) for pieces in partition.pieces]
+    [4, 4, 4]
+    """
+
+    shapes: tuple[tuple[int, ...], ...]
+    pieces: tuple[tuple[Window, ...], ...]
+
+    @classmethod
+    def of(cls, topology: Topology, n_ranks: int, imbalance: float = 0.15) -> Partition:
+        """Deal blocks out to processes, the largest first, each to the one that has the fewest nodes.
+
+        Blocks that are larger than a share may be, and the largest ones of a process that would have too much, are cut
+        along their longest direction. At last pieces are exchanged until there are few faces between processes.
+
+        Parameters
+        ----------
+        topology : Topology
+            Topology of the grid.
+        n_ranks : int
+            Number of processes.
+        imbalance : float
+            By how much of the mean the largest share may exceed it. More than that is left only where nothing can be
+            cut any more.
+
+        Returns
+        -------
+        Partition
+            The same one on every process.
+
+        Raises
+        ------
+        InputError
+            If there is no process, or the imbalance is not positive.
+        """
+        if not (isinstance(n_ranks, (int, np.integer)) and n_ranks > 0):
+            raise InputError(f"partition: {n_ranks} processes; give a number from 1")
+        if not imbalance > 0.0:
+            raise InputError(f"partition: an imbalance of {imbalance}; give a positive one, such as 0.15")
+        mean = topology.n_nodes / n_ranks
+        pieces = []
+        for block, shape in enumerate(topology.shapes):
+            pieces += _cut(Window.whole(block, shape), max(1, math.ceil(math.prod(shape) / (1.0 + imbalance) / mean)))
+        while True:
+            dealt = _dealt(pieces, n_ranks)
+            most = (1.0 + imbalance) * sum(map(_size, pieces)) / n_ranks
+            too_large = {_largest(share) for share in dealt if sum(map(_size, share)) > most}
+            halves = {piece: _cut(piece, 2) for piece in too_large}
+            if all(len(parts) == 1 for parts in halves.values()):
+                dealt = with_short_cuts(topology, dealt)
+                order = (sorted(share, key=lambda piece: (piece.block, piece.lo)) for share in dealt)
+                return cls(tuple(map(tuple, topology.shapes)), tuple(map(tuple, order)))
+            pieces = [part for piece in pieces for part in halves.get(piece, [piece])]
+
+    @property
+    def n_ranks(self) -> int:
+        """Number of processes."""
+        return len(self.pieces)
+
+    def share(self, rank: int) -> Share:
+        """Return what a process holds."""
+        return Share.of_windows(self.shapes, self.pieces[rank])
+
+
+def _size(window: Window) -> int:
+    return math.prod(window.shape)
+
+
+def _largest(windows: Sequence[Window]) -> Window:
+    """Return the largest of some windows, the first one of those that are equally large."""
+    return min(windows, key=lambda window: (-_size(window), window.block, window.lo))
+
+
+def _dealt(pieces: Sequence[Window], n_ranks: int) -> list[list[Window]]:
+    """Deal pieces out, the largest first, each to the process that has the fewest nodes."""
+    dealt: list[list[Window]] = [[] for _ in range(n_ranks)]
+    loads = [(0, rank) for rank in range(n_ranks)]
+    heapify(loads)
+    for piece in sorted(pieces, key=lambda window: (-_size(window), window.block, window.lo)):
+        load, rank = loads[0]
+        dealt[rank].append(piece)
+        heapreplace(loads, (load + _size(piece), rank))
+    return dealt
+
+
+def _cut(window: Window, n_parts: int) -> list[Window]:
+    """Cut a window into a number of parts of about the same size, or as many as it has layers of cells for."""
+    d = int(np.argmax(window.shape))
+    n_layers = window.hi[d] - window.lo[d]
+    if n_parts == 1 or n_layers < 2:
+        return [window]
+    n_first = n_parts // 2
+    at = window.lo[d] + min(max(round(n_layers * n_first / n_parts), 1), n_layers - 1)
+    hi, lo = (end[:d] + (at,) + end[d + 1 :] for end in (window.hi, window.lo))
+    first, second = Window(window.block, window.lo, hi), Window(window.block, lo, window.hi)
+    return _cut(first, n_first) + _cut(second, n_parts - n_first)
+
+
+def _n_cells(shape: Sequence[int]) -> tuple[int, ...]:
+    """Cells of a block in each direction: one where there is one node, none in all of a line."""
+    return tuple(max(n - 1, 1) for n in shape) if sum(n > 1 for n in shape) > 1 else (0,) * len(shape)
+
+
+def _cells_of(window: Window, shape: Sequence[int], start: int) -> np.ndarray:
+    """Numbers of the cells of a window of a block whose first cell has a given number, in C order."""
+    last = tuple(max(hi - 1, lo) for lo, hi in zip(window.lo, window.hi))
+    return window_rows(Window(window.block, window.lo, last), _n_cells(shape), start).ravel()

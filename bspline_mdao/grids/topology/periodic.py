@@ -1,0 +1,329 @@
+"""Pairs of boundary windows that a rotation or a translation lays onto each other: periodic planes, probably.
+
+Both sides of a periodic pair look at each other: what leaves the grid through the one comes back through the other.
+Walls that repeat, such as those of two blades, look the same way and are no pair.
+
+Theory: ``docs/theory/topology.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from ...base.numerics.vectors import lengths
+from .faces import inward_directions
+from .grid import Grid
+from .index_space import Window, face_layers
+
+__all__ = ["PeriodicPair", "find_periodic"]
+
+CLOSE = 1e-5
+"""Nodes of both sides lie on each other when they are closer than this part of the grid's size."""
+
+PLANAR = 1e-6
+"""A window is planar when its nodes leave the plane by less than this part of the grid's size."""
+
+SMALLEST = 1e-3
+"""Rotations by less than this angle (rad), and translations by less than this part of the grid's size, are none."""
+
+ALIGNED = 1e-10
+"""An axis whose component along a coordinate axis leaves 1 by less than this is that axis: 1.4e-5 rad."""
+
+SMOOTH = 0.7
+"""Windows that meet are one surface when the product of their mean directions inwards is more than this."""
+
+MOST_CORNERS, MOST_TRIED, MOST_OUTER = 1_000, 64, 24
+"""Most corners of windows among which pairs are looked for, motions that are tried, the most frequent first, and
+corners of a surface of several windows."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A rotation about an axis, or a translation.
+
+    Parameters
+    ----------
+    axis : tuple of float
+        Direction of the axis, of length 1; zero of a translation.
+    angle : float
+        Angle of the rotation (rad).
+    point : tuple of float
+        The point of the axis nearest to the origin (m).
+    shift : tuple of float
+        The translation (m).
+    unit : str
+        Unit of lengths.
+    """
+
+    axis: tuple[float, ...] = (0.0, 0.0, 0.0)
+    angle: float = 0.0
+    point: tuple[float, ...] = (0.0, 0.0, 0.0)
+    shift: tuple[float, ...] = (0.0, 0.0, 0.0)
+    unit: str = "m"
+
+    def __str__(self) -> str:
+        if self.is_translation:
+            return f"translation by {_text(self.shift)} {self.unit}"
+        axis = "xyz"[int(np.argmax(self.axis))] if max(self.axis) == 1.0 else f"the direction {_text(self.axis)}"
+        through = f" through {_text(self.point)} {self.unit}" if any(self.point) else ""
+        return f"rotation about {axis}{through} by {np.degrees(self.angle):.6g} deg"
+
+    @property
+    def is_translation(self) -> bool:
+        """Whether it does not turn."""
+        return not any(self.axis)
+
+    @property
+    def is_of_box(self) -> bool:
+        """Whether it may lay the planes of a box onto each other: translations, and rotations by right angles."""
+        quarters = self.angle / (0.5 * np.pi)
+        return abs(quarters - round(quarters)) < SMALLEST
+
+    def inverse(self) -> Motion:
+        """Return the motion from the others back to the windows."""
+        return replace(self, angle=-self.angle, shift=tuple(-s for s in self.shift))
+
+    def turn(self, vectors: np.ndarray) -> np.ndarray:
+        """Turn vectors, shape (n, 3)."""
+        if self.is_translation:
+            return vectors
+        axis = np.asarray(self.axis)
+        along = (vectors @ axis)[:, None] * axis
+        return along + np.cos(self.angle) * (vectors - along) + np.sin(self.angle) * np.cross(axis, vectors)
+
+    def move(self, points: np.ndarray) -> np.ndarray:
+        """Move points, shape (n, 3), in metres."""
+        return self.turn(points - self.point) + self.point + self.shift
+
+
+def _text(vector: tuple[float, ...]) -> str:
+    return f"({', '.join(f'{value:.6g}' for value in vector)})"
+
+
+@dataclass(frozen=True)
+class PeriodicPair:
+    """Windows of the boundary that a motion lays onto each other.
+
+    Parameters
+    ----------
+    windows, others : tuple of Window
+        Both sides, in the order of the boundary.
+    motion : Motion
+        It takes the nodes of the windows to those of the others.
+    """
+
+    windows: tuple[Window, ...]
+    others: tuple[Window, ...]
+    motion: Motion
+
+
+def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, ...]:
+    """Find windows whose nodes a rotation about any axis, or a translation, lays onto those of others.
+
+    The two sides need not be cut into windows alike. Planar windows count for rotations other than by right angles
+    alone: the sides of many a box are laid onto each other as well.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    windows : sequence of Window
+        Windows of its boundary among which pairs are looked for.
+
+    Returns
+    -------
+    tuple of PeriodicPair
+        Each window is in one of them at most.
+    """
+    # windows of blocks one node deep have no cells behind them, and no direction inwards
+    windows = [window for window in windows if grid.shapes[window.block][window.shape.index(1)] > 1]
+    if len(windows) < 2 or 4 * len(windows) > MOST_CORNERS:
+        return ()
+    outline = [face_layers(grid.blocks[window.block].nodes, window)[0].reshape(-1, 3) for window in windows]
+    middle = np.mean([nodes.mean(axis=0) for nodes in outline], axis=0)
+    size = 2.0 * max(float(lengths(nodes - middle).max()) for nodes in outline)
+    sides = [_Side.of(grid, window, size) for window in windows]
+    pairs, left = [], {n for n, side in enumerate(sides) if side.normal is None or _bounds(side, outline, size)}
+    kept = [sides[n] for n in sorted(left)]
+    for motion in [*_rotations(kept, size), *_translations(kept, size)]:
+        candidates = [n for n in sorted(left) if sides[n].may_repeat(motion)]
+        if not candidates:
+            continue
+        there, back = (_laid(sides, candidates, m, size) for m in (motion, motion.inverse()))
+        if there and back and not there & back:
+            first, second = (tuple(windows[n] for n in sorted(part)) for part in (there, back))
+            nodes, others = (np.concatenate([sides[n].nodes for n in sorted(part)]) for part in (there, back))
+            refined = replace(_refined(motion, nodes, others, size), unit=grid.length_unit)
+            pairs.append(PeriodicPair(first, second, refined))
+            left -= there | back
+    return tuple(pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """Nodes of a window, the directions from there into its block, its corners, and its normal where it is planar."""
+
+    nodes: np.ndarray
+    inwards: np.ndarray
+    corners: np.ndarray
+    normal: np.ndarray | None
+
+    @classmethod
+    def of(cls, grid: Grid, window: Window, size: float) -> _Side:
+        """Take the nodes of a window of a grid."""
+        nodes = grid.blocks[window.block].nodes
+        face, inwards = face_layers(nodes, window)[0], inward_directions(nodes, window)
+        corners = face[[0, 0, -1, -1], [0, -1, 0, -1]]
+        off = face.reshape(-1, 3) - face.mean(axis=(0, 1))
+        normal = np.linalg.eigh(off.T @ off)[1][:, 0]
+        is_planar = np.abs(off @ normal).max() <= PLANAR * size
+        return cls(face.reshape(-1, 3), inwards.reshape(-1, 3), corners, normal if is_planar else None)
+
+    def may_repeat(self, motion: Motion) -> bool:
+        """Whether a motion may lay it onto a partner: planes at right angles, and parallel ones, are those of boxes."""
+        if self.normal is None:
+            return True
+        cosine = abs(float(motion.turn(self.normal[None])[0] @ self.normal))
+        return not motion.is_of_box and SMALLEST < cosine < 1.0 - 0.5 * SMALLEST**2
+
+
+def _bounds(side: _Side, nodes: list[np.ndarray], size: float) -> bool:
+    """Whether all nodes of the boundary are on one side of a planar window, as in the wedge between two of them."""
+    heights = np.concatenate(nodes) @ side.normal - side.nodes.mean(axis=0) @ side.normal
+    return bool(min(heights.max(), -heights.min()) <= CLOSE * size)
+
+
+def _refined(motion: Motion, nodes: np.ndarray, others: np.ndarray, size: float) -> Motion:
+    """The rotation of all nodes of a side, shape (n, 3), rather than of its corners."""
+    if motion.is_translation:
+        return motion
+    met = cKDTree(others).query(motion.move(nodes))[1]
+    refined = _rotation(nodes, others[met], size)
+    if refined is None:
+        return motion
+    return refined if np.dot(refined.axis, motion.axis) * refined.angle * motion.angle > 0.0 else refined.inverse()
+
+
+def _rotations(sides: list[_Side], size: float) -> list[Motion]:
+    """Rotations that lay three corners of a side onto corners, those that most sides ask for first."""
+    corners = np.concatenate([np.zeros((0, 3)), *(side.corners for side in sides)])
+    _, first = np.unique(np.round(corners / (CLOSE * size)), axis=0, return_index=True)
+    corners = corners[np.sort(first)]
+    apart = cdist(corners, corners)
+    found: dict[tuple[float, ...], list[Motion]] = {}
+    for side, triangle in _triangles(sides, size):
+        for laid in _congruent(corners, apart, triangle, CLOSE * size):
+            motion = _rotation(triangle, laid, size)
+            if motion and side.may_repeat(motion):
+                values = (*motion.axis, motion.angle, *(np.asarray(motion.point) / size))
+                found.setdefault(tuple(np.round(values, 3).tolist()), []).append(motion)
+    frequent = sorted(found.values(), key=len, reverse=True)
+    return [motions[0] for motions in frequent[:MOST_TRIED]]
+
+
+def _triangles(sides: list[_Side], size: float) -> Iterator[tuple[_Side, np.ndarray]]:
+    """Yield sides, each with the largest triangle, shape (3, 3), of its corners, or of those of the whole surface."""
+    outlines = [(side, side.corners) for side in sides] + list(_joined(sides, CLOSE * size))
+    for side, corners in outlines:
+        threes = corners[list(combinations(range(len(corners)), 3))]
+        areas = lengths(np.cross(threes[:, 1] - threes[:, 0], threes[:, 2] - threes[:, 0]))
+        if areas.max() > (SMALLEST * size) ** 2:
+            yield side, threes[np.argmax(areas)]
+
+
+def _joined(sides: list[_Side], near: float) -> Iterator[tuple[_Side, np.ndarray]]:
+    """Yield one of the sides that together are one surface, and corners of the whole: of a single side of them each."""
+    corners = np.concatenate([np.zeros((0, 3)), *(side.corners for side in sides)])
+    owner = np.repeat(np.arange(len(sides)), 4)
+    inwards = np.reshape([side.inwards.mean(axis=0) for side in sides], (-1, 3))
+    meets = cdist(corners, corners) <= near
+    shared = np.zeros((len(sides), len(sides)), dtype=int)
+    np.add.at(shared, (owner[:, None], owner[None, :]), meets)
+    n_parts, parts = connected_components((shared >= 2) & (inwards @ inwards.T > SMOOTH), directed=False)
+    for part in range(n_parts):
+        members = np.flatnonzero(parts == part)
+        ids = np.flatnonzero(np.isin(owner, members))
+        outer = ids[meets[np.ix_(ids, ids)].sum(axis=1) == 1]
+        if len(members) > 1 and 3 <= len(outer) <= MOST_OUTER:
+            yield sides[members[0]], corners[outer]
+
+
+def _congruent(corners: np.ndarray, apart: np.ndarray, triangle: np.ndarray, near: float) -> np.ndarray:
+    """Find all triangles of corners, shape (n, 3, 3), with the sides of one, to ``near`` (m); ``apart``: distances."""
+    sides = lengths(triangle[[0, 0, 1]] - triangle[[1, 2, 2]])
+    is_first, is_second, is_third = (np.abs(apart - length) <= near for length in sides)
+    a, b = np.nonzero(is_first)
+    rows, c = np.nonzero(is_second[a] & is_third[b])
+    return corners[np.stack([a[rows], b[rows], c], axis=1)]
+
+
+def _rotation(points: np.ndarray, laid: np.ndarray, size: float) -> Motion | None:
+    """Rotation that lays points, shape (n, 3), onto others best; None where it takes a screw or a translation."""
+    middle, other = points.mean(axis=0), laid.mean(axis=0)
+    u, _, vt = np.linalg.svd((laid - other).T @ (points - middle))
+    turn = (u * [1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    sine = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    angle = float(np.arctan2(lengths(sine), 0.5 * (np.trace(turn) - 1.0)))
+    if not SMALLEST < angle < np.pi - SMALLEST:
+        return None
+    axis = sine / lengths(sine)
+    number = int(np.argmax(np.abs(axis)))
+    axis *= np.sign(axis[number])  # the same of a rotation and of its inverse
+    if 1.0 - axis[number] < ALIGNED:
+        axis = np.eye(3)[number]
+    angle *= float(np.sign(axis @ sine))
+    shift = other - turn @ middle
+    if abs(shift @ axis) > CLOSE * size:
+        return None
+    across = shift - (shift @ axis) * axis
+    point = 0.5 * (across + np.cross(axis, across) / np.tan(0.5 * angle))
+    point[np.abs(point) < CLOSE * size] = 0.0
+    motion = Motion(tuple(axis.tolist()), angle, tuple(point.tolist()))
+    return motion if angle > 0.0 else motion.inverse()
+
+
+def _translations(sides: list[_Side], size: float) -> list[Motion]:
+    """Translations that lay corners onto corners of windows that are not planar."""
+    curved = [side.corners for side in sides if side.normal is None]
+    if len(curved) < 2:
+        return []
+    shifts = np.concatenate([(b[None] - a[:, None]).reshape(-1, 3) for a, b in combinations(curved, 2)])
+    shifts = shifts[np.abs(shifts).max(axis=1) > SMALLEST * size]
+    first = np.argmax(np.abs(shifts) > SMALLEST * size, axis=1)
+    shifts *= np.sign(shifts[np.arange(len(shifts)), first])[:, None]
+    return [Motion(shift=tuple(shift.tolist())) for shift in _frequent(shifts, CLOSE * size)]
+
+
+def _frequent(values: np.ndarray, tolerance: float) -> np.ndarray:
+    """Values, shape (m, n), that occur more than once among those of shape (l, n), the most frequent first."""
+    if not len(values):
+        return values
+    _, first, counts = np.unique(np.round(values / (10.0 * tolerance)), axis=0, return_index=True, return_counts=True)
+    order = np.argsort(-counts, kind="stable")[:MOST_TRIED]
+    return values[first[order[counts[order] > 1]]]
+
+
+def _laid(sides: list[_Side], candidates: list[int], motion: Motion, size: float) -> set[int]:
+    """Sides all of whose nodes the motion lays onto nodes of others that look at them."""
+    nodes, inwards = (np.concatenate([getattr(sides[n], name) for n in candidates]) for name in ("nodes", "inwards"))
+    owner = np.repeat(np.arange(len(candidates)), [len(sides[n].nodes) for n in candidates])
+    tree = cKDTree(nodes)
+    found = set()
+    for place, n in enumerate(candidates):
+        moved = motion.move(sides[n].corners)
+        if np.isinf(tree.query(moved, distance_upper_bound=CLOSE * size)[0]).any():
+            continue
+        distance, met = tree.query(motion.move(sides[n].nodes), distance_upper_bound=CLOSE * size)
+        if np.isinf(distance).any() or (owner[met] == place).mean() > 0.5:
+            continue
+        facing = np.sum(motion.turn(sides[n].inwards) * inwards[met], axis=1)
+        if np.median(facing) < 0.0:
+            found.add(n)
+    return found

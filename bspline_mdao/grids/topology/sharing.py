@@ -1,0 +1,261 @@
+"""Nodes and directions that segments share, and the nodes that points of another program are.
+
+Theory: ``docs/theory/topology.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...base.numerics.processes import ONE, summed, together
+from ...base.numerics.threads import thread_count
+from ...errors import InputError
+from .grid import Grid
+from .held_nodes import node_copies
+from .index_space import block_rows
+from .stored_grid import StoredGrid
+from .topology import BoundaryFace, Topology, first_joined
+
+
+@dataclass(frozen=True)
+class NodeSharing:
+    """Rows of the nodes of segments, which segment evaluates each node, and where the other rows get it from.
+
+    Parameters
+    ----------
+    rows : tuple of ndarray of int, each of the segment's shape
+        Row of each node of the segment in the grid vector (shape (n_nodes, 3), blocks in order, each in C order).
+    is_evaluated : tuple of ndarray of bool, each of the segment's shape
+        True where this segment is the first to hold the node: each unique node exactly once.
+    copies : ndarray of int, shape (n_copies, 2)
+        (destination row, source row) for all rows that no segment evaluates, by ascending destination.
+    """
+
+    rows: tuple[np.ndarray, ...]
+    is_evaluated: tuple[np.ndarray, ...]
+    copies: np.ndarray
+
+    def source_rows(self) -> np.ndarray:
+        """Row that stands for each row of the grid vector: its own, or that of the node that it is a copy of."""
+        source = np.arange(1 + max(int(rows.max()) for rows in self.rows))
+        source[self.copies[:, 0]] = self.copies[:, 1]
+        return source
+
+
+def node_sharing(topology: Topology) -> NodeSharing:
+    """Assign each unique node of a grid to the first segment that holds it."""
+    whole = block_rows(topology.shapes)
+    rows = [whole[segment.block][segment.slices] for segment in topology.segments]
+    ids = topology.node_ids()
+    flat_rows, flat_ids = (np.concatenate([a.ravel() for a in arrays]) for arrays in (rows, ids))
+    _, first = np.unique(flat_ids, return_index=True)
+    is_evaluated = np.zeros(len(flat_ids), dtype=bool)
+    is_evaluated[first] = True
+    source = np.empty(topology.n_nodes, dtype=flat_rows.dtype)
+    source[flat_rows] = flat_rows[first][flat_ids]
+    copied = np.flatnonzero(source != np.arange(len(source)))
+    ends = np.cumsum([a.size for a in rows])[:-1]
+    owned = [part.reshape(a.shape) for part, a in zip(np.split(is_evaluated, ends), rows)]
+    return NodeSharing(tuple(rows), tuple(owned), np.stack([copied, source[copied]], axis=1))
+
+
+def direction_classes(topology: Topology) -> np.ndarray:
+    """Group segment directions that must have equal counts and orders.
+
+    Returns
+    -------
+    ndarray of int, shape (n_segments, 3)
+        Class of each direction of each segment, numbered by first occurrence; directions that a chain of links joins
+        are in one class.
+    """
+    ids = np.arange(3 * len(topology.segments)).reshape(-1, 3)
+    pairs = [
+        [ids[link.a, d], ids[link.b, link.orientation.perm[d]]]
+        for link in topology.links
+        for d in range(3)
+        if link.a_section[d] is None
+    ]
+    first = first_joined(ids.size, [np.reshape(pairs, (-1, 2)).T.astype(np.int64)])
+    return np.unique(first, return_inverse=True)[1].reshape(-1, 3)
+
+
+def directed_classes(topology: Topology) -> np.ndarray:
+    """Group segment directions with their senses: forwards, or backwards.
+
+    Returns
+    -------
+    ndarray of int, shape (n_segments, 3, 2)
+        Class of each direction of each segment, forwards and backwards: two that a chain of links joins are in one
+        class where they have the same sense. Both classes of a direction are one where links turn it round to itself.
+    """
+    ids = np.arange(6 * len(topology.segments)).reshape(-1, 3, 2)
+    pairs = [
+        [ids[link.a, d, way], ids[link.b, link.orientation.perm[d], way ^ link.orientation.flip[d]]]
+        for link in topology.links
+        for d in range(3)
+        for way in (0, 1)
+        if link.a_section[d] is None
+    ]
+    first = first_joined(ids.size, [np.reshape(pairs, (-1, 2)).T.astype(np.int64)])
+    return np.unique(first, return_inverse=True)[1].reshape(-1, 3, 2)
+
+
+def boundary_sections(topology: Topology, points: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
+    """Yield boundary faces, each with every face of a segment that is on it, see `boundary_sides`.
+
+    Parameters
+    ----------
+    topology : Topology
+        The boundary and the segments.
+    points : sequence of ndarray of int, each of shape (N0, N1, N2)
+        Numbers of the points of every segment, such as those of its control points.
+
+    Yields
+    ------
+    face : BoundaryFace
+    ids : ndarray of int, shape (ni, nj)
+        Numbers of the points of the segment's face.
+    """
+    for face, number, side in boundary_sides(topology):
+        yield face, np.take(points[number], -(side % 2), axis=side // 2)
+
+
+def boundary_sides(topology: Topology) -> Iterator[tuple[BoundaryFace, int, int]]:
+    """Yield boundary faces, each with the number of every segment that has a face on it, and the number of this one.
+
+    Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
+    """
+    for face in topology.boundary:
+        for number, segment in enumerate(topology.segments):
+            for side in range(6) if segment.block == face.window.block else ():
+                if segment.face(side).overlaps(face.window):
+                    yield face, number, side
+
+
+def rows_of_points(
+    grid: Grid | StoredGrid, topology: Topology, points: np.ndarray, what: str = "volume", comm=ONE
+) -> np.ndarray:
+    """Find the rows in the grid vector of points that another program holds.
+
+    Blocks are searched one after another, and only those that points may be in: of a grid that stays in its file, see
+    `bspline_mdao.open_grid`, one block is in memory at a time.
+
+    Parameters
+    ----------
+    grid : Grid or StoredGrid
+        The grid.
+    topology : Topology
+        Its topology: nodes that blocks share are one.
+    points : ndarray, shape (m, 3) or (3 m,)
+        Points (m), each a node of the grid, in any order and as often as the program likes: those of this process,
+        which may be none.
+    what : str
+        What the points are, for messages.
+    comm : communicator, optional
+        Of several processes that each look for their own points: all come here, share the reading of all blocks, and
+        raise what one of them raises.
+
+    Returns
+    -------
+    ndarray of int, shape (m,)
+        Row of every point.
+
+    Raises
+    ------
+    InputError
+        As `numbers_of_points`.
+    """
+    points = np.reshape(points, (-1, 3))
+    starts, copies = np.cumsum([0, *map(math.prod, topology.shapes)]), node_copies(topology)[:, 0]
+    boxes = _boxes(grid, comm)
+    rows = np.full(len(points), -1)
+    near, far, elsewhere = np.full((3, len(points)), np.inf)
+    with together(comm):
+        for block, (low, high) in enumerate(boxes):
+            outside = np.linalg.norm(points - np.clip(points, low, high), axis=1)
+            is_near = outside <= _MARGIN * np.linalg.norm(high - low)
+            elsewhere[~is_near] = np.minimum(elsewhere, outside)[~is_near]
+            if is_near.any():
+                at = np.flatnonzero(is_near)
+                in_block = np.setdiff1d(np.arange(starts[block], starts[block + 1]), copies, assume_unique=True)
+                nodes = grid.blocks[block].nodes.reshape(-1, 3)[in_block - starts[block]]
+                distance, number = _two_nearest(nodes, points[at])
+                is_first = distance[:, 0] < near[at]
+                rows[at[is_first]] = in_block[number[is_first]]
+                near[at], far[at] = np.sort(np.column_stack([near[at], far[at], distance]), axis=1)[:, :2].T
+        _require_found(near, np.minimum(far, elsewhere), what)
+    return rows
+
+
+_MARGIN = 0.05
+"""How far outside the box of a block, as a part of its diagonal, points are still looked for among its nodes."""
+
+
+def _boxes(grid: Grid | StoredGrid, comm) -> np.ndarray:
+    """Lowest and highest coordinates of every block (m), shape (n_blocks, 2, 3), each read by one process."""
+    boxes = np.zeros((len(grid.blocks), 2, 3))
+    with together(comm):
+        for block in range(comm.rank, len(boxes), comm.size):
+            nodes = grid.blocks[block].nodes.reshape(-1, 3)
+            boxes[block] = nodes.min(axis=0), nodes.max(axis=0)
+    return summed(comm, boxes)
+
+
+_NEARER = 0.1
+"""A point is a node if it is nearer to it than this part of its distance to the next one."""
+
+
+def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm=ONE) -> np.ndarray:
+    """Find every point among nodes that are there once each.
+
+    The precision of the points does not matter as long as they can be distinguished.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (n, 3)
+        Nodes (m), such as those of a `bspline_mdao.SurfaceGrid`.
+    points : ndarray, shape (m, 3) or (3 m,)
+        Points (m), such as a solver's surface.
+    what : str
+        What the points are, for messages.
+    comm : communicator, optional
+        Of several processes that each look for their own points: all come here, and raise what one of them raises.
+
+    Returns
+    -------
+    ndarray of int, shape (m,)
+        The node of every point.
+
+    Raises
+    ------
+    InputError
+        If a point is no node, or is two that lie at one place, such as those on both sides of a plate.
+    """
+    with together(comm):
+        distance, number = _two_nearest(nodes, np.reshape(points, (-1, 3)))
+        _require_found(distance[:, 0], distance[:, 1], what)
+    return number
+
+
+def _two_nearest(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (m) of points to the two nearest nodes, shape (m, 2), infinite where there is none, and the nearest."""
+    if not len(nodes):
+        return np.full((len(points), 2), np.inf), np.zeros(len(points), dtype=int)
+    distance, number = cKDTree(nodes).query(points, k=2, workers=thread_count(None))
+    return distance, number[:, 0]
+
+
+def _require_found(near: np.ndarray, far: np.ndarray, what: str) -> None:
+    """Refuse points that are no node, by the distances (m) to the two nearest ones."""
+    is_found = near < _NEARER * far
+    if not is_found.all():
+        point = int(np.argmin(is_found))
+        raise InputError(
+            f"{what}: point {point + 1} is {near[point]:.2g} m from one node and {far[point]:.2g} m from another; give "
+            f"nodes of the same grid, or, where two lie at one place, their numbers yourself"
+        )

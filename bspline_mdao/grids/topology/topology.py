@@ -1,0 +1,272 @@
+"""Topology of a grid: its interfaces, boundary and segments, the links between these, and numbers of shared points.
+
+The links of a topology join whole faces, edges and corners of segments, so the same links number the nodes of a grid
+and the control points of a control mesh, whatever the shapes, as long as linked sections agree.
+
+Theory: ``docs/theory/topology.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ...base.display import OneLine
+from ...errors import InputError
+from .index_space import FACE_NAMES, Interface, Orientation, Section, Window, section_rows
+
+
+@dataclass(frozen=True)
+class BoundaryFace:
+    """A face window that no block continues.
+
+    Parameters
+    ----------
+    window : Window
+        The face window of a grid block.
+    patch, kind : str or None
+        Name and kind of the declared patch that it belongs to; None where nothing is declared.
+    """
+
+    window: Window
+    patch: str | None = None
+    kind: str | None = None
+
+
+@dataclass(frozen=True)
+class NearMiss:
+    """Two face windows that nearly coincide and are therefore probably meant to, whether they are joined or not.
+
+    Parameters
+    ----------
+    window : Window
+        The face window.
+    other : Window
+        The one it nearly meets.
+    gap : float
+        Distance of two nodes that nearly coincide, in metres, where it is largest relative to the local spacing.
+    spacing : float
+        Local spacing there, in metres.
+    """
+
+    window: Window
+    other: Window
+    gap: float
+    spacing: float
+
+
+@dataclass(frozen=True)
+class Link:
+    """Two sections of segments that are one and the same.
+
+    Parameters
+    ----------
+    a, b : int
+        Segment numbers.
+    a_section, b_section : tuple of (int or None)
+        Sections (see `Section`), for example ``(0, None, None)``; faces, edges or corners.
+    orientation : Orientation
+        Maps the directions of segment a to those of segment b.
+    """
+
+    a: int
+    a_section: Section
+    b: int
+    b_section: Section
+    orientation: Orientation
+
+
+@dataclass(frozen=True)
+class Collapse:
+    """A section of a segment in which all points along one direction are one.
+
+    Parameters
+    ----------
+    segment : int
+        Segment number.
+    section : tuple of (int or None)
+        The face or edge (see `Section`).
+    direction : int
+        The direction of zero extent.
+    """
+
+    segment: int
+    section: Section
+    direction: int
+
+
+@dataclass(frozen=True)
+class Topology(OneLine):
+    """Interfaces, boundary and collapsed parts of a grid, its segments, and the links that join them.
+
+    Parameters
+    ----------
+    source : str
+        Where the grid came from, for messages.
+    shapes : tuple of (int, int, int)
+        Number of nodes of each block.
+    interfaces : tuple of Interface
+        Pairs of face windows that coincide.
+    boundary : tuple of BoundaryFace
+        Declared patches, and what else is neither interface nor collapsed.
+    collapsed : tuple of Window
+        Faces and edges, or windows of them, of zero extent in at least one direction.
+    near_misses : tuple of NearMiss
+        Pairs of face windows that nearly coincide, and are not joined.
+    segments : tuple of Window
+        Parts of blocks, one spline volume each: whole blocks unless cut.
+    links : tuple of Link
+        Faces, edges and corners of segments that are one.
+    collapses : tuple of Collapse
+        Sections of segments of zero extent.
+    warnings : tuple of str
+        What could not be used, or not as it is, one line each.
+    joined_gaps : tuple of NearMiss
+        Interfaces that are joined though some of their nodes do not coincide.
+    repeated : tuple of (int, int)
+        Pairs of blocks whose faces lie on the same points, from 0: the second is the first once more.
+    """
+
+    source: str
+    shapes: tuple[tuple[int, ...], ...]
+    interfaces: tuple[Interface, ...]
+    boundary: tuple[BoundaryFace, ...]
+    collapsed: tuple[Window, ...]
+    near_misses: tuple[NearMiss, ...]
+    segments: tuple[Window, ...]
+    links: tuple[Link, ...]
+    collapses: tuple[Collapse, ...]
+    warnings: tuple[str, ...] = ()
+    joined_gaps: tuple[NearMiss, ...] = ()
+    repeated: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes of all blocks, those that blocks share counted in each."""
+        return sum(math.prod(shape) for shape in self.shapes)
+
+    @property
+    def segment_names(self) -> tuple[str, ...]:
+        """Names of the segments for messages: the block, and the index range where a block is cut."""
+        return tuple(_segment_name(segment, self.shapes[segment.block]) for segment in self.segments)
+
+    def node_ids(self) -> list[np.ndarray]:
+        """Give each node of each segment a number, shared nodes the same (see `shared_ids`)."""
+        return shared_ids([segment.shape for segment in self.segments], self.links, self.collapses, self.segment_names)
+
+
+def describe(window: Window, shape: tuple[int, ...] | None = None) -> str:
+    """Name a window for a message: block and index ranges, from 1; its face where it is a whole one of that shape."""
+    for number, name in enumerate(FACE_NAMES if shape is not None else ()):
+        if window == Window.whole(window.block, shape).face(number):
+            return f"block {window.block + 1} {name}"
+    ranges = (f"{lo + 1}" if lo == hi else f"{lo + 1}-{hi + 1}" for lo, hi in zip(window.lo, window.hi))
+    return f"block {window.block + 1} ({', '.join(ranges)})"
+
+
+def _segment_name(segment: Window, shape) -> str:
+    """Name a segment for messages, as its block where it is one."""
+    if segment == Window.whole(segment.block, shape):
+        return f"block {segment.block + 1}"
+    return describe(segment)
+
+
+def shared_ids(
+    shapes: Sequence[tuple[int, ...]],
+    links: Sequence[Link],
+    collapses: Sequence[Collapse] = (),
+    names: Sequence[str] | None = None,
+) -> list[np.ndarray]:
+    """Give the points of index spaces numbers, linked points the same.
+
+    Parameters
+    ----------
+    shapes : sequence of (n0, n1, n2)
+        Shape of the index space of every segment.
+    links : sequence of Link
+        Sections that are the same.
+    collapses : sequence of Collapse, optional
+        Sections without extent in one direction.
+    names : sequence of str, optional
+        Names of the segments for messages; "block 1", ... by default.
+
+    Returns
+    -------
+    list of ndarray of int32, each of the given shape
+        Numbers 0, 1, 2, ... by first occurrence (segments in order, each in C order).
+
+    Raises
+    ------
+    InputError
+        If two linked sections disagree in their number of points.
+    """
+    starts = np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
+    first = first_joined(int(starts[-1]), joined_pairs(shapes, links, collapses, names))
+    is_first = first == np.arange(len(first))
+    ids = (np.cumsum(is_first) - 1).astype(np.int32)[first]
+    return [ids[start:end].reshape(shape) for start, end, shape in zip(starts, starts[1:], shapes)]
+
+
+def joined_pairs(
+    shapes: Sequence[tuple[int, ...]],
+    links: Sequence[Link],
+    collapses: Sequence[Collapse] = (),
+    names: Sequence[str] | None = None,
+) -> list[np.ndarray]:
+    """Pairs of points, each array of shape (2, n), that links and collapses make one; arguments as of `shared_ids`.
+
+    Points are counted through, segments in order, each in C order. All of them lie on faces of segments.
+    """
+    starts = np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
+    pairs = [_link_pairs(shapes, starts, link, names) for link in links]
+    return pairs + [_collapse_pairs(shapes, starts, collapse) for collapse in collapses]
+
+
+def _link_pairs(shapes, starts, link: Link, names) -> np.ndarray:
+    """Points joined by a link, shape (2, n)."""
+    a = section_rows(shapes[link.a], link.a_section, starts[link.a])
+    b = link.orientation.apply(section_rows(shapes[link.b], link.b_section, starts[link.b]))
+    if a.shape != b.shape:
+        raise _disagreement(link, a.shape, b.shape, names or [f"block {s + 1}" for s in range(len(shapes))])
+    return np.stack([a.ravel(), b.ravel()])
+
+
+def _disagreement(link: Link, a_shape, b_shape, names) -> InputError:
+    """Name the first direction in which two linked sections differ."""
+    d = next(d for d in range(3) if a_shape[d] != b_shape[d])
+    a, b = names[link.a], names[link.b]
+    there = "ijk"[link.orientation.perm[d]]
+    return InputError(
+        f"{a} has {a_shape[d]} points in direction {'ijk'[d]} and {b} has {b_shape[d]} in direction {there}, "
+        f"but they share an interface along these directions; give both the same number"
+    )
+
+
+def _collapse_pairs(shapes, starts, collapse: Collapse) -> np.ndarray:
+    """Points joined by a collapse, shape (2, n): each with the first of its line."""
+    rows = section_rows(shapes[collapse.segment], collapse.section, starts[collapse.segment])
+    first = np.broadcast_to(rows.take([0], axis=collapse.direction), rows.shape)
+    return np.stack([first.ravel(), rows.ravel()])
+
+
+def first_joined(n: int, pairs: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the first point that each of n points is joined to through any chain of pairs, each of shape (2, m)."""
+    first = np.arange(n)
+    points, firsts = joined_points(pairs)
+    first[points] = firsts
+    return first
+
+
+def joined_points(pairs: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points in pairs, each of shape (2, m), ascending, and the first that each of them is joined to."""
+    a, b = np.concatenate([np.zeros((2, 0), dtype=np.int64), *pairs], axis=1)
+    points, places = np.unique(np.concatenate([a, b]), return_inverse=True)
+    graph = coo_array((np.ones(len(a), dtype=bool), np.split(places, [len(a)])), shape=(len(points), len(points)))
+    _, labels = connected_components(graph.tocsr(), directed=False)
+    _, firsts = np.unique(labels, return_index=True)
+    return points, points[firsts[labels]]

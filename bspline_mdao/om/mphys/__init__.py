@@ -1,6 +1,0 @@
-"""Geometry, grid movement and flow in the roles of MPhys, so that other solvers can take part."""
-
-from importlib.util import find_spec
-
-if find_spec("mphys") is None:
-    raise ImportError('bspline_mdao.om.mphys needs MPhys: pip install "bspline_mdao[mphys]"')

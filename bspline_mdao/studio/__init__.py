@@ -1,0 +1,1 @@
+"""What a user runs: commands, studies, pictures and reports."""

@@ -1,0 +1,498 @@
+"""The commands and their options.
+
+To add a command, write its function here and its file beside this one. Names that help shows come from the tables of
+what there is. What a command needs is imported when it runs, and takes the options by their names, so that ``--help``
+is quick and nothing is named twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from inspect import cleandoc
+from pathlib import Path
+
+import click
+
+from ... import __version__
+from ...core.fit.options import EXPONENTS, METHODS
+from ...core.generators.built_in import BUILT_IN
+from ...grids.io.formats import curved_names, read_names, written_names
+from ...grids.io.meshes.files import mesh_names
+from .counts import n_control_option
+from .movers import MoverOptions, moving_options
+from .units import units_option
+from .words import DEFINITIONS, PROGRAM
+
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+NAMES = {
+    "read": read_names(),
+    "written": written_names(),
+    "curved": curved_names(),
+    "built_in": f"{' or '.join(f'@{name}' for name in BUILT_IN)}, at another size as @{next(iter(BUILT_IN))}:45x65x33",
+    "definitions": DEFINITIONS,
+    "meshes": mesh_names(),
+}
+"""What stands in braces in the texts of commands."""
+
+
+def example(*lines: str) -> str:
+    """Return the text that ends a help page: lines of commands, without the name of the program."""
+    return "\b\nExample:\n" + "\n".join(f"  {PROGRAM} {line}" for line in lines)
+
+
+def command(*examples: str) -> Callable[[Callable], click.Command]:
+    """Return what makes a command of a function: its docstring is the help, with `NAMES` put in."""
+
+    def declare(function: Callable) -> click.Command:
+        return bspline_mdao.command(help=cleandoc(function.__doc__ or "").format(**NAMES), epilog=example(*examples))(
+            function
+        )
+
+    return declare
+
+
+grid_argument = click.argument("grid_name", metavar="GRID")
+patches_option = click.option(
+    "--patches", type=click.Path(path_type=Path), metavar="FILE", help="Patches of the grid: a TOML or NMF file."
+)
+json_option = click.option("--json", type=click.Path(path_type=Path), metavar="FILE", help="Write the numbers to FILE.")
+
+
+DEFORM = (
+    "Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
+    "dihedral, pitch, translate=0.1/0/0, bumps=0.01,seed=1; or a file of its new control points (.csv, .npy). "
+    "Several are done in turn."
+)
+"""Help of the option that deforms."""
+
+
+@click.group(
+    context_settings=CONTEXT,
+    invoke_without_command=True,
+    epilog=example(
+        "inspect wing.xyz --draft wing.toml",
+        "fit wing.xyz --patches wing.toml -o wing.h5",
+        "refine wing.h5 --factor 2 -o fine.xyz",
+        "move wing.h5 --deform twist=10deg -o moved.xyz",
+        "quality moved.xyz",
+    ),
+)
+@click.version_option(__version__, prog_name=PROGRAM)
+@click.pass_context
+def bspline_mdao(context: click.Context) -> None:
+    """Fit multi-block structured grids with B-spline volumes and regenerate them from their control points."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+@command("inspect wing.xyz --draft wing.toml")
+@grid_argument
+@patches_option
+@click.option("--draft", type=click.Path(path_type=Path), metavar="FILE.toml", help="Write patches to start from.")
+@click.option(
+    "--reynolds",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="RE",
+    help="Reynolds number per unit of length, for an estimate of y+ at walls.",
+)
+@units_option
+@json_option
+def inspect(**options) -> None:
+    """Show blocks, interfaces, boundary faces, first cells at walls and what looks wrong in a grid.
+
+    GRID is a {read} file, a model MODEL.h5, of which the errors of the fit are shown as well, or a built-in grid:
+    {built_in}.
+    """
+    from .inspect import inspect_grid
+
+    inspect_grid(**options)
+
+
+@command("fit wing.xyz -o wing.h5 --n-control 13x13x9 --correct 2", "fit wing.xyz -o wing.h5 --n-control 2=17x13x9")
+@grid_argument
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="MODEL.h5", required=True, help="Fitted model."
+)
+@n_control_option
+@click.option(
+    "--order",
+    type=click.IntRange(min=2),
+    metavar="P",
+    help="Order of the B-splines, which is their degree plus one; by default 4, or 3 in short directions.",
+)
+@click.option(
+    "--correct",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Cycles of parameter correction: a closer fit, more time.",
+)
+@patches_option
+@click.option(
+    "--method",
+    type=click.Choice(tuple(METHODS)),
+    default=next(iter(METHODS)),
+    show_default=True,
+    help=f"How control points are found. {'; '.join(f'{name}: {what}' for name, what in METHODS.items())}.",
+)
+@click.option(
+    "--parametrization",
+    type=click.Choice(tuple(EXPONENTS)),
+    default=next(iter(EXPONENTS)),
+    show_default=True,
+    help="Parameters of the nodes along grid lines.",
+)
+@click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
+@click.option("--no-wall-layer", is_flag=True, help="Do not let nodes near walls follow them as a rigid body.")
+@click.option("--no-certify", is_flag=True, help="Do not prove, element by element, that the splines are valid.")
+@units_option
+@json_option
+def fit(**options) -> None:
+    """Fit a grid with B-spline volumes and write the model.
+
+    GRID is a {read} file, or a built-in grid: {built_in}.
+    """
+    from .fit import fit_model
+
+    fit_model(**options)
+
+
+@command("refine wing.h5 --factor 2 -o fine.xyz", "refine wing.h5 --factor 0.5 --degree 3 -o curved.cgns")
+@click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.option(
+    "--factor",
+    type=click.FloatRange(min=0.0, min_open=True, max=1000.0),
+    default=1.0,
+    show_default=True,
+    metavar="F",
+    help="Cells per direction, by those of the grid; below 1 for a coarser member.",
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
+@click.option(
+    "--degree",
+    type=click.IntRange(1, 4),
+    metavar="D",
+    help="Write curved hexahedra of degree 1 to 4, for solvers of high order; F counts elements then.",
+)
+@click.option("--allow-invalid", is_flag=True, help="Write curved hexahedra even if some of them are inverted.")
+@json_option
+def refine(**options) -> None:
+    """Write a finer or coarser member of the grid family of a model, or curved elements of high order.
+
+    The name of GRID tells the format: {written}. Curved hexahedra are written as {curved}. Folders that are missing are
+    made.
+    """
+    from .refine import refine_model
+
+    refine_model(**options)
+
+
+@command("move wing.h5 --deform twist=10deg --deform stretch=1.2 -o moved.xyz")
+@click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.option(
+    "--deform",
+    multiple=True,
+    required=True,
+    metavar="SPEC",
+    help=DEFORM,
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
+@moving_options
+@click.option(
+    "--surface",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write the new surface: its control points (.csv), in the order in which --deform reads them, or CAD (.step, "
+    ".igs), see the command cad.",
+)
+@click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
+@json_option
+def move(model: Path, output: Path, json: Path | None, **options) -> None:
+    """Deform the design surface of a model, move the control mesh behind it and write the grid.
+
+    The name of GRID tells the format: {written}. Folders that are missing are made.
+
+    PATCH is a name or a pattern, such as 'wing*'; --deform, --design, --slide, --fix and --release may be given more
+    than once.
+
+    {definitions}
+    """
+    from .move import MoveOptions, move_model
+
+    mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
+    move_model(model, output, json, MoveOptions(mover=mover, **options))
+
+
+@command(
+    "ride wing.h5 mesh.su2 --deform twist=10deg -o moved.su2",
+    "ride out/model.h5 mesh.su2 --to out/cases.sql -o optimum.su2",
+)
+@click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.argument("mesh", metavar="MESH", type=click.Path(path_type=Path))
+@click.option("--deform", multiple=True, metavar="SPEC", help=DEFORM)
+@click.option(
+    "--to",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Follow control points that are known, instead of a deformation: those of the best case of a case file "
+    "(.sql), or all of them as .csv or .npy.",
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="MESH", required=True, help="Mesh to write.")
+@click.option(
+    "--wall",
+    multiple=True,
+    metavar="MARKER",
+    help="Marker of the mesh that is a wall; by default those that lie on the walls of the fitted grid.",
+)
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(min=0.0),
+    metavar="D",
+    help="Distance up to which nodes may be outside the fitted grid; by default the size of its boundary faces there.",
+)
+@click.option(
+    "--hold-outside", is_flag=True, help="Hold nodes that are farther outside, where the boundary of the grid stays."
+)
+@moving_options
+@click.option("--allow-invalid", is_flag=True, help="Write the mesh even if cells of it are inverted.")
+@json_option
+def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options) -> None:
+    """Take an unstructured mesh along with the control mesh of a model.
+
+    MESH is {meshes}. It is written in the format that it is read in; all but its nodes stays as it is. Its walls go
+    where the deformation puts them, and nodes near them follow as a rigid body. A mesh of two dimensions (.su2, .cgns,
+    .msh, .vtu) goes along with a section: a model of a grid between two planes of symmetry.
+    """
+    from .ride import RideOptions, ride_along
+
+    mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
+    ride_along(model, mesh, output, json, RideOptions(mover=mover, **options))
+
+
+@command("init wing.xyz --patches wing.toml -o study.toml", "optimize study.toml -o out")
+@grid_argument
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="STUDY.toml", required=True, help="Study to write."
+)
+@patches_option
+@click.option("--overwrite", is_flag=True, help="Replace a study that is there.")
+def init(**options) -> None:
+    """Draft a study of a grid for the command optimize, with what was guessed in comments.
+
+    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}.
+    """
+    from .init import draft_study
+
+    draft_study(**options)
+
+
+@command("optimize study.toml -o out", "optimize study.toml -o out --restart")
+@click.argument("study", metavar="STUDY.toml", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    required=True,
+    help="Folder for the results, which is made.",
+)
+@click.option("--overwrite", is_flag=True, help="Use a folder that is not empty: what the last run wrote is replaced.")
+@click.option(
+    "--restart", is_flag=True, help="Go on from the best design recorded there, by a run that ended or was killed."
+)
+@click.option(
+    "--max-iterations", type=click.IntRange(min=1), metavar="N", help="Stop earlier than the study says, for a try."
+)
+@json_option
+def optimize(**options) -> None:
+    """Optimize a shape as a study says, which names grid, variables, flow, objective, constraints and driver.
+
+    FOLDER gets the fitted model, the grids before and after, all cases (SQLite), the table of variables and responses,
+    and the Python script optimize.py that is run: it gives the same optimum without this command.
+    """
+    from .optimize import optimize_study
+
+    optimize_study(**options)
+
+
+@command("improve wing.xyz --patches wing.toml -o better.xyz", "improve wing.h5 -o better.xyz")
+@grid_argument
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
+@patches_option
+@n_control_option
+@click.option(
+    "--reach",
+    type=click.FloatRange(0.0, 0.5, min_open=True, max_open=True),
+    default=0.4,
+    show_default=True,
+    metavar="R",
+    help="How far control points may go, by the distance to their nearest neighbours.",
+)
+@click.option(
+    "--height-tolerance",
+    type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
+    default=0.01,
+    show_default=True,
+    metavar="T",
+    help="By how much the heights of first cells at walls may change, relative to what they are.",
+)
+@click.option(
+    "--slide",
+    multiple=True,
+    metavar="PATCH",
+    help="Planar patch whose nodes slide in its plane, as symmetry planes do.",
+)
+@click.option(
+    "--iterations",
+    type=click.IntRange(min=1),
+    default=60,
+    show_default=True,
+    metavar="N",
+    help="Iterations in each of four rounds, at most.",
+)
+@units_option
+@json_option
+def improve(grid_name: str, output: Path, json: Path | None, **options) -> None:
+    """Raise the worst cells of a grid by moving interior control points; the surface stays.
+
+    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. The name of the output tells the
+    format: {written}.
+    The worst Q of no block falls and no cell is inverted; where that leaves nothing to gain, nothing is written.
+    """
+    from .improve import ImproveOptions
+    from .improve import improve as improve_file
+
+    improve_file(grid_name, output, json, ImproveOptions(**options))
+
+
+@command("quality wing_moved.xyz --baseline wing.h5")
+@grid_argument
+@click.option(
+    "--baseline",
+    metavar="GRID",
+    help="Grid or model before the move: compare the heights of the first cells at walls with it, and name cells that "
+    "are inverted now and were not.",
+)
+@patches_option
+@click.option(
+    "--bins",
+    type=click.IntRange(min=1),
+    default=50,
+    show_default=True,
+    metavar="N",
+    help="Bins of the distribution of Q between 0 and 1.",
+)
+@units_option
+@json_option
+def quality(**options) -> None:
+    """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells, first cells at walls.
+
+    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. Of a CGNS file of curved
+    hexahedra, as refine --degree writes it, Jacobians are measured.
+
+    {definitions}
+    """
+    from .quality import measure_quality
+
+    measure_quality(**options)
+
+
+@command("cad wing.h5 -o wing.step", "cad wing.h5 -o wing.igs --units mm --tolerance 1e-5")
+@click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    required=True,
+    help="File to write: .step or .stp, .iges or .igs.",
+)
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="T",
+    help="Largest distance (m) from walls with curved knots, which are refitted; 1e-6 of the size of the walls by "
+    "default.",
+)
+@click.option(
+    "--units",
+    type=click.Choice(("m", "mm", "in", "ft")),
+    default="m",
+    show_default=True,
+    help="Unit of length of the file.",
+)
+@click.option("--patch", multiple=True, metavar="PATCH", help="Patch to write, more than once; all walls by default.")
+@json_option
+def cad(**options) -> None:
+    """Write the walls of a model as B-spline surfaces for CAD, sewn along their edges, and read them back.
+
+    Sides of blocks with straight knots are exact; others are refitted to the tolerance, their edges exactly.
+    """
+    from .cad import write_cad_file
+
+    write_cad_file(**options)
+
+
+@command("seams wing.h5", "seams wing.h5 --deform bend=60deg@0.6 --patch 'wing*'")
+@click.argument("model_file", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.option(
+    "--deform",
+    multiple=True,
+    metavar="DEFORMATION",
+    help="As for move, more than once: measure after it, at seams that are smooth before.",
+)
+@click.option("--patch", multiple=True, metavar="PATCH", help="Patch to look at, more than once; all walls by default.")
+@click.option(
+    "--max-kink",
+    type=click.FloatRange(min=0.0, max=180.0),
+    default=5.0,
+    show_default=True,
+    metavar="DEG",
+    help="Largest kink at which a seam counts as smooth rather than as an edge.",
+)
+@click.option("--mirror", is_flag=True, help="Also where walls meet planes of symmetry, and their mirror images there.")
+@json_option
+def seams(**options) -> None:
+    """Measure how smooth the walls of a model are across the seams between its blocks, and at poles.
+
+    Kinks are angles between the tangent planes of both sides, curvatures those across the seam; at 21 places of each.
+    """
+    from .seams import measure_seams
+
+    measure_seams(**options)
+
+
+@command("report wing.h5 -o wing.html", "report case.sql --model wing.h5 -o optimum.html")
+@click.argument("source", metavar="MODEL.h5|CASE.sql", type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="PAGE.html", required=True, help="Page to write."
+)
+@click.option(
+    "--model",
+    type=click.Path(path_type=Path),
+    metavar="MODEL.h5",
+    help="The model that was optimised, for a case file that does not name it, or whose model was moved.",
+)
+@click.option("--title", metavar="TEXT", help="Heading of the page; the name of the source by default.")
+@click.option(
+    "--triangles",
+    type=click.IntRange(min=100),
+    default=40_000,
+    show_default=True,
+    metavar="N",
+    help="Triangles of the walls that are drawn of each shape, about.",
+)
+@json_option
+def report(**options) -> None:
+    """Write a report on a model or on a recorded optimisation: one HTML file that needs no network.
+
+    It shows the grid and its control mesh in space, quality, wall heights and sections; of a case file of OpenMDAO's
+    SqliteRecorder also histories, first-order optimality, variables with their bounds and the N2 diagram.
+    """
+    from .report import report_on
+
+    report_on(**options)

@@ -1,0 +1,61 @@
+"""The run that another one goes on from: where its cases are, and whether they are of the same problem."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...core.om.drivers.case_file import count_cases
+from ...core.om.drivers.case_history import read_history
+from ...errors import InputError
+from ...grids.io.run_folder import RESULTS, RunFolder, about_run
+from ..study.same_problem import check_same_problem
+from ..study.study import CASES, Study
+
+__all__ = ["earlier_cases", "killed_cases"]
+
+
+def earlier_cases(folder: RunFolder, study: Study) -> Path:
+    """Find the case file that a run goes on from: the last one with cases, of the results or of a run that was killed.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Folder of the results.
+    study : Study
+        The study.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If there is none, it cannot be read, or the study poses another problem than its run.
+    """
+    of_run = {folder.path / CASES: folder.path, **_killed(folder)}
+    files = sorted((file for file in of_run if file.is_file()), key=lambda file: file.stat().st_mtime, reverse=True)
+    for file in files:
+        if count_cases(file):
+            read_history(file)
+            about = about_run(of_run[file])
+            if about:  # not where the script was run by itself: its responses and variables are compared all the same
+                check_same_problem(study, about, str(folder.path))
+            return file
+    raise InputError(f"{folder.path}: has no recorded case to go on from; leave --restart out to begin")
+
+
+def killed_cases(folder: RunFolder) -> int:
+    """Number of cases of runs that were killed in a folder, as far as they can be read."""
+    found = 0
+    for file in _killed(folder):
+        try:
+            found = max(found, count_cases(file))
+        except InputError:
+            continue
+    return found
+
+
+def _killed(folder: RunFolder) -> dict[Path, Path]:
+    """Case files of runs that were killed, with their private folders."""
+    return {place / RESULTS / CASES: place for place in folder.left_behind()}

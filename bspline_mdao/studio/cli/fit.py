@@ -1,0 +1,244 @@
+"""The command ``fit``: a fit, its report and its numbers."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import Any
+
+from ...base.numerics.processes import on_first, world
+from ...base.text import counted
+from ...core.evaluation.spline_validity import certify_splines
+from ...core.fit.fitting import fit_blocks, fit_grid
+from ...core.model.fitted_blocks import FittedBlocks
+from ...core.model.fitted_model import FittedModel
+from ...core.model.records import CANDIDATES, Fallback, FitReport
+from ...errors import FitWarning, InputError
+from ...grids.cells.certificate import Certificate
+from ...grids.io.formats import MODEL
+from ...grids.topology.grid import Grid
+from ...grids.topology.stored_grid import StoredGrid
+from .output import (
+    MEANING_OF_INVALID,
+    certificate_numbers,
+    check_outputs,
+    counts_text,
+    print_lines,
+    print_table,
+    print_title,
+    print_warnings,
+    progress_bar,
+    show_certificate,
+    written_json,
+)
+from .sources import file_of, load_grid, stored_grid
+from .words import PROGRAM
+
+
+def fit_model(
+    grid_name: str,
+    output: Path,
+    json: Path | None = None,
+    *,
+    patches: Path | None = None,
+    n_control: dict[str | None, tuple[int, int, int]] | None = None,
+    order: int | None = None,
+    correct: int = 0,
+    method: str = "valid",
+    parametrization: str = "chord_length",
+    no_residual: bool = False,
+    no_wall_layer: bool = False,
+    no_certify: bool = False,
+    units: str | None = None,
+) -> None:
+    """Fit a grid, write the model and show how good it is.
+
+    Several processes read, fit and write whole blocks each.
+
+    Parameters
+    ----------
+    grid_name : str
+        File, or ``@`` and the name of a built-in grid.
+    output, json : Path
+        Model and numbers to write.
+    patches : Path, optional
+        Patches of the grid.
+    n_control : dict, optional
+        Control points per direction by number or name of a block; of all others for None.
+    order : int, optional
+        Order of the B-splines.
+    correct : int
+        Cycles of parameter correction.
+    method, parametrization : str
+        How control points and parameters are found, see `bspline_mdao.fit_grid`.
+    no_residual, no_wall_layer : bool
+        Do not keep the residual; do not let nodes near walls follow them.
+    no_certify : bool
+        Do not prove which elements of the splines are valid everywhere.
+    units : str, optional
+        Unit of lengths, where the file does not say it.
+
+    Raises
+    ------
+    InputError
+        If the grid cannot be used or a file cannot be written.
+    """
+    comm = world()
+    check_outputs([output, json], [file_of(grid_name), patches], comm)
+    if output.suffix != MODEL:
+        raise InputError(f"{output}: a fitted model is an HDF5 file; name it .h5")
+    options: dict[str, Any] = {
+        "n_control": n_control,
+        "order": order,
+        "corrections": correct,
+        "keep_residual": not no_residual,
+        "wall_layer": not no_wall_layer,
+        "method": method,
+        "parametrization": parametrization,
+    }
+    with progress_bar() as progress, warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)  # it is in the report
+        progress(0.0, "reading")
+        model: FittedModel | FittedBlocks
+        if comm.size == 1:
+            grid = load_grid(grid_name, patches, units=units)
+            _warn_of_patches(grid, grid_name)
+            model = fit_grid(grid, progress=progress, **options)
+        else:
+            stored = stored_grid(grid_name, patches, comm, units=units)
+            _warn_of_patches(stored, grid_name)
+            model = fit_blocks(stored, comm, progress=progress, **options)
+        certificate = None
+        if not no_certify:
+            progress(1.0, "validity")
+            certificate = on_first(comm, lambda: _certificate(model))
+    with written_json(json, fit_numbers(model, certificate), comm):
+        model.save(output)
+    show_fit(model, output, certificate)
+
+
+def _certificate(model: FittedModel | FittedBlocks) -> Certificate:
+    """What is proved about the splines."""
+    return Certificate((), certify_splines(model.mesh, model.control_points, model.topology.segment_names))
+
+
+def _warn_of_patches(grid: Grid | StoredGrid, grid_name: str) -> None:
+    """Say before the fit what will not be possible with its model, where no patch is a wall."""
+    if not grid.patches:
+        print_warnings(
+            [
+                f"{grid_name} has no patches: the model can be refined, but there is no design surface to move and no "
+                f"wall for flows, heights of first cells and measures of the surface. Write patches by '{PROGRAM} "
+                f"inspect {grid_name} --draft patches.toml', and fit with --patches patches.toml"
+            ]
+        )
+    elif all(patch.kind != "wall" for patch in grid.patches):
+        names = ", ".join(patch.name for patch in grid.patches)
+        print_warnings(
+            [
+                f"no patch of {grid_name} is a wall ({names}): 'move' will need --design PATCH, and flows and heights "
+                f"of first cells will find nothing; give the body the kind wall in a file for --patches"
+            ]
+        )
+
+
+def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate | None) -> dict:
+    """Collect the numbers of a fit for JSON."""
+    report, fallback = model.report, model.report.fallback
+    return {
+        "grid": model.header.source,
+        "n_nodes": report.n_nodes,
+        "n_control_points": report.n_control_points,
+        "rms": report.rms,
+        "relative_rms": report.relative_rms,
+        "max_error": report.max_error,
+        "blocks": [
+            {"name": block.name, "nodes": shape, "n_control": counts, "rms": block.rms, "max_error": block.max_error}
+            for block, shape, counts in zip(report.blocks, model.topology.shapes, _counts(model))
+        ],
+        "worst_node": vars(report.worst),
+        "worst_local": report.worst_local and vars(report.worst_local),
+        "worst_on_walls": report.worst_on_walls and vars(report.worst_on_walls),
+        "n_invalid_control_elements": report.n_invalid,
+        "invalid_control_elements": [vars(element) for element in report.invalid],
+        "certificate": certificate and certificate_numbers(certificate),
+        "method": model.settings.method,
+        "raised": report.raised and vars(report.raised),
+        "fallback": fallback and {**vars(fallback), "n_points": dict(zip(CANDIDATES, fallback.n_points))},
+        "factor_bytes": report.factor_bytes,
+        "seconds": report.seconds,
+        "warnings": report.warnings,
+    }
+
+
+def show_fit(model: FittedModel | FittedBlocks, output: Path, certificate: Certificate | None) -> None:
+    """Print the report of a fit and what was written."""
+    report = model.report
+    show_report(model)
+    if certificate is not None:
+        show_certificate(certificate)
+    print_lines([f"{output} written, {report.seconds:.2f} s"])
+    print_warnings(report.warnings)
+    if report.n_invalid:
+        print_lines([MEANING_OF_INVALID])
+
+
+def show_report(model: FittedModel | FittedBlocks) -> None:
+    """Print the errors and sizes of a fit."""
+    report, worst, unit = model.report, model.report.worst, model.header.length_unit
+    sizes = f"{counted(report.n_nodes, 'node')}, {counted(report.n_control_points, 'control point')}"
+    print_title(f"{model.header.source}: {sizes}")
+    rows = [
+        (number, counts_text(shape), " + ".join(map(counts_text, counts)), math.hypot(*block.rms), *block.max_error)
+        for number, (block, shape, counts) in enumerate(zip(report.blocks, model.topology.shapes, _counts(model)), 1)
+    ]
+    print_table(["block", "nodes", "control points", f"RMS ({unit})", "max x", "max y", "max z"], rows)
+    print_lines(
+        [
+            f"RMS error {report.rms:.3e} {unit}, which is {report.relative_rms:.2e} of the mean cell edge; "
+            f"largest in x, y, z: {', '.join(f'{error:.3e}' for error in report.max_error)} {unit}",
+            f"worst node: block {worst.block}, ({worst.i}, {worst.j}, {worst.k}), {worst.error:.3e} {unit}",
+            *_local_lines(report),
+        ]
+    )
+    if report.raised is not None:
+        print_lines(
+            [
+                f"control points were added along grid lines that were missed: {report.raised.n_control_points:,} of "
+                f"them would miss up to {report.raised.in_widths:.3g} widths of cells"
+            ]
+        )
+    if report.fallback is not None:
+        print_lines(_fallback_lines(report, report.fallback, unit))
+    if report.factor_bytes:
+        size = f"{report.factor_bytes / 1e9:.2g} GB"
+        print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
+
+
+def _local_lines(report: FitReport) -> list[str]:
+    """Say where the error is largest by the width of the cells."""
+    places = {"anywhere": report.worst_local, "on walls": report.worst_on_walls}
+    found = [f"{where} {error}" for where, error in places.items() if error]
+    return [f"largest by the width of the cells there: {'; '.join(found)}"] if found else []
+
+
+def _fallback_lines(report: FitReport, fallback: Fallback, unit: str) -> list[str]:
+    """Say what the control points are, and what least squares would be."""
+    counts = ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in zip(CANDIDATES, fallback.n_points) if n)
+    lines = [f"control points, by what most of each is: {counts}"]
+    if fallback.least_squares_rms is not None and fallback.least_squares_invalid is not None:
+        lines.append(
+            f"{fallback.n_moved:,} of {report.n_control_points:,} are not least squares alone, which leave "
+            f"{counted(fallback.least_squares_invalid, 'invalid element')}, RMS error "
+            f"{fallback.least_squares_rms:.3e} {unit}, largest {fallback.least_squares_max:.3e} {unit}"
+        )
+    return lines
+
+
+def _counts(model: FittedModel | FittedBlocks) -> list[list[tuple[int, int, int]]]:
+    """Control points per direction of the segments of each block."""
+    counts: list[list] = [[] for _ in model.topology.shapes]
+    for segment, volume in zip(model.topology.segments, model.mesh.volumes):
+        counts[segment.block].append(volume.n_control)
+    return counts

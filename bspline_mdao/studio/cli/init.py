@@ -1,0 +1,74 @@
+"""The command ``init``: the draft of a study of a grid."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ...core.mesh.boundary import wall_patches
+from ...core.model.fitted_model import FittedModel
+from ...errors import InputError
+from ...grids.io.disk import replaced_file
+from ...grids.io.formats import MODEL
+from ...grids.topology.detection import find_topology
+from ..study.draft import study_draft
+from .output import check_outputs, print_lines, progress_bar
+from .sources import file_of, load_grid
+
+
+def draft_study(grid_name: str, output: Path, patches: Path | None = None, overwrite: bool = False) -> None:
+    """Draft a study of a grid and say what to do next.
+
+    Parameters
+    ----------
+    grid_name : str
+        Grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid.
+    output : Path
+        Study to write.
+    patches : Path, optional
+        Declared patches.
+    overwrite : bool
+        Replace a file that is there.
+
+    Raises
+    ------
+    InputError
+        If the grid cannot be used, no patch is a wall, or there is a study already.
+    """
+    file = file_of(grid_name)
+    check_outputs([output], [file, patches])
+    if output.suffix != ".toml":
+        raise InputError(f"{output}: a study is a TOML file; name it .toml")
+    if output.exists() and not overwrite:
+        raise InputError(f"{output}: is there already; give --overwrite, or another name")
+    is_model = file is not None and Path(file).suffix == MODEL
+    if is_model and patches:
+        raise InputError(f"{patches}: a fitted model has its patches; leave --patches out")
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        model = FittedModel.load(file) if is_model and file else None
+        grid = model.regenerate() if model else load_grid(grid_name, patches)
+        progress(0.3, "topology")
+        topology = model.topology if model else find_topology(grid)
+        try:
+            wall_patches(topology)
+        except InputError:
+            raise InputError(
+                f"{grid_name}: no patch is a wall, so that there is nothing to design; draft patches by 'bspline-mdao "
+                f"inspect {grid_name} --draft patches.toml', check them, and give --patches patches.toml"
+            ) from None
+        progress(0.6, "drafting")
+        text = study_draft(_beside(file, output) or grid_name, _beside(patches, output), grid, topology)
+    with replaced_file(output) as part:
+        part.write_text(text, encoding="utf-8")
+    print_lines([text, f"{output} written; check it, and run 'bspline-mdao optimize {output} -o out'"])
+
+
+def _beside(file: str | Path | None, output: Path) -> str | None:
+    """Name a file as seen from the folder of the study."""
+    if file is None:
+        return None
+    try:
+        return Path(os.path.relpath(Path(file).resolve(), output.resolve().parent)).as_posix()
+    except ValueError:  # on another drive of Windows
+        return str(Path(file).resolve())

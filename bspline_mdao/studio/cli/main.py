@@ -1,0 +1,133 @@
+"""Entry point of the command line: runs a command and turns whatever stops it into an exit status and one line."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from io import TextIOWrapper
+
+import click
+
+from ...base.numerics.processes import from_first, n_launched, world
+from ...errors import InputError, MovementError
+from .commands import bspline_mdao
+from .lasting_stdout import drop_stdout
+from .termination import interrupt_when_terminated
+from .words import PROGRAM
+
+FAILED, INTERRUPTED = 2, 130
+
+SHARED = {"fit", "optimize", "quality"}
+"""Commands that know of several processes."""
+
+WITH_OPENMDAO = {"report"}
+"""Commands of the first process that import OpenMDAO. Its PETSc begins on all processes together, or breaks them."""
+
+EXPECTED = (click.ClickException, InputError, MovementError, OSError)
+"""What commands raise on all processes alike."""
+
+
+def main() -> None:
+    """Run the command of ``sys.argv`` and exit.
+
+    Raises
+    ------
+    SystemExit
+        With 0 when all went well; with 2 after one line on standard error that says what, where and what to do; with
+        130 when the user interrupted, or the process was terminated: that ends what one process does in the same way.
+    """
+    if n_launched() < 2:
+        interrupt_when_terminated()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # file names that the terminal cannot show
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run a command and return its exit status.
+
+    Several processes share the work of the commands in `SHARED`; others are done by the first one. It alone prints, and
+    all end with one status.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        The command and its arguments, without the name of the program.
+
+    Returns
+    -------
+    int
+        Exit status, see `main`.
+    """
+    try:
+        processes = world()
+    except ImportError as error:
+        _say(str(error))
+        return FAILED
+    if processes.size > 1 and not WITH_OPENMDAO.isdisjoint(arguments[:1]):
+        importlib.import_module("openmdao.api")
+    if processes.rank > 0 and SHARED.isdisjoint(arguments[:1]):
+        return from_first(processes, None)
+    if processes.rank > 0:
+        with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+            return from_first(processes, _run(arguments, processes))
+    return from_first(processes, _run(arguments, processes))
+
+
+def _run(arguments: Sequence[str], processes) -> int:
+    """Run a command on this process and return its exit status."""
+    try:
+        bspline_mdao.main(args=list(arguments), prog_name=PROGRAM, standalone_mode=False)
+        sys.stdout.flush()
+    except (KeyboardInterrupt, click.Abort) as error:
+        _say(str(error.__cause__ or error) or "interrupted; each output is complete or as it was before")
+        return INTERRUPTED
+    except BrokenPipeError:
+        drop_stdout()  # the reader of a pipe had seen enough
+    except Exception as error:
+        if os.environ.get("BSPLINE_MDAO_TRACEBACK"):
+            traceback.print_exc()
+        _say(describe(error))
+        if processes.size > 1 and not isinstance(error, EXPECTED):
+            print(f"{PROGRAM}: process {processes.rank}: {describe(error)}", file=sys.__stderr__, flush=True)
+            processes.Abort(FAILED)  # it may be alone with it, and the others would wait for ever
+        return FAILED
+    return 0
+
+
+def describe(error: Exception) -> str:
+    """Say in one line what is wrong, where and what to do."""
+    if isinstance(error, click.UsageError):
+        command = error.ctx.command_path if error.ctx else PROGRAM
+        return f"{error.format_message()} Try '{command} --help'."
+    if isinstance(error, click.ClickException):
+        return error.format_message()
+    if isinstance(error, InputError | MovementError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{error.filename or 'a file'}: {error.strerror or error}; check the file, its folder and the free space"
+    if _is_of_memory(error):
+        return "out of memory; use fewer control points (fit --n-control), or a smaller grid"
+    return (
+        f"unexpected {type(error).__name__}: {error}; please report it with what "
+        f"BSPLINE_MDAO_TRACEBACK=1 prints before this line"
+    )
+
+
+def _is_of_memory(error: BaseException | None) -> bool:
+    """Whether memory ran out, also where what reported it failed in turn: OpenMDAO does, of NumPy's errors."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _say(message: str) -> None:
+    """Print one line on standard error, whatever the message holds."""
+    print(f"{PROGRAM}: {' '.join(message.split())}", file=sys.stderr)

@@ -1,0 +1,165 @@
+"""Options that say what moves the control mesh, and movers, stiffness laws and solvers by the names they are given.
+
+The tables name classes by their places, and import those that are asked for: help shows the names, and should not wait
+for NumPy and numba.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING
+
+import click
+
+from ...errors import InputError
+
+if TYPE_CHECKING:
+    from ...core.mesh.moving_mesh import MovingMesh
+    from ...core.movement.mover import Mover
+
+MOVERS = {
+    "elasticity": "bspline_mdao.core.movement.elasticity.LinearElasticity",
+    "rotations": "bspline_mdao.core.movement.rotations.Rotations",
+    "springs": "bspline_mdao.core.movement.springs.LinealSprings",
+    "torsional": "bspline_mdao.core.movement.springs.TorsionalSprings",
+    "transfinite": "bspline_mdao.core.movement.transfinite.Transfinite",
+    "rbf": "bspline_mdao.core.movement.radial_basis.RadialBasis",
+    "idw": "bspline_mdao.core.movement.inverse_distance.InverseDistance",
+    "delaunay": "bspline_mdao.core.movement.delaunay.DelaunayGraph",
+    "held": "bspline_mdao.core.movement.fixed_interior.FixedInterior",
+}
+"""Place of the class of each mover by its name."""
+
+STIFFNESS = {
+    "orthogonality": "bspline_mdao.core.movement.young_modulus.OrthogonalityLaw",
+    "volume": "bspline_mdao.core.movement.young_modulus.InverseVolumeLaw",
+    "distance": "bspline_mdao.core.movement.young_modulus.WallDistanceLaw",
+    "constant": "bspline_mdao.core.movement.young_modulus.ConstantLaw",
+}
+"""Place of the class of each law of stiffness."""
+
+SOLVERS = {
+    "cholesky": "bspline_mdao.base.sparse.cholesky.Cholesky",
+    "cg": "bspline_mdao.base.sparse.conjugate_gradient.ConjugateGradients",
+    "multigrid": "bspline_mdao.base.sparse.petsc.PetscMultigrid",
+    "mumps": "bspline_mdao.base.sparse.petsc.PetscCholesky",
+}
+"""Place of the class of each solver."""
+
+
+MOVING = (
+    click.option(
+        "--mover",
+        default="rotations",
+        show_default=True,
+        metavar="NAME",
+        help=f"What carries the control mesh along: {', '.join(MOVERS)}.",
+    ),
+    click.option(
+        "--increments",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Increments: 5 by default with elasticity and springs, 1 with others but rotations, which take none.",
+    ),
+    click.option(
+        "--nu", type=float, metavar="NU", help="Poisson's ratio of elasticity, -1 < NU < 0.5; -0.2 by default."
+    ),
+    click.option(
+        "--stiffness",
+        metavar="NAME",
+        help=f"Stiffness of elasticity: {', '.join(STIFFNESS).replace(',', ' (default),', 1)}.",
+    ),
+    click.option(
+        "--solver",
+        metavar="NAME",
+        help=f"Solver of elasticity and springs: {', '.join(SOLVERS).replace(',', ' (default),', 1)}.",
+    ),
+    click.option(
+        "--comoving",
+        is_flag=True,
+        help="Let all that is fixed, such as the far field, go along with the rigid part of the surface's motion.",
+    ),
+    click.option("--design", multiple=True, metavar="PATCH", help="Patch that is deformed; all walls by default."),
+    click.option(
+        "--slide",
+        multiple=True,
+        metavar="PATCH",
+        help="Planar patch that slides in its plane, as symmetry planes do and any plane that the surface ends on.",
+    ),
+    click.option("--fix", "--pin", multiple=True, metavar="PATCH", help="Patch to hold where it is."),
+    click.option("--release", multiple=True, metavar="PATCH", help="Patch that moves freely with the grid."),
+)
+
+
+def moving_options(function: Callable) -> Callable:
+    """Add the options that say what moves the control mesh, and how its patches take part."""
+    for option in reversed(MOVING):
+        function = option(function)
+    return function
+
+
+@dataclass(frozen=True)
+class MoverOptions:
+    """Options of ``move`` that make the mover; None leaves a setting at the mover's own default.
+
+    Parameters
+    ----------
+    mover : str
+        Name out of `MOVERS`.
+    increments : int, optional
+        Increments of the move.
+    nu : float, optional
+        Poisson's ratio.
+    stiffness, solver : str, optional
+        Names out of `STIFFNESS` and `SOLVERS`.
+    comoving : bool
+        Whether outer boundaries go along with the rigid part of the surface's motion.
+    """
+
+    mover: str = "rotations"
+    increments: int | None = None
+    nu: float | None = None
+    stiffness: str | None = None
+    solver: str | None = None
+    comoving: bool = False
+
+    def make(self, mesh: MovingMesh) -> Mover:
+        """Make the mover of a mesh.
+
+        Raises
+        ------
+        InputError
+            If a name is not known, or the mover has no such setting.
+        """
+        kind = class_named(MOVERS, self.mover, "--mover")
+        accepted = {field.name for field in fields(kind)}
+        settings = {
+            "n_increments": ("--increments", self.increments),
+            "poisson_ratio": ("--nu", self.nu),
+            "stiffness": ("--stiffness", self.stiffness and class_named(STIFFNESS, self.stiffness, "--stiffness")()),
+            "solver": ("--solver", self.solver and class_named(SOLVERS, self.solver, "--solver")()),
+        }
+        chosen = {name: setting for name, setting in settings.items() if setting[1] is not None}
+        for name, (option, _) in chosen.items():
+            if name not in accepted:
+                raise InputError(
+                    f"{option}: the mover '{self.mover}' has no such setting; leave the option out, or take --mover "
+                    f"elasticity"
+                )
+        mover = kind(mesh, **{name: value for name, (_, value) in chosen.items()})
+        return resolve_name("bspline_mdao.core.movement.comoving.ComovingFrame")(mover) if self.comoving else mover
+
+
+def class_named(table: Mapping[str, str], name: str, option: str) -> type:
+    """Import the class that a name of a table stands for.
+
+    Raises
+    ------
+    InputError
+        If the table has no such name.
+    """
+    if name not in table:
+        raise InputError(f"{option} {name}: is not known; give one of {', '.join(table)}")
+    return resolve_name(table[name])

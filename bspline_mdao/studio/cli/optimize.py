@@ -1,0 +1,269 @@
+"""The command ``optimize``: a study is made a script, which is run, and told about."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import click
+import openmdao.api as om
+
+from ...base.extras import INSTALL, library
+from ...base.numerics.processes import on_first, world
+from ...core.model.fitted_model import FittedModel
+from ...core.om.drivers.case_file import count_cases
+from ...core.om.drivers.nlopt_driver import NLoptDriver
+from ...errors import InputError, MovementError
+from ...flow.om.induced_gain import InducedGain, induced_gains
+from ...grids.io.disk import deferred_interrupts
+from ...grids.io.files import open_grid
+from ...grids.io.run_folder import RunFolder
+from ...grids.topology.periodic_gap import periodic_gaps
+from ..report.design_summary import DesignSummary
+from ..study.same_problem import problem_of
+from ..study.script import SCRIPT, study_script
+from ..study.study import CASES, Study, read_study
+from .earlier_run import earlier_cases, killed_cases
+from .lasting_stdout import lasting_stdout
+from .output import check_outputs, print_lines, print_title, print_warnings, written_json
+
+STOPPED = (
+    "all bounds hold to a ten-thousandth, and this may be no optimum: see max_iterations and tolerance in [driver]"
+)
+"""What is said of a feasible design at which the driver did not converge."""
+
+REPORT_ADVICE = INSTALL.format(extra="report")
+
+
+def optimize_study(
+    study: Path,
+    output: Path,
+    json: Path | None = None,
+    overwrite: bool = False,
+    restart: bool = False,
+    max_iterations: int | None = None,
+) -> None:
+    """Run a study and show what came out.
+
+    Parameters
+    ----------
+    study : Path
+        The study.
+    output : Path
+        Folder for the results.
+    json : Path, optional
+        Numbers to write.
+    overwrite : bool
+        Use a folder that is not empty.
+    restart : bool
+        Go on from the best design that a run in the folder has recorded.
+    max_iterations : int, optional
+        Instead of what the study says.
+
+    Raises
+    ------
+    InputError
+        If the study cannot be used, the folder is not empty, or there is nothing to go on from.
+    click.ClickException
+        If the optimisation fails; what there is of it is kept.
+    KeyboardInterrupt
+        If the user interrupts; what there is is kept.
+    """
+    comm = world()
+    if comm.size > 1:
+        library("petsc4py", "a study on several processes needs petsc4py", "mpi")
+    if overwrite and restart:
+        raise InputError("--overwrite begins anew and --restart goes on; give one of them")
+    found = on_first(comm, lambda: read_study(study))
+    if max_iterations is not None:
+        found = replace(found, driver=found.driver | {"max_iterations": max_iterations})
+    found = replace(found, output=found.output | {"report": _is_reported(found)})
+    folder = RunFolder(output)
+    with lasting_stdout():
+        run = on_first(comm, lambda: _prepared(found, folder, json, overwrite, restart))
+        start = time.perf_counter()
+        problem, names = _run(run, folder, comm, f"{study}: {output / SCRIPT} runs")
+        numbers, seconds = _numbers(problem, names["before"], names["after"]), time.perf_counter() - start
+        numbers |= {"evaluations_before": run.n_earlier, "seconds": seconds}
+        numbers |= {"gains": {gain.name: _parts(gain) for gain in _gains(names)}}
+        with written_json(json, {"study": str(study), "folder": str(output), **numbers}, comm):
+            pass
+        print_warnings(on_first(comm, lambda: _gaps(names["model"], problem)))
+        print_warnings([gain.warning for gain in _gains(names) if gain.warning])
+        _tell(folder, problem, numbers, names["after"].infeasible)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A run that is about to begin: its script, the private folder that it writes to, and what it goes on from."""
+
+    script: str
+    private: Path
+    n_earlier: int
+
+    def words(self, comm: Any) -> str:
+        """What is said of it."""
+        start = f" from the best of {self.n_earlier} recorded designs" if self.n_earlier else ""
+        return start + (f" on {comm.size} processes" if comm.size > 1 else "")
+
+
+def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: bool, restart: bool) -> _Run:
+    """Look at all that could be in the way of a run, and make its private folder."""
+    names = [SCRIPT, *study.results]
+    if folder.path.exists() and not folder.path.is_dir():
+        raise InputError(f"{folder.path}: is a file; name a folder for the results")
+    check_outputs([*(folder.path / name for name in names), json], [study.source, *study.inputs.values()])
+    if not (folder.is_empty or overwrite or restart):
+        n_killed = killed_cases(folder)
+        advice = f"--restart to go on from {n_killed} cases of a run that was killed, " if n_killed else ""
+        raise InputError(f"{folder.path}: is not empty; give {advice}--overwrite, or another folder")
+    earlier = earlier_cases(folder, study) if restart else None
+    taken_over = CASES if earlier == folder.path / CASES else ""  # may be those of the script, run by itself
+    folder.check([name for name in (*names, *study.folders) if name != taken_over])
+    private = folder.begin(problem_of(study))
+    try:
+        is_plane = _is_plane(study)
+        (private / SCRIPT).write_text(study_script(study, folder.path, is_plane=is_plane), encoding="utf-8")
+        script = study_script(study, private, earlier and earlier.resolve(), is_plane)
+    except BaseException:
+        folder.discard()
+        raise
+    return _Run(script, private, count_cases(earlier) if earlier else 0)
+
+
+def _is_plane(study: Study) -> bool:
+    """Whether the grid of a study may be plane: its blocks are one node deep."""
+    if study.is_built_in or study.is_fitted:
+        return False
+    return all(1 in shape for shape in open_grid(study.source.parent / study.grid["file"]).shapes)
+
+
+def _gaps(model: FittedModel, problem: om.Problem) -> list[str]:
+    """Say which periodic faces have drifted apart in the design that was found."""
+    moved = model.regenerate(problem.get_val("control_points").reshape(-1, 3))
+    return [str(gap) for gap in periodic_gaps(model.topology, model.regenerate(), moved)]
+
+
+def _gains(names: dict[str, Any]) -> tuple[InducedGain, ...]:
+    """What was gained in induced drag, on the grid and on a finer one."""
+    return induced_gains(names["before"].estimates, names["after"].estimates)
+
+
+def _parts(gain: InducedGain) -> dict[str, float]:
+    """Numbers of a gain for JSON."""
+    return {"gain": gain.gain, "finer": gain.finer, "doubt": gain.doubt}
+
+
+def _is_reported(study: Study) -> bool:
+    """Whether a report is written: where the packages for it are there, unless the study says otherwise."""
+    missing = [name for name in ("plotly", "jinja2") if find_spec(name) is None]
+    if missing and study.output["report"]:
+        raise InputError(f"{study.source}: the report needs {missing[0]}; {REPORT_ADVICE}, or leave report out")
+    if missing and study.output["report"] is None:
+        print_lines([f"no report will be written: {REPORT_ADVICE} for one"])
+    return not missing if study.output["report"] is None else study.output["report"]
+
+
+def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Problem, dict[str, Any]]:
+    """Run a script, and swap its results in; return the problem, and all names that it gives."""
+    script, failure = run.private / SCRIPT, None
+    names: dict[str, Any] = {"__name__": "__main__", "__file__": str(script)}
+    try:
+        print_title(title + run.words(comm))
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: print_warnings([_as_seen(str(message), run, folder)])
+            # the script counts linear solves of the flow, where OpenMDAO counts variables
+            warnings.filterwarnings("ignore", "Inefficient choice of derivative mode")
+            exec(compile(run.script, str(script), "exec"), names)
+    except BaseException as error:
+        failure = error
+    if comm.size == 1 and "problem" in names:
+        names["problem"].cleanup()  # closes the file of cases
+    kept = _kept(run, folder) if comm.rank == 0 else ""
+    if failure is not None:
+        raise _said(failure, run, folder, kept) from None
+    return names["problem"], names
+
+
+def _kept(run: _Run, folder: RunFolder) -> str:
+    """Swap the results of a run in, and name them; nothing where it ended before it had anything to replace others."""
+    with deferred_interrupts():
+        has_cases = count_cases(run.private / CASES) > run.n_earlier
+        has_more = any(path.name not in (SCRIPT, CASES) for path in run.private.iterdir())
+        is_first = not (run.n_earlier or folder.names or folder.left_behind())
+        if has_cases or (has_more and is_first):
+            try:
+                folder.keep()
+            except (InputError, OSError) as error:
+                raise InputError(f"{error}; results stay in {run.private}, and --restart goes on from them") from error
+            return f"{folder.path} keeps {_listed(folder)}"
+        folder.discard()
+    return ""
+
+
+def _said(failure: BaseException, run: _Run, folder: RunFolder, kept: str) -> BaseException:
+    """What is said of a run that failed: where things are now, and what there is of it."""
+    words = "; ".join(part for part in (_as_seen(str(failure), run, folder), kept) if part)
+    if isinstance(failure, KeyboardInterrupt):
+        return KeyboardInterrupt(f"interrupted; {kept or f'{folder.path} is as it was'}")
+    if isinstance(failure, om.AnalysisError):
+        return click.ClickException(words)
+    if isinstance(failure, InputError | MovementError):
+        return type(failure)(words)
+    return failure
+
+
+def _as_seen(words: str, run: _Run, folder: RunFolder) -> str:
+    """Words with paths as they are once the results are in their places."""
+    inputs, results = f"{run.private}/../../", str(run.private)
+    return " ".join(words.replace(inputs, f"{folder.path.absolute()}/").replace(results, str(folder.path)).split())
+
+
+def _listed(folder: RunFolder) -> str:
+    """Name the results that there are, but for files in folders."""
+    return ", ".join(name for name in folder.names if "/" not in name)
+
+
+def _numbers(problem: om.Problem, before: DesignSummary, after: DesignSummary) -> dict[str, Any]:
+    """Collect the numbers of a run for JSON."""
+    result = problem.driver.result
+    return {
+        "optimizer": problem.driver.options["optimizer"],
+        "success": bool(result.success),
+        "status": _status(problem),
+        "was_feasible": not before.infeasible,
+        "is_feasible": not after.infeasible,
+        "evaluations": result.model_evals,
+        "gradients": result.deriv_evals,
+        "before": before.numbers(),
+        "after": after.numbers(),
+    }
+
+
+def _status(problem: om.Problem) -> str:
+    """How the run ended, in words."""
+    driver = problem.driver
+    if isinstance(driver, NLoptDriver):
+        return driver.get_exit_status()
+    return f"{driver.options['optimizer']} {'converged' if driver.result.success else 'did not converge'}"
+
+
+def _tell(folder: RunFolder, problem: om.Problem, numbers: dict[str, Any], infeasible: str) -> None:
+    """Say how it ended and what was written; raise where it failed."""
+    driver = problem.driver
+    counts = f"{numbers['evaluations']} evaluations, {numbers['gradients']} gradients"
+    if driver.is_interrupted:
+        raise KeyboardInterrupt(f"interrupted after {counts}; {folder.path} keeps the best design so far")
+    if infeasible:
+        raise click.ClickException(
+            f"{folder.path}: no design that satisfies all constraints was found ({numbers['status']}); the best is "
+            f"{infeasible}. The results are kept; give wider bounds, other constraints or more iterations"
+        )
+    if not numbers["success"]:
+        print_warnings([f"{numbers['status']}; {STOPPED}"])
+    print_lines([f"{numbers['status']}; {counts}"] if numbers["success"] else [])
+    print_lines([f"{folder.path}: {_listed(folder)}"])

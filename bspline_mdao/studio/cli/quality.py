@@ -1,0 +1,268 @@
+"""The command ``quality``: the cells of a grid, and what a move made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from h5py import is_hdf5
+
+from ...base.numerics.processes import on_first, together, world
+from ...base.text import counted
+from ...core.model.fitted_model import FittedModel
+from ...core.model.model_share import ModelShare
+from ...errors import InputError
+from ...grids.cells.certificate import Certificate, certify_cells
+from ...grids.cells.curved_grid import CurvedGrid
+from ...grids.cells.grid_quality import GridQuality
+from ...grids.cells.pieces import Pieces
+from ...grids.cells.report import InvertedCell, QualityReport, WorstCell, inverted_cells, report_quality
+from ...grids.io.cgns_elements import read_cgns_elements
+from ...grids.io.formats import MODEL
+from ...grids.io.patches import merge_patches, read_patches
+from ...grids.topology.detection import find_topology
+from ...grids.topology.grid import Grid
+from ...grids.topology.partition import Partition
+from ...grids.topology.stored_grid import StoredBlock, StoredGrid
+from .curved import measure_curved
+from .output import (
+    certificate_numbers,
+    check_outputs,
+    counts_text,
+    height_numbers,
+    height_warnings,
+    print_lines,
+    print_table,
+    print_title,
+    print_warnings,
+    progress_bar,
+    show_certificate,
+    show_height_ratios,
+    show_heights,
+    written_json,
+)
+from .sources import file_of, load_grid, stored_grid
+
+MOST_WORST = 5
+"""Cells with the smallest corners that are printed."""
+
+MOST_SHOWN = 10
+"""Inverted cells that are printed."""
+
+
+def measure_quality(
+    grid_name: str,
+    bins: int,
+    json: Path | None,
+    patches: Path | None = None,
+    baseline: str | None = None,
+    units: str | None = None,
+) -> None:
+    """Measure the cells of a grid and show what they are like.
+
+    Several processes read and measure a part each.
+
+    Parameters
+    ----------
+    grid_name : str
+        Grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid; or CGNS of curved hexahedra, of
+        which Jacobians are measured.
+    bins : int
+        Bins of the distribution of Q.
+    json : Path, optional
+        Numbers to write.
+    patches : Path, optional
+        Declared patches.
+    baseline : str, optional
+        The grid before it was moved, as ``grid_name``: decides which cells are inverted now and were not, and what the
+        heights at walls are compared with.
+    units : str, optional
+        Unit of lengths, where the file does not say it.
+
+    Raises
+    ------
+    InputError
+        If a grid cannot be used, the two have other blocks, or a file cannot be written.
+    """
+    comm = world()
+    check_outputs([json], [file_of(grid_name), patches, baseline and file_of(baseline)], comm)
+    curved = on_first(comm, lambda: _curved_of(grid_name))
+    if curved is not None:
+        if patches or baseline:
+            raise InputError(
+                f"{grid_name}: is of curved hexahedra, which are measured by themselves; leave out "
+                f"{'--patches' if patches else '--baseline'}"
+            )
+        measure_curved(grid_name, curved, json, comm)
+        return
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        grid = _read(grid_name, patches, comm, units)
+        before = grid if baseline is None else _baseline_of(baseline, grid, grid_name, comm)
+        progress(0.5, "cells")
+        quality = GridQuality.of_pieces(before.pieces, before.nodes)
+        report = report_quality(quality, grid.nodes, bins)
+        certificate = Certificate(certify_cells(quality, grid.nodes))
+        newly = () if baseline is None else inverted_cells(quality, quality.cells(grid.nodes), newly=True)
+    with written_json(json, _numbers(grid_name, baseline, report, certificate, newly), comm):
+        pass
+    _show(grid_name, baseline, report, certificate, newly, grid.header.length_unit)
+    print_warnings(grid.warnings)
+    if baseline is not None:
+        print_warnings(height_warnings(report.heights))
+
+
+def _curved_of(grid_name: str) -> CurvedGrid | None:
+    """Curved hexahedra of a CGNS file; None where a grid is something else."""
+    file = file_of(grid_name)
+    if file is None or Path(file).suffix == MODEL or not Path(file).is_file() or not is_hdf5(file):
+        return None
+    return read_cgns_elements(file)
+
+
+class _Read(NamedTuple):
+    """What a process has read of a grid: all but nodes, those of its pieces, and what is wrong with it."""
+
+    header: Any
+    partition: Partition
+    nodes: np.ndarray
+    warnings: tuple[str, ...]
+    comm: Any
+
+    @property
+    def pieces(self) -> Pieces:
+        header = self.header
+        names = tuple(block.name for block in header.blocks)
+        return Pieces(self.partition, names, header.patches, header.source, self.comm)
+
+
+def _read(grid_name: str, patches: Path | None, comm: Any, units: str | None = None) -> _Read:
+    """The grid of a file, or the one that a fitted model regenerates."""
+    is_model = Path(grid_name).suffix == MODEL
+    if is_model and units:
+        raise InputError(f"{grid_name}: a model has the unit that it was fitted with; leave out --units")
+    if comm.size > 1:
+        if is_model:
+            return _model_in_parts(grid_name, patches, comm)
+        return _grid_in_parts(grid_name, patches, comm, units)
+    if is_model:
+        model = FittedModel.load(grid_name)
+        grid, topology = model.regenerate(), model.topology
+        grid = read_patches(patches, grid) if patches else grid
+    else:
+        grid = load_grid(grid_name, patches, is_lifted=patches is not None, units=units)
+        topology = find_topology(grid)
+    return _Read(grid, Pieces.of_grid(grid).partition, grid.to_vector().reshape(-1, 3), topology.warnings, comm)
+
+
+def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
+    """What a fitted model regenerates of the pieces of this process."""
+    share = ModelShare.load(file, comm)
+    header, shapes = share.header, share.topology.shapes
+
+    def no_nodes(window):
+        raise InputError(f"{patches}: its connections need the nodes of a grid; give patches as TOML, or one process")
+
+    blocks = (StoredBlock(shape, name, no_nodes) for shape, name in zip(shapes, header.names))
+    grid = StoredGrid(tuple(blocks), header.patches, header.source, unit=header.unit)
+    with together(comm):
+        grid, nodes = read_patches(patches, grid) if patches else grid, share.regenerate()
+    return _Read(grid, Partition.of(share.topology, comm.size), nodes, share.topology.warnings, comm)
+
+
+def _grid_in_parts(grid_name: str, patches: Path | None, comm: Any, units: str | None) -> _Read:
+    """The nodes of the pieces of this process; the first one sees all of them once, to find what joins them."""
+    grid = stored_grid(grid_name, patches, comm, is_lifted=patches is not None, units=units)
+    topology = on_first(comm, lambda: find_topology(grid.grid()))
+    partition = Partition.of(topology, comm.size)
+    with together(comm):
+        parts = [grid.read(piece).nodes.reshape(-1, 3) for piece in partition.pieces[comm.rank]]
+    return _Read(grid, partition, np.concatenate([np.zeros((0, 3)), *parts]), topology.warnings, comm)
+
+
+def _baseline_of(name: str, moved: _Read, grid_name: str, comm: Any) -> _Read:
+    """The grid before it was moved, with the patches of both."""
+    baseline = _read(name, None, comm)
+    grid, header = moved.header, baseline.header
+    if header.shapes != grid.shapes:
+        raise InputError(
+            f"{grid_name}: its blocks have {_shapes_text(grid)} nodes, those of the baseline {name} "
+            f"{_shapes_text(header)}; give the grid that was moved"
+        )
+    return baseline._replace(header=merge_patches(header, grid.patches, grid_name))
+
+
+def _shapes_text(grid: Grid | StoredGrid) -> str:
+    """Write the nodes of the first blocks."""
+    shapes = [counts_text(shape) for shape in grid.shapes]
+    return ", ".join(shapes[:3]) + (", ..." if len(shapes) > 3 else "")
+
+
+def _numbers(
+    grid_name: str,
+    baseline_name: str | None,
+    report: QualityReport,
+    certificate: Certificate,
+    newly: Sequence[InvertedCell],
+) -> dict:
+    """Collect the numbers of the cells for JSON; cell numbers are from 1."""
+    is_compared = baseline_name is not None
+    return {
+        "grid": grid_name,
+        "baseline": baseline_name,
+        "heights": height_numbers(report.heights, is_compared=is_compared),
+        "newly_inverted": [vars(cell) for cell in newly] if is_compared else None,
+        "n_cells": report.n_cells,
+        "q_min": report.q_min,
+        "q_mean": report.q_mean,
+        "n_inverted": report.n_inverted,
+        "min_corner": report.min_corner,
+        "min_jacobian": report.min_jacobian,
+        "min_volume": report.min_volume,
+        "inverted": [vars(cell) for cell in report.inverted],
+        "certificate": certificate_numbers(certificate),
+        "worst": [vars(cell) for cell in report.worst],
+        "histogram": {
+            "edges": report.histogram.edges.tolist(),
+            "density": report.histogram.density.tolist(),
+            "n_negative": report.histogram.n_negative,
+        },
+    }
+
+
+def _worst_text(cell: WorstCell, unit: str) -> str:
+    """Write what a cell is like and where it is."""
+    place = ", ".join(f"{x:.4g}" for x in cell.place)
+    patch = f", at {cell.patch}" if cell.patch else ""
+    return f"{cell}: corner {cell.corner:.3g}, Q {cell.q:.3g}, around ({place}) {unit}{patch}"
+
+
+def _show(
+    grid_name: str,
+    baseline_name: str | None,
+    report: QualityReport,
+    certificate: Certificate,
+    newly: Sequence[InvertedCell],
+    unit: str,
+) -> None:
+    """Print the measures of the cells, the first cells at walls, and inverted cells."""
+    print_title(f"{grid_name}: {counted(report.n_cells, 'cell')}")
+    rows = [
+        ("smallest Q", f"{report.q_min:.4g}"),
+        ("mean Q", f"{report.q_mean:.4g}"),
+        ("smallest corner triple product", f"{report.min_corner:.4g}"),
+        ("smallest corner Jacobian", f"{report.min_jacobian:.4g}"),
+        ("smallest volume", f"{report.min_volume:.4g}"),
+        ("inverted cells", f"{report.n_inverted:,}"),
+    ]
+    print_table(["measure", "value"], rows)
+    show_certificate(certificate)
+    print_lines(["cells with the smallest corners:"])
+    print_lines([f"  {_worst_text(cell, unit)}" for cell in report.worst[:MOST_WORST]])
+    show_heights(report.heights, unit)
+    if baseline_name is not None:
+        show_height_ratios(report.heights)
+    print_lines([f"{cell} was valid on the baseline" for cell in newly[:MOST_SHOWN]], style="yellow")
+    print_lines([f"{cell} has corner triple product {cell.corner:.2g}" for cell in report.inverted[:MOST_SHOWN]])

@@ -1,0 +1,322 @@
+"""The command ``ride``: a mesh that was not fitted moves with the control mesh of a model."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...base.text import counted
+from ...core.design.deformation import Deformation
+from ...core.design.named_deformations import PrescribedPoints, read_points
+from ...core.mesh.boundary import boundary_points, moving_mesh, wall_patches
+from ...core.mesh.surface import SurfaceGrid
+from ...core.model.fitted_model import FittedModel
+from ...core.riding.riding_mesh import RiddenMesh, RidingMesh
+from ...core.riding.section_span import section_span
+from ...core.riding.wall_faces import GridBoundary
+from ...errors import InputError, MovementError
+from ...grids.cells.mixed_cells import CellQuality
+from ...grids.cells.wall_heights import KEPT
+from ...grids.io.meshes.files import check_same_format, read_mesh
+from ...grids.topology.grid import MAX_COORDINATE
+from ...grids.topology.periodic_gap import PeriodicGap, periodic_gaps
+from ...names import CONTROL_POINTS
+from .cures import Trial, try_cures, verdict
+from .move import MoveOptions, gap_numbers, moved_control_mesh
+from .movers import MoverOptions
+from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
+
+CASES = ".sql"
+"""Suffix of case files of OpenMDAO."""
+
+
+@dataclass(frozen=True)
+class RideOptions:
+    """Options of the command ``ride``.
+
+    Parameters
+    ----------
+    deform : tuple of str
+        Deformations of the design surface, one after the other.
+    to : Path, optional
+        Control points to follow instead.
+    wall : tuple of str
+        Markers of the mesh that are walls; those on walls of the grid where there is none.
+    tolerance : float, optional
+        Distance up to which nodes may be outside the grid (m).
+    hold_outside : bool
+        Hold nodes that are farther outside.
+    design, slide, fix, release : tuple of str
+        As those of ``move``.
+    allow_invalid : bool
+        Write a mesh with inverted cells all the same.
+    mover : MoverOptions
+        How to move.
+    """
+
+    deform: tuple[str, ...] = ()
+    to: Path | None = None
+    wall: tuple[str, ...] = ()
+    tolerance: float | None = None
+    hold_outside: bool = False
+    design: tuple[str, ...] = ()
+    slide: tuple[str, ...] = ()
+    fix: tuple[str, ...] = ()
+    release: tuple[str, ...] = ()
+    allow_invalid: bool = False
+    mover: MoverOptions = field(default_factory=MoverOptions)
+
+
+@dataclass(frozen=True, eq=False)
+class _Ridden:
+    """A mesh that was moved, its cells before and after, and the heights at its walls relative to those before."""
+
+    mesh: RiddenMesh
+    before: CellQuality
+    after: CellQuality
+    ratios: np.ndarray
+    gaps: tuple[PeriodicGap, ...]
+    seconds: float
+
+    @property
+    def newly_inverted(self) -> np.ndarray:
+        """Numbers of the cells that are inverted now and were not."""
+        return np.flatnonzero(self.after.is_inverted & ~self.before.is_inverted)
+
+
+def ride_along(model_file: Path, mesh_file: Path, output: Path, json: Path | None, options: RideOptions) -> None:
+    """Move the control mesh of a model, take a mesh along and write it.
+
+    Parameters
+    ----------
+    model_file, mesh_file : Path
+        Fitted model, and the mesh.
+    output, json : Path
+        Mesh and numbers to write.
+    options : RideOptions
+        What to move where, and how.
+
+    Raises
+    ------
+    InputError
+        If a file, a deformation or a patch cannot be used, or nodes of the mesh are outside the grid.
+    MovementError
+        If the move cannot be done, or inverts cells of the mesh; nothing is written then.
+    """
+    check_outputs([output, json], [model_file, mesh_file, options.to, *filter(os.path.isfile, options.deform)])
+    check_same_format(mesh_file, output)
+    if bool(options.deform) == (options.to is not None):
+        raise InputError("ride: nothing says where to; give --deform or --to, one of them")
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        model = FittedModel.load(model_file)
+        file = read_mesh(mesh_file, section_span(model))
+        start = time.process_time()
+        progress(0.1, "looking for the nodes in the volumes")
+        riding = RidingMesh.of(model, file.mesh, options.wall, options.tolerance, options.hold_outside)
+        progress(0.6, "moving")
+        found = _measured(model, *_state(model, model_file, riding, options), start)
+        if len(found.newly_inverted) and not options.allow_invalid:
+            trials = _trials(model, model_file, riding, options) if options.to is None else []
+            raise MovementError(_complaint(found, trials))
+        progress(0.9, "writing")
+        with written_json(json, ride_numbers(model_file, mesh_file, output, found, options)):
+            file.write(output, found.mesh.points)
+    show_ride(output, found, model.header.length_unit)
+    print_warnings(_warnings(found))
+
+
+def _state(
+    model: FittedModel, model_file: Path, riding: RidingMesh, options: RideOptions
+) -> tuple[RiddenMesh, np.ndarray]:
+    """Move the mesh; return the control points as well."""
+    if options.to is not None:
+        points = _known_points(options.to, model)
+        return riding.at(points), points
+    chosen = {name: getattr(options, name) for name in ("deform", "design", "slide", "fix", "release", "mover")}
+    _, deformation, _, movement = moved_control_mesh(model, model_file, MoveOptions(**chosen))
+    state = riding.at(movement.points)
+    if riding.walls is None or any(isinstance(part, PrescribedPoints) for part in deformation.maps):
+        return state, movement.points
+    asked = _asked(model, riding, state.points, deformation, options.design)
+    return riding.at(movement.points, asked), movement.points
+
+
+def _known_points(path: Path, model: FittedModel) -> np.ndarray:
+    """Control points out of a file."""
+    if path.suffix.lower() != CASES:
+        return read_points(path, model.mesh.n_control_points)
+    from ...core.om.drivers.case_history import read_history
+
+    history = read_history(path)
+    names = sorted((name for name in history.outputs if name.rpartition(".")[2] == CONTROL_POINTS), key=len)
+    if not names:
+        raise InputError(
+            f"{path}: no control points are recorded; add '*{CONTROL_POINTS}' to what the driver records "
+            f"(recording_options['includes']) and run again"
+        )
+    cases = history.outputs[names[0]]
+    points = cases[history.best if history.best in cases else max(cases)]
+    if points.size != model.control_points.size:
+        raise InputError(
+            f"{path}: has {points.size // 3:,} control points and the model {model.mesh.n_control_points:,}; give the "
+            f"model that was optimised"
+        )
+    if not (np.abs(points) <= MAX_COORDINATE).all():
+        raise InputError(f"{path}: {names[0]} of its best case are no coordinates; the file may be damaged")
+    return points.reshape(-1, 3)
+
+
+def _asked(
+    model: FittedModel, riding: RidingMesh, points: np.ndarray, deformation: Deformation, design: tuple[str, ...]
+) -> np.ndarray:
+    """Where nodes of walls are to be: those of the design surface where the deformation puts them."""
+    walls = riding.walls
+    assert walls is not None
+    wall, surface = points[walls.rows], SurfaceGrid.of(model, design or None)
+    is_design = np.ones(len(wall), dtype=bool)
+    if set(surface.patches) != set(wall_patches(model.topology)):
+        is_design = GridBoundary.of(model).on_patches(walls.initial, set(surface.patches))
+    numbers = np.cumsum(is_design) - 1
+    planes = []
+    for ids, normal in walls.planes:
+        on_wall = np.flatnonzero(np.isin(walls.rows, ids))
+        planes.append((numbers[on_wall[is_design[on_wall]]], normal))
+    wall[is_design] = deformation.apply_to_nodes(walls.initial[is_design], planes)
+    return wall
+
+
+def _measured(model: FittedModel, state: RiddenMesh, points: np.ndarray, start: float) -> _Ridden:
+    """Measure the cells, the heights at walls, and gaps between periodic faces of the grid."""
+    mesh, walls = state.of.mesh, state.of.walls
+    ratios = np.zeros(0) if walls is None else walls.heights(state.points) / walls.heights(mesh.points)
+    seconds = time.process_time() - start
+    gaps = periodic_gaps(model.topology, model.regenerate(), model.regenerate(points))
+    return _Ridden(state, mesh.quality(), mesh.quality(state.points), ratios, gaps, seconds)
+
+
+def _quantiles(ratios: np.ndarray) -> dict[str, float]:
+    """Quantiles of the heights relative to those before."""
+    levels = {"min": 0.0, "p01": 0.01, "median": 0.5, "p99": 0.99, "max": 1.0}
+    return {name: float(np.quantile(ratios, level)) for name, level in levels.items()} if len(ratios) else {}
+
+
+def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _Ridden, options: RideOptions) -> dict:
+    """Collect the numbers of a ride for JSON."""
+    of, n_nodes = found.mesh.of, _stored_counts(found.mesh.of)
+    return {
+        "model": str(model_file),
+        "from": str(mesh_file),
+        "mesh": str(output),
+        "deform": options.deform,
+        "to": None if options.to is None else str(options.to),
+        "n_nodes": of.mesh.n_stored,
+        "n_cells": of.mesh.n_cells,
+        "n_held": n_nodes.held,
+        "farthest_outside": float(np.delete(of.distances, of.held).max(initial=0.0)),
+        "walls": () if of.walls is None else of.walls.faces.names,
+        "n_wall_nodes": n_nodes.walls,
+        "largest_displacement": float(np.linalg.norm(found.mesh.points - of.mesh.points, axis=1).max(initial=0.0)),
+        "min_volume": {"before": _least(found.before), "after": _least(found.after)},
+        "n_inverted": {"before": int(found.before.is_inverted.sum()), "after": int(found.after.is_inverted.sum())},
+        "newly_inverted": found.newly_inverted[:100].tolist(),
+        "heights": _quantiles(found.ratios),
+        "periodic_gaps": [gap_numbers(gap) for gap in found.gaps],
+        "seconds": found.seconds,
+    }
+
+
+class _StoredCounts(NamedTuple):
+    """Numbers of nodes of the file, each once where the mesh has copies of it."""
+
+    held: int
+    walls: int
+    followers: int
+
+
+def _stored_counts(of: RidingMesh) -> _StoredCounts:
+    """Count nodes of the file that are held, on walls, and follow these."""
+    none = np.zeros(0, dtype=np.int64)
+    walls = none if of.walls is None else of.walls.rows
+    followers = none if of.walls is None else np.concatenate([none, *(piece.rows for piece in of.walls.layer.pieces)])
+    return _StoredCounts(*(len(of.mesh.stored_ids(ids)) for ids in (of.held, walls, followers)))
+
+
+def _least(quality: CellQuality) -> float:
+    """Smallest volume (m^3)."""
+    return float(quality.volumes.min(initial=np.inf))
+
+
+def show_ride(output: Path, found: _Ridden, unit: str) -> None:
+    """Print the report of a ride."""
+    of, n_nodes = found.mesh.of, _stored_counts(found.mesh.of)
+    in_plane = " of two dimensions" if of.mesh.n_copies > 1 else ""
+    print_title(f"{of.mesh.source}: {counted(of.mesh.n_stored, 'node')}, {counted(of.mesh.n_cells, 'cell')}{in_plane}")
+    moved = np.linalg.norm(found.mesh.points - of.mesh.points, axis=1).max(initial=0.0)
+    lines = [f"nodes moved by up to {moved:.3g} {unit}"]
+    if of.walls is not None:
+        names = ", ".join(of.walls.faces.names)
+        lines.append(f"walls: {names}, {counted(n_nodes.walls, 'node')}, {n_nodes.followers:,} follow them")
+    farthest = float(np.delete(of.distances, of.held).max(initial=0.0))
+    held = f"; {counted(n_nodes.held, 'node')} held" if n_nodes.held else ""
+    lines.append(f"farthest outside the fitted grid: {farthest:.2g} {unit}{held}")
+    print_lines(lines)
+    rows = [
+        (f"smallest volume ({unit}^3)", _least(found.before), _least(found.after)),
+        ("inverted cells", int(found.before.is_inverted.sum()), int(found.after.is_inverted.sum())),
+    ]
+    print_table(["cells of the mesh", "before", "after"], rows)
+    if len(found.ratios):
+        print_lines(["heights of the first nodes at walls, by those before:"])
+        quantiles = _quantiles(found.ratios)
+        print_table(["min", "1 %", "median", "99 %", "max"], [tuple(f"{x:.3f}" for x in quantiles.values())])
+    print_lines([f"{output} written, {found.seconds:.2f} s"])
+
+
+def _trials(model: FittedModel, model_file: Path, riding: RidingMesh, options: RideOptions) -> list[Trial]:
+    """Try what may cure a move, letting go of the patches that the design surface ends on first."""
+
+    def n_inverted(other: RideOptions) -> int:
+        state, _ = _state(model, model_file, riding, other)
+        return int((riding.mesh.quality(state.points).is_inverted & ~before).sum())
+
+    before = riding.mesh.quality().is_inverted
+    mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
+    parts = boundary_points(model.topology, mesh.blocks)
+    beside = {face.patch: None for face, ids in parts if face.patch and (mesh.surface_rows[ids] >= 0).any()}
+    return try_cures(options, model.topology, mesh, list(beside), n_inverted)
+
+
+def _complaint(found: _Ridden, trials: Sequence[Trial]) -> str:
+    """Say which cells are inverted, and what cures it."""
+    new = found.newly_inverted
+    worst = new[np.argmin(found.after.volumes[new])]
+    return (
+        f"the move inverts {counted(len(new), 'cell')} of the mesh, the worst is number {worst + 1}, of volume "
+        f"{found.after.volumes[worst]:.3g} m^3; nothing was written; {verdict(trials)}, or --allow-invalid to see it"
+    )
+
+
+def _warnings(found: _Ridden) -> list[str]:
+    """List what is wrong with a mesh that was written."""
+    of, warnings = found.mesh.of, []
+    if of.walls is None:
+        warnings.append(
+            "no boundary of the mesh lies on a wall of the fitted grid, so that no node follows a wall; name its walls "
+            "by --wall if it has any"
+        )
+    if len(found.newly_inverted):
+        warnings.append(f"{counted(len(found.newly_inverted), 'newly inverted cell')}")
+    quantiles = _quantiles(found.ratios)
+    if quantiles and not KEPT[0] <= quantiles["p01"] <= quantiles["p99"] <= KEPT[1]:
+        warnings.append(
+            f"the first nodes at walls are {quantiles['p01']:.3g} to {quantiles['p99']:.3g} times as high as before "
+            f"(1 % to 99 %), and so is y+"
+        )
+    return warnings + [str(gap) for gap in found.gaps]

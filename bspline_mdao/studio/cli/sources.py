@@ -1,0 +1,94 @@
+"""The grid of a command: from a file, or a built-in one by its name.
+
+What reads and makes grids is imported when it is called: help shows the names, and should not wait for NumPy.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
+
+from ...core.generators.built_in import generator_of
+
+if TYPE_CHECKING:
+    from ...grids.topology.grid import Grid
+    from ...grids.topology.stored_grid import StoredGrid
+
+
+def file_of(grid_name: str) -> str | None:
+    """Return the name of the file that a grid is read from; None for a built-in grid."""
+    return None if grid_name.startswith("@") else grid_name
+
+
+def load_grid(grid_name: str, patches: Path | None = None, is_lifted: bool = True, units: str | None = None) -> Grid:
+    """Read or generate a grid, and declare its patches.
+
+    Parameters
+    ----------
+    grid_name : str
+        File; or a built-in grid as ``@NAME``, or ``@NAME:IxJxK`` with the nodes per block.
+    patches : Path, optional
+        TOML or NMF file.
+    is_lifted : bool
+        Make a plane grid one cell deep.
+    units : str, optional
+        Unit of its lengths, where its file does not say it.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    InputError
+        If there is no such grid or a file cannot be used.
+    """
+    from ...grids.io.files import read_grid  # NumPy and HDF5, for which help should not wait
+    from ...grids.io.patches import read_patches
+    from ...grids.io.plane_grids import lift_plane_grid
+    from ...grids.topology.length_unit import in_unit
+
+    grid = in_unit(read_grid(grid_name) if file_of(grid_name) else _generate(grid_name), units)
+    grid = lift_plane_grid(grid) if is_lifted else grid
+    return read_patches(patches, grid) if patches else grid
+
+
+def stored_grid(
+    grid_name: str, patches: Path | None, comm: Any, is_lifted: bool = True, units: str | None = None
+) -> StoredGrid:
+    """Open a grid for several processes, which read what they need of a file; a built-in grid each of them makes.
+
+    Parameters
+    ----------
+    grid_name, patches, is_lifted, units
+        See `load_grid`.
+    comm : communicator
+        The processes, all of which call this.
+
+    Returns
+    -------
+    StoredGrid
+
+    Raises
+    ------
+    InputError
+        See `load_grid`.
+    """
+    from ...base.numerics.processes import together
+    from ...grids.io.files import open_grid
+    from ...grids.topology.length_unit import in_unit
+    from ...grids.topology.stored_grid import StoredGrid
+
+    if file_of(grid_name):
+        stored = open_grid(grid_name, None, comm)
+        if not (is_lifted and all(1 in shape for shape in stored.shapes)):  # others may be plane, and are small
+            return in_unit(open_grid(grid_name, patches, comm) if patches else stored, units)
+    with together(comm):
+        return StoredGrid.of(load_grid(grid_name, patches, units=units))
+
+
+def _generate(grid_name: str) -> Grid:
+    """Make a built-in grid."""
+    generator, shape = generator_of(grid_name)
+    return resolve_name(generator)(shape)

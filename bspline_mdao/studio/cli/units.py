@@ -1,0 +1,33 @@
+"""The option ``--units`` of commands that read grids, and what is said of units where grids are written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ...grids.io.formats import POLYMESH
+from ...grids.topology.length_unit import LENGTH_UNITS, metres_of
+
+if TYPE_CHECKING:
+    from ...grids.topology.grid import Grid
+
+__all__ = ["unit_warnings", "units_option"]
+
+units_option = click.option(
+    "--units",
+    type=click.Choice(LENGTH_UNITS),
+    help="Unit of the lengths of a grid whose file does not say it: they are shown in it, and stay as they are. Metres "
+    "are assumed otherwise.",
+)
+
+
+def unit_warnings(output: Path, grid: Grid) -> list[str]:
+    """Say that OpenFOAM takes for metres what is in another unit."""
+    if output.name != POLYMESH or grid.length_unit == "m":
+        return []
+    return [
+        f"warning: OpenFOAM takes lengths for metres, and these are in {grid.unit}: scale the points by "
+        f"{metres_of(grid.unit):g} there (transformPoints)"
+    ]

@@ -1,0 +1,128 @@
+"""What a notebook shows of an object: a small table, and a picture where that is quick."""
+
+from __future__ import annotations
+
+import base64
+import importlib.util
+import io
+from collections.abc import Callable, Iterable
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from ...core.model.fitted_model import FittedModel
+from ...flow.om.snapshots import Snapshot
+from ...grids.cells.report import QualityReport
+from ...grids.topology.grid import Grid
+from .figures import BLUE, STYLE, require
+from .panels import Panel, camera_of
+from .plot import draw_panel
+from .surfaces import Sheet, grid_sheets
+
+__all__ = ["html_of"]
+
+MOST_FACES = 4000
+"""Faces of a picture, at most: where there are more, lines of the grid are left out, so that it takes a moment."""
+
+LARGEST = 2_000_000
+"""Nodes of a grid, at most, that is drawn at all."""
+
+INCHES = (3.4, 2.3)
+"""Size of a picture."""
+
+
+def html_of(what: Any) -> str:
+    """Write a table of an object, with a picture beside it where that is quick.
+
+    Parameters
+    ----------
+    what : FittedModel, Grid or QualityReport
+        The object.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    rows, picture = _rows(what), ""
+    try:
+        if importlib.util.find_spec("matplotlib") is not None:
+            picture = _histogram(what) if isinstance(what, QualityReport) else _drawn(what)
+    except Exception:  # a table is better than nothing, whatever is wrong with the picture
+        picture = ""
+    table = "".join(f"<tr><td>{escape(name)}</td><td>{escape(str(value))}</td></tr>" for name, value in rows)
+    image = f'<img alt="{escape(repr(what))}" src="data:image/png;base64,{picture}"/>' if picture else ""
+    return (
+        f'<div style="display:flex;align-items:center;gap:1.5em;flex-wrap:wrap"><div><b>{escape(type(what).__name__)}'
+        f"</b><table>{table}</table></div>{image}</div>"
+    )
+
+
+def _rows(what: Any) -> Iterable[tuple[str, Any]]:
+    """Names and values of the table."""
+    if isinstance(what, FittedModel):
+        yield from _grid_rows(what.header.source, what.topology.shapes, what.n_nodes, what.header.patches)
+        yield "control points", f"{what.mesh.n_control_points:,}"
+        yield "RMS of the fit", f"{what.report.rms:.2e} m, {what.report.relative_rms:.1e} of a cell's edge"
+        yield "invalid elements", f"{what.report.n_invalid:,}"
+    elif isinstance(what, Grid):
+        yield from _grid_rows(what.source, what.shapes, what.n_nodes, what.patches)
+    else:
+        yield "cells", f"{what.n_cells:,}"
+        yield "smallest, mean Q", f"{what.q_min:.3g}, {what.q_mean:.3g}"
+        yield "smallest corner", f"{what.min_corner:.3g}"
+        yield "smallest volume", f"{what.min_volume:.3g} m³"
+        yield "inverted cells", f"{what.n_inverted:,}"
+        for heights in what.heights:
+            yield f"first cells at {heights.patch}", f"{heights.height_min:.2e} to {heights.height_max:.2e} m"
+
+
+def _grid_rows(source: str, shapes, n_nodes: int, patches) -> Iterable[tuple[str, Any]]:
+    """What is known of every grid."""
+    yield "grid", source
+    yield "blocks", f"{len(shapes)}"
+    yield "nodes", f"{n_nodes:,}"
+    yield "patches", ", ".join(dict.fromkeys(patch.name for patch in patches)) or "none declared"
+
+
+def _drawn(what: FittedModel | Grid) -> str:
+    """Picture of the walls and planes of symmetry."""
+    if what.n_nodes > LARGEST:
+        return ""
+    state = Snapshot.of(what)
+    if not state.grid.patches and 1 not in {n for shape in state.grid.shapes for n in shape}:
+        return ""  # to find what no block continues may take long
+    sheets = [sheet for sheet in grid_sheets(state.grid) if sheet.kind in ("wall", "symmetry")]
+    n_faces = sum(sheet.points.size // 3 for sheet in sheets)
+    step = max(1, int(np.ceil(np.sqrt(n_faces / MOST_FACES))))
+    sheets = [_thinned(sheet, step) for sheet in sheets]
+    panel = Panel(sheets, np.zeros((0, 3)), "")
+    return _png(lambda axes: draw_panel(axes, panel, camera_of([panel], size=INCHES), None, (0.0, 1.0), INCHES))
+
+
+def _thinned(sheet: Sheet, step: int) -> Sheet:
+    """Every so manieth line of a sheet, its edges among them."""
+    rows, columns = (np.unique(np.append(np.arange(0, n, step), n - 1)) for n in sheet.points.shape[:2])
+    return Sheet(sheet.name, sheet.kind, sheet.points[np.ix_(rows, columns)], sheet.window)
+
+
+def _histogram(report: QualityReport) -> str:
+    """Picture of the distribution of Q."""
+
+    def draw(axes: Any) -> None:
+        edges = report.histogram.edges
+        axes.bar(edges[:-1], report.histogram.density, np.diff(edges), align="edge", color=BLUE)
+        axes.set(xlabel="Q", ylabel="density of cells", xlim=(0.0, 1.0))
+
+    return _png(draw)
+
+
+def _png(draw: Callable[[Any], None]) -> str:
+    """Bytes, in base 64, of a small picture."""
+    with require().rc_context(STYLE):
+        canvas = require("matplotlib.figure").Figure(figsize=INCHES, layout="constrained")
+        draw(canvas.subplots())
+        file = io.BytesIO()
+        canvas.savefig(file, format="png", dpi=110)
+    return base64.b64encode(file.getvalue()).decode()

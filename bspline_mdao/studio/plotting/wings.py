@@ -1,0 +1,249 @@
+"""Drawings of wings whose grids have the patches ``wing_upper`` and ``wing_lower``: x points downstream, y up.
+
+The span is along z, from the plane of symmetry to the tip. Nodes may be given as the output ``grid`` has them, shape
+(3 n_nodes,), or in rows, shape (n_nodes, 3), in metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.model.fitted_model import FittedModel
+from ...flow.loads.span_strips import SpanStrips
+from ...names import GRID
+from .figures import GRAY
+from .histories import draw_history, draw_optimality, driver_colors
+from .pressures import wall_quads
+
+if TYPE_CHECKING:  # the framework is not needed to draw
+    from ...core.om.drivers.recorded_run import RecordedRun
+
+__all__ = [
+    "draw_designs",
+    "draw_ellipse",
+    "draw_planform",
+    "draw_sections",
+    "draw_span_load",
+    "draw_twist",
+    "span_load_edges",
+    "wing_section",
+    "wing_sides",
+]
+
+PARTS = (0.05, 0.5, 0.9)
+"""Sections that `draw_designs` shows, in parts of the half span."""
+
+BELOW = 0.25
+"""Distance between sections that are drawn one below the other, in chords."""
+
+
+def wing_sides(model: FittedModel, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cut the upper and the lower side of a wing out of the nodes of a grid.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    nodes : ndarray
+        Nodes (m).
+
+    Returns
+    -------
+    upper, lower : ndarray, shape (n_chord, n_span, 3)
+        Nodes from the leading to the trailing edge and from root to tip (m).
+    """
+    grid = model.header.grid(model.topology.shapes, np.reshape(nodes, (-1, 3)))
+    windows = {patch.name: patch.windows[0] for patch in grid.patches}
+    sides = [windows[name] for name in ("wing_upper", "wing_lower")]
+    upper, lower = (grid.blocks[side.block].nodes[side.slices][:, 0] for side in sides)
+    return upper, lower
+
+
+def wing_section(model: FittedModel, nodes: np.ndarray, part: float = 0.5) -> np.ndarray:
+    """Give the nodes around a wing on the grid line that is nearest to a part of the span.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    nodes : ndarray
+        Nodes (m).
+    part : float
+        Part of the half span.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Nodes along the upper side, and back along the lower one (m).
+    """
+    upper, lower = wing_sides(model, nodes)
+    nearest = np.argmin(np.abs(upper[0, :, 2] - part * upper[0, -1, 2]))
+    return np.concatenate([upper[:, nearest], lower[::-1, nearest]])
+
+
+def draw_planform(axes, model: FittedModel, nodes: np.ndarray, **style) -> None:
+    """Draw the outline of a wing from above.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    model : FittedModel
+        The fitted grid.
+    nodes : ndarray
+        Nodes (m).
+    **style
+        Keywords of ``plot``.
+    """
+    upper, _ = wing_sides(model, nodes)
+    outline = np.concatenate([upper[0], upper[:, -1], upper[-1][::-1]])
+    axes.plot(outline[:, 2], outline[:, 0], **style)
+    axes.set(xlabel="$z$ (m)", ylabel="$x$ (m)", aspect="equal")
+    if not axes.yaxis_inverted():
+        axes.invert_yaxis()
+
+
+def draw_sections(axes, model: FittedModel, nodes: np.ndarray, parts: Sequence[float] = PARTS, **style) -> None:
+    """Draw sections at parts of the half span one below the other, in chords from their leading edges.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    model : FittedModel
+        The fitted grid.
+    nodes : ndarray
+        Nodes (m).
+    parts : sequence of float
+        Parts of the half span.
+    **style
+        Keywords of ``plot``.
+    """
+    for number, part in enumerate(parts):
+        section = wing_section(model, nodes, part)
+        leading = section[np.argmin(section[:, 0])]
+        shape = (section - leading) / np.ptp(section[:, 0])
+        axes.plot(shape[:, 0], shape[:, 1] - BELOW * number, **(style if number == 0 else style | {"label": None}))
+    axes.set(xlabel="$x / c$", ylabel="$y / c$", aspect="equal")
+
+
+def draw_twist(axes, model: FittedModel, nodes: np.ndarray, **style) -> None:
+    """Draw the angles of the chord lines along the half span.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    model : FittedModel
+        The fitted grid.
+    nodes : ndarray
+        Nodes (m).
+    **style
+        Keywords of ``plot``.
+    """
+    upper, _ = wing_sides(model, nodes)
+    chords = upper[-1] - upper[0]
+    axes.plot(upper[0, :, 2] / upper[0, -1, 2], np.degrees(np.arctan2(-chords[:, 1], chords[:, 0])), **style)
+    axes.set(xlabel="$2 y / b$", ylabel="twist (deg)")
+
+
+def span_load_edges(model: FittedModel, problem) -> np.ndarray:
+    """Find where the strips of ``span_load`` begin and end along the half span, of `EulerFlow` or `LatticeFlow`.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    problem : openmdao.api.Problem
+        A problem with one of these flows that has run.
+
+    Returns
+    -------
+    ndarray, shape (n + 1,)
+        Coordinates from the tip to the root (m).
+    """
+    names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None)}
+    if "camber_surface" in names:
+        return -problem.get_val("camber_surface")[-1, :, 1]
+    baseline = model.regenerate().to_vector().reshape(-1, 3)
+    strips = SpanStrips.of(wall_quads(model), baseline, np.eye(3)[[0, 2, 1]])
+    return np.abs(strips.trailing @ problem.get_val(GRID).reshape(-1, 3) @ strips.axes[1])
+
+
+def draw_span_load(axes, edges: np.ndarray, load: np.ndarray, **style) -> None:
+    """Draw the load of strips along the half span, relative to its mean, in the middles of the strips.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    edges : ndarray, shape (n + 1,)
+        Ends of the strips along the half span (m), such as those of `span_load_edges`.
+    load : ndarray, shape (n,)
+        Load per length.
+    **style
+        Keywords of ``plot``.
+    """
+    mean = load @ np.abs(np.diff(edges)) / np.ptp(edges)
+    axes.plot(0.5 * (edges[1:] + edges[:-1]) / np.abs(edges).max(), load / mean, **style)
+
+
+def draw_ellipse(axes: Any, **style: Any) -> None:
+    """Draw the elliptical load along the half span, relative to its mean, and name the axes of a span load.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    **style
+        Keywords of ``plot``.
+    """
+    y = np.sin(np.linspace(0.0, 0.5 * np.pi, 101))
+    style = {"color": "black", "linestyle": "--", "linewidth": 0.7, "label": "ellipse"} | style
+    axes.plot(y, 4.0 / np.pi * np.sqrt(1.0 - y**2), **style)
+    axes.set(xlabel="$2 y / b$", ylabel="load relative to its mean", xlim=(0.0, 1.0), ylim=(0.0, None))
+    axes.legend()
+
+
+def draw_designs(
+    canvas,
+    model: FittedModel,
+    start,
+    runs: Mapping[str, RecordedRun],
+    response: str,
+    label: str,
+    unit: float = 1.0,
+) -> None:
+    """Draw a wing at the start of an optimisation and at the optima: planform, sections, load, twist, and histories.
+
+    Parameters
+    ----------
+    canvas : matplotlib.figure.Figure
+        An empty figure, some 9.5 by 9 inches.
+    model : FittedModel
+        The fitted grid.
+    start : openmdao.api.Problem
+        The problem at the start, with the outputs ``grid`` of `GridMovement` and ``span_load`` of a flow.
+    runs : mapping of str to RecordedRun
+        Optimisations by the names of their drivers.
+    response : str
+        Name of the response whose history is drawn.
+    label : str
+        Label of its axis.
+    unit : float
+        What the response is divided by.
+    """
+    (planform, sections), (load, twist), (history, optimality) = canvas.subplots(3, 2)
+    colors = {"initial": GRAY, **driver_colors(runs)}
+    for name, problem in {"initial": start, **{name: run.problem for name, run in runs.items()}}.items():
+        style, nodes = {"color": colors[name], "label": name}, problem.get_val(GRID)
+        draw_planform(planform, model, nodes, **style)
+        draw_sections(sections, model, nodes, PARTS, **style)
+        draw_span_load(load, span_load_edges(model, problem), problem.get_val("span_load"), **style)
+        draw_twist(twist, model, nodes, **style)
+    draw_ellipse(load)
+    draw_history(history, runs, response, label, lambda values: values / unit, log=False)
+    draw_optimality(optimality, runs)

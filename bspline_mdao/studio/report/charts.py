@@ -1,0 +1,325 @@
+"""Charts of the page as figures of plotly: quality, heights at walls, histories, sections and pressures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...core.om.drivers.case_history import CaseHistory, Quantity
+from ...grids.cells.first_cells import FirstCells
+from ...grids.cells.report import QualityReport
+from ..plotting.figures import BLUE, GRAY, GREEN, ORANGE, PURPLE, RED
+from ..plotting.pressures import faces_around
+from .contents import Axes, Shape
+from .walls import cut
+
+__all__ = [
+    "Chart",
+    "height_chart",
+    "history_charts",
+    "lattice_charts",
+    "pressure_chart",
+    "quality_chart",
+    "section_chart",
+]
+
+STATIONS = (0.05, 0.35, 0.65, 0.95)
+"""Places of sections, in parts of the span of the walls."""
+
+MOST_LINES = 8
+"""Values of a vector that have a line each; of more the smallest and the largest are drawn."""
+
+LEAST = 1e-12
+"""Violations below it are drawn as if they were this, since a logarithmic axis has no zero."""
+
+SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, "#56b4e9", "#b8860b", "#c05a9a")
+"""Colours of lines."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart and what it says in words.
+
+    Parameters
+    ----------
+    key : str
+        Its name in the page.
+    title : str
+        Heading.
+    text : str
+        What it shows, for those who do not see it.
+    data : list of dict
+        Traces of plotly.
+    layout : dict
+        Layout of plotly.
+    height : int
+        In pixels.
+    is_wide : bool
+        Whether it wants the whole width.
+    """
+
+    key: str
+    title: str
+    text: str
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+    height: int = 300
+    is_wide: bool = False
+
+
+def shape_styles(shapes: Sequence[Shape]) -> list[dict[str, Any]]:
+    """Lines of the shapes: before in grey and dashed, after in blue."""
+    styles = [{"color": BLUE, "width": 2}]
+    return styles if len(shapes) == 1 else [{"color": GRAY, "width": 1.6, "dash": "dash"}, *styles]
+
+
+def quality_chart(shapes: Sequence[Shape], reports: Sequence[QualityReport]) -> Chart:
+    """Distribution of Q over the cells, in per cent."""
+    data = []
+    for shape, report, style in zip(shapes, reports, shape_styles(shapes)):
+        edges, share = report.histogram.edges, 100.0 * report.histogram.density * np.diff(report.histogram.edges)
+        line = {"x": np.repeat(edges, 2)[1:-1], "y": np.repeat(share, 2), "mode": "lines", "line": style}
+        data.append({"type": "scatter", "name": shape.label, "fill": "tozeroy", **line, "opacity": 0.9})
+    last = reports[-1]
+    text = f"Distribution of Q: smallest {last.q_min:.3g}, mean {last.q_mean:.3g}, of {last.n_cells:,} cells."
+    layout = {
+        "xaxis": {"title": {"text": "Q"}, "range": [0, 1]},
+        "yaxis": {"title": {"text": "% of the cells"}, "rangemode": "tozero"},
+    }
+    return Chart("quality", "Distribution of Q", text, data, layout)
+
+
+def height_chart(shapes: Sequence[Shape], cells: FirstCells, unit: str) -> Chart:
+    """Heights of the first cells of every wall, in the order of their size."""
+    data, lowest, highest = [], np.inf, -np.inf
+    parts = np.linspace(0.0, 1.0, 101)
+    for shape, style in zip(shapes, shape_styles(shapes)):
+        heights = cells.heights(shape.nodes)
+        for number, (patch, ids) in enumerate(cells.by_patch()):
+            sizes = np.quantile(heights[ids], parts)
+            lowest, highest = min(lowest, sizes[0]), max(highest, sizes[-1])
+            name = cells.patches[patch] if len(shapes) == 1 else f"{cells.patches[patch]}, {shape.label.lower()}"
+            line = style | {"color": SERIES[number % len(SERIES)]}
+            data.append(
+                {"type": "scatter", "mode": "lines", "name": name, "x": 100.0 * parts, "y": sizes, "line": line}
+            )
+    text = f"Heights of the first cells at walls, from {lowest:.3g} to {highest:.3g} {unit}."
+    layout = {
+        "xaxis": {"title": {"text": "% of the nodes that are lower"}},
+        "yaxis": {"title": {"text": f"height ({unit})"}, "type": "log", "exponentformat": "e"},
+    }
+    return Chart("heights", "Heights of the first cells", text, data, layout)
+
+
+def history_charts(history: CaseHistory) -> list[Chart]:
+    """Objective, constraints, variables and convergence over the evaluations."""
+    charts = [_quantity_chart(n, q, history) for n, q in enumerate(history.quantities) if q.kind != "variable"]
+    charts += [_quantity_chart(100 + n, q, history) for n, q in enumerate(history.of_kind("variable"))]
+    convergence = history.convergence
+    if convergence is None:
+        return charts
+    numbers, violations = np.arange(len(convergence.violations)), np.maximum(convergence.violations, LEAST)
+    data = [_line("largest violation", numbers, violations, {"color": ORANGE, "width": 1.6, "dash": "dot"})]
+    text = f"Largest violation of a constraint at the best evaluation: {convergence.violations[history.best]:.2g}."
+    if convergence.residuals.size:
+        residuals, style = convergence.residuals, {"color": BLUE, "width": 1.8}
+        line = _line("optimality", convergence.differentiated, np.maximum(residuals, LEAST), style)
+        data.insert(0, line | {"mode": "lines+markers"})
+        text += f" First-order optimality from {residuals[0]:.2g} to {residuals[-1]:.2g}."
+    layout = {
+        "xaxis": _evaluations(),
+        "yaxis": {"type": "log", "exponentformat": "e", "title": {"text": "in units of the driver"}},
+    }
+    charts.insert(1, Chart("convergence", "Optimality and violation", text, data, layout))
+    return charts
+
+
+def _quantity_chart(number: int, quantity: Quantity, history: CaseHistory) -> Chart:
+    """History of an objective, a constraint or a variable with its limits."""
+    values, n = quantity.values, np.arange(history.n_evaluations)
+    if values.shape[1] <= MOST_LINES:
+        lines = list(zip(quantity.value_names, values.T))
+    else:
+        lines = [("smallest", values.min(axis=1)), ("largest", values.max(axis=1))]
+    data = [_line(name, n, y, {"color": c, "width": 1.8}) for (name, y), c in zip(lines, SERIES)]
+    data += _limit_lines(quantity, n)
+    best = [float(y[history.best]) for _, y in lines]
+    data.append(
+        {
+            **{"type": "scatter", "mode": "markers", "name": "best", "x": [history.best] * len(best), "y": best},
+            "marker": {"symbol": "circle-open", "size": 9, "line": {"width": 2}, "color": RED},
+        }
+    )
+    ends = ", ".join(f"{name} from {y[0]:.4g} to {y[history.best]:.4g}" for name, y in lines)
+    title = f"{quantity.kind.capitalize()} {quantity.name}"
+    layout = {
+        "xaxis": _evaluations(),
+        "yaxis": {"title": {"text": quantity.name + (f" ({quantity.units})" if quantity.units else "")}},
+    }
+    return Chart(f"history{number}", title, f"{title}: {ends}, at evaluation {history.best}.", data, layout)
+
+
+def _limit_lines(quantity: Quantity, n: np.ndarray) -> list[dict[str, Any]]:
+    """Lines of the limits, those that elements share once."""
+    found = []
+    for name, limits in (("lower", quantity.lower), ("upper", quantity.upper), ("demanded", quantity.equals)):
+        for limit in np.unique(limits[np.isfinite(limits)])[:3]:
+            style = {"color": RED, "width": 1.2, "dash": "dash"}
+            found.append(_line(f"{name} limit" if name != "demanded" else name, n[[0, -1]], [limit, limit], style))
+    return found
+
+
+def section_chart(shapes: Sequence[Shape], quads: np.ndarray, axes: Axes) -> Chart:
+    """Sections of the walls, one below the other."""
+    places = _places(shapes[0].nodes[quads], axes)
+    data: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {"grid": {"rows": len(places), "columns": 1, "pattern": "independent"}, "annotations": []}
+    for row, place in enumerate(places, start=1):
+        suffix = "" if row == 1 else str(row)
+        for shape, style in zip(shapes, shape_styles(shapes)):
+            ends = cut(shape.nodes, quads, axes.span, place)
+            style = style | {"dash": "solid"}  # dashes would begin anew with every segment
+            line = np.concatenate([ends, np.full((len(ends), 1, 3), np.nan)], axis=1).reshape(-1, 3).astype(np.float32)
+            at = {
+                "x": line[:, axes.downstream].copy(),
+                "y": line[:, axes.up].copy(),
+                "xaxis": f"x{suffix}",
+                "yaxis": f"y{suffix}",
+            }
+            data.append(
+                {"type": "scatter", "mode": "lines", "name": shape.label, "line": style, "showlegend": row == 1, **at}
+            )
+        layout[f"yaxis{suffix}"] = {"scaleanchor": f"x{suffix}", "title": {"text": f"{'xyz'[axes.up]} ({axes.unit})"}}
+        layout[f"xaxis{suffix}"] = {"title": {"text": _downstream_text(axes) if row == len(places) else ""}}
+        layout["annotations"].append(_named(row, _place_text(axes, place)))
+    text = f"Sections of the walls at {', '.join(_place_text(axes, place) for place in places)}."
+    return Chart("sections", "Sections", text, data, layout, height=60 + 170 * len(places))
+
+
+def pressure_chart(shapes: Sequence[Shape], name: str, corners: np.ndarray, axes: Axes) -> Chart | None:
+    """Pressure coefficients around the sections."""
+    shapes = [shape for shape in shapes if name in shape.pressures]
+    if not shapes:
+        return None
+    order = [axes.downstream, axes.up, axes.span]
+    places = _places(shapes[0].nodes[corners], axes)
+    data: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {"grid": {"rows": len(places), "columns": 1, "pattern": "independent"}, "annotations": []}
+    for row, place in enumerate(places, start=1):
+        suffix = "" if row == 1 else str(row)
+        for shape, style in zip(shapes, shape_styles(shapes)):
+            quads = shape.nodes[corners][..., order]
+            around = faces_around(quads, place)
+            x = quads[around, :, 0].mean(axis=1)
+            at = {"x": x, "y": shape.pressures[name][around], "xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
+            data.append(
+                {"type": "scatter", "mode": "lines", "name": shape.label, "line": style, "showlegend": row == 1, **at}
+            )
+        layout[f"yaxis{suffix}"] = {"autorange": "reversed", "title": {"text": name}}
+        layout[f"xaxis{suffix}"] = {"title": {"text": _downstream_text(axes) if row == len(places) else ""}}
+        layout["annotations"].append(_named(row, _place_text(axes, place)))
+    peak = float(shapes[-1].pressures[name].min())
+    where = ", ".join(_place_text(axes, place) for place in places)
+    text = f"{name} around sections at {where}; the smallest on the walls is {peak:.3g}."
+    return Chart(
+        f"pressure-{name.replace('.', '-')}", f"Pressure coefficient {name}", text, data, layout, 60 + 170 * len(places)
+    )
+
+
+def lattice_charts(history: CaseHistory) -> list[Chart]:
+    """Pressure differences across the panels of every vortex lattice along the chord of some strips.
+
+    Parameters
+    ----------
+    history : CaseHistory
+        The optimisation: its outputs ``delta_Cp`` of `LatticeFlow`, whose panels divide chord and span evenly, the
+        strips from the tip to the root.
+
+    Returns
+    -------
+    list of Chart
+        One for each lattice whose differences are recorded.
+    """
+    charts = []
+    for name, found in history.outputs.items():
+        if name.rpartition(".")[2] != "delta_Cp" or 0 not in found or found[0].ndim != 2:
+            continue
+        shown = {
+            "Before": found[0],
+            **({"After": found[history.best]} if history.best in found and history.best else {}),
+        }
+        styles = [{"color": GRAY, "width": 1.6, "dash": "dash"}] * (len(shown) - 1) + [{"color": BLUE, "width": 2}]
+        n_chord, n_span = found[0].shape
+        places = (np.arange(n_chord) + 0.5) / n_chord
+        layout: dict[str, Any] = {
+            "grid": {"rows": len(STATIONS), "columns": 1, "pattern": "independent"}, "annotations": []
+        }  # fmt: skip
+        data: list[dict[str, Any]] = []
+        for row, part in enumerate(STATIONS, start=1):
+            suffix, strip = "" if row == 1 else str(row), min(int((1.0 - part) * n_span), n_span - 1)
+            for (label, values), style in zip(shown.items(), styles):
+                line = _line(label, places, values[:, strip], style)
+                data.append(
+                    line
+                    | {"mode": "lines+markers", "showlegend": row == 1, "xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
+                )
+            layout[f"yaxis{suffix}"] = {"title": {"text": name}, "rangemode": "tozero"}
+            layout[f"xaxis{suffix}"] = {
+                "title": {"text": "part of the chord" if row == len(STATIONS) else ""}, "range": [0, 1]
+            }  # fmt: skip
+            middle = 100.0 * (1.0 - (strip + 0.5) / n_span)
+            layout["annotations"].append(_named(row, f"{middle:.0f} % of the span"))
+        peak = float(list(shown.values())[-1].max())
+        text = f"{name}, the pressure coefficient below less that above the panels; the largest is {peak:.3g}."
+        key = f"lattice-{name.replace('.', '-')}"
+        charts.append(Chart(key, f"Pressure difference {name}", text, data, layout, 60 + 170 * len(STATIONS)))
+    return charts
+
+
+def _places(corners: np.ndarray, axes: Axes) -> list[float]:
+    """Coordinates of the sections of walls with these quads, shape (n, 4, 3): one where they are one cell wide."""
+    span = corners[..., axes.span]
+    low, high = span.min(), span.max()
+    is_wide = np.ptp(span, axis=1).max() > 0.9 * (high - low)
+    parts: Sequence[float] = (0.5,) if is_wide else STATIONS
+    return [float(low + part * (high - low)) for part in parts]
+
+
+def _place_text(axes: Axes, place: float) -> str:
+    return f"{'xyz'[axes.span]} = {place:.3g} {axes.unit}"
+
+
+def _downstream_text(axes: Axes) -> str:
+    return f"{'xyz'[axes.downstream]} ({axes.unit})"
+
+
+def _named(row: int, text: str) -> dict[str, Any]:
+    """Name of a subplot, in its corner."""
+    suffix = "" if row == 1 else str(row)
+    at = {
+        "xref": f"x{suffix} domain",
+        "yref": f"y{suffix} domain",
+        "x": 1.0,
+        "y": 1.0,
+        "xanchor": "right",
+        "yanchor": "bottom",
+    }
+    return {"text": text, "showarrow": False, **at, "font": {"size": 12}}
+
+
+def _line(name: str, x, y, style: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "x": np.asarray(x),
+        "y": np.asarray(y, dtype=float),
+        "line": dict(style),
+    }
+
+
+def _evaluations() -> dict[str, Any]:
+    return {"title": {"text": "evaluation"}, "rangemode": "tozero", "tickformat": "d"}

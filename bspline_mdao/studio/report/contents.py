@@ -1,0 +1,243 @@
+"""What a report is about: a model, shapes of its grid, and the history of an optimisation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...core.model.fitted_model import FittedModel
+from ...core.om.drivers.case_history import CaseHistory
+from ...errors import InputError
+from ...flow.euler.error_estimate import ErrorEstimate
+from ...grids.topology.grid import MAX_COORDINATE
+from ...names import CONTROL_POINTS, GRID
+
+__all__ = ["INCLUDES", "RECORD", "Axes", "Contents", "Shape", "axes_of", "shapes_of"]
+
+INCLUDES = "*control_points", "*Cp"
+"""Outputs that a report shows shapes and pressures of."""
+
+RECORD = 'problem.driver.recording_options["includes"] = ["*control_points", "*Cp"]'
+"""What makes a driver record them."""
+
+PRESSURES, PANEL_PRESSURES = "Cp", "delta_Cp"
+"""Ending of the names of pressure coefficients, and of their differences across the panels of a lattice."""
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Axes of the grid that sections are drawn in.
+
+    Parameters
+    ----------
+    downstream, span, up : int
+        Numbers of the axes of the grid, from 0.
+    is_guessed : bool
+        Whether no flow says so.
+    unit : str
+        Unit of lengths along them.
+    """
+
+    downstream: int
+    span: int
+    up: int
+    is_guessed: bool = False
+    unit: str = "m"
+
+    @property
+    def names(self) -> str:
+        """Names of the axes, downstream first, such as ``xzy``."""
+        return "".join("xyz"[axis] for axis in (self.downstream, self.span, self.up))
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A shape of the grid.
+
+    Parameters
+    ----------
+    label : str
+        What it is called.
+    nodes : ndarray, shape (n_nodes, 3)
+        Nodes of the grid (m).
+    control_points : ndarray, shape (n_control_points, 3), or None
+        Control points (m); None where they are not known.
+    pressures : mapping of str to ndarray, shape (n_faces,)
+        Pressure coefficients of the wall faces, by the name of the output.
+    """
+
+    label: str
+    nodes: np.ndarray
+    control_points: np.ndarray | None
+    pressures: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """All that a report shows.
+
+    Parameters
+    ----------
+    title : str
+        Heading of the page.
+    model : FittedModel or None
+        The fitted grid.
+    shapes : tuple of Shape
+        One shape, or those before and after; none where there is no model.
+    history : CaseHistory or None
+        The optimisation.
+    missing : tuple of str
+        What cannot be shown, and what to do about it.
+    diagram : str or None
+        The N2 diagram, a whole HTML page.
+    estimates : mapping of str to ErrorEstimate
+        What lift and drag at the end would be on a finer grid, see `DesignSummary`.
+    gains : tuple of str
+        What was gained in induced drag, on the grid and on a finer one.
+    """
+
+    title: str
+    model: FittedModel | None = None
+    shapes: tuple[Shape, ...] = ()
+    history: CaseHistory | None = None
+    missing: tuple[str, ...] = ()
+    diagram: str | None = None
+    estimates: Mapping[str, ErrorEstimate] = field(default_factory=dict)
+    gains: tuple[str, ...] = ()
+
+    def without(self, *texts: str) -> Contents:
+        """The same, and what cannot be shown besides."""
+        return replace(self, missing=(*self.missing, *texts))
+
+
+def shapes_of(
+    model: FittedModel, history: CaseHistory | None, n_wall_faces: int
+) -> tuple[tuple[Shape, ...], list[str]]:
+    """Shapes of a grid before and after an optimisation, and what is missing of them.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    history : CaseHistory or None
+        The optimisation; without it there is the grid of the model alone.
+    n_wall_faces : int
+        Faces of its walls.
+
+    Returns
+    -------
+    shapes : tuple of Shape
+    missing : list of str
+
+    Raises
+    ------
+    InputError
+        If what is recorded is that of another model.
+    """
+    if history is None:
+        return (_shape(model, "Grid of the model", model.control_points),), []
+    points = _ending(history.outputs, CONTROL_POINTS)
+    grids = _ending(history.outputs, GRID)
+    moved = [(name, of) for found, of in ((points, _from_points), (grids, _from_grid)) for name in found[:1]]
+    if not moved:
+        text = (
+            f"The case file has no control points, so that the grid of the model is shown and not that of the optimum. "
+            f"Record them: {RECORD}"
+        )
+        return (_shape(model, "Grid of the model", model.control_points),), [text]
+    name, make = moved[0]
+    numbers = sorted(history.outputs[name])
+    first, best = numbers[0], history.best if history.best in history.outputs[name] else numbers[-1]
+    labels = {first: "Before", best: "After"} if best != first else {first: "Before"}
+    shapes, missing, pressures = [], [], _ending(history.outputs, PRESSURES)
+    for number, label in labels.items():
+        if not (np.abs(history.outputs[name][number]) <= MAX_COORDINATE).all():
+            raise InputError(
+                f"{model.header.source}: {name} of evaluation {number + 1} in the case file are no coordinates; it may "
+                f"be damaged"
+            )
+        values = {key: history.outputs[key][number].ravel() for key in pressures if number in history.outputs[key]}
+        fitting = {key: value for key, value in values.items() if value.size == n_wall_faces}
+        shapes.append(make(model, label, history.outputs[name][number], fitting))
+        missing += [
+            f"{key} is not shown: it is not of the {n_wall_faces:,} wall faces." for key in {*values} - {*fitting}
+        ]
+    if not pressures and not _ending(history.outputs, PANEL_PRESSURES):
+        missing.append(f"The case file has no pressures Cp. Where the flow has them, record them: {RECORD}")
+    if len(shapes) == 1:
+        missing.append("The first evaluation is the best one: there is no shape after.")
+    return tuple(shapes), sorted(set(missing), key=missing.index)
+
+
+def axes_of(model: FittedModel, walls: np.ndarray, options: Mapping[str, Mapping[str, object]]) -> Axes:
+    """Find the axes in which sections are drawn: those of a flow, or a guess.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    walls : ndarray, shape (n, 3)
+        Points on its walls (m).
+    options : mapping
+        Options of the systems of a problem.
+
+    Returns
+    -------
+    Axes
+        Without a flow the span is across the symmetry plane, or where the walls are longest, and downstream is where
+        they are longest otherwise.
+    """
+    for of_system in options.values():
+        text = str(of_system.get("axes", ""))
+        if sorted(text) == ["x", "y", "z"]:
+            downstream, span, up = ("xyz".index(letter) for letter in text)
+            return Axes(downstream, span, up, unit=model.header.length_unit)
+    extents = np.ptp(walls, axis=0)
+    across = _across_symmetry(model)
+    span = int(np.argmax(extents)) if across is None else across
+    downstream, up = sorted((axis for axis in range(3) if axis != span), key=lambda axis: (-extents[axis], axis))
+    return Axes(downstream, span, up, True, model.header.length_unit)
+
+
+def _across_symmetry(model: FittedModel) -> int | None:
+    """Axis across the symmetry plane with the most nodes."""
+    grid = model.regenerate()
+    planes = [window for patch in grid.patches if patch.kind == "symmetry" for window in patch.windows]
+    if not planes:
+        return None
+    largest = max(planes, key=lambda window: np.prod(window.shape))
+    return int(np.argmin(np.ptp(grid.blocks[largest.block].nodes[largest.slices].reshape(-1, 3), axis=0)))
+
+
+def _ending(names: Mapping[str, object], ending: str) -> list[str]:
+    """Names whose last part is this one, the shortest first."""
+    return sorted((name for name in names if name.rpartition(".")[2] == ending), key=len)
+
+
+def _shape(model: FittedModel, label: str, points: np.ndarray, pressures: Mapping | None = None) -> Shape:
+    """Shape of given control points."""
+    is_fitted = np.array_equal(points, model.control_points)
+    nodes = model.regenerate(None if is_fitted else points).to_vector().reshape(-1, 3)
+    return Shape(label, nodes, points, pressures or {})
+
+
+def _from_points(model: FittedModel, label: str, points: np.ndarray, pressures: Mapping) -> Shape:
+    """Shape of recorded control points."""
+    if points.size != model.control_points.size:
+        raise _of_another(model, f"{points.size // 3:,} control points", f"{len(model.control_points):,}")
+    return _shape(model, label, points.reshape(-1, 3), pressures)
+
+
+def _from_grid(model: FittedModel, label: str, grid: np.ndarray, pressures: Mapping) -> Shape:
+    """Shape of a recorded grid."""
+    if grid.size != 3 * model.n_nodes:
+        raise _of_another(model, f"{grid.size // 3:,} nodes", f"{model.n_nodes:,}")
+    return Shape(label, grid.reshape(-1, 3), None, pressures)
+
+
+def _of_another(model: FittedModel, recorded: str, own: str) -> InputError:
+    return InputError(
+        f"{model.header.source}: the case file has {recorded} and the model {own}; give the model that was optimised"
+    )

@@ -1,0 +1,344 @@
+"""What an optimisation is about, in numbers: objective, variables, constraints and other outputs of a problem."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import openmdao.api as om
+
+from ...base.display import OneLine
+from ...base.text import value_names
+from ...core.om.drivers.violations import Violation, in_words, violations_of
+from ...errors import InputError
+from ...flow.euler.error_estimate import ErrorEstimate
+from ...flow.om.error_estimate import FUNCTIONALS, error_estimate
+from ...flow.om.euler_flow import EulerFlow
+from ...flow.om.induced_gain import induced_gains
+from ...flow.om.spurious_drag import induced_and_least, warn_below_the_ellipse
+from ...grids.io.disk import replaced_file
+
+__all__ = ["DesignSummary", "SummaryEntry", "design_summary"]
+
+_MOST_VALUES = 12
+"""Values of one entry that a table shows; of more, it shows the smallest and the largest."""
+
+_UNBOUNDED = 1e29
+"""Bounds from here on are none, by OpenMDAO's convention of 1e30."""
+
+
+@dataclass(frozen=True, eq=False)
+class SummaryEntry(OneLine):
+    """Values of one variable or response.
+
+    Parameters
+    ----------
+    role : str
+        ``"objective"``, ``"variable"``, ``"constraint"`` or ``"output"``.
+    name : str
+        Its name.
+    units : str
+        Its units, empty where there are none.
+    values, lower, upper : ndarray, shape (n,)
+        Values and bounds; not a number where there is no bound.
+    value_names : tuple of str
+        Names of the values, such as ``twist[2]``.
+    unit : ndarray, shape () or (n,)
+        What the driver sees as 1.
+    """
+
+    role: str
+    name: str
+    units: str
+    values: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    value_names: tuple[str, ...]
+    unit: np.ndarray
+
+    @property
+    def violations(self) -> list[Violation]:
+        """The values that are beyond their bounds."""
+        return violations_of(self.value_names, self.values, self.lower, self.upper, self.unit)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignSummary(OneLine):
+    """Objective, design variables, constraints and other outputs of a problem as it is; made by `design_summary`.
+
+    Parameters
+    ----------
+    entries : tuple of SummaryEntry
+        The objective first.
+    estimates : mapping of str to ErrorEstimate
+        By the names of entries, what lift and drag would be on a finer member of the grid's family, where that was
+        asked for.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import design_summary
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", om.ExecComp("f = (x - 3)**2"), promotes=["*"])
+    >>> problem.model.add_design_var("x", lower=-5.0, upper=5.0)
+    >>> problem.model.add_objective("f")
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> summary = design_summary(problem)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     summary.write_csv(f"{folder}/design.csv")
+    >>> [entry.name for entry in summary.entries]
+    ['f', 'x']
+    """
+
+    entries: tuple[SummaryEntry, ...]
+    estimates: Mapping[str, ErrorEstimate] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """Write the table of its values."""
+        return self.table()
+
+    @property
+    def infeasible(self) -> str:
+        """Which bounds the design violates, and by how much, in words; empty where it satisfies all.
+
+        A bound counts as met to a ten-thousandth of it, or of what the driver sees as 1 where it is zero.
+        """
+        return in_words([violation for entry in self.entries for violation in entry.violations])
+
+    def table(self, before: DesignSummary | None = None) -> str:
+        """Write a table of the values, beside those of another summary of the problem.
+
+        Where errors are estimated, the value on the finer member comes last, with the uncertainty of that. Where they
+        are in both summaries, a line for each induced drag says what was gained on either grid. Below stands whether a
+        design is infeasible, by what, and by how much.
+
+        Parameters
+        ----------
+        before : DesignSummary, optional
+            Summary of the same problem at another design.
+
+        Returns
+        -------
+        str
+            Lines of text.
+        """
+        heads = ("", *self._heads(before, "finer grid", "+-"))
+        rows: list[tuple[str, ...]] = []
+        for role, label, columns in self._rows(before, _MOST_VALUES):
+            if not rows or rows[-1][0] != role:
+                rows.append((role, *heads))
+            rows.append((role, label, *(_number(value) for value in columns)))
+        widths = [max(len(row[n]) for row in rows) for n in range(1, len(heads) + 1)]
+        lines = []
+        for role, label, *cells in rows:
+            title = f"{role}s" if label == "" and role != "objective" else role if label == "" else f"  {label}"
+            padded = (cell.rjust(width) for cell, width in zip(cells, widths[1:]))
+            lines.append(f"{title:<{max(widths[0] + 2, 12)}}  {'  '.join(padded)}".rstrip())
+        lines += [gain.words for gain in induced_gains(before.estimates if before else {}, self.estimates)]
+        designs = (("before: ", before), ("after: ", self)) if before else (("", self),)
+        lines += [f"{label}{summary.infeasible}" for label, summary in designs if summary.infeasible]
+        return "\n".join(lines)
+
+    def write_csv(self, path: str | os.PathLike, before: DesignSummary | None = None) -> None:
+        """Write all values to a CSV file: role, name of the value such as ``twist[2]``, values and bounds.
+
+        Where errors are estimated, ``finer`` and ``remaining`` come next, see `ErrorEstimate`. Last comes
+        ``infeasible``, of two designs ``infeasible_before`` and ``infeasible_after``: by how much a value is beyond its
+        bound, where it is.
+
+        Parameters
+        ----------
+        path : path-like
+            File to make or to replace.
+        before : DesignSummary, optional
+            Summary of the same problem at another design.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        designs = (before, self) if before else (self,)
+        beyond = [{v.name: v.excess for entry in each.entries for v in entry.violations} for each in designs]
+        last = ("infeasible_before", "infeasible_after") if before else ("infeasible",)
+        heads = ("role", "name", *self._heads(before, "finer", "remaining"), *last)
+        names = [name for entry in self.entries for name in entry.value_names]
+        rows = zip(self._rows(before, None), names)
+        with replaced_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(heads)
+            for (role, label, columns), name in rows:
+                columns += [excess.get(name, np.nan) for excess in beyond]
+                writer.writerow([role, label, *map(_exact, columns)])
+
+    def numbers(self) -> dict[str, dict]:
+        """Values and bounds by name, as lists, for JSON.
+
+        ``infeasible`` says by how much values are beyond their bounds; there are ``finer`` and ``remaining`` where
+        errors are estimated.
+        """
+        found = {
+            entry.name: {
+                "role": entry.role,
+                "units": entry.units or None,
+                "values": entry.values.tolist(),
+                "lower": entry.lower.tolist(),
+                "upper": entry.upper.tolist(),
+                "infeasible": {violation.name: violation.excess for violation in entry.violations},
+            }
+            for entry in self.entries
+        }
+        for name, estimate in self.estimates.items():
+            found[name] |= {"finer": estimate.finer, "remaining": estimate.remaining}
+        return found
+
+    def _heads(self, before: DesignSummary | None, *of_estimates: str) -> tuple[str, ...]:
+        """Heads of the columns of values, bounds and estimates."""
+        values = ("before", "after") if before else ("value",)
+        return (*values, "lower", "upper", *(of_estimates if self.estimates else ()))
+
+    def _rows(self, before: DesignSummary | None, most: int | None) -> Iterator[tuple[str, str, list[float]]]:
+        """Role, label and numbers of every row; of entries with more values than ``most``, the extremes."""
+        previous = {entry.name: entry for entry in before.entries} if before else {}
+        for entry in self.entries:
+            columns = [entry.values, entry.lower, entry.upper]
+            if before:
+                if entry.name not in previous or len(previous[entry.name].values) != len(entry.values):
+                    raise InputError(f"summary: '{entry.name}' is not in the one before; give one of the same problem")
+                columns.insert(0, previous[entry.name].values)
+            if self.estimates:
+                estimate = self.estimates.get(entry.name)
+                numbers = (estimate.finer, estimate.remaining) if estimate else (np.nan, np.nan)
+                columns += [np.full(len(entry.values), number) for number in numbers]
+            units, n = f" ({entry.units})" if entry.units else "", len(entry.values)
+            if most is not None and n > most:
+                for word, extreme in (("smallest", np.min), ("largest", np.max)):
+                    yield entry.role, f"{entry.name}, {word} of {n}{units}", [float(extreme(x)) for x in columns]
+                continue
+            for number, label in enumerate(entry.value_names):
+                yield entry.role, f"{label}{units}", [float(x[number]) for x in columns]
+
+
+def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: float | None = None) -> DesignSummary:
+    """Take down objective, design variables and constraints of a problem as it is, in their own units.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        A problem that has run.
+    outputs : sequence of str
+        Other outputs to take down as well, such as ``"CD"``. Those that are objectives or constraints count once.
+    finer : float, optional
+        Cells per direction of a finer member of the grid's family, relative to those of the grid: what lift, drag and
+        bending moment of every `EulerFlow` among them would be there is estimated, see `error_estimate`. Where that
+        cannot be done, the reason is a warning; so is an induced drag below that of the ellipse.
+
+    Returns
+    -------
+    DesignSummary
+
+    Raises
+    ------
+    InputError
+        If there is no such output, or the finer member is not finer.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("f", om.ExecComp("f = (x - 3)**2"), promotes=["*"])
+    >>> problem.model.add_design_var("x", lower=-5.0, upper=5.0)
+    >>> problem.model.add_objective("f")
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> print(design_summary(problem))
+    objective     value  lower  upper
+      f               4
+    variables     value  lower  upper
+      x               1     -5      5
+    """
+    if finer is not None and not finer > 1.0:
+        raise InputError(f"summary: finer is {finer!r}; give a number above 1, such as 1.5, or leave it out")
+    problem.final_setup()
+    driver = problem.driver
+    found = (
+        ("objective", driver._objs, driver.get_objective_values(driver_scaling=False)),
+        ("variable", driver._designvars, driver.get_design_var_values(driver_scaling=False)),
+        ("constraint", driver._cons, driver.get_constraint_values(driver_scaling=False)),
+    )
+    is_scaled = getattr(driver, "_autoscaler", None) is None
+    entries = [
+        _entry(role, metas[name], np.ravel(values), is_scaled)
+        for role, metas, all_values in found
+        for name, values in all_values.items()
+    ]
+    taken = {entry.name for entry in entries}
+    sources = {_name(meta): meta["source"] for _, metas, _ in found for meta in metas.values()}
+    for name in (name for name in outputs if name not in taken):
+        try:
+            values, nothing = np.ravel(problem.get_val(name)), np.full(np.size(problem.get_val(name)), np.nan)
+        except KeyError:
+            raise InputError(f"summary: the problem has no output '{name}'; leave it out") from None
+        names = value_names(name, values.size)
+        entries.append(SummaryEntry("output", name, "", values.copy(), nothing, nothing, names, np.ones(())))
+        sources[name] = problem.model.get_source(name)
+    return DesignSummary(tuple(entries), _estimates(problem, sources, finer) if finer is not None else {})
+
+
+def _estimates(problem: om.Problem, sources: Mapping[str, str], factor: float) -> dict[str, ErrorEstimate]:
+    """Estimate the errors of lift and drag among outputs, given by name with their absolute names."""
+    estimates: dict[str, ErrorEstimate] = {}
+    for flow in problem.model.system_iter(include_self=True, recurse=True, typ=EulerFlow):
+        inside = f"{flow.pathname}." if flow.pathname else ""
+        of = {name: source.rpartition(".")[2] for name, source in sources.items() if source.startswith(inside)}
+        of = {name: coefficient for name, coefficient in of.items() if coefficient in FUNCTIONALS}
+        if not of:
+            continue
+        try:
+            found = error_estimate(problem, sorted(set(of.values())), factor, flow)
+        except (InputError, om.AnalysisError) as error:  # what is summed up is worth more than its errors
+            om.issue_warning(f"summary: the errors of {', '.join(of)} are not estimated: {error}")
+            continue
+        estimates |= {name: found[coefficient] for name, coefficient in of.items()}
+        if "CD_induced" in found:
+            warn_below_the_ellipse(flow.pathname, *induced_and_least(flow))
+    return estimates
+
+
+def _name(meta: dict) -> str:
+    """Name of a variable or response."""
+    return str(meta.get("alias") or meta["name"])
+
+
+def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool) -> SummaryEntry:
+    """Take down one variable or response, its bounds in its own units.
+
+    Up to OpenMDAO 3.43 the bounds are scaled when they are declared.
+    """
+
+    def bound_of(key: str) -> np.ndarray:
+        bound = meta.get("equals") if meta.get("equals") is not None else meta.get(key)
+        bound = np.broadcast_to(np.ravel(np.nan if bound is None else bound), values.shape).astype(float)
+        for step, factor in (("total_scaler", np.divide), ("total_adder", np.subtract)):
+            if is_scaled and meta.get(step) is not None:
+                bound = factor(bound, meta[step])
+        return np.where(np.abs(bound) < _UNBOUNDED, bound, np.nan)
+
+    name, indices, units = _name(meta), meta.get("indices"), meta.get("units") or ""
+    names = value_names(name, values.size, None if indices is None else indices.shaped_array(flat=True))
+    scaler = meta.get("total_scaler")
+    unit = np.ones(()) if scaler is None else 1.0 / np.abs(scaler)
+    return SummaryEntry(role, name, units, values.copy(), bound_of("lower"), bound_of("upper"), names, unit)
+
+
+def _number(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.6g}"
+
+
+def _exact(value: float) -> str:
+    return "" if np.isnan(value) else repr(value)

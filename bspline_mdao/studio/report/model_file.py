@@ -1,0 +1,65 @@
+"""The file of the model that a case file is about: found by what the case file says, known by its checksum."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from ...core.model.model_file import checksum_in
+from ...core.om.model_option import NamedModel
+
+__all__ = ["ADVICE", "find_model"]
+
+ADVICE = "give the model that was optimised, --model MODEL.h5 or write_report(..., model=...)"
+"""How the model of a case file is given."""
+
+
+def find_model(case_file: Path, named: NamedModel | None) -> tuple[Path | None, str]:
+    """Find the model of a case file.
+
+    It is looked for where it was, and beside the case file, above it and in the working directory: by its name where it
+    had one, and among all models where it was saved after the run. What is found has the checksum of the model that was
+    optimised.
+
+    Parameters
+    ----------
+    case_file : Path
+        The case file.
+    named : NamedModel or None
+        What it says of its model.
+
+    Returns
+    -------
+    file : Path or None
+        The file; None where there is none.
+    reason : str
+        Why there is none, and what to do.
+    """
+    if named is None:
+        return None, f"The case file does not name the model: {ADVICE}, to see its grid with its quality."
+    others: list[Path] = []
+    for file in _candidates(case_file, named):
+        checksum = checksum_in(file)
+        if checksum == named.checksum:
+            return file, ""
+        if checksum is not None:
+            others.append(file)
+    if not named.file:
+        text = "The grid is not shown: no file of the model was saved before the run, and none beside the case file is"
+        return None, f"{text} it. Save it by model.save(...); {ADVICE}."
+    if others:
+        text = f"The grid is not shown: {others[0]} is another model than the one that was optimised"
+        return None, f"{text}; it was written since. Put that one back, or {ADVICE}."
+    return (
+        None,
+        f"The grid is not shown: its model {named.file} is no longer there, nor beside the case file; {ADVICE}.",
+    )
+
+
+def _candidates(case_file: Path, named: NamedModel) -> Iterator[Path]:
+    """Files that may be the model, the most likely first."""
+    if named.file:
+        yield Path(named.file)
+    folders = case_file.absolute().parent, case_file.absolute().parents[min(1, len(case_file.absolute().parents) - 1)]
+    for folder in dict.fromkeys((*folders, Path.cwd())):
+        yield from [folder / Path(named.file).name] if named.file else sorted(folder.glob("*.h5"))

@@ -1,0 +1,404 @@
+"""The report page: one HTML file that needs no network."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import openmdao.api as om
+
+from ... import __version__
+from ...base.text import counted
+from ...core.model.fitted_model import FittedModel
+from ...core.om.drivers.case_history import CaseHistory, read_history
+from ...core.om.drivers.sound_cases import sound_cases
+from ...core.om.model_option import named_model
+from ...errors import InputError
+from ...flow.euler.error_estimate import ErrorEstimate
+from ...flow.om.induced_gain import induced_gains
+from ...grids.cells.grid_quality import GridQuality
+from ...grids.cells.report import report_quality
+from ...grids.io.disk import replaced_file
+from ...grids.io.formats import MODEL
+from ..plotting.figures import require
+from .charts import Chart, height_chart, history_charts, lattice_charts, pressure_chart, quality_chart, section_chart
+from .contents import Contents, axes_of, shapes_of
+from .model_file import find_model
+from .notes import notes_on
+from .space import LAYERS, SHOWN, camera, space_traces
+from .tables import (
+    Table,
+    estimate_table,
+    fit_table,
+    flow_table,
+    height_table,
+    history_table,
+    number,
+    quality_table,
+    variable_table,
+    worst_table,
+)
+from .walls import DrawnWalls, boundary_faces, wall_quads
+
+__all__ = ["MOST_TRIANGLES", "Section", "write_report"]
+
+EXTRA = "report"
+"""What installs the libraries that pages are made with."""
+
+NO_MODEL = "The grid is not shown: each process has a part of it alone."
+"""What is missing where a problem has shares of a model."""
+
+MOST_TRIANGLES = 40_000
+"""Triangles of the walls that are drawn of each shape: as many as a phone turns smoothly."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of the page.
+
+    Parameters
+    ----------
+    key, title : str
+        Its name in links, and its heading.
+    lines : sequence of str
+        Paragraphs.
+    charts : sequence of Chart
+        Charts.
+    tables : sequence of Table
+        Tables.
+    kind : str
+        ``"space"`` and ``"diagram"`` hold what the sections of these names hold, besides.
+    """
+
+    key: str
+    title: str
+    lines: Sequence[str] = ()
+    charts: Sequence[Chart] = ()
+    tables: Sequence[Table] = ()
+    kind: str = ""
+
+
+def write_report(
+    path,
+    source,
+    model: FittedModel | str | os.PathLike | None = None,
+    *,
+    title: str | None = None,
+    estimates: Mapping[str, ErrorEstimate] | None = None,
+    baseline: Mapping[str, ErrorEstimate] | None = None,
+    most_triangles: int = MOST_TRIANGLES,
+) -> dict[str, Any]:
+    """Write a report on a model, or on an optimisation, as one HTML file that needs no network.
+
+    The page shows the walls and the control mesh in space, the quality of the cells and the worst of them, heights at
+    walls, and of an optimisation the histories of objective, constraints and first-order optimality, the variables with
+    their bounds, sections and pressures before and after, and the N2 diagram. What cannot be shown is said on it.
+
+    Parameters
+    ----------
+    path : path-like
+        The page, ``something.html``; replaced when the new one is complete.
+    source : FittedModel or path-like
+        A model, its file ``MODEL.h5``, or a case file ``case.sql`` of a driver's ``om.SqliteRecorder``. Shapes and
+        pressures are shown as far as ``control_points`` (or ``grid``) and ``Cp`` are recorded, optimality where
+        derivatives are.
+    model : FittedModel or path-like, optional
+        The model that was optimised, for a case file; by default the file that the case file names, or one beside it
+        of the same checksum.
+    title : str, optional
+        Heading of the page; by default the name of the source.
+    estimates : mapping of str to ErrorEstimate, optional
+        What lift and drag at the end of an optimisation would be on a finer grid: ``estimates`` of `design_summary`.
+    baseline : mapping of str to ErrorEstimate, optional
+        The same of the baseline: the page then says what was gained in induced drag on either grid.
+    most_triangles : int
+        Triangles of the walls that are drawn of each shape, about; of larger grids every n-th line is drawn.
+
+    Returns
+    -------
+    dict
+        ``report``, ``bytes``, ``triangles`` drawn and ``triangles_of_walls``, ``missing``, what the page says is not
+        shown, and ``notes``, what it says of infeasible designs and of Mach numbers without a comparison.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or written, the case file is that of another model, or plotly or jinja2 is missing.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid, onera_m6_grid, write_report
+    >>> model = fit_grid(onera_m6_grid((5, 5, 5)))
+    >>> write_report("m6.html", model)["missing"]  # doctest: +SKIP
+    []
+    """
+    if Path(path).suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{path}: a report is an HTML file; give a name that ends in .html")
+    if most_triangles < 100:
+        raise InputError(f"most_triangles: {most_triangles} are too few to see a wall; give 100 or more")
+    require("plotly.graph_objects", EXTRA), require("jinja2", EXTRA)
+    gains = tuple(gain.warning or gain.words for gain in induced_gains(baseline or {}, estimates or {}))
+    contents = replace(_contents(source, model, title), estimates=estimates or {}, gains=gains)
+    return write_contents(path, contents, most_triangles)
+
+
+def _contents(source, model, title: str | None) -> Contents:
+    """What a report on a source is about."""
+    if isinstance(source, FittedModel):
+        return of_model(source, title)
+    if Path(source).suffix == MODEL:
+        if model is not None:
+            raise InputError(f"{source}: is a model already; leave out the other one")
+        return of_model(FittedModel.load(source), title or Path(source).name)
+    history = read_history(source)
+    diagram, missing = _diagram(source)
+    contents = Contents(title or Path(source).name, history=history, missing=missing, diagram=diagram)
+    if model is None:
+        model, reason = find_model(Path(source), named_model(history.options))
+        if model is None:
+            return contents.without(reason)
+    return with_model(contents, model if isinstance(model, FittedModel) else FittedModel.load(model))
+
+
+def of_model(model: FittedModel, title: str | None) -> Contents:
+    """What a report on a model alone is about."""
+    return with_model(Contents(title or model.header.source), model)
+
+
+def with_model(contents: Contents, model: FittedModel) -> Contents:
+    """Add the shapes of a model to what is reported."""
+    quads = wall_quads(model.topology, model.regenerate().to_vector().reshape(-1, 3))
+    shapes, missing = shapes_of(model, contents.history, 0 if quads is None else len(quads))
+    return replace(contents.without(*missing), model=model, shapes=shapes)
+
+
+def write_contents(path, contents: Contents, most_triangles: int = MOST_TRIANGLES) -> dict[str, Any]:
+    """Write a page, see `write_report`."""
+    graph_objects, jinja2 = require("plotly.graph_objects", EXTRA), require("jinja2", EXTRA)
+    markup = require("markupsafe", EXTRA).Markup
+    sections, space, numbers = _sections(contents, most_triangles)
+    charts = {chart.key: _json(graph_objects, chart.data, chart.layout) for s in sections for chart in s.charts}
+    if space is not None:
+        charts["space"] = _json(graph_objects, *space)
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
+    text = template.render(
+        title=contents.title,
+        subtitle=_subtitle(contents),
+        cards=_cards(contents, numbers),
+        sections=sections,
+        charts={key: markup(_harmless(value)) for key, value in charts.items()},
+        layers=LAYERS,
+        shown=SHOWN,
+        space=numbers,
+        shapes=[shape.label for shape in contents.shapes],
+        diagram=None if contents.diagram is None else markup(_harmless(json.dumps(contents.diagram))),
+        plotly=markup(require("plotly.offline", EXTRA).get_plotlyjs()),
+        version=__version__,
+        date=datetime.datetime.now().strftime("%Y-%m-%d %H:%M"),
+    )
+    with replaced_file(path) as file:
+        file.write_text(text, encoding="utf-8")
+    return {
+        "report": str(path),
+        "bytes": len(text.encode()),
+        "triangles": numbers.get("triangles", 0),
+        "triangles_of_walls": numbers.get("of_all", 0),
+        "missing": list(contents.missing),
+        "notes": notes_on(contents.history) if contents.history else [],
+    }
+
+
+def _sections(contents: Contents, most_triangles: int):
+    """Sections of the page, the drawing in space, and numbers about both."""
+    sections: list[Section] = []
+    space, numbers, of_grid = None, {}, []
+    if contents.model is not None:
+        space, numbers, of_grid = _of_grid(contents, contents.model, most_triangles)
+        sections.append(of_grid.pop(0))
+    if contents.history is not None:
+        sections += _of_history(contents.history, contents)
+    sections += of_grid
+    if contents.diagram is not None:
+        line = "The components of the problem and what is passed between them, as OpenMDAO draws it."
+        sections.append(Section("diagram", "Model of the problem (N2)", [line], kind="diagram"))
+    if contents.missing:
+        sections.append(Section("missing", "Not shown", contents.missing))
+    return sections, space, numbers
+
+
+def _of_grid(contents: Contents, model: FittedModel, most_triangles: int):
+    """Drawing in space, numbers about it, and sections on the shapes of a grid, that in space first."""
+    shapes = contents.shapes
+    quality = GridQuality.of_baseline(model.regenerate())
+    reports = [report_quality(quality, shape.nodes) for shape in shapes]
+    worst = [report.worst for report in reports]
+    walls = DrawnWalls.of(model.topology, shapes[0].nodes, most_triangles)
+    corners = wall_quads(model.topology, shapes[0].nodes) if any(shape.pressures for shape in shapes) else None
+    cells = quality.first_cells if len(quality.first_cells.baseline) else None
+    points = shapes[0].nodes[walls.rows]
+    axes = axes_of(model, points, contents.history.options if contents.history else {})
+    traces, colors = space_traces(contents, model, axes, walls, corners, cells, worst)
+    has_symmetry = bool(boundary_faces(model.topology, shapes[0].nodes, "symmetry"))
+    layout = {"scene": {"camera": camera(axes, points, has_symmetry), "aspectmode": "data"}}
+    layers = {trace["meta"]["layer"] for trace in traces}
+    numbers = {
+        "triangles": walls.n_triangles,
+        "of_all": walls.n_of_all,
+        "colors": colors,
+        "layers": {key: name for key, name in LAYERS.items() if key in layers},
+        "q_min": reports[-1].q_min,
+        "n_inverted": reports[-1].n_inverted,
+        "n_cells": reports[-1].n_cells,
+    }
+    what = "the walls" if walls.are_walls else "the boundary, since no patch is a wall"
+    line = f"Drawn: {what}, with {walls.n_triangles:,} triangles"
+    line += (
+        f" of {walls.n_of_all:,}: lines are left out."
+        if walls.n_triangles < walls.n_of_all
+        else ", all that there are."
+    )
+    sections = [Section("space", "The grid", [line], kind="space")]
+    if walls.are_walls:
+        charts = [section_chart(shapes, walls.quads(), axes)]
+        names = dict.fromkeys(name for shape in shapes for name in shape.pressures)
+        if corners is not None:
+            charts += [c for name in names if (c := pressure_chart(shapes, name, corners, axes)) is not None]
+        guess = (
+            " The axes are guessed: no flow says which are downstream and along the span." if axes.is_guessed else ""
+        )
+        title = "Sections and pressures" if names else "Sections"
+        sections.append(
+            Section("sections", title, [f"Cuts of the walls across the axis {'xyz'[axes.span]}.{guess}"], charts)
+        )
+    unit = axes.unit
+    worst_tables = (worst_table(shape, cells, unit) for shape, cells in zip(shapes[-1:], worst[-1:]))
+    quality_tables = [quality_table(shapes, reports), *worst_tables]
+    sections.append(Section("quality", "Quality of the cells", [], [quality_chart(shapes, reports)], quality_tables))
+    if cells is not None:
+        parts = [height_chart(shapes, cells, unit)], [height_table(shapes, cells, unit)]
+        sections.append(Section("heights", "Wall heights", [], *parts))
+    sections.append(Section("fit", "Fit", [], [], [fit_table(model)]))
+    return (traces, layout), numbers, sections
+
+
+def _of_history(history: CaseHistory, contents: Contents) -> list[Section]:
+    """Sections on an optimisation."""
+    lines = [f"{history.n_evaluations} evaluations by {history.driver} in {_time_text(history.seconds[-1])}."]
+    lines += [*contents.gains, *notes_on(history)]
+    if history.n_others:
+        lines.append(f"{history.n_others} evaluations before are not shown: they are of other variables or responses.")
+    if history.convergence is not None and not history.convergence.residuals.size:
+        lines.append(
+            "First-order optimality is not shown: derivatives are not recorded. "
+            'Set problem.driver.recording_options["record_derivatives"] = True.'
+        )
+    variables = len(history.of_kind("variable"))
+    charts = history_charts(history)
+    split, panels = len(charts) - variables, lattice_charts(history)
+    flows = [table for table in (flow_table(history), estimate_table(contents.estimates)) if table is not None]
+    return [
+        Section("history", "Optimisation", lines, charts[:split], [history_table(history)]),
+        *([Section("flow", "Flow", [], panels, flows)] if flows or panels else []),
+        Section("variables", "Design variables", [], charts[split:], [variable_table(history)]),
+    ]
+
+
+def _time_text(seconds: float) -> str:
+    """Write a duration."""
+    minutes, rest = divmod(round(float(seconds)), 60)
+    return (
+        f"{seconds:.3g} s" if minutes == 0 else f"{minutes} min {rest} s" if minutes < 60 else f"{minutes / 60:.1f} h"
+    )
+
+
+def _subtitle(contents: Contents) -> str:
+    """Line below the heading."""
+    model = contents.model
+    if model is None:
+        return "An optimisation, without its grid"
+    blocks, points = counted(len(model.topology.shapes), "block"), model.mesh.n_control_points
+    shape = f"{blocks}, {model.n_nodes:,} nodes, {points:,} control points"
+    return f"{model.header.source}: {shape}"
+
+
+def _cards(contents: Contents, numbers: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """Key figures: what, how much, and a remark."""
+    cards: list[tuple[str, str, str]] = []
+    history = contents.history
+    if history is not None:
+        best = history.best
+        for q in history.of_kind("objective"):
+            first, last = q.values[0, 0], q.values[best, 0]
+            change = f", {100.0 * (last / first - 1.0):+.1f} %" if first else ""
+            if history.infeasible(0):
+                change = ", infeasible"
+            word = "infeasible, " if history.infeasible(best) else ""
+            cards.append((q.name, number(last), f"{word}from {number(first)}{change}"))
+        if history.convergence is not None:
+            found = history.convergence
+            cards.append(
+                ("largest violation", number(found.violations[best], 2), f"from {number(found.violations[0], 2)}")
+            )
+            if found.residuals.size:
+                cards.append(("optimality", number(found.residuals[-1], 2), f"from {number(found.residuals[0], 2)}"))
+        cards.append(("evaluations", f"{history.n_evaluations}", _time_text(history.seconds[-1])))
+    if contents.model is not None:
+        inverted = numbers["n_inverted"]
+        cards.append(
+            ("smallest Q", number(numbers["q_min"], 3), f"{inverted:,} of {numbers['n_cells']:,} cells inverted")
+        )
+        if history is None:
+            cards.insert(
+                0, ("nodes", f"{contents.model.n_nodes:,}", counted(len(contents.model.topology.shapes), "block"))
+            )
+            points = contents.model.mesh.n_control_points
+            cards.insert(1, ("control points", f"{points:,}", f"one for {contents.model.n_nodes / points:.0f} nodes"))
+            report = contents.model.report
+            cards.append(
+                (
+                    "RMS of the fit",
+                    f"{number(report.rms, 3)} {contents.model.header.length_unit}",
+                    f"{number(100 * report.relative_rms, 2)} % of the mean edge",
+                )
+            )
+    return cards
+
+
+def _diagram(case_file) -> tuple[str | None, tuple[str, ...]]:
+    """N2 diagram of a case file, and what is missing."""
+    with sound_cases(case_file) as sound:
+        if not (om.CaseReader(str(sound.file)).problem_metadata or {}).get("tree"):
+            text = "The N2 diagram is not in the case file: record with om.SqliteRecorder(file) and no other options."
+            return None, (text,)
+        try:
+            return diagram_of(str(sound.file)), ()
+        except Exception as error:  # of a tree that is damaged
+            return None, (f"The N2 diagram in the case file is damaged ({type(error).__name__}): record it again.",)
+
+
+def diagram_of(source) -> str:
+    """N2 diagram of a problem or a case file, a whole HTML page."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "n2.html"
+        om.n2(source, outfile=str(file), show_browser=False, display_in_notebook=False)
+        return file.read_text(encoding="utf-8")
+
+
+def _json(graph_objects, data: list[dict], layout: dict) -> str:
+    """Figure of plotly as JSON; arrays are packed, and the page gives it its colours."""
+    return graph_objects.Figure(data=data, layout={"template": "none", **layout}).to_json()
+
+
+def _harmless(text: str) -> str:
+    """JSON that does not end the script that it is in."""
+    return text.replace("<", "\\u003c")

@@ -1,0 +1,243 @@
+"""Tables of the page: what is in their cells, ready to be printed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.model.fitted_model import FittedModel
+from ...core.model.records import FitReport
+from ...core.om.drivers.case_history import CaseHistory
+from ...flow.euler.error_estimate import ErrorEstimate
+from ...grids.cells.first_cells import FirstCells
+from ...grids.cells.report import QualityReport, WorstCell
+from .contents import Shape
+
+__all__ = [
+    "Table",
+    "estimate_table",
+    "fit_table",
+    "flow_table",
+    "height_table",
+    "history_table",
+    "quality_table",
+    "variable_table",
+    "worst_table",
+]
+
+MOST_ROWS = 200
+"""Rows of a table; of more the first ones are shown, and it says how many there are."""
+
+OF_FLOWS = ("Mach_number", "alpha", "CL", "CD", "CD_induced", "CD_entropy", "CM_bending")
+"""Inputs and outputs of flows that are one number, in the order in which they are shown."""
+
+AT_LIMIT = 1e-6
+"""Distance from a limit, by the distance of the limits, within which a variable is at it."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with headings.
+
+    Parameters
+    ----------
+    caption : str
+        What it is about.
+    columns : sequence of str
+        Headings.
+    rows : sequence of sequence of str
+        Cells; the first of each row names it.
+    note : str
+        A line below.
+    """
+
+    caption: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Write a number, or a dash where there is none."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    return f"{value:.{digits}g}"
+
+
+def quality_table(shapes: Sequence[Shape], reports: Sequence[QualityReport]) -> Table:
+    """Extremes of the cells."""
+    rows = [
+        ("smallest Q", [number(r.q_min) for r in reports]),
+        ("mean Q", [number(r.q_mean) for r in reports]),
+        ("smallest corner triple product", [number(r.min_corner) for r in reports]),
+        ("smallest corner Jacobian", [number(r.min_jacobian) for r in reports]),
+        ("smallest volume (m³)", [number(r.min_volume) for r in reports]),
+        ("inverted cells", [f"{r.n_inverted:,} of {r.n_cells:,}" for r in reports]),
+    ]
+    note = (
+        "Q is the orthogonality of Eq. (9), 1 where all edges are at right angles; "
+        "a cell is inverted where a corner is folded or flat."
+    )
+    return Table("Quality of the cells", ("measure", *(s.label for s in shapes)), [(n, *v) for n, v in rows], note)
+
+
+def worst_table(shape: Shape, cells: Sequence[WorstCell], unit: str) -> Table:
+    """The worst cells, and where they are."""
+    rows = []
+    for c in cells:
+        place = ", ".join(number(x, 4) for x in c.place)
+        rows.append((c.block, f"{c.i}, {c.j}, {c.k}", number(c.corner, 3), number(c.q, 3), place, c.patch or "–"))
+    columns = ("block", "cell i, j, k", "corner", "Q", f"place x, y, z ({unit})", "at")
+    return Table(
+        f"Worst cells: {shape.label.lower()}",
+        columns,
+        rows,
+        "The smallest corner triple products, as the command quality names them; numbers are from 1.",
+    )
+
+
+def height_table(shapes: Sequence[Shape], cells: FirstCells, unit: str) -> Table:
+    """Heights of the first cells at every wall."""
+    rows = []
+    for shape in shapes:
+        heights = cells.heights(shape.nodes)
+        for patch, ids in cells.by_patch():
+            own, ratios = heights[ids], heights[ids] / cells.baseline[ids]
+            values = number(own.min()), number(float(np.median(own))), number(own.max())
+            label = (cells.patches[patch], *([shape.label] if len(shapes) > 1 else []))
+            rows.append((*label, f"{ids.size:,}", *values, f"{ratios.min():.3f} to {ratios.max():.3f}"))
+    shape_column = ["grid"] if len(shapes) > 1 else []
+    sizes = (f"{what} ({unit})" for what in ("lowest", "median", "highest"))
+    columns = ("wall", *shape_column, "nodes", *sizes, "by the model's grid")
+    return Table("Heights of the first cells at walls", columns, rows)
+
+
+def history_table(history: CaseHistory) -> Table:
+    """Objective and constraints at the first, the best and the last evaluation, beside their limits."""
+    rows = []
+    for quantity in (*history.of_kind("objective"), *history.of_kind("constraint")):
+        for k, name in enumerate(quantity.value_names[:MOST_ROWS]):
+            values = [number(quantity.values[n, k], 6) for n in (0, history.best, -1)]
+            limits = [number(side[k]) for side in (quantity.lower, quantity.upper, quantity.equals)]
+            rows.append((name, quantity.kind, *values, *limits, quantity.units or "–"))
+    columns = (
+        "name",
+        "kind",
+        "first",
+        f"best (evaluation {history.best})",
+        "last",
+        "lower",
+        "upper",
+        "demanded",
+        "units",
+    )
+    return Table("Objective and constraints", columns, rows[:MOST_ROWS], _cut(len(rows)))
+
+
+def flow_table(history: CaseHistory) -> Table | None:
+    """Coefficients of every flow at the first and the best evaluation, as far as they are recorded.
+
+    Parameters
+    ----------
+    history : CaseHistory
+        The optimisation.
+
+    Returns
+    -------
+    Table or None
+        A row for each flow, named as the subsystem that it is; None where no coefficient is recorded.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for quantity in history.quantities:
+        if quantity.values.shape[1] == 1:
+            found[quantity.name] = quantity.values[0, 0], quantity.values[history.best, 0]
+    for name, values in history.outputs.items():
+        first, best = values.get(0), values.get(history.best)
+        if first is not None and best is not None and first.size == 1:
+            found[name] = first.item(), best.item()
+    flows = list(dict.fromkeys(name.rpartition(".")[0] for name in found if name.rpartition(".")[2] in OF_FLOWS[2:]))
+    of_flow = {flow: {name: found.get(f"{flow}.{name}" if flow else name) for name in OF_FLOWS} for flow in flows}
+    shown = [name for name in OF_FLOWS if any(values[name] for values in of_flow.values())]
+    rows = [(flow or "flow", *(_change(values[name]) for name in shown)) for flow, values in of_flow.items()]
+    columns = ("condition", *(f"{name} (°)" if name == "alpha" else name for name in shown))
+    return Table("Coefficients", columns, rows, "At the first and the best evaluation.") if rows else None
+
+
+def estimate_table(estimates: Mapping[str, ErrorEstimate]) -> Table | None:
+    """Coefficients at the end, and on a finer grid; None where none is estimated."""
+    rows = [
+        (name, number(each.value), number(each.finer), number(each.remaining, 2)) for name, each in estimates.items()
+    ]
+    if not rows:
+        return None
+    factor = next(iter(estimates.values())).factor
+    columns = ("coefficient", "at the end", "on the finer grid", "which may be wrong by")
+    note = f"Estimated by the adjoint for a grid of {number(factor)} times the cells per direction, at the last design."
+    return Table("Errors of the grid", columns, rows, note)
+
+
+def _change(values: tuple[float, float] | None) -> str:
+    """Write a number before and after, once where it stays."""
+    if values is None:
+        return "–"
+    before, after = (number(value, 4) for value in values)
+    return before if before == after else f"{before} → {after}"
+
+
+def variable_table(history: CaseHistory) -> Table:
+    """Design variables with their bounds."""
+    rows = []
+    for quantity in history.of_kind("variable"):
+        for k, name in enumerate(quantity.value_names):
+            first, best = quantity.values[0, k], quantity.values[history.best, k]
+            lower, upper = quantity.lower[k], quantity.upper[k]
+            rows.append(
+                (
+                    name,
+                    number(lower),
+                    number(first),
+                    number(best),
+                    number(upper),
+                    _bound(best, lower, upper),
+                    quantity.units or "–",
+                )
+            )
+    columns = ("variable", "lower", "first", "best", "upper", "at a bound", "units")
+    return Table("Design variables", columns, rows[:MOST_ROWS], _cut(len(rows)))
+
+
+def fit_table(model: FittedModel) -> Table:
+    """How good the fit is."""
+    report, worst, unit = model.report, model.report.worst, model.header.length_unit
+    place = f"node ({worst.i}, {worst.j}, {worst.k}) of block {worst.block}"
+    rows = [
+        ("blocks", f"{len(model.topology.shapes):,}"),
+        ("nodes", f"{model.n_nodes:,}"),
+        ("control points", f"{model.mesh.n_control_points:,}"),
+        (f"RMS distance of nodes from the splines ({unit})", number(report.rms)),
+        ("the same by the mean cell edge", number(report.relative_rms)),
+        (f"largest distance ({unit})", f"{number(worst.error)}, at {place}"),
+        ("the same by the width of the cells", _in_widths(report)),
+        ("invalid control elements", f"{report.n_invalid:,}"),
+        ("residual carried", "yes: the grid that was read comes back" if model.residual is not None else "no"),
+        ("patches", ", ".join(f"{p.name} ({p.kind})" for p in model.header.patches) or "none declared"),
+    ]
+    return Table("The fitted model", ("what", "value"), rows)
+
+
+def _in_widths(report: FitReport) -> str:
+    """Where the error is largest by the width of the cells."""
+    places = f"{report.worst_local}" if report.worst_local else "–"
+    return f"{places}; on walls {report.worst_on_walls}" if report.worst_on_walls else places
+
+
+def _bound(value: float, lower: float, upper: float) -> str:
+    """Which bound a value is at."""
+    near = AT_LIMIT * (upper - lower if np.isfinite(upper - lower) else max(1.0, abs(value)))
+    return "lower" if value <= lower + near else "upper" if value >= upper - near else "no"
+
+
+def _cut(n_rows: int) -> str:
+    return f"The first {MOST_ROWS} of {n_rows:,} are shown." if n_rows > MOST_ROWS else ""

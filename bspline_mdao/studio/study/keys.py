@@ -1,0 +1,410 @@
+"""The keys of a study: what each may be, what it means, and what it is where it is left out.
+
+Whoever reads, explains or documents a study reads these tables. To add a key, add its line here, and what it makes to
+`script`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ...grids.cells.aggregates import AGGREGATES
+from .kinds import (
+    AXES,
+    BOUND,
+    COORDINATES,
+    DIRECTION,
+    FLAG,
+    FRACTIONS,
+    LATTICE,
+    NAMES,
+    NUMBER,
+    NUMBERS,
+    OPTIONS,
+    PARTS,
+    POINT,
+    POSITIVE,
+    SLICES,
+    STATIONS,
+    TEXT,
+    TRIPLE,
+    WEIGHT,
+    Kind,
+    number,
+    one_of,
+    whole,
+)
+
+__all__ = [
+    "CONDITIONS",
+    "CONSTRAINT",
+    "DRIVER",
+    "FLOWS",
+    "GRID",
+    "MEASURES",
+    "MOST_NODES",
+    "MOVEMENT",
+    "OBJECTIVE",
+    "OUTPUT",
+    "QUALITIES",
+    "SCIPY",
+    "VARIABLES",
+    "Flow",
+    "Key",
+    "MeasureKind",
+    "VariableKind",
+]
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a table.
+
+    Parameters
+    ----------
+    kind : Kind
+        What it may be.
+    meaning : str
+        What it means, with its unit.
+    default : object
+        Value where it is left out; None where there is none to write down.
+    otherwise : str
+        What happens where it is left out and there is no value to write down.
+    is_required : bool
+        Whether it has to be there.
+    """
+
+    kind: Kind
+    meaning: str
+    default: Any = None
+    otherwise: str = ""
+    is_required: bool = False
+
+
+GRID = {
+    "file": Key(
+        TEXT, "PLOT3D or CGNS file, fitted model MODEL.h5, or built-in grid such as @onera_m6", is_required=True
+    ),
+    "patches": Key(TEXT, "patches of the grid: a TOML or NMF file", otherwise="those of the grid file"),
+    "n_control": Key(TRIPLE, "control points per direction in every block", otherwise="chosen from the grid"),
+    "order": Key(whole(2, 16), "order of the B-splines, degree plus one", otherwise="4, or 3 in short directions"),
+    "corrections": Key(whole(0, 100), "cycles of parameter correction of the fit", 0),
+    "design": Key(NAMES, "patches that are designed", otherwise="all walls"),
+    "fixed": Key(NAMES, "patches that stay where they are", otherwise="see moving_mesh"),
+    "released": Key(NAMES, "patches that move freely with the grid", otherwise="none"),
+    "sliding": Key(NAMES, "planar patches that slide in their planes", otherwise="planes of symmetry"),
+}
+"""Table ``[grid]``."""
+
+_BOUNDS = {
+    "lower": Key(BOUND, "lower bound", is_required=True),
+    "upper": Key(BOUND, "upper bound", is_required=True),
+    "start": Key(BOUND, "value to start from", otherwise="that of the baseline"),
+    "ref": Key(POSITIVE, "change that the driver sees as 1", otherwise="half the distance of the bounds"),
+}
+_KIND = {"kind": Key(TEXT, "one of the kinds below", otherwise="the name of the table")}
+_AT = {
+    "at": Key(
+        number("a number from -10 to 10", -10.0, 10.0),
+        "part of the chord where the axis is, 0 leading and 1 trailing edge",
+        0.25,
+    )
+}
+_STATIONS = {
+    **_AT,
+    "stations": Key(STATIONS, "stations along the axis with a value each", 1),
+    "order": Key(one_of(2, 4), "order of the spline between them: 2 straight lines, 4 cubics", 4),
+    "values": Key(NUMBERS, "which stations are variables, from 1 at the root; others stay", otherwise="all"),
+}
+
+
+@dataclass(frozen=True)
+class VariableKind:
+    """A kind of design variable.
+
+    Parameters
+    ----------
+    meaning : str
+        What its values are.
+    keys : dict of Key
+        Its keys besides bounds.
+    made_by : str
+        Class of `bspline_mdao` that it is an object of; empty for an input of the flow.
+    units : str
+        Units of its values, empty where they are numbers.
+    neutral : float
+        Value that leaves the baseline as it is.
+    """
+
+    meaning: str
+    keys: dict[str, Key]
+    made_by: str = ""
+    units: str = ""
+    neutral: float = 0.0
+
+    @property
+    def all_keys(self) -> dict[str, Key]:
+        """Its keys, the common ones first."""
+        return _KIND | _BOUNDS | self.keys
+
+
+VARIABLES = {
+    "twist": VariableKind("angles (deg) of sections about the axis, nose up positive", _STATIONS, "Twist", "deg"),
+    "sweep": VariableKind("angles (deg) by which sections shear downstream along the axis", _STATIONS, "Sweep", "deg"),
+    "dihedral": VariableKind(
+        "angles (deg) by which sections shear upwards along the span", _STATIONS, "Dihedral", "deg"
+    ),
+    "span": VariableKind("factors on lengths along the span", _STATIONS, "Span", neutral=1.0),
+    "chord": VariableKind(
+        "factors on the chord",
+        _STATIONS | {"scales_thickness": Key(FLAG, "whether thickness over chord stays", True)},
+        "Chord",
+        neutral=1.0,
+    ),
+    "taper": VariableKind("factor on the ratio of tip and root chord", _AT, "Taper", neutral=1.0),
+    "thickness": VariableKind("factors on the thickness of sections", _STATIONS, "ThicknessFactor", neutral=1.0),
+    "camber": VariableKind("camber added to sections, in chords", _STATIONS, "Camber"),
+    "control_points": VariableKind(
+        "displacements (m) of the control points of the design surface, one by one",
+        {
+            "direction": Key(DIRECTION, "direction of the displacements", "normal"),
+            "patches": Key(NAMES, "patches whose control points move", otherwise="all of the design surface"),
+        },
+        "Local",
+        "m",
+    ),
+    "lattice": VariableKind(
+        "displacements (m) of the points of a box-shaped free-form lattice about the design surface",
+        {
+            "n": Key(LATTICE, "points of the lattice in x, y and z", [4, 3, 3]),
+            "direction": Key(COORDINATES, "direction of the displacements", "xyz"),
+            "where": Key(SLICES, "which points move, as slices in x, y and z from 0 on", otherwise="all"),
+            "margin": Key(
+                number("a number from 0 to 10", 0.0, 10.0),
+                "part of each extent by which the box is larger at both ends",
+                0.05,
+            ),
+        },
+        "FreeForm",
+        "m",
+    ),
+    "alpha": VariableKind("angle of attack (deg) of the flow", {}, units="deg"),
+}
+"""Tables ``[variables.NAME]`` by kind."""
+
+_RELATIVE = {"relative": Key(FLAG, "whether it is divided by that of the baseline", True)}
+_MEASURE_STATIONS = {"stations": Key(FRACTIONS, "fractions of the span", [0.1, 0.5, 0.9])}
+
+
+@dataclass(frozen=True)
+class MeasureKind:
+    """A kind of measure of the design surface.
+
+    Parameters
+    ----------
+    meaning : str
+        What it is.
+    keys : dict of Key
+        Its keys besides ``kind``.
+    made_by : str
+        What makes it: a method of a class of `bspline_mdao`, of the surface.
+    is_number : bool
+        Whether it is one number, which an objective has to be.
+    """
+
+    meaning: str
+    keys: dict[str, Key]
+    made_by: str
+    is_number: bool = True
+
+    @property
+    def all_keys(self) -> dict[str, Key]:
+        """Its keys, the common one first."""
+        return _KIND | self.keys
+
+
+MEASURES = {
+    "volume": MeasureKind("enclosed volume", _RELATIVE, "EnclosedVolume.of"),
+    "surface_area": MeasureKind("wetted area", _RELATIVE, "SurfaceArea.of"),
+    "planform_area": MeasureKind("planform area", _RELATIVE, "ProjectedArea.of"),
+    "thickness": MeasureKind(
+        "thickness on a grid of lines between the edges",
+        {
+            "n_chord": Key(whole(2, 200), "lines along the chord", 5),
+            "n_span": Key(whole(2, 200), "lines along the span", 5),
+            "chord": Key(PARTS, "parts of the chord between which they are", [0.05, 0.95]),
+            "span": Key(PARTS, "parts of the span between which they are", [0.02, 0.98]),
+            **_RELATIVE,
+        },
+        "Thickness.grid",
+        is_number=False,
+    ),
+    "section_thickness": MeasureKind(
+        "smooth bound of the largest thickness over chord of sections",
+        _MEASURE_STATIONS | {"smallest": Key(FLAG, "whether the smallest is bounded instead", False)},
+        "SectionThickness.at",
+        is_number=False,
+    ),
+    "leading_edge_radius": MeasureKind(
+        "radius of the leading edge at stations",
+        _MEASURE_STATIONS
+        | {"relative_to": Key(one_of("metre", "chord", "baseline"), "what the radius is divided by", "baseline")},
+        "LeadingEdgeRadius.at",
+        is_number=False,
+    ),
+    "trailing_edge_angle": MeasureKind(
+        "wedge angle (rad) of the trailing edge at stations", _MEASURE_STATIONS, "TrailingEdgeAngle.at", is_number=False
+    ),
+    "curvature": MeasureKind("integral of the curvature", _RELATIVE, "Curvature.integral"),
+}
+"""Tables ``[measures.NAME]`` by kind. One with all defaults need not be written: its name is enough."""
+
+QUALITIES = {name: aggregate.meaning for name, aggregate in AGGREGATES.items()}
+"""What objectives and constraints may say of the cells of the grid."""
+
+_DEGREES = number("a number from -90 to 90", -90.0, 90.0)
+_SUBSONIC, _MACH = number("a number from 0.001 to 0.99", 1e-3, 0.99), number("a number from 0.001 to 10", 1e-3, 10.0)
+_FREE_STREAM = "Mach number of the free stream"
+_STREAM = {
+    "reference_area": Key(POSITIVE, "of what the grid shows, of the half wing if it shows one half (m^2)",
+                          otherwise="planform area of the design surface"),
+    "reference_chord": Key(POSITIVE, "for moments (m)", 1.0),
+    "moment_reference": Key(POINT, "point that moments are about, in the axes of the grid (m)", [0.0, 0.0, 0.0]),
+    "axes": Key(AXES, "axes of the grid downstream, along the span, up", "xzy"),
+}  # fmt: skip
+_ALPHA = {"alpha": Key(_DEGREES, "angle of attack (deg)", 2.0)}
+
+
+@dataclass(frozen=True)
+class Flow:
+    """A flow.
+
+    Parameters
+    ----------
+    meaning : str
+        What it is.
+    made_by : str
+        Group of `bspline_mdao`.
+    keys : dict of Key
+        Its keys besides ``kind``.
+    outputs : tuple of str
+        Its outputs that are one number.
+    """
+
+    meaning: str
+    made_by: str
+    keys: dict[str, Key]
+    outputs: tuple[str, ...]
+
+
+MOST_NODES = 1000
+"""Nodes of a vortex lattice at most: its matrices are dense, 1.6 GB for 900 nodes with a gradient."""
+
+FLOWS = {
+    "lattice": Flow(
+        "vortex lattice of the half wing",
+        "LatticeFlow",
+        {
+            "kind": Key(one_of("lattice", "euler"), "flow model", is_required=True),
+            **_ALPHA,
+            "Mach_number": Key(_SUBSONIC, _FREE_STREAM, 0.3),
+            **_STREAM,
+            "n_chord": Key(whole(2, 100), "nodes of the lattice along the chord", 5),
+            "n_span": Key(whole(3, 400), "and along the span", 17),
+        },
+        ("CL", "CD", "CD_induced", "CM_bending"),
+    ),
+    "euler": Flow(
+        "Euler equations on all blocks of the grid",
+        "EulerFlow",
+        {
+            "kind": Key(one_of("lattice", "euler"), "flow model", is_required=True),
+            **_ALPHA,
+            "Mach_number": Key(_MACH, _FREE_STREAM, 0.3),
+            **_STREAM,
+            "trim": Key(FLAG, "whether the angle of attack is solved for at the lift CL_target", False),
+            "CL_target": Key(NUMBER, "lift coefficient of the trim", otherwise="needed with trim"),
+            "tolerance": Key(POSITIVE, "residual, relative to that of the uniform stream, of a solution", 1e-12),
+        },
+        ("CL", "CD", "CD_induced", "CD_entropy", "CM_bending"),
+    ),
+}
+"""Table ``[flow]`` by its key ``kind``."""
+
+_POINT = {
+    "alpha": Key(_DEGREES, "angle of attack (deg)", otherwise="that of [flow]"),
+    "weight": Key(WEIGHT, "weight in the mean that the objective is; 0 for constraints alone", 1.0),
+}
+_LIFT = {"CL_target": Key(NUMBER, "lift coefficient at which alpha is solved for", otherwise="see [flow]")}
+CONDITIONS = {
+    "lattice": {"Mach_number": Key(_SUBSONIC, _FREE_STREAM, otherwise="that of [flow]"), **_POINT},
+    "euler": {"Mach_number": Key(_MACH, _FREE_STREAM, otherwise="that of [flow]"), **_POINT, **_LIFT},
+}
+"""Tables ``[conditions.NAME]`` by the kind of the flow."""
+
+_OF = Key(
+    TEXT,
+    "a measure, an aggregate of the cells' quality, an output of the flow or of one condition such as cruise.CL, or an "
+    "expression of those that are one number, such as 'CD_induced + CD_entropy'",
+)
+OBJECTIVE = {
+    "of": Key(_OF.kind, _OF.meaning, is_required=True),
+    "maximize": Key(FLAG, "whether it is to be as large as possible", False),
+    "ref": Key(POSITIVE, "value that the driver sees as 1", otherwise="0.01 for drag, 1 for others"),
+}
+"""Table ``[objective]``."""
+
+CONSTRAINT = {
+    "of": Key(_OF.kind, _OF.meaning, otherwise="the name of the table"),
+    "lower": Key(NUMBER, "lower bound"),
+    "upper": Key(NUMBER, "upper bound"),
+    "equals": Key(NUMBER, "value that it is to have"),
+    "ref": Key(POSITIVE, "value that the driver sees as 1", otherwise="size of the bound, 1 if that is 0"),
+}
+"""Tables ``[constraints.NAME]``."""
+
+MOVEMENT = {
+    "mover": Key(one_of("rotations", "elasticity"), "what carries the control mesh along", "rotations"),
+    "comoving": Key(FLAG, "whether the far field goes along with the rigid part of the motion", False),
+    "increments": Key(
+        whole(1, 1000), "increments of elasticity", otherwise="the least of 1, 2, 5, 10 that bounds need"
+    ),
+    "poisson_ratio": Key(NUMBER, "Poisson's ratio of elasticity", -0.2),
+}
+"""Table ``[movement]``."""
+
+SCIPY = {
+    "SLSQP": (True, True),
+    "trust-constr": (True, True),
+    "COBYLA": (True, False),
+    "L-BFGS-B": (False, False),
+    "TNC": (False, False),
+}
+"""Optimizers of SciPy: whether they take inequality and equality constraints."""
+
+DRIVER = {
+    "optimizer": Key(TEXT, "of NLopt, such as LD_SLSQP, or of SciPy: " + ", ".join(SCIPY), "LD_SLSQP"),
+    "tolerance": Key(POSITIVE, "change of the objective at which it ends: relative (NLopt), or SciPy's tol", 1e-6),
+    "max_iterations": Key(whole(1, 10**9), "at most so many evaluations (NLopt) or iterations (SciPy)", 100),
+    "options": Key(OPTIONS, "other options of NLoptDriver or ScipyDriver by their names", otherwise="none"),
+}
+"""Table ``[driver]``."""
+
+OUTPUT = {
+    "grid": Key(
+        one_of("xyz", "fmt", "cgns", "vtm"),
+        "suffix of the grids before and after",
+        otherwise="cgns for CGNS, else xyz",
+    ),
+    "report": Key(
+        FLAG, "whether the report page is written; it needs plotly and jinja2", otherwise="if they are there"
+    ),
+    "estimate_errors": Key(
+        FLAG,
+        "whether lift and drag in Euler flow, at the end, come with estimates for a grid of half as many cells again "
+        "per direction; on one process",
+        True,
+    ),
+}
+"""Table ``[output]``."""

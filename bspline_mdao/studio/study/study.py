@@ -1,0 +1,478 @@
+"""A study: read from TOML, checked key by key, with what is left out filled in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...core.generators.built_in import generator_of
+from ...core.om.drivers.nlopt_algorithms import ALGORITHMS
+from ...errors import InputError
+from .conditions import bare_outputs, of_conditions, resolved_conditions, weights_of
+from .expressions import fault_of, is_name, names_in, renamed
+from .keys import (
+    CONDITIONS,
+    CONSTRAINT,
+    DRIVER,
+    FLOWS,
+    GRID,
+    MEASURES,
+    MOST_NODES,
+    MOVEMENT,
+    OBJECTIVE,
+    OUTPUT,
+    QUALITIES,
+    SCIPY,
+    VARIABLES,
+)
+from .kinds import slices_of
+from .names import choices, fault_of_name, shortened
+from .options import fault_of_option, fault_of_options, options_of
+from .responses import constraint_responses, objective_response
+from .tables import Table, Tables
+
+__all__ = ["CASES", "Study", "read_study"]
+
+_TABLES = (
+    *("grid", "variables", "measures", "flow", "conditions", "objective", "constraints"),
+    *("movement", "driver", "output"),
+)
+_MAX_BYTES = 2**20
+
+CASES = "cases.sql"
+"""File of the recorded cases among the results."""
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What a study file says.
+
+    Parameters
+    ----------
+    source : Path
+        The file.
+    grid, objective, movement, driver, output : dict
+        Tables of these names.
+    flow : dict or None
+        The flow, if there is one.
+    conditions : dict of dict
+        Flight conditions by name, see `resolved_conditions`; none where the flow is at one condition, its own.
+    variables, measures, constraints : dict of dict
+        Tables by name, in the order of the file. Measures are all that are asked for, those without a table as well.
+        Constraints of one condition are named as in ``cruise.CL``.
+    """
+
+    source: Path
+    grid: Table
+    variables: dict[str, Table]
+    measures: dict[str, Table]
+    flow: Table | None
+    conditions: dict[str, Table]
+    objective: Table
+    constraints: dict[str, Table]
+    movement: Table
+    driver: Table
+    output: Table
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether the grid is that of a fitted model."""
+        return Path(self.grid["file"]).suffix == ".h5"
+
+    @property
+    def is_built_in(self) -> bool:
+        """Whether the grid is a built-in one."""
+        return self.grid["file"].startswith("@")
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that it names, by their keys in ``[grid]``."""
+        names = {key: self.grid[key] for key in ("file", "patches")}
+        return {key: self.source.parent / name for key, name in names.items() if name and not name.startswith("@")}
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of the grids that are written."""
+        return self.output["grid"] or ("cgns" if Path(self.grid["file"]).suffix == ".cgns" else "xyz")
+
+    @property
+    def results(self) -> list[str]:
+        """Files that its script writes; the page as well, unless it is left out."""
+        page = ["report.html"] if self.output["report"] is not False else []
+        return ["model.h5", *self._grids, CASES, "summary.csv", *page]
+
+    @property
+    def folders(self) -> list[str]:
+        """Folders that its script writes files to."""
+        return [name.removesuffix(".vtm") for name in self._grids if name.endswith(".vtm")]
+
+    @property
+    def _grids(self) -> list[str]:
+        return [f"grid_{when}.{self.suffix}" for when in ("before", "after")]
+
+    @property
+    def n_values(self) -> float:
+        """Number of the values of all variables; infinite where it takes the grid to know."""
+        return sum(_n_values(table) for table in self.variables.values())
+
+    @property
+    def responses(self) -> list[str]:
+        """What objective and constraints are of, each once."""
+        asked = [self.objective["of"], *(table["of"] for table in self.constraints.values())]
+        return list(dict.fromkeys(asked))
+
+
+def read_study(path: Path | str) -> Study:
+    """Read a study and check it.
+
+    Parameters
+    ----------
+    path : path-like
+        TOML file.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or something in it cannot be used: with the line, what is allowed, and what was probably
+        meant.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"{path}: is longer than {_MAX_BYTES} bytes; is this a study?")
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        advice = "give a study, or draft one with 'bspline-mdao init GRID -o study.toml'"
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {advice}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: is not text; give a study in TOML") from error
+    return _Reader(path, text).study()
+
+
+class _Reader(Tables):
+    """Checks the tables of a study one after the other."""
+
+    def study(self) -> Study:
+        self.known(self.document, _TABLES, (), "table")
+        grid = self.table("grid", GRID)
+        self._check_grid(grid)
+        flow = self._flow()
+        conditions = self._conditions(flow)
+        self.outputs = (*_outputs(flow), *of_conditions(conditions, _outputs(flow)))
+        variables = self._variables(flow, conditions)
+        declared = self._measures()
+        objective = self.table("objective", OBJECTIVE)
+        objective["of"] = self._expression(("objective", "of"), objective["of"])
+        paths = self._constraint_paths(conditions)
+        constraints = {".".join(path): self._constraint(*path) for path in paths}
+        asked: dict[tuple[str, ...], str] = {("objective", "of"): objective["of"]}
+        asked |= {("constraints", *path, "of"): constraints[".".join(path)]["of"] for path in paths}
+        measures = self._all_measures(declared, asked, flow, conditions)
+        self._names(variables, measures, conditions)
+        self._numbers(asked, measures)
+        if conditions and bare_outputs(names_in(objective["of"])) and not weights_of(conditions):
+            raise self.refuse(("conditions",), "have no weight above 0, and the objective is a mean of theirs")
+        self._check_responses(objective, constraints, conditions)
+        driver = self._driver(constraints, sum(map(_n_values, variables.values())))
+        movement, output = self._movement(), self.table("output", OUTPUT)
+        return Study(
+            self.path, grid, variables, measures, flow, conditions, objective, constraints, movement, driver, output
+        )  # fmt: skip
+
+    def _movement(self) -> Table:
+        """Read what moves the control mesh."""
+        movement = self.table("movement", MOVEMENT)
+        for name in ("increments", "poisson_ratio") if movement["mover"] != "elasticity" else ():
+            if name in self.document.get("movement", {}):
+                raise self.refuse(("movement", name), 'is of elasticity; add mover = "elasticity", or leave it out')
+        return movement
+
+    def _check_grid(self, grid: Table) -> None:
+        """Refuse what a fitted model has already, and files that are not there."""
+        if Path(grid["file"]).suffix == ".h5":
+            for key in ("patches", "n_control", "order", "corrections"):
+                if key in self.document["grid"]:
+                    raise self.refuse(("grid", key), "does not go with a fitted model, which has it; leave it out")
+        for key in ("file", "patches"):
+            name = grid[key]
+            if key == "file" and name.startswith("@"):
+                try:
+                    generator_of(name)
+                except InputError as error:
+                    said = f"is '{shortened(name)}', which {str(error).partition(': ')[2]}"
+                    raise self.refuse(("grid", key), said) from None
+            elif name and not _is_file(self.path.parent / name):
+                complaint = f"names '{shortened(name)}', and there is no such file beside {self.path.name}"
+                raise self.refuse(("grid", key), complaint)
+
+    def _flow(self) -> Table | None:
+        if "flow" not in self.document:
+            return None
+        flow = self.document["flow"]
+        kind = flow.get("kind", "lattice") if isinstance(flow, Mapping) else "lattice"
+        if not isinstance(kind, str) or kind not in FLOWS:
+            said = shortened(repr(kind))
+            raise self.refuse(("flow", "kind"), f"is {said}; {choices(str(kind), FLOWS, 'the flows are')}")
+        table = self.table("flow", FLOWS[kind].keys)
+        if kind == "lattice" and table["n_chord"] * table["n_span"] > MOST_NODES:
+            said = (
+                f"makes {table['n_chord'] * table['n_span']:,} nodes of n_chord x n_span; give {MOST_NODES:,} at most"
+            )
+            raise self.refuse(("flow", "n_span"), said)
+        if table.get("trim") and table["CL_target"] is None and "conditions" not in self.document:
+            raise self.refuse(("flow", "trim"), "needs the lift that is wanted; give CL_target")
+        if table.get("trim") is False and table["CL_target"] is not None:
+            raise self.refuse(("flow", "CL_target"), "is for a trimmed flow; give trim = true, or leave it out")
+        if table.get("trim") and "alpha" in flow:
+            raise self.refuse(("flow", "alpha"), "is solved for where trim is true; leave one of the two out")
+        return table
+
+    def _conditions(self, flow: Table | None) -> dict[str, Table]:
+        """Flight conditions, with what they leave out filled in."""
+        names = self.named("conditions")
+        if flow is None:
+            if "conditions" in self.document:
+                raise self.refuse(("conditions",), "are those of a flow, and there is none; add [flow]")
+            return {}
+        kind = flow["kind"]
+        for name in names:
+            if kind == "lattice" and "CL_target" in self.document["conditions"][name]:
+                raise self.refuse(
+                    ("conditions", name, "CL_target"), "is for euler, which solves for alpha; with a lattice constrain "
+                    f"{name}.CL and make alpha a variable by [variables.alpha]"
+                )  # fmt: skip
+        given = {name: self.table("conditions", CONDITIONS[kind], name) for name in names}
+        return resolved_conditions(given, flow, self.refuse)
+
+    def _constraint_paths(self, conditions: Iterable[str]) -> list[tuple[str, ...]]:
+        """Paths of the tables of constraints, those of conditions below [constraints]."""
+        found: list[tuple[str, ...]] = []
+        for name in self.named("constraints"):
+            table = self.document["constraints"][name]
+            inner = [key for key, value in table.items() if isinstance(value, Mapping)]
+            if name in conditions:
+                flat = [key for key in table if key not in inner]
+                if flat:
+                    raise self.refuse(
+                        ("constraints", name, flat[0]), f"is of no response; write [constraints.{name}.CL] or the like "
+                        f"for a constraint of the condition {name}"
+                    )  # fmt: skip
+                for key in inner:
+                    if fault := fault_of_name("constraints", key):
+                        raise self.refuse(("constraints", name, key), fault)
+                found += [(name, key) for key in inner]
+            elif inner and inner[0] not in CONSTRAINT:
+                raise self.refuse(("constraints", name), self._no_condition(name, conditions))
+            else:
+                found.append((name,))
+        return found
+
+    def _no_condition(self, name: str, conditions: Iterable[str]) -> str:
+        known = list(conditions)
+        advice = choices(name, known, "the conditions are") if known else f"add [conditions.{shortened(name)}]"
+        return f"is no condition; {advice}"
+
+    def _variables(self, flow: Table | None, conditions: Mapping[str, Table]) -> dict[str, Table]:
+        found = {}
+        for name in self.named("variables"):
+            kind = self.kind("variables", name, VARIABLES)
+            table = self.table("variables", VARIABLES[kind].all_keys, name) | {"kind": kind}
+            free = [condition for condition, values in conditions.items() if not values["trim"]]
+            self._check_bounds(name, table, len(free) if conditions else 1)
+            if table.get("where"):
+                self._check_where(name, table)
+            if kind == "alpha" and name != "alpha":
+                raise self.refuse(("variables", name), "is the angle of attack; call it [variables.alpha]")
+            if kind == "alpha" and conditions and not free:
+                raise self.refuse(("variables", name), "is solved for at all conditions; leave it out")
+            if kind == "alpha" and (flow is None or (flow.get("trim") and not conditions)):
+                lacks = "there is no [flow]" if flow is None else "it is solved for where trim is true"
+                raise self.refuse(("variables", name), f"is an input of the flow, and {lacks}; leave one of them out")
+            found[name] = table
+        if not found:
+            raise self.refuse(("variables",), "is empty; give a table such as [variables.twist] with lower and upper")
+        return found
+
+    def _check_where(self, name: str, table: Table) -> None:
+        """Refuse slices that choose no point of a lattice."""
+        for part, n in zip(slices_of(table["where"]) or (), table["n"]):
+            if part not in range(-n, n) if isinstance(part, int) else not range(n)[part]:
+                said = f"is '{table['where']}', which is no point of a lattice of {table['n']}"
+                raise self.refuse(("variables", name, "where"), said)
+
+    def _check_bounds(self, name: str, table: Table, n_alpha: int) -> None:
+        """Refuse lists of other lengths than there are values, and bounds that leave nothing between them."""
+        stations, chosen = table.get("stations"), table.get("values")
+        n = len(stations) if isinstance(stations, list) else stations
+        if chosen and n and (max(chosen) > n or len(set(chosen)) < len(chosen)):
+            raise self.refuse(("variables", name, "values"), f"is {chosen}; there are {n} stations, name each once")
+        n_values = {"taper": 1, "alpha": n_alpha}.get(table["kind"], len(chosen) if chosen else n)
+        for key in ("lower", "upper", "start"):
+            given = table[key]
+            n_wanted = n if key == "start" and chosen else n_values
+            if isinstance(given, list) and len(given) != n_wanted:
+                wanted = f"one number, or {n_wanted}" if n_wanted else "one number for all"
+                raise self.refuse(("variables", name, key), f"has {len(given)} numbers; give {wanted}")
+        lower, upper = (_as_list(table[key], n_values or 1) for key in ("lower", "upper"))
+        if any(a >= b for a, b in zip(lower, upper)):
+            raise self.refuse(("variables", name, "upper"), f"is {table['upper']}, not above lower = {table['lower']}")
+
+    def _measures(self) -> dict[str, Table]:
+        found = {}
+        for name in self.named("measures"):
+            kind = self.kind("measures", name, MEASURES)
+            found[name] = self.table("measures", MEASURES[kind].all_keys, name) | {"kind": kind}
+        return found
+
+    def _expression(self, path: tuple[str, ...], of: str) -> str:
+        """Expression of a key, in one line."""
+        of = " ".join(of.split())
+        if not is_name(of) and (fault := fault_of(of)):
+            raise self.refuse(self._written(path), f"is '{shortened(of)}'; {fault}")
+        return of
+
+    def _constraint(self, *path: str) -> Table:
+        table, name = self.table("constraints", CONSTRAINT, *path), ".".join(path)
+        of = self._expression(("constraints", *path, "of"), table["of"] or path[-1])
+        in_condition = len(path) == 2 and bare_outputs(names_in(of))
+        table["of"] = renamed(of, lambda n: f"{path[0]}.{n}" if n in in_condition else n) if in_condition else of
+        given = [key for key in ("lower", "upper", "equals") if table[key] is not None]
+        if not given or ("equals" in given and len(given) > 1):
+            raise self.refuse(("constraints", name), "has to have lower or upper or both, or equals alone")
+        if table["lower"] is not None and table["upper"] is not None and table["lower"] >= table["upper"]:
+            raise self.refuse(("constraints", name, "upper"), "is not above lower; give equals for one value")
+        return table
+
+    def _all_measures(
+        self, declared: dict[str, Table], asked: Mapping, flow: Table | None, conditions: Iterable[str]
+    ) -> dict[str, Table]:
+        """Measures that are declared, and those that are asked for by the name of their kind."""
+        found = dict(declared)
+        for path, of in asked.items():
+            for name in names_in(of):
+                if name in MEASURES and name not in found:
+                    defaults = {key: spec.default for key, spec in MEASURES[name].all_keys.items()}
+                    found[name] = defaults | {"kind": name}
+                elif name not in (*found, *QUALITIES, *self.outputs):
+                    raise self.refuse(self._written(path), self._unknown(of, name, found, flow, conditions))
+        return found
+
+    def _unknown(
+        self, of: str, name: str, measures: Iterable[str], flow: Table | None, conditions: Iterable[str]
+    ) -> str:
+        said = f"is of '{name}', which there is not" if of == name else f"is '{of}'; there is no '{name}'"
+        condition, _, output = name.rpartition(".")
+        if condition and condition not in conditions:
+            return f"{said}: '{condition}' {self._no_condition(condition, conditions)}"
+        if output in FLOWS["euler"].outputs:
+            lack = "add [flow]" if flow is None else 'take kind = "euler" in [flow]'
+            return f"{said} without another flow; {lack}"
+        return f"{said}; {choices(name, [*self.outputs, *MEASURES, *measures, *QUALITIES], 'there are')}"
+
+    def _written(self, path: tuple[str, ...]) -> tuple[str, ...]:
+        """Path of a key, or of its table where the key is left out."""
+        return path if path in self.lines else path[:-1]
+
+    def _numbers(self, asked: Mapping, measures: dict[str, Table]) -> None:
+        """Refuse expressions and objectives of what is not one number."""
+        for path, of in asked.items():
+            is_expression = of not in (*measures, *QUALITIES, *self.outputs)
+            if is_expression and not names_in(of):
+                raise self.refuse(self._written(path), f"is '{of}', which depends on nothing")
+            if path[0] == "objective" or is_expression:
+                for name in names_in(of):
+                    if name in measures and not MEASURES[measures[name]["kind"]].is_number:
+                        raise self.refuse(path, f"is of '{name}', which is several numbers; constrain it instead")
+
+    def _names(self, variables: Iterable[str], measures: Iterable[str], conditions: Iterable[str]) -> None:
+        """Refuse names that are taken."""
+        for name in conditions:
+            if name in variables or name in measures:
+                raise self.refuse(
+                    ("conditions", name), "is the name of a variable or a measure as well; choose another"
+                )
+        for name in measures:
+            if name in variables:
+                raise self.refuse(
+                    ("variables", name),
+                    'is the name of a measure as well; call the variable otherwise, with kind = "' + name + '"',
+                )
+
+    def _check_responses(
+        self,
+        objective: Table,
+        constraints: Mapping[str, Table],
+        conditions: Mapping[str, Table],
+    ) -> None:
+        """Refuse two responses that are one output, and expressions whose names something else has."""
+        first = objective_response(objective["of"], conditions)
+        seen, made = {first.output: "[objective]"}, {first.component, *([first.output] if first.formula else [])}
+        for name, table in constraints.items():
+            path = ("constraints", *name.split("."))
+            for response in constraint_responses(name, table["of"], conditions):
+                if response.output in seen:
+                    raise self.refuse(path, f"is of '{response.output}', as {seen[response.output]} is; leave one out")
+                if response.component in made:
+                    raise self.refuse(path, "is a name that something else has; choose another one and give of")
+                seen[response.output] = f"[constraints.{name}]"
+                made |= {response.component, *([response.output] if response.formula else [])}
+        for group in ("measures", "variables", "conditions"):
+            for name in self.document.get(group, {}):
+                if name in made:
+                    raise self.refuse((group, name), "is the name of an expression as well; choose another one")
+
+    def _driver(self, constraints: Mapping[str, Table], n_variables: float) -> Table:
+        driver = self.table("driver", DRIVER)
+        name = driver["optimizer"]
+        if name not in ALGORITHMS and name not in SCIPY:
+            advice = choices(name, [*SCIPY, *ALGORITHMS], "those of SciPy are", shown=list(SCIPY))
+            said = f"is '{shortened(name)}', which is none; {advice}, of NLopt LD_SLSQP, LD_MMA, ..."
+            raise self.refuse(("driver", "optimizer"), said)
+        driver["options"] = driver["options"] or {}
+        options = options_of(driver)
+        for option, value in driver["options"].items():
+            if fault := fault_of_option(driver, options, option, value):
+                raise self.refuse(("driver", "options", option), fault)
+        if name in SCIPY:
+            takes_inequality, takes_equality = SCIPY[name]
+            for constraint, table in constraints.items():
+                if not (takes_equality if table["equals"] is not None else takes_inequality):
+                    what = "equals" if table["equals"] is not None and takes_inequality else "constraints"
+                    raise self.refuse(
+                        ("constraints", *constraint.split(".")),
+                        f"does not go with the optimizer {name}, which takes no {what}; take SLSQP or LD_SLSQP",
+                    )
+        elif fault := fault_of_options(options, constraints, n_variables):
+            raise self.refuse(("driver",), f"has what does not go together: {fault}")
+        return driver
+
+
+def _is_file(path: Path) -> bool:
+    """Whether a file is there; names that no file can have are of none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _n_values(table: Table) -> float:
+    """Number of the values of a variable; infinite where it takes the grid to know."""
+    if table["kind"] in ("taper", "alpha"):
+        return 1
+    stations = table.get("values") or table.get("stations", math.inf)
+    return len(stations) if isinstance(stations, list) else stations
+
+
+def _outputs(flow: Table | None) -> tuple[str, ...]:
+    """Outputs of the flow that are one number."""
+    return () if flow is None else FLOWS[flow["kind"]].outputs
+
+
+def _as_list(value: float | list[float], n: int) -> list[float]:
+    return list(value) if isinstance(value, list) else [value] * n

@@ -1,0 +1,110 @@
+"""The tables of a study file, read key by key: errors name file, line and key."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from ...errors import InputError
+from .keys import Key
+from .names import choices, fault_of_name, shortened
+from .toml_lines import key_lines, line_of
+
+__all__ = ["Table", "Tables"]
+
+Table = dict[str, Any]
+"""Values by key; what was left out is there with its default, or None."""
+
+MOST_TABLES = 100
+"""Tables of one kind at most."""
+
+
+class Tables:
+    """What a study file has, with the lines of its keys.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    text : str
+        What it holds.
+
+    Raises
+    ------
+    InputError
+        If that is not TOML.
+    """
+
+    def __init__(self, path: Path, text: str):
+        self.path = path
+        try:
+            self.document = tomlkit.parse(text).unwrap()
+        except (TOMLKitError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            line = getattr(error, "line", None)
+            at = f"line {line}: " if line else ""
+            raise InputError(f"{path}: {at}is not TOML ({' '.join(str(error).split())[:160]})") from error
+        self.lines = key_lines(text)
+
+    def refuse(self, path: Sequence[str], complaint: str) -> InputError:
+        """Make the error that names file, line and key."""
+        line = line_of(self.lines, tuple(path))
+        parts = [shortened(part) for part in path]
+        what = "".join(f"[{'.'.join(parts[:-1])}] " if len(parts) > 1 else "") + (f"'{parts[-1]}' " if parts else "")
+        return InputError(f"{self.path}: {f'line {line}: ' if line else ''}{what}{complaint}")
+
+    def known(self, table: Mapping, allowed: Iterable[str], path: tuple[str, ...], what: str = "key") -> None:
+        """Refuse a misspelt key."""
+        for name in table:
+            if name not in allowed:
+                raise self.refuse((*path, name), f"is no {what}; {choices(name, allowed, f'the {what}s are')}")
+
+    def table(self, name: str, keys: Mapping[str, Key], *sub: str) -> Table:
+        """Read one table: values by key, defaults where they are left out."""
+        path, found = (name, *sub), self.document
+        for part in path:
+            found = found.get(part, {})
+        if not isinstance(found, Mapping):
+            raise self.refuse(path, f"is no table; write [{'.'.join(path)}] and its keys below")
+        self.known(found, keys, path)
+        for key, spec in keys.items():
+            if key not in found and spec.is_required:
+                raise self.refuse((*path,), f"has no key '{key}' ({spec.meaning}); give {spec.kind.words}")
+            if key in found and not spec.kind.accepts(found[key]):
+                raise self.refuse((*path, key), f"is {shortened(_said(found[key]))}; give {spec.kind.words}")
+        return {key: found.get(key, spec.default) for key, spec in keys.items()}
+
+    def named(self, name: str) -> list[str]:
+        """Names of the tables in a table."""
+        tables = self.document.get(name, {})
+        if not isinstance(tables, Mapping):
+            raise self.refuse((name,), f"is no table; write [{name}.NAME] for each of them")
+        if len(tables) > MOST_TABLES:
+            raise self.refuse((name,), f"has {len(tables):,} tables; give {MOST_TABLES} at most")
+        for sub, table in tables.items():
+            if not isinstance(table, Mapping):
+                raise self.refuse((name, sub), f"is no table; write [{name}.{shortened(sub)}] and its keys below")
+            if fault := fault_of_name(name, sub):
+                raise self.refuse((name, sub), fault)
+        return list(tables)
+
+    def kind(self, name: str, sub: str, kinds: Iterable[str]) -> str:
+        """Kind of a table: what its key says, or its name."""
+        kind = self.document[name][sub].get("kind", sub)
+        if not isinstance(kind, str) or kind not in kinds:
+            path = (name, sub, "kind") if "kind" in self.document[name][sub] else (name, sub)
+            said = f"is '{shortened(str(kind))}', which is no kind"
+            said = said if len(path) == 3 else "is no kind, and has no key 'kind'"
+            raise self.refuse(path, f"{said}; {choices(str(kind), kinds, 'the kinds are')}")
+        return kind
+
+
+def _said(value: Any) -> str:
+    """A value in a message; whole numbers of more digits than Python writes out without them."""
+    try:
+        return repr(value)
+    except ValueError:
+        return "a number of very many digits"

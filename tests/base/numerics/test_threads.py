@@ -1,0 +1,37 @@
+"""Tasks on several threads."""
+
+import time
+
+import pytest
+
+from bspline_mdao.base.numerics.threads import map_tasks, run_tasks
+from bspline_mdao.errors import InputError
+
+
+def test_an_error_in_a_thread_reaches_the_caller():
+    def fail(number):
+        if number == 3:
+            raise InputError("task 3")
+
+    for n_threads in (1, 2):
+        with pytest.raises(InputError, match="task 3"):
+            run_tasks(fail, 5, n_threads)
+
+
+@pytest.mark.parametrize("n_threads", [1, 3])
+def test_results_of_threads_come_in_order_and_an_error_ends_them(n_threads):
+    done = []
+
+    def square(number):
+        if number == 50:
+            raise InputError("task 50")
+        time.sleep(0.002 * (number > 50))
+        done.append(number)
+        return number**2
+
+    results = map_tasks(square, range(2000), n_threads)
+    assert [next(results) for _ in range(50)] == [number**2 for number in range(50)]
+    with pytest.raises(InputError, match="task 50"):
+        next(results)
+    assert sorted(done)[:50] == list(range(50))
+    assert len(done) < 1999

@@ -1,0 +1,215 @@
+"""Meshes of two dimensions ride along with sections, as one layer of cells between their planes."""
+
+import h5py
+import numpy as np
+import openmdao.api as om
+import pytest
+from riding_cases import add_elements, model, plane_mesh, plane_su2_text, section, write_plane_cgns
+
+from bspline_mdao import (
+    InputError,
+    LinearElasticity,
+    MovementError,
+    Ride,
+    RidingMesh,
+    SectionSpan,
+    moving_mesh,
+    read_mesh,
+    section_span,
+)
+from bspline_mdao.core.design.named_deformations import parse_deformation
+from bspline_mdao.testing import central_difference
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "section.su2"
+    path.write_text(plane_su2_text())
+    return path
+
+
+def moved(text):
+    """Control points of the section after a deformation."""
+    mesh, initial = moving_mesh(section()), section().control_points
+    surface = parse_deformation([text], section(), mesh).apply(initial[mesh.surface_ids])
+    return LinearElasticity(mesh, n_increments=1).move(initial, surface).points
+
+
+def test_the_planes_are_those_of_symmetry_and_a_wing_has_none():
+    span = section_span(section())
+    assert (span.axis, span.in_plane, span.low, span.high) == (2, (0, 1), 0.0, pytest.approx(1.0, abs=1e-14))
+    assert section_span(model()) is None
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_mesh_is_one_layer_of_cells_between_any_two_planes(file, axis):
+    span = SectionSpan(axis, -0.5, 1.5)
+    mesh, (points, triangles, quads, lines) = read_mesh(file, span).mesh, plane_mesh()
+    n = len(points)
+    assert {kind: len(cells) for kind, cells in mesh.cells.items()} == {
+        "wedge": len(triangles),
+        "hexahedron": len(quads),
+    }
+    for half, end in ((mesh.points[:n], -0.5), (mesh.points[n:], 1.5)):
+        np.testing.assert_array_equal(half[:, span.in_plane], points)
+        assert (half[:, axis] == end).all()
+    assert not mesh.quality().is_inverted.any()
+    x, y = (points[triangles][:, [1, 2]] - points[triangles][:, [0]]).swapaxes(0, 1)
+    areas = 0.5 * np.abs(x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0])
+    np.testing.assert_allclose(mesh.quality().volumes[: len(triangles)], 2.0 * areas, rtol=1e-12)
+    assert len(mesh.into_fluid(mesh.markers["airfoil"])) == len(lines)
+
+
+def test_a_mesh_about_a_section_moves_alike_in_both_planes_and_none_of_its_cells_folds(file):
+    found = read_mesh(file, section_span(section()))
+    riding = RidingMesh.of(section(), found.mesh)
+    assert riding.walls.faces.names == ("airfoil",)
+    state = riding.at(moved("pitch=5deg"))
+    low, high = np.split(state.points, 2)
+    assert np.abs(low[:, :2] - high[:, :2]).max() < 1e-12 < 0.02 < np.abs(low[:, :2] - plane_mesh()[0]).max()
+    assert not found.mesh.quality(state.points).is_inverted.any()
+    found.write(file.with_name("moved.su2"), state.points)
+    old, new = (path.read_text().split("\n") for path in (file, file.with_name("moved.su2")))
+    first = old.index(f"NPOIN= {len(low)}") + 1
+    assert [(*old[:first], *old[first + len(low) :])] == [(*new[:first], *new[first + len(low) :])]
+    back = read_mesh(file.with_name("moved.su2"), section_span(section())).mesh.points
+    np.testing.assert_array_equal(back[: len(low), :2], low[:, :2])
+
+
+def test_the_component_takes_it_along_with_exact_derivatives(file):
+    found, rng = read_mesh(file, section_span(section())), np.random.default_rng(3)
+    problem = om.Problem(reports=None)
+    ride = problem.model.add_subsystem("ride", Ride(model=section(), mesh=found.mesh, asked=True), promotes=["*"])
+    problem.setup(mode="rev")
+    at, along = {"control_points": moved("pitch=5deg").ravel(), "wall": found.mesh.points[ride.wall_nodes].ravel()}, {}
+    for name, value in at.items():
+        along[name] = rng.standard_normal(value.size)
+        problem.set_val(name, value)
+    problem.run_model()
+    low, high = np.split(problem.get_val("mesh").reshape(-1, 3), 2)
+    assert np.abs(low[:, :2] - high[:, :2]).max() < 1e-12
+    seed = {"mesh": rng.standard_normal(3 * found.mesh.n_points)}
+    forward, reverse = (
+        problem.compute_jacvec_product(["mesh"], list(at), mode, vectors)
+        for mode, vectors in (("fwd", along), ("rev", seed))
+    )
+    products = forward["mesh"] @ seed["mesh"], sum(reverse[name] @ along[name] for name in at)
+    assert abs(products[0] - products[1]) < 1e-12 * np.linalg.norm(forward["mesh"]) * np.linalg.norm(seed["mesh"])
+
+    def off(step):
+        for name, value in at.items():
+            problem.set_val(name, value + step * along[name])
+        problem.run_model()
+        return problem.get_val("mesh").copy()
+
+    exact = central_difference(off, 1e-5, levels=3)
+    assert np.abs(forward["mesh"] - exact).max() < 1e-8 * np.abs(exact).max()
+
+
+def test_a_body_of_another_shape_is_no_wall(file):
+    points = plane_mesh()[0]
+    thicker = points[:, 1] * (1.0 + 1.5 * np.exp(-np.hypot(*points.T)))
+    lines = file.read_text().split("\n")
+    first = next(n for n, line in enumerate(lines) if line.startswith("NPOIN")) + 1
+    lines[first : first + len(points)] = [
+        f"{x!r} {y!r} {n}" for n, (x, y) in enumerate(zip(points[:, 0].tolist(), thicker.tolist()))
+    ]
+    file.write_text("\n".join(lines))
+    other = read_mesh(file, section_span(section())).mesh
+    assert RidingMesh.of(section(), other).walls is None
+    assert RidingMesh.of(section(), other, walls=("airfoil",)).walls.faces.names == ("airfoil",)
+
+
+def test_parameters_in_planes_stay_where_they_were_found(file):
+    riding = RidingMesh.of(section(), read_mesh(file, section_span(section())).mesh)
+    missed = np.abs(riding.evaluator.forward(section().control_points) - riding.mesh.points)
+    assert np.quantile(missed, 0.99) < 1e-12  # but for nodes of the wall, inside the body by the error of the fit
+
+
+def test_gmsh_and_vtk_meshes_in_any_plane_ride_as_well(tmp_path):
+    meshio = pytest.importorskip("meshio")
+    points, triangles, quads, lines = plane_mesh()
+    for name, axes in (("plane.msh", [0, 1]), ("plane.vtu", [0, 2])):
+        nodes = np.zeros((len(points), 3))
+        nodes[:, axes] = points
+        cells, data = [("triangle", triangles), ("quad", quads)], {}
+        if name.endswith("msh"):
+            cells.append(("line", lines))
+            data = {"gmsh:physical": [np.full(len(block), n, dtype=np.int32) for n, (_, block) in enumerate(cells, 1)]}
+            data["gmsh:geometrical"] = data["gmsh:physical"]
+        content = meshio.Mesh(nodes, cells, cell_data=data, field_data={"airfoil": np.array([3, 1])} if data else {})
+        content.write(tmp_path / name, file_format="gmsh22" if data else "vtu")
+        found = read_mesh(tmp_path / name, section_span(section()))
+        assert list(found.mesh.markers) == (["airfoil"] if data else [])
+        found.write(tmp_path / f"moved_{name}", found.mesh.points * [1.5, 2.0, 1.0])
+        written = meshio.read(tmp_path / f"moved_{name}").points
+        np.testing.assert_array_equal(written[:, axes], points * [1.5, 2.0])
+        assert not np.delete(written, axes, axis=1).any()
+
+
+@pytest.mark.parametrize(("axes", "n_axes"), [([0, 1], 2), ([0, 1], 3), ([0, 2], 3)])
+def test_cgns_of_two_dimensions_is_the_same_layer_in_two_or_three_coordinates(file, tmp_path, axes, n_axes):
+    span, path, moved_path = section_span(section()), tmp_path / "plane.cgns", tmp_path / "moved.cgns"
+    write_plane_cgns(path, axes, n_axes)
+    found, same = read_mesh(path, span), read_mesh(file, span).mesh
+    np.testing.assert_array_equal(found.mesh.points, same.points)
+    for kind in same.cells:
+        np.testing.assert_array_equal(found.mesh.cells[kind], same.cells[kind])
+    np.testing.assert_array_equal(found.mesh.markers["airfoil"], same.markers["airfoil"])
+    found.write(moved_path, found.mesh.points)
+    assert moved_path.read_bytes() == path.read_bytes()
+    found.write(moved_path, found.mesh.points * [1.5, 2.0, 1.0])
+    np.testing.assert_array_equal(read_mesh(moved_path, span).mesh.points, same.points * [1.5, 2.0, 1.0])
+
+
+def test_cgns_of_gmsh_of_two_dimensions_is_read_and_written(tmp_path):
+    gmsh, path = pytest.importorskip("gmsh"), tmp_path / "hole.cgns"
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        disk, hole = (gmsh.model.occ.addDisk(0.0, 0.0, 0.0, *radii) for radii in ((4.0, 4.0), (1.0, 0.5)))
+        gmsh.model.occ.cut([(2, disk)], [(2, hole)])
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(path))
+        _, elements, _ = gmsh.model.mesh.getElements(2)
+    finally:
+        gmsh.finalize()
+    if not path.exists():
+        pytest.skip("this gmsh writes no CGNS")
+    found = read_mesh(path, SectionSpan(1, 0.0, 2.0))
+    assert len(found.mesh.cells["wedge"]) == len(elements[0])
+    volumes = found.mesh.quality().volumes
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(2.0 * np.pi * (16.0 - 0.5), rel=0.1)
+    found.write(tmp_path / "moved.cgns", found.mesh.points * [2.0, 1.0, 1.0])
+    moved = read_mesh(tmp_path / "moved.cgns", SectionSpan(1, 0.0, 2.0)).mesh
+    assert moved.quality().volumes.sum() == pytest.approx(2.0 * volumes.sum(), rel=1e-12)
+
+
+def test_what_cgns_of_two_dimensions_cannot_be_is_said(tmp_path):
+    path, span = tmp_path / "plane.cgns", SectionSpan(2, 0.0, 1.0)
+    write_plane_cgns(path, [0, 1], 2)
+    with pytest.raises(InputError, match=r"plane\.cgns: is of two dimensions, and rides along with a section alone"):
+        read_mesh(path)
+    for kind, message in ((22, "has polygons; of two dimensions"), (10, "has a tetra in a base of two dimensions")):
+        write_plane_cgns(path, [0, 1], 2)
+        with h5py.File(path, "r+", track_order=True) as content:
+            add_elements(content["Base/zone"], "other", kind, (9001, 9001), [1, 2, 3, 4])
+        with pytest.raises(InputError, match=f"zone 'zone', section 'other': {message}"):
+            read_mesh(path, span)
+
+
+def test_what_a_file_of_two_dimensions_cannot_hold_is_refused(file):
+    with pytest.raises(InputError, match=r"section\.su2: is of two dimensions, and rides along with a section alone"):
+        read_mesh(file)
+    found = read_mesh(file, section_span(section()))
+    sheared = found.mesh.points + np.where(found.mesh.points[:, 2:] > 0.0, [0.0, 1e-3, 0.0], 0.0)
+    with pytest.raises(MovementError, match=r"node \d+ is 0\.001 m farther in one plane of the section"):
+        found.write(file, sheared)
+    assert file.read_text() == plane_su2_text()
+    meshio = pytest.importorskip("meshio")
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.1], [0.0, 1.0, 0.2]])
+    meshio.write_points_cells(file.with_suffix(".vtu"), points, [("triangle", np.array([[0, 1, 2]]))])
+    with pytest.raises(InputError, match="is a surface that is in no plane of two axes"):
+        read_mesh(file.with_suffix(".vtu"), SectionSpan(2, 0.0, 1.0))

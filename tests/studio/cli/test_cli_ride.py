@@ -1,0 +1,91 @@
+"""The command ``ride``: what it writes, tells and refuses."""
+
+import numpy as np
+import openmdao.api as om
+import pytest
+from riding_cases import mesh, model, plane_mesh, plane_su2_text, section, su2_text, twisted, write_plane_cgns
+from test_cli import fails_as_expected, numbers
+
+from bspline_mdao import GridEvaluate, read_mesh
+from bspline_mdao.studio.cli.main import run
+
+TWIST = ["--deform", "twist=10deg", "--mover", "elasticity", "--increments", "1"]
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    model().save("wing.h5")
+    (tmp_path / "wing.su2").write_text(su2_text(mesh()))
+    return tmp_path
+
+
+def test_ride_puts_the_walls_where_the_deformation_does_and_tells_of_cells_and_heights(workplace, capsys):
+    arguments = ["ride", "wing.h5", "wing.su2", "-o", "moved.su2", *TWIST, "--json", "r.json"]
+    assert run(arguments) == 0
+    found, text = numbers("r.json"), capsys.readouterr().out
+    assert (found["walls"], found["n_held"], found["n_inverted"]) == (["wing"], 0, {"before": 0, "after": 0})
+    assert 0.98 < found["heights"]["p01"] < found["heights"]["p99"] < 1.02
+    for words in ("walls: wing", "inverted cells", "heights of the first nodes", "moved.su2 written"):
+        assert words in text
+    moved, rows = read_mesh("moved.su2").mesh.points, np.unique(mesh().markers["wing"])
+    asked = twisted()[1].apply_to_nodes(mesh().points[rows])
+    np.testing.assert_allclose(moved[rows], asked, rtol=0, atol=1e-14)
+
+
+def test_ride_follows_the_best_case_of_an_optimisation_or_control_points_of_a_file(workplace):
+    problem = om.Problem(reports=False)
+    problem.model.add_subsystem("grid", GridEvaluate(model=model()), promotes=["*"])
+    problem.driver.add_recorder(om.SqliteRecorder(str(workplace / "cases.sql")))
+    problem.driver.recording_options["includes"] = ["*"]
+    problem.setup()
+    problem.set_val("control_points", twisted()[0].ravel())
+    problem.run_driver()
+    problem.cleanup()
+    np.save("points.npy", twisted()[0])
+    for known in (next(workplace.rglob("cases.sql")), "points.npy"):
+        assert run(["ride", "wing.h5", "wing.su2", "--to", str(known), "-o", "to.su2"]) == 0
+        moved = read_mesh("to.su2").mesh.points
+        assert np.linalg.norm(moved - mesh().points, axis=1).max() > 0.05
+
+
+@pytest.mark.parametrize("suffix", ["su2", "cgns"])
+def test_a_mesh_of_two_dimensions_is_counted_as_its_file_is(workplace, capsys, suffix):
+    points, triangles, quads, lines = plane_mesh()
+    section().save("section.h5")
+    if suffix == "su2":
+        (workplace / "plane.su2").write_text(plane_su2_text())
+    else:
+        write_plane_cgns("plane.cgns", [0, 1], 2)
+    start = ["ride", "section.h5", f"plane.{suffix}", "-o", f"m.{suffix}", "--deform", "pitch=1deg"]
+    assert run([*start, "--mover", "elasticity", "--increments", "1", "--json", "r.json"]) == 0
+    found, text = numbers("r.json"), capsys.readouterr().out
+    n_cells = len(triangles) + len(quads)
+    assert (found["n_nodes"], found["n_cells"], found["n_wall_nodes"]) == (len(points), n_cells, len(lines))
+    assert f"plane.{suffix}: {len(points):,} nodes, {n_cells:,} cells of two dimensions" in text
+    assert f"walls: airfoil, {len(lines)} nodes, " in text
+
+
+def test_a_node_of_two_dimensions_outside_the_grid_is_counted_and_numbered_as_in_its_file(workplace, capsys):
+    section().save("section.h5")
+    lines, n = plane_su2_text().split("\n"), len(plane_mesh()[0])
+    lines[lines.index(f"NPOIN= {n}") + 7] = "70.0 80.0 6"
+    (workplace / "plane.su2").write_text("\n".join(lines))
+    start = ["ride", "section.h5", "plane.su2", "-o", "m.su2", "--deform", "pitch=1deg"]
+    fails_as_expected(start, capsys, f"plane.su2: 1 of {n:,} nodes are outside", "the first is node 7 at (70, 80")
+    assert run([*start, "--hold-outside", "--allow-invalid", "--json", "r.json"]) == 0
+    assert numbers("r.json")["n_held"] == 1
+    assert "; 1 node held" in capsys.readouterr().out
+
+
+def test_ride_refuses_what_it_cannot_do_and_writes_nothing(workplace, capsys):
+    start = ["ride", "wing.h5", "wing.su2"]
+    fails_as_expected([*start, "-o", "m.su2"], capsys, "give --deform or --to, one of them")
+    fails_as_expected([*start, "-o", "m.stl", *TWIST], capsys, "m.stl: is no mesh that can ride along")
+    fails_as_expected([*start, "-o", "wing.su2", *TWIST], capsys, "wing.su2: is read by this command")
+    fails_as_expected([*start, "-o", "m.su2", *TWIST, "--wall", "tail"], capsys, "no marker is 'tail'")
+    steep = ["--deform", "twist=75deg", "--mover", "elasticity", "--increments", "1"]
+    fails_as_expected([*start, "-o", "m.su2", *steep, "--json", "m.json"], capsys, "inverts", "nothing was written")
+    np.save("few.npy", np.zeros((5, 3)))
+    fails_as_expected([*start, "-o", "m.su2", "--to", "few.npy"], capsys, "few.npy")
+    assert {path.name for path in workplace.iterdir()} == {"wing.h5", "wing.su2", "few.npy"}
