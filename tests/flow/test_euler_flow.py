@@ -234,7 +234,7 @@ def test_cells_with_negative_volumes_are_counted_and_the_worst_is_named_before_t
     flown = problem()
     state = flown.model.flow.state
     faces, nodes = state.options["flow"].faces, flown.get_val("grid").reshape(-1, 3).copy()
-    cell = int(np.ravel_multi_index((3, 2, 1), faces.shapes[0]))
+    cell = int(np.ravel_multi_index((3, 2, 1), faces.layout.shapes[0]))
     corners = np.unique(faces.corners[faces.left == cell])
     nodes[corners] = 2.0 * nodes[corners].mean(axis=0) - nodes[corners]  # inside out, as its own mirror image
     flown.set_val("grid", nodes.ravel())

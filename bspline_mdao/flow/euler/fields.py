@@ -7,7 +7,6 @@ Theory: ``docs/theory/euler.rst``.
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 
@@ -15,10 +14,9 @@ import numpy as np
 
 from ...grids.cells.cell_fields import face_layer
 from ...grids.io.fields import quality_fields, writer_of
+from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.grid import Block, Grid
 from ...grids.topology.held_nodes import face_rows, node_copies, source_rows
-from ...grids.topology.holders import cell_shapes
-from ...grids.topology.index_space import block_rows
 from ...grids.topology.topology import Topology
 from .gas import GAMMA, mach_numbers
 
@@ -76,14 +74,12 @@ def node_means(topology: Topology, values: np.ndarray) -> np.ndarray:
     """
     rows = source_rows(node_copies(topology), np.arange(topology.n_nodes))
     sums, counts = np.zeros((topology.n_nodes, values.shape[1])), np.zeros(topology.n_nodes)
-    start = 0
-    for nodes, shape in zip(block_rows(topology.shapes), cell_shapes(topology.shapes)):
-        cells = values[start : start + math.prod(shape)]
-        start += len(cells)
+    layout = topology.layout
+    for nodes, cells in zip(layout.numbers, layout.cells.split(values)):
         for corner in np.ndindex(2, 2, 2):
-            at = rows[nodes[tuple(slice(c, c + n) for c, n in zip(corner, shape))].ravel()]
+            at = rows[nodes[tuple(slice(c, c + n) for c, n in zip(corner, cells.shape[:3]))].ravel()]
             counts += np.bincount(at, minlength=len(counts))
-            for column, own in zip(sums.T, cells.T):
+            for column, own in zip(sums.T, cells.reshape(-1, values.shape[1]).T):
                 column += np.bincount(at, own, minlength=len(column))
     return (sums / np.maximum(counts, 1.0)[:, None])[rows]
 
@@ -124,14 +120,9 @@ def write_flow(
     """
     write = writer_of(path)
     on_cells, on_nodes = field_values(states, mach), field_values(node_means(topology, states), mach)
-    rows, shapes = block_rows(topology.shapes), cell_shapes(topology.shapes)
-    starts = np.cumsum([0, *map(math.prod, shapes)])
-    cells = [slice(*ends) for ends in zip(starts[:-1], starts[1:])]
-    fields = {
-        name: [values[part].reshape(*shape, *values.shape[1:]) for part, shape in zip(cells, shapes)]
-        for name, values in on_cells.items()
-    } | quality_fields(grid)
-    write(path, grid, {name: [values[part] for part in rows] for name, values in on_nodes.items()}, fields)
+    layout = topology.layout
+    fields = {name: layout.cells.split(values) for name, values in on_cells.items()} | quality_fields(grid)
+    write(path, grid, {name: layout.split(values) for name, values in on_nodes.items()}, fields)
     _write_walls(wall_path(path), topology, grid, on_nodes, fields, wall_pressures)
 
 
@@ -152,15 +143,13 @@ def _write_walls(path, topology: Topology, grid: Grid, on_nodes, fields, pressur
     walls = [face for face in topology.boundary if face.kind == "wall"]
     walls = [face for name in dict.fromkeys(face.patch for face in walls) for face in walls if face.patch == name]
     rows = [face_rows(topology, face.window) for face in walls]
-    shapes = [tuple(max(n - 1, 1) for n in part.shape) for part in rows]
-    starts = np.cumsum([0, *map(math.prod, shapes)])
     names = [f"{face.patch}, block {face.window.block + 1}" for face in walls]
     at_nodes = {name: [values[part] for part in rows] for name, values in on_nodes.items() if name != "Cp"}
     on_faces = {
         name: [face_layer(arrays[face.window.block], face.window, topology.shapes[face.window.block]) for face in walls]
         for name, arrays in fields.items()
     }
-    on_faces["Cp"] = [pressures[a:b].reshape(shape) for a, b, shape in zip(starts[:-1], starts[1:], shapes)]
+    on_faces["Cp"] = BlockLayout.of(part.shape for part in rows).cells.split(pressures)
     at_nodes["Cp"] = _at_corners(topology, rows, on_faces["Cp"])
     nodes = grid.to_vector().reshape(-1, 3)
     surface = Grid(tuple(Block(nodes[part], name) for part, name in zip(rows, names)), source=str(path))

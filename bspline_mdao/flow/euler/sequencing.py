@@ -16,8 +16,9 @@ import numpy as np
 from ...base.numerics.halo import ALONE, Halo
 from ...base.numerics.processes import ONE
 from ...core.evaluation.family import IndexScaling, refined_topology
-from ...grids.topology.holders import Holders, cell_shapes
-from ...grids.topology.index_space import Window, block_rows
+from ...grids.topology.block_layout import BlockLayout
+from ...grids.topology.holders import Holders
+from ...grids.topology.index_space import Window
 from ...grids.topology.partition import Partition
 from ...grids.topology.topology import Topology
 from .flow_grid import FlowGrid
@@ -102,7 +103,7 @@ def coarse_levels(
         planes = [scaling.nearest(block) for block in range(len(topology.shapes))]
         coarse = refined_topology(topology, 0.5)
         if comm.size == 1:
-            picked = np.concatenate([r[np.ix_(*p)].ravel() for r, p in zip(block_rows(topology.shapes), planes)])
+            picked = np.concatenate([r[np.ix_(*p)].ravel() for r, p in zip(topology.layout.numbers, planes)])
             parents, exchanges = _parents(topology.shapes, scaling.shapes, planes), (ALONE, ALONE)
         else:
             fine = partition or Partition.of(topology, comm.size)
@@ -191,7 +192,7 @@ def spread_from(levels: list[CoarseLevel], flows: list[FlowSolution]) -> np.ndar
 
 def _parents(shapes, coarse_shapes, planes) -> np.ndarray:
     """Cell of the coarse blocks that each cell of the fine ones lies in."""
-    coarse_cells = block_rows([tuple(n - 1 for n in shape) for shape in coarse_shapes])
+    coarse_cells = BlockLayout.of(coarse_shapes).cells.numbers
     parents = []
     for shape, cells, kept in zip(shapes, coarse_cells, planes):
         inside = [_lying_in(k, np.arange(n - 1)) for k, n in zip(kept, shape)]
@@ -219,16 +220,15 @@ def _first_at(kept: np.ndarray, index: int) -> int:
 def _shared(fine: Partition, coarse: Partition, planes, comm) -> tuple[np.ndarray, np.ndarray, tuple[Halo, Halo]]:
     """Places of the nodes and parents of one process in extended arrays of the finer grid and the member."""
     rows, parents = [np.zeros(0, int)], [np.zeros(0, int)]
-    starts = np.cumsum([0, *map(math.prod, fine.shapes)])
+    starts = fine.layout.starts
     for piece in coarse.pieces[comm.rank]:
         kept = (plane[lo : hi + 1] for plane, lo, hi in zip(planes[piece.block], piece.lo, piece.hi))
         rows.append(starts[piece.block] + _numbers(kept, fine.shapes[piece.block]))
-    coarse_shapes = cell_shapes(coarse.shapes)
-    starts = np.cumsum([0, *map(math.prod, coarse_shapes)])
+    cells = coarse.layout.cells
     for piece in fine.pieces[comm.rank]:
         ranges = (np.arange(lo, hi) for lo, hi in zip(piece.lo, piece.hi))
         inside = (_lying_in(plane, cells) for plane, cells in zip(planes[piece.block], ranges))
-        parents.append(starts[piece.block] + _numbers(inside, coarse_shapes[piece.block]))
+        parents.append(cells.starts[piece.block] + _numbers(inside, cells.shapes[piece.block]))
     n_nodes, n_cells = fine.share(comm.rank).n_nodes, len(coarse.share(comm.rank).cells)
     nodes_halo, picked = Halo.of(comm, n_nodes, *Holders.of_nodes(fine).find(np.concatenate(rows)))
     cells_halo, places = Halo.of(comm, n_cells, *Holders.of_cells(coarse).find(np.concatenate(parents)))

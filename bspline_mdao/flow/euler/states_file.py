@@ -24,7 +24,7 @@ from ...core.evaluation.transfer import CellTransfer
 from ...core.model.model_file import checksum_of, datasets_of
 from ...errors import InputError
 from ...grids.io.disk import deferred_interrupts, replaced_hdf5_file
-from ...grids.topology.holders import cell_shapes
+from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.topology import Topology
 from .gas import N_STATES
 
@@ -70,7 +70,7 @@ class StatesFile:
         """Refuse what no flow can start from, whoever wrote it."""
         if any(len(shape) != 3 or not all(type(n) is int and n > 1 for n in shape) for shape in self.shapes):
             raise InputError("the blocks of states have no three numbers of nodes of two and more; save them again")
-        n_cells = sum(map(math.prod, cell_shapes(self.shapes)))
+        n_cells = BlockLayout.of(self.shapes).cells.size
         if self.states.dtype.kind != "f" or self.states.shape != (n_cells, N_STATES):
             found = f"{self.states.dtype} of shape {self.states.shape}"
             raise InputError(f"the states are {found}, no reals of shape ({n_cells}, {N_STATES}); save them again")

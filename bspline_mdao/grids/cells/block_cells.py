@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.numerics.processes import gathered, together
+from ..topology.block_layout import has_cells
 from ..topology.index_space import Window
 from .cell_loops import as_points, block_jvp, block_measures, block_vjp
 from .hexahedron import COLLAPSE_TOLERANCE, UPPER_CORNERS, cell_quality, collapsed_corners, flat_direction, stack_plane
 from .jacobian_bounds import N_COEFFICIENTS, block_coefficients, coefficients_jvp, coefficients_vjp
 from .orthogonality import orthogonality, orthogonality_jvp, orthogonality_vjp
-from .pieces import Frame, Pieces, has_cells
+from .pieces import Frame, Pieces
 
 __all__ = ["BlockCells", "Chunk", "Measures", "block_cells", "chunk_jvp", "chunk_measures", "chunk_vjp"]
 
@@ -134,7 +135,9 @@ def block_cells(
     blocks: list[BlockCells] = []
     signs = _handedness(pieces, nodes, frames) if pieces.split else {}
     with together(pieces.comm):
-        for piece, x, first_node, frame in zip(pieces.own, pieces.nodes_of(nodes), pieces.starts, frames):
+        for piece, x, first_node, frame in zip(
+            pieces.own, pieces.nodes_of(nodes), pieces.layout.starts.tolist(), frames
+        ):
             if has_cells(piece.shape):
                 first_cell = blocks[-1].cells.stop if blocks else 0
                 place, sign = (piece, x, first_node, first_cell), signs.get(piece.block)

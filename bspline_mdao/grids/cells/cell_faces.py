@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
+from ..topology.block_layout import BlockLayout
 from ..topology.boundary_surface import corners_in_turn
-from ..topology.index_space import Window, block_rows
+from ..topology.index_space import Window
 from ..topology.sharing import node_sharing
 from ..topology.topology import Topology
 from .quads import area_vectors
@@ -49,7 +50,7 @@ class BoundaryFaces:
 class CellFaces:
     """Faces between the cells of a multi-block grid, the inner ones first, then patch after patch."""
 
-    shapes: tuple[tuple[int, int, int], ...]  # cells of each block in each direction
+    layout: BlockLayout  # of the cells
     corners: np.ndarray  # int (n_faces, 4), rows of a face's corners in the grid vector, see the head of the module
     left: np.ndarray  # int (n_faces,), cell on the left of each face
     right: np.ndarray  # int (n_inner,), cell on the right of each inner face
@@ -61,7 +62,7 @@ class CellFaces:
     third: np.ndarray  # int (n_faces - n_inner,)
     boundary: tuple[BoundaryFaces, ...]  # the patches
     n_ghosts: int = 0  # cells of other processes; their numbers follow those of the cells
-    # windows of the blocks that ``shapes`` are of; None where they are the blocks
+    # windows of the blocks that the layout is of; None where they are the blocks
     pieces: tuple[Window, ...] | None = None
     # numbers of the boundary faces among those of all pieces, patch after patch; None where they are all
     numbers_in_grid: np.ndarray | None = None  # int (n_faces - n_inner,), or None
@@ -83,7 +84,7 @@ class CellFaces:
         left, left_slot = np.append(left, edge[1]), np.append(left_slot, edge[2])
         beyond_left, entry = lines.across(left, left_slot)
         return cls(
-            shapes=tuple(block.cells.shape for block in blocks),
+            layout=topology.layout.cells,
             corners=np.concatenate([quads, edge[0]]).astype(NUMBER),
             left=left.astype(NUMBER),
             right=right.astype(NUMBER),
@@ -96,7 +97,7 @@ class CellFaces:
     @property
     def n_cells(self) -> int:
         """Cells of all blocks."""
-        return sum(int(np.prod(shape)) for shape in self.shapes)
+        return self.layout.size
 
     @property
     def n_inner(self) -> int:
@@ -146,13 +147,10 @@ class CellFaces:
 
     def place(self, cell: int) -> str:
         """Name a cell for messages: block and indices, from 1."""
-        for number, shape in enumerate(self.shapes):
-            if cell < np.prod(shape):
-                piece = Window(number, (0, 0, 0), shape) if self.pieces is None else self.pieces[number]
-                i, j, k = np.add(np.unravel_index(cell, shape), piece.lo)
-                return f"block {piece.block + 1}, cell ({i + 1}, {j + 1}, {k + 1})"
-            cell -= int(np.prod(shape))
-        raise IndexError("no such cell")
+        (number,), (index,) = self.layout.unravel(np.array([cell]))
+        block, lo = (number, (0, 0, 0)) if self.pieces is None else (self.pieces[number].block, self.pieces[number].lo)
+        i, j, k = index + lo
+        return f"block {block + 1}, cell ({i + 1}, {j + 1}, {k + 1})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,9 +210,8 @@ class _Lines:
 def _blocks(topology: Topology, nodes: np.ndarray) -> list[_Block]:
     """Index the blocks, with shared nodes in one row."""
     sources = node_sharing(topology).source_rows()
-    cells = block_rows([tuple(n - 1 for n in shape) for shape in topology.shapes])
-    blocks = []
-    for number, (rows, own) in enumerate(zip(block_rows(topology.shapes), cells), start=1):
+    layout, blocks = topology.layout, []
+    for number, (rows, own) in enumerate(zip(layout.numbers, layout.cells.numbers), start=1):
         if min(rows.shape) < 2:
             raise InputError(f"{topology.source}: block {number} is a surface; give blocks with cells")
         volume = _signed_volume(nodes[rows])

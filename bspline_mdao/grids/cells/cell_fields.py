@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..topology.block_layout import has_cells
 from ..topology.grid import PATCH_KINDS, Grid, Patch
 from ..topology.index_space import Window
 from .grid_quality import GridQuality
-from .pieces import has_cells
 
 __all__ = ["FIELDS", "cell_fields", "cell_middle", "face_layer", "patch_numbers"]
 

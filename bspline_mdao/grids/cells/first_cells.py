@@ -29,11 +29,12 @@ from functools import cached_property
 import numpy as np
 
 from ...base.numerics.processes import summed, together
+from ..topology.block_layout import BlockLayout, has_cells
 from ..topology.boundary_surface import quads_in_turn, volume_behind
 from ..topology.grid import Grid, Patch
 from ..topology.index_space import Window
 from .hexahedron import COLLAPSE_TOLERANCE
-from .pieces import Frame, Pieces, has_cells
+from .pieces import Frame, Pieces
 from .quads import add_to_nodes, area_vectors, area_vectors_jvp, area_vectors_vjp
 
 __all__ = ["FirstCells", "WallNode"]
@@ -117,12 +118,13 @@ class FirstCells:
                 cut_keys.append(part.keys[~part.is_first])
                 if part.process == pieces.comm.rank:
                     n = part.piece
-                    faces.append(_Face.of(views[n], pieces.starts[n], pieces.own[n], part, frames[n]))
+                    start = int(pieces.layout.starts[n])
+                    faces.append(_Face.of(views[n], start, pieces.own[n], part, frames[n]))
                     volumes[part.number] += faces[-1].volume
         keys = np.unique(np.concatenate(cut_keys))
         if keys.size:
             volumes = summed(pieces.comm, volumes)
-        starts = np.cumsum([0, *(face.rows.size for face in faces)])
+        starts = BlockLayout.of(face.rows.shape for face in faces).starts
         names = ("rows", "keys", "depth", "next_rows", "patch_ids", "baseline")
         cells = cls(
             pieces=pieces,
@@ -144,15 +146,9 @@ class FirstCells:
     @property
     def places(self) -> np.ndarray:
         """Block, from 0, and number (i, j, k) there, from 1, of the wall node of every entry: shape (n, 4)."""
-        rows, places = self.rows[self.at], np.zeros((self.at.size, 4), dtype=int)
-        numbers = np.searchsorted(self.pieces.starts, rows, side="right") - 1
-        for number, piece in enumerate(self.pieces.own):
-            ids = np.flatnonzero(numbers == number)
-            index = np.unravel_index(rows[ids] - self.pieces.starts[number], piece.shape)
-            places[ids] = np.column_stack(
-                [np.full(ids.size, piece.block), np.transpose(index) + np.array(piece.lo) + 1]
-            )
-        return places
+        number, index = self.pieces.layout.unravel(self.rows[self.at])
+        own = np.array([(piece.block, *piece.lo) for piece in self.pieces.own], dtype=int).reshape(-1, 4)
+        return np.column_stack([own[number, 0], own[number, 1:] + index + 1])
 
     def by_patch(self) -> Iterator[tuple[int, np.ndarray]]:
         """Number, and numbers of the entries, of every wall that has heights."""
@@ -275,21 +271,21 @@ class _WallPart:
 def _wall_parts(pieces: Pieces, walls: Sequence[Patch]) -> Iterator[_WallPart]:
     """Cut the windows of walls into parts, and yield those of this process and all those of windows that are cut."""
     held = _held(pieces)
-    number, start = -1, 0
-    for patch, window in ((patch, window) for patch, wall in enumerate(walls) for window in wall.windows):
-        number, shape = number + 1, pieces.shapes[window.block]
+    windows = [(patch, window) for patch, wall in enumerate(walls) for window in wall.windows]
+    starts = BlockLayout.of(window.shape for _, window in windows).starts.tolist()
+    for number, ((patch, window), start) in enumerate(zip(windows, starts)):
+        shape = pieces.shapes[window.block]
         direction = next((d for d, n in enumerate(shape) if n > 1 and window.lo[d] == window.hi[d]), None)
         if direction is not None and has_cells(shape):
             parts = [(process, n, _common(window, piece)) for process, n, piece in held[window.block]]
             parts = [place for place in parts if _has_quads(place[2], window)]
             for at, (process, n, part) in enumerate(parts):
                 if process == pieces.comm.rank or len(parts) > 1:
-                    keys = np.arange(start, start + math.prod(window.shape)).reshape(window.shape)
+                    keys = start + np.arange(math.prod(window.shape)).reshape(window.shape)
                     is_first = np.ones(part.shape, dtype=bool)
                     for *_, other in parts[:at]:
                         is_first[_within(_common(part, other), part)] = False
                     yield _WallPart(process, n, number, patch, direction, part, keys[_within(part, window)], is_first)
-        start += math.prod(window.shape)
 
 
 def _held(pieces: Pieces) -> dict[int, list[tuple[int, int, Window]]]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..topology.index_space import Interface, block_rows
+from ..topology.index_space import Interface
 from ..topology.topology import Topology
 from .cell_faces import NONE
 
@@ -32,8 +32,7 @@ class LineNeighbours:
     @classmethod
     def of(cls, topology: Topology) -> LineNeighbours:
         """Follow the lines of all blocks."""
-        blocks = block_rows([tuple(n - 1 for n in shape) for shape in topology.shapes])
-        n_cells = sum(block.size for block in blocks)
+        blocks, n_cells = topology.layout.cells.numbers, topology.layout.cells.size
         cells, entries = np.full((n_cells, 6), NONE), np.zeros((n_cells, 6), dtype=int)
         directions, signs = np.tile(np.arange(3), (n_cells, 6, 1)), np.ones((n_cells, 6, 3))
         for block in blocks:

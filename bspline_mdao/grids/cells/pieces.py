@@ -8,7 +8,6 @@ Theory: ``docs/parallel.rst``.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +17,7 @@ import numpy as np
 
 from ...base.numerics.processes import ONE, gathered, together
 from ...errors import InputError
+from ..topology.block_layout import BlockLayout, has_cells
 from ..topology.grid import Grid, Patch
 from ..topology.index_space import Window
 from ..topology.partition import Partition
@@ -46,7 +46,7 @@ class Pieces:
     comm: Any = ONE  # the processes, see `bspline_mdao.base.numerics.processes`
 
     def __post_init__(self):
-        n_cells = sum(_n_cells(piece.shape) for pieces in self.partition.pieces for piece in pieces)
+        n_cells = BlockLayout.of(piece.shape for pieces in self.partition.pieces for piece in pieces).cells.size
         if self.partition.n_ranks != self.comm.size or n_cells != self.n_cells_of_all:
             raise InputError(
                 f"{self.source}: pieces of {self.partition.n_ranks} processes with {n_cells} cells, of a grid with "
@@ -71,14 +71,14 @@ class Pieces:
         return self.partition.pieces[self.comm.rank]
 
     @cached_property
-    def starts(self) -> tuple[int, ...]:
-        """First node of each of its pieces among its nodes, and their number."""
-        return tuple(np.cumsum([0, *(int(np.prod(piece.shape)) for piece in self.own)]).tolist())
+    def layout(self) -> BlockLayout:
+        """Layout of the nodes of its pieces among its nodes."""
+        return BlockLayout.of(piece.shape for piece in self.own)
 
     @property
     def n_nodes(self) -> int:
         """Nodes of this process."""
-        return self.starts[-1]
+        return self.layout.size
 
     @cached_property
     def split(self) -> frozenset[int]:
@@ -94,12 +94,11 @@ class Pieces:
     @property
     def n_cells_of_all(self) -> int:
         """Cells of all blocks of the grid."""
-        return sum(map(_n_cells, self.shapes))
+        return self.partition.layout.cells.size
 
     def nodes_of(self, nodes: np.ndarray) -> list[np.ndarray]:
         """View nodes (n_nodes, 3) of this process piece by piece, as (ni, nj, nk, 3)."""
-        parts = zip(self.own, self.starts, self.starts[1:])
-        return [nodes[start:stop].reshape(*piece.shape, 3) for piece, start, stop in parts]
+        return self.layout.split(nodes)
 
     def frames(
         self,
@@ -122,16 +121,6 @@ class Pieces:
             raise InputError(f"{self.source}: all nodes of block {block + 1} are at one point; leave it out")
         size = float(np.linalg.norm(high - low))
         return Frame(size, unit_normal(area) if 1 in self.shapes[block] and has_cells(self.shapes[block]) else None)
-
-
-def has_cells(shape: tuple[int, ...]) -> bool:
-    """Whether a block of ``shape`` nodes has cells: in three directions, or in two."""
-    return sum(n > 1 for n in shape) > 1
-
-
-def _n_cells(shape: tuple[int, ...]) -> int:
-    """Cells of a block, or a piece, of ``shape`` nodes."""
-    return math.prod(max(1, n - 1) for n in shape) if has_cells(shape) else 0
 
 
 def _extent(x: np.ndarray) -> list[float]:

@@ -21,8 +21,9 @@ import numpy as np
 from ...base.numerics.halo import Halo
 from ...base.numerics.processes import summed
 from ...errors import InputError
+from ..topology.block_layout import BlockLayout
 from ..topology.held_nodes import node_copies, source_rows
-from ..topology.holders import Holders, cell_shapes, indices_of
+from ..topology.holders import Holders
 from ..topology.index_space import Interface, Window
 from ..topology.partition import Partition, Share
 from ..topology.topology import Topology
@@ -57,7 +58,7 @@ def faces_of_share(
     left, right, beyond_left, beyond_right, third = seen
     pieces = partition.pieces[comm.rank]
     faces = CellFaces(
-        shapes=cell_shapes([piece.shape for piece in pieces]),
+        layout=BlockLayout.of(piece.shape for piece in pieces).cells,
         corners=places.reshape(-1, 4).astype(NUMBER),
         left=left.astype(NUMBER),
         right=right.astype(NUMBER),
@@ -74,12 +75,13 @@ def faces_of_share(
 
 def _places(comm, holders: Holders, n_own: int, lists) -> tuple[Halo, list[np.ndarray]]:
     """Exchange of all entries of some lists of numbers of the grid, and the lists with the places of these."""
-    numbers, ends = np.concatenate(lists), np.cumsum([len(one) for one in lists])[:-1]
+    layout = BlockLayout.of(map(np.shape, lists))
+    numbers = layout.join(lists)
     wanted, which = np.unique(numbers, return_inverse=True)
     n_none = np.searchsorted(wanted, NONE, side="right")
     halo, found = Halo.of(comm, n_own, *holders.find(wanted[n_none:]))
     places = np.concatenate([wanted[:n_none], found])[which.ravel()]
-    return halo, np.split(places, ends)
+    return halo, layout.split(places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +114,7 @@ class _ShareCells:
 
     @property
     def n_cells(self) -> int:
-        return sum(int(np.prod(shape)) for shape in cell_shapes([piece.shape for piece in self.own]))
+        return BlockLayout.of(piece.shape for piece in self.own).cells.size
 
     def inside(self):
         """Faces inside the pieces: corners, cells to the left and right and their slots."""
@@ -183,9 +185,9 @@ class _ShareCells:
     def _block(self, window: Window) -> _Block:
         """Rows and cells of a window as those of a block; shared nodes have one row."""
         share = Share.of_windows(self.topology.shapes, [window])
-        (shape,) = cell_shapes([window.shape])
+        (cells,) = BlockLayout.of(share.shapes).cells.split(share.cells)
         rows = source_rows(self.copies, share.rows).reshape(window.shape)
-        return _Block(rows, share.cells.reshape(shape), bool(self.is_right_handed[window.block]))
+        return _Block(rows, cells, bool(self.is_right_handed[window.block]))
 
 
 def _layer(window: Window) -> Window:
@@ -202,11 +204,8 @@ def _handedness(topology: Topology, pieces, comm, nodes: np.ndarray) -> np.ndarr
     for number, shape in enumerate(topology.shapes, start=1):
         if min(shape) < 2:
             raise InputError(f"{topology.source}: block {number} is a surface; give blocks with cells")
-    start = 0
-    for piece in pieces:
-        end = start + int(np.prod(piece.shape))
-        volumes[piece.block] += _signed_volume(nodes[start:end].reshape(*piece.shape, 3))
-        start = end
+    for piece, x in zip(pieces, BlockLayout.of(piece.shape for piece in pieces).split(nodes)):
+        volumes[piece.block] += _signed_volume(x)
     volumes = summed(comm, volumes)
     if not volumes.all():
         raise InputError(f"{topology.source}: block {np.argmin(volumes != 0) + 1} has no volume; leave it out")
@@ -222,7 +221,7 @@ def _strides(shape: Sequence[int]) -> tuple[int, int, int]:
 class _IndexLines:
     """Neighbours of cells by their indices, and through interfaces by a table that is sorted by cell and slot."""
 
-    shapes: tuple[tuple[int, ...], ...]
+    layout: BlockLayout
     keys: np.ndarray
     neighbours: np.ndarray
     entries: np.ndarray
@@ -240,16 +239,16 @@ class _IndexLines:
         cells, slots, neighbours, entries = np.concatenate(parts, axis=1)
         keys = 6 * cells + slots
         order = np.argsort(keys)
-        return cls(cell_shapes(topology.shapes), keys[order], neighbours[order], entries[order])
+        return cls(topology.layout.cells, keys[order], neighbours[order], entries[order])
 
     def across(self, cells: np.ndarray, slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Cells on the other side of cells that are entered through slots, and the slots that enter them."""
         neighbours, entries = np.full(len(cells), NONE), np.zeros(len(cells), int)
         there = np.flatnonzero(cells != NONE)
         cells, slots = cells[there], slots[there]
-        block, index = indices_of(self.shapes, cells)
+        block, index = self.layout.unravel(cells)
         d, step = slots // 2, np.where(slots % 2, -1, 1)
-        sizes = np.array(self.shapes)[block]
+        sizes = np.array(self.layout.shapes)[block]
         moved = np.take_along_axis(index, d[:, None], axis=1)[:, 0] + step
         is_inside = (moved >= 0) & (moved < np.take_along_axis(sizes, d[:, None], axis=1)[:, 0])
         strides = np.stack([sizes[:, 1] * sizes[:, 2], sizes[:, 2], np.ones_like(block)], axis=1)
@@ -272,8 +271,8 @@ def _pairs(topology: Topology, interface: Interface) -> Iterator[np.ndarray]:
     for window in (interface.a, interface.b):
         layer = _layer(window)
         d = next(d for d in range(3) if window.lo[d] == window.hi[d])
-        (shape,) = cell_shapes([layer.shape])
-        cells = Share.of_windows(topology.shapes, [layer]).cells.reshape(shape)
+        share = Share.of_windows(topology.shapes, [layer])
+        (cells,) = BlockLayout.of(share.shapes).cells.split(share.cells)
         sides.append((cells, 2 * d + int(window.lo[d] > 0)))
     (left, left_slot), (right, right_slot) = sides
     ours, theirs = left.ravel(), interface.orientation.apply(right).ravel()

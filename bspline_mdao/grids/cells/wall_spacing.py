@@ -106,7 +106,7 @@ def _longest_edges(cells: FirstCells, nodes: np.ndarray) -> np.ndarray:
 def _nodes_along(cells: FirstCells, rows: np.ndarray, next_rows: np.ndarray) -> np.ndarray:
     """Nodes of a block along the direction from a node to its neighbour, of their shape; 0 for no direction."""
     shapes = np.array(cells.pieces.shapes)
-    block = np.searchsorted(np.cumsum(shapes.prod(axis=1)), rows, side="right")
+    block = cells.pieces.partition.layout.owner(rows)
     strides = np.stack([shapes[:, 1] * shapes[:, 2], shapes[:, 2], np.ones(len(shapes), dtype=int)], axis=1)
     is_along = strides[block] == np.abs(next_rows - rows)[..., None]
     return np.max(shapes[block], axis=-1, where=is_along, initial=0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..cells.cell_fields import cell_fields, patch_numbers
-from ..cells.pieces import has_cells
+from ..topology.block_layout import has_cells
 from ..topology.grid import Grid, require_grid
 from .tecplot import write_tecplot
 from .vtk import write_vtk

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ...base.numerics.threads import thread_count
+from .block_layout import BlockLayout
 from .shell import OnFaces, Shell
 
 SPACING_TOLERANCE = 1e-4
@@ -87,7 +88,7 @@ def find_coincidence(blocks: Sequence[Shell]) -> Coincidence:
     rounding = _rounding(points, round_off, unit)
     is_coarse = bool(np.any(rounding > THIN_CELL_LIMIT * length))
     tolerance = np.maximum(SPACING_TOLERANCE * length, np.minimum(rounding, THIN_CELL_LIMIT * length))
-    starts = np.cumsum([0, *map(len, spacing)])
+    starts = BlockLayout.of(map(np.shape, spacing)).starts
     collapsed, real = (np.concatenate([pairs + start for pairs, start in zip(part, starts)], axis=1) for part in edges)
     ids = _merge_close(points, tolerance, _join(_equal_points(points), collapsed), real)
     near_ids = _merge_close(points, np.maximum(tolerance, NEAR_MISS_TOLERANCE * length), ids, real)
@@ -185,7 +186,7 @@ def _norm(vectors: np.ndarray) -> np.ndarray:
 
 def _spread(ids: np.ndarray, blocks: Sequence[Shell]) -> tuple[OnFaces, ...]:
     """Ids of all face nodes block by block, -1 inside."""
-    parts = np.split(ids.astype(np.int32), np.cumsum([len(shell.points) for shell in blocks])[:-1])
+    parts = BlockLayout.of((len(shell.points),) for shell in blocks).split(ids.astype(np.int32))
     return tuple(OnFaces(shell.nodes, part, np.int32(-1)) for shell, part in zip(blocks, parts))
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from ...base.numerics.processes import ONE, on_first, together
 from ...base.numerics.vectors import unit_vectors
 from ...errors import InputError
+from .block_layout import BlockLayout
 from .coincidence import SPACING_TOLERANCE, Coincidence, find_coincidence
 from .faces import TINY, Face, Rectangle, block_faces, collapsed_windows, decompose, inward_directions
 from .grid import Grid, Patch, require_grid
@@ -220,8 +221,7 @@ def _boundary(
 
 def _by_face(mask: np.ndarray, faces: Sequence[Face]) -> list[np.ndarray]:
     """Split a mask over the quads of all faces into one of shape `Face.n_quads` for each face."""
-    ends = np.cumsum([math.prod(face.n_quads) for face in faces])
-    return [part.reshape(face.n_quads) for face, part in zip(faces, np.split(mask, ends[:-1]))]
+    return BlockLayout.of(face.n_quads for face in faces).split(mask)
 
 
 def _parts(face: Face, mask: np.ndarray) -> list[Window]:

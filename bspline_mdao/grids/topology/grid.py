@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from ...base.checks import as_array, require_kind
 from ...base.display import OneLine, Shown
 from ...errors import InputError
+from .block_layout import BlockLayout
 from .index_space import Interface, Window
 
 PATCH_KINDS = ("wall", "symmetry", "farfield", "other")
@@ -155,14 +157,19 @@ class Grid(Shown):
         """Number of nodes of every block in each direction."""
         return tuple(block.shape for block in self.blocks)
 
+    @cached_property
+    def layout(self) -> BlockLayout:
+        """Layout of the nodes of the blocks in the grid vector."""
+        return BlockLayout.of(self.shapes)
+
     @property
     def n_nodes(self) -> int:
         """Nodes of all blocks, interface nodes counted once for every block that holds them."""
-        return sum(int(np.prod(shape)) for shape in self.shapes)
+        return self.layout.size
 
     def to_vector(self) -> np.ndarray:
         """All nodes as one flat vector, shape (3 n_nodes,): blocks in order, each in C order, xyz interleaved."""
-        return np.concatenate([block.nodes.reshape(-1) for block in self.blocks])
+        return self.layout.join([block.nodes for block in self.blocks]).reshape(-1)
 
     def with_vector(self, vector: np.ndarray) -> Grid:
         """The same grid with the nodes of ``vector``, shape (3 n_nodes,)."""
@@ -172,12 +179,8 @@ class Grid(Shown):
                 f"{self.source}: a vector of shape {vector.shape} does not fit {self.n_nodes} nodes; "
                 f"give shape ({3 * self.n_nodes},)"
             )
-        blocks, start = [], 0
-        for block in self.blocks:
-            size = block.nodes.size
-            blocks.append(replace(block, nodes=vector[start : start + size].reshape(block.nodes.shape)))
-            start += size
-        return replace(self, blocks=tuple(blocks))
+        parts = self.layout.split(vector.reshape(-1, 3))
+        return replace(self, blocks=tuple(replace(block, nodes=x) for block, x in zip(self.blocks, parts)))
 
 
 def require_grid(grid) -> None:

@@ -9,13 +9,13 @@ Theory: ``docs/theory/topology.rst``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from .block_layout import BlockLayout
 from .index_space import Window, window_rows
 from .topology import BoundaryFace, Topology, joined_pairs, joined_points
 
@@ -46,8 +46,7 @@ def source_rows(copies: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 def face_rows(topology: Topology, window: Window) -> np.ndarray:
     """Rows in the grid vector of the nodes of a window of a block: an array of the window's shape."""
-    shapes = topology.shapes
-    return window_rows(window, shapes[window.block], sum(map(math.prod, shapes[: window.block])))
+    return window_rows(window, topology.shapes[window.block], int(topology.layout.starts[window.block]))
 
 
 def face_layer_rows(topology: Topology, window: Window) -> tuple[np.ndarray, np.ndarray]:
@@ -185,30 +184,23 @@ def each_once(rows: np.ndarray) -> np.ndarray:
 
 def _rows_of_points(topology: Topology, points: np.ndarray) -> np.ndarray:
     """Rows of points that are counted through, segments in order, each in C order."""
-    segments, shapes = topology.segments, topology.shapes
-    starts = np.cumsum([0, *(math.prod(segment.shape) for segment in segments)])
-    firsts = np.cumsum([0, *map(math.prod, shapes)])
-    rows, of = np.empty(len(points), dtype=np.int64), np.searchsorted(starts, points, side="right") - 1
-    order = np.argsort(of, kind="stable")
-    for number, at in _groups(of[order], order):
-        window, shape = segments[number], shapes[segments[number].block]
-        i, j, k = (
-            index + lo for index, lo in zip(np.unravel_index(points[at] - starts[number], window.shape), window.lo)
-        )
-        rows[at] = firsts[window.block] + (i * shape[1] + j) * shape[2] + k
-    return rows
+    segments = topology.segments
+    number, index = BlockLayout.of(segment.shape for segment in segments).unravel(points)
+    blocks = np.array([segment.block for segment in segments])
+    lows = np.array([segment.lo for segment in segments])
+    return topology.layout.ravel(blocks[number], lows[number] + index)
 
 
 def _by_segments(topology: Topology, rows: np.ndarray, numbers: np.ndarray):
     """Sort nodes into the first segments that hold them: their numbers, and their places there."""
-    firsts = np.cumsum([0, *map(math.prod, topology.shapes)])
-    of_block = np.searchsorted(firsts, rows, side="right") - 1
+    layout = topology.layout
+    of_block = layout.owner(rows)
     order = np.argsort(of_block, kind="stable")
     sorted_numbers = [np.zeros(0, dtype=np.int64)] * len(topology.segments)
     places = list(sorted_numbers)
     grids = _segment_grids(topology)
     for block, at in _groups(of_block[order], order):
-        (lows, table), index = grids[block], np.unravel_index(rows[at] - firsts[block], topology.shapes[block])
+        (lows, table), index = grids[block], np.unravel_index(rows[at] - layout.starts[block], layout.shapes[block])
         intervals = [np.maximum(np.searchsorted(low, i) - 1, 0) for low, i in zip(lows, index)]
         of_segment = table[tuple(intervals)]
         again = np.argsort(of_segment, kind="stable")

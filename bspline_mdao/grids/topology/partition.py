@@ -21,6 +21,7 @@ import numpy as np
 
 from ...base.display import OneLine
 from ...errors import InputError
+from .block_layout import BlockLayout
 from .edge_cut import with_short_cuts
 from .index_space import Window, window_rows
 from .topology import Topology
@@ -59,9 +60,10 @@ class Share(OneLine):
     @classmethod
     def of_windows(cls, shapes: Sequence[tuple[int, ...]], windows: Sequence[Window]) -> Share:
         """Make the share of some pieces of blocks of given shapes."""
-        starts = np.cumsum([0, *map(math.prod, shapes)])
-        rows = [window_rows(window, shapes[window.block], int(starts[window.block])).ravel() for window in windows]
-        return cls(int(starts[-1]), np.concatenate([np.zeros(0, dtype=np.int64), *rows]), tuple(windows), tuple(shapes))
+        layout = BlockLayout.of(shapes)
+        starts = layout.starts.tolist()
+        rows = [window_rows(window, shapes[window.block], starts[window.block]).ravel() for window in windows]
+        return cls(layout.size, np.concatenate([np.zeros(0, dtype=np.int64), *rows]), tuple(windows), tuple(shapes))
 
     @classmethod
     def of_grid(cls, topology: Topology) -> Share:
@@ -117,7 +119,7 @@ class Share(OneLine):
     @property
     def starts(self) -> tuple[int, ...]:
         """Number of the first node of each piece among those of the share, and their number."""
-        return (0, *np.cumsum([math.prod(shape) for shape in self.shapes], dtype=int).tolist())
+        return tuple(BlockLayout.of(self.shapes).starts.tolist())
 
     @cached_property
     def cells(self) -> np.ndarray:
@@ -131,12 +133,14 @@ class Share(OneLine):
         InputError
             If the share was made of rows.
         """
-        starts = np.cumsum([0, *(math.prod(_n_cells(shape)) for shape in self.shapes_of_grid)])
+        layout = BlockLayout.of(self.shapes_of_grid).cells
         cells = [np.zeros(0, dtype=np.int64)]
         for window in self._pieces:
-            shape = self.shapes_of_grid[window.block]
-            if math.prod(_n_cells(shape)):
-                cells.append(_cells_of(window, shape, int(starts[window.block])))
+            if math.prod(layout.shapes[window.block]):
+                last = tuple(max(hi - 1, lo) for lo, hi in zip(window.lo, window.hi))
+                inside = Window(window.block, window.lo, last)
+                start = int(layout.starts[window.block])
+                cells.append(window_rows(inside, layout.shapes[window.block], start).ravel())
         return np.concatenate(cells)
 
     @property
@@ -218,6 +222,11 @@ class Partition(OneLine):
                 return cls(tuple(map(tuple, topology.shapes)), tuple(map(tuple, order)))
             pieces = [part for piece in pieces for part in halves.get(piece, [piece])]
 
+    @cached_property
+    def layout(self) -> BlockLayout:
+        """Layout of the nodes of the blocks in the grid vector."""
+        return BlockLayout.of(self.shapes)
+
     @property
     def n_ranks(self) -> int:
         """Number of processes."""
@@ -260,14 +269,3 @@ def _cut(window: Window, n_parts: int) -> list[Window]:
     hi, lo = (end[:d] + (at,) + end[d + 1 :] for end in (window.hi, window.lo))
     first, second = Window(window.block, window.lo, hi), Window(window.block, lo, window.hi)
     return _cut(first, n_first) + _cut(second, n_parts - n_first)
-
-
-def _n_cells(shape: Sequence[int]) -> tuple[int, ...]:
-    """Cells of a block in each direction: one where there is one node, none in all of a line."""
-    return tuple(max(n - 1, 1) for n in shape) if sum(n > 1 for n in shape) > 1 else (0,) * len(shape)
-
-
-def _cells_of(window: Window, shape: Sequence[int], start: int) -> np.ndarray:
-    """Numbers of the cells of a window of a block whose first cell has a given number, in C order."""
-    last = tuple(max(hi - 1, lo) for lo, hi in zip(window.lo, window.hi))
-    return window_rows(Window(window.block, window.lo, last), _n_cells(shape), start).ravel()

@@ -10,13 +10,13 @@ Theory: ``docs/theory/topology.rst``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, product
 
 import numpy as np
 
+from .block_layout import BlockLayout
 from .faces import block_faces
 from .held_nodes import node_copies, source_rows
 from .index_space import Interface, Orientation, Section, Window, by_blocks, sections_of, window_rows
@@ -250,7 +250,7 @@ def junction_links(
         Point of each face node of each block.
     """
     found: list[Link] = []
-    starts = np.cumsum([0, *map(math.prod, shapes)])
+    starts = BlockLayout.of(shapes).starts
     corners = _apart_corners(ids, starts, quads, separated)
     for n_free in (1, 0):  # edges are linked before corners, many of which they make one
         copies = _copies(shapes, segmentation, found)

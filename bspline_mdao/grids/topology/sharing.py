@@ -5,7 +5,6 @@ Theory: ``docs/theory/topology.rst``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -15,9 +14,9 @@ from scipy.spatial import cKDTree
 from ...base.numerics.processes import ONE, summed, together
 from ...base.numerics.threads import thread_count
 from ...errors import InputError
+from .block_layout import BlockLayout
 from .grid import Grid
 from .held_nodes import node_copies
-from .index_space import block_rows
 from .stored_grid import StoredGrid
 from .topology import BoundaryFace, Topology, first_joined
 
@@ -49,19 +48,18 @@ class NodeSharing:
 
 def node_sharing(topology: Topology) -> NodeSharing:
     """Assign each unique node of a grid to the first segment that holds it."""
-    whole = block_rows(topology.shapes)
+    whole = topology.layout.numbers
     rows = [whole[segment.block][segment.slices] for segment in topology.segments]
     ids = topology.node_ids()
-    flat_rows, flat_ids = (np.concatenate([a.ravel() for a in arrays]) for arrays in (rows, ids))
+    layout = BlockLayout.of(segment.shape for segment in topology.segments)
+    flat_rows, flat_ids = layout.join(rows), layout.join(ids)
     _, first = np.unique(flat_ids, return_index=True)
     is_evaluated = np.zeros(len(flat_ids), dtype=bool)
     is_evaluated[first] = True
     source = np.empty(topology.n_nodes, dtype=flat_rows.dtype)
     source[flat_rows] = flat_rows[first][flat_ids]
     copied = np.flatnonzero(source != np.arange(len(source)))
-    ends = np.cumsum([a.size for a in rows])[:-1]
-    owned = [part.reshape(a.shape) for part, a in zip(np.split(is_evaluated, ends), rows)]
-    return NodeSharing(tuple(rows), tuple(owned), np.stack([copied, source[copied]], axis=1))
+    return NodeSharing(tuple(rows), tuple(layout.split(is_evaluated)), np.stack([copied, source[copied]], axis=1))
 
 
 def direction_classes(topology: Topology) -> np.ndarray:
@@ -171,7 +169,7 @@ def rows_of_points(
         As `numbers_of_points`.
     """
     points = np.reshape(points, (-1, 3))
-    starts, copies = np.cumsum([0, *map(math.prod, topology.shapes)]), node_copies(topology)[:, 0]
+    starts, copies = topology.layout.starts, node_copies(topology)[:, 0]
     boxes = _boxes(grid, comm)
     rows = np.full(len(points), -1)
     near, far, elsewhere = np.full((3, len(points)), np.inf)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from ...base.display import OneLine
 from ...errors import InputError
+from .block_layout import BlockLayout
 from .grid import Block, Grid, Patch
 from .index_space import Interface, Window
 
@@ -86,10 +87,15 @@ class StoredGrid(OneLine):
         """Number of nodes of every block in each direction."""
         return tuple(block.shape for block in self.blocks)
 
+    @cached_property
+    def layout(self) -> BlockLayout:
+        """Layout of the nodes of the blocks in the grid vector."""
+        return BlockLayout.of(self.shapes)
+
     @property
     def n_nodes(self) -> int:
         """Nodes of all blocks, interface nodes counted once for every block that holds them."""
-        return sum(int(np.prod(shape)) for shape in self.shapes)
+        return self.layout.size
 
     def read(self, window: Window) -> Block:
         """Read the nodes of a window of a block, as a block.

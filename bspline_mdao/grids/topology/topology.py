@@ -8,9 +8,9 @@ Theory: ``docs/theory/topology.rst``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ...base.display import OneLine
 from ...errors import InputError
+from .block_layout import BlockLayout
 from .index_space import FACE_NAMES, Interface, Orientation, Section, Window, section_rows
 
 
@@ -148,7 +149,12 @@ class Topology(OneLine):
     @property
     def n_nodes(self) -> int:
         """Number of nodes of all blocks, those that blocks share counted in each."""
-        return sum(math.prod(shape) for shape in self.shapes)
+        return self.layout.size
+
+    @cached_property
+    def layout(self) -> BlockLayout:
+        """Layout of the nodes of the blocks in the grid vector."""
+        return BlockLayout.of(self.shapes)
 
     @property
     def segment_names(self) -> tuple[str, ...]:
@@ -205,11 +211,10 @@ def shared_ids(
     InputError
         If two linked sections disagree in their number of points.
     """
-    starts = np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
-    first = first_joined(int(starts[-1]), joined_pairs(shapes, links, collapses, names))
+    layout = BlockLayout.of(shapes)
+    first = first_joined(layout.size, joined_pairs(shapes, links, collapses, names))
     is_first = first == np.arange(len(first))
-    ids = (np.cumsum(is_first) - 1).astype(np.int32)[first]
-    return [ids[start:end].reshape(shape) for start, end, shape in zip(starts, starts[1:], shapes)]
+    return layout.split((np.cumsum(is_first) - 1).astype(np.int32)[first])
 
 
 def joined_pairs(
@@ -222,7 +227,7 @@ def joined_pairs(
 
     Points are counted through, segments in order, each in C order. All of them lie on faces of segments.
     """
-    starts = np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
+    starts = BlockLayout.of(shapes).starts
     pairs = [_link_pairs(shapes, starts, link, names) for link in links]
     return pairs + [_collapse_pairs(shapes, starts, collapse) for collapse in collapses]
 

@@ -161,7 +161,7 @@ def test_grid_lines_run_on_into_a_block_turned_in_any_way(turn):
 
 def test_cells_and_faces_of_one_row_are_numbered_as_documented():
     faces = faces_of(grid_of(box(np.arange(4.0), [0.0, 2.0], [0.0, 3.0])))
-    assert faces.shapes == ((3, 1, 1),)
+    assert faces.layout.shapes == ((3, 1, 1),)
     assert (faces.n_cells, faces.n_inner, faces.n_faces) == (3, 2, 2 + 14)
     np.testing.assert_array_equal(faces.left[:2], [0, 1])
     np.testing.assert_array_equal(faces.right, [1, 2])
