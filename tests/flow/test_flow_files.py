@@ -14,7 +14,11 @@ from bspline_mdao.flow.euler.fields import field_values, node_means
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.grids.topology.held_nodes import node_copies
 
-pyvista = pytest.importorskip("pyvista")
+
+@pytest.fixture
+def pyvista():
+    """The reader of the files, which takes long to import."""
+    return pytest.importorskip("pyvista")
 
 
 @cache
@@ -76,7 +80,7 @@ def test_node_means_of_a_constant_are_it_and_agree_where_blocks_meet():
         np.testing.assert_array_equal(means[row], means[source])
 
 
-def test_fields_are_read_back_on_nodes_cells_and_walls(flown, tmp_path):
+def test_fields_are_read_back_on_nodes_cells_and_walls(flown, tmp_path, pyvista):
     flown.model.flow.write_fields(tmp_path / "flow.vtm")
     blocks = pyvista.read(tmp_path / "flow.vtm")
     states = flown.get_val("states").reshape(-1, 5)

@@ -55,7 +55,12 @@ GRIDS = {
 }
 """Grids with walls of every kind."""
 
-every_grid = pytest.mark.parametrize("grid", [make() for make in GRIDS.values()], ids=GRIDS)
+every_grid = pytest.mark.parametrize("grid", GRIDS, indirect=True)
+
+
+@pytest.fixture
+def grid(request):
+    return GRIDS[request.param]()
 
 
 def moved(grid, seed=0):

@@ -43,9 +43,9 @@ def test_all_but_the_nodes_that_moved_is_kept_to_the_last_byte(file):
         ("NDIME= 3", "NDIME= 4", "has NDIME=4; only 2 and 3 dimensions"),
         ("NDIME= 3", "NDIME= 2", "has elements of kind 12; known are 5, 9"),
         ("NDIME= 3", "NDIM= 3", "has no NDIME"),
-        (f"NPOIN= {mesh().n_points}", "NPOIN= 7", "announces 7 nodes"),
-        (f"NELEM= {mesh().n_cells}", "NELEM= x", "NELEM=x is no number"),
-        (f"NELEM= {mesh().n_cells}", f"NELEM= {mesh().n_cells + 1}", "elements and holds"),
+        ("NPOIN= {n_points}", "NPOIN= 7", "announces 7 nodes"),
+        ("NELEM= {n_cells}", "NELEM= x", "NELEM=x is no number"),
+        ("NELEM= {n_cells}", "NELEM= {one_cell_more}", "elements and holds"),
         ("\n12 ", "\n99 ", "has elements of kind 99"),
         ("\n12 ", "\n12 999999", "has node"),
         ("\n12 ", "\n12 0 ", "element 1, of kind 12, has 10 numbers of nodes in the place of 8"),
@@ -66,7 +66,8 @@ def test_all_but_the_nodes_that_moved_is_kept_to_the_last_byte(file):
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(file, old, new, words):
-    file.write_text(file.read_text().replace(old, new, 1))
+    numbers = {"n_points": mesh().n_points, "n_cells": mesh().n_cells, "one_cell_more": mesh().n_cells + 1}
+    file.write_text(file.read_text().replace(old.format(**numbers), new.format(**numbers), 1))
     with pytest.raises(InputError, match=words) as error:
         read_mesh(file)
     assert str(file) in str(error.value)

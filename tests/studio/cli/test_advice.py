@@ -40,15 +40,17 @@ ALL = {text for command in COMMANDS.values() for text in options_of(command)} | 
 
 def texts(path):
     """Messages of a file: strings but docstrings, what is computed in them as {}."""
-    tree = ast.parse(path.read_text())
-    kept = [
-        node.value for node in ast.walk(tree) if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-    ]
-    inside = [part for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values]
-    for node in ast.walk(tree):
+    source = path.read_text()
+    if "--" not in source:
+        return
+    tree = ast.parse(source)
+    nodes = list(ast.walk(tree))
+    left_out = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    left_out |= {id(part) for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
+    for node in nodes:
         if isinstance(node, ast.JoinedStr):
             yield "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in kept + inside:
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in left_out:
             yield node.value
 
 

@@ -8,17 +8,20 @@ from bspline_mdao import DesignSurface, InputError, LatticeFlow, fit_grid, onera
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.studio.study import draft
 
-GRID = onera_m6_grid((7, 7, 5))
+
+@pytest.fixture(scope="module")
+def grid():
+    return onera_m6_grid((7, 7, 5))
 
 
 def drafted(folder, grid):
     return study_of(folder, draft.study_draft("@onera_m6:7x7x5", None, grid, find_topology(grid)))
 
 
-def test_a_lattice_is_drafted_at_the_lift_that_it_has_about_the_baseline(tmp_path):
+def test_a_lattice_is_drafted_at_the_lift_that_it_has_about_the_baseline(grid, tmp_path):
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
-    study = drafted(tmp_path, GRID)
-    model = fit_grid(GRID)
+    study = drafted(tmp_path, grid)
+    model = fit_grid(grid)
     problem = om.Problem(
         LatticeFlow(model=model, reference_area=DesignSurface.of(model).planform_area, axes=study.flow["axes"]),
         reports=None,
@@ -31,12 +34,12 @@ def test_a_lattice_is_drafted_at_the_lift_that_it_has_about_the_baseline(tmp_pat
     assert study.variables["alpha"]["lower"] < study.flow["alpha"] < study.variables["alpha"]["upper"]
 
 
-def test_euler_flow_is_drafted_with_trim(tmp_path, monkeypatch):
+def test_euler_flow_is_drafted_with_trim(grid, tmp_path, monkeypatch):
     def camberless(*_):
         raise InputError("camber surface: the section at the tip has two upper sides")
 
     monkeypatch.setattr(draft, "lattice_camber", camberless)
-    study = drafted(tmp_path, GRID)
+    study = drafted(tmp_path, grid)
     assert (study.flow["kind"], study.flow["trim"]) == ("euler", True)
     assert study.flow["CL_target"] == pytest.approx(0.22, abs=0.03)
     assert list(study.variables) == ["twist"]
@@ -44,8 +47,8 @@ def test_euler_flow_is_drafted_with_trim(tmp_path, monkeypatch):
     assert "CL" not in study.constraints
 
 
-def test_without_openaerostruct_the_lift_is_an_estimate_to_be_set(tmp_path, monkeypatch):
+def test_without_openaerostruct_the_lift_is_an_estimate_to_be_set(grid, tmp_path, monkeypatch):
     monkeypatch.setattr(draft, "find_spec", lambda name: None)
-    text = draft.study_draft("@onera_m6:7x7x5", None, GRID, find_topology(GRID))
+    text = draft.study_draft("@onera_m6:7x7x5", None, grid, find_topology(grid))
     assert "  # set yours: about the lift of the baseline" in text
     assert study_of(tmp_path, text).constraints["CL"]["equals"] == pytest.approx(0.22, abs=0.03)
