@@ -19,6 +19,7 @@ from numba import njit
 from ...base.display import OneLine
 from ...base.numerics.threads import run_tasks, thread_count
 from ...errors import InputError
+from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.held_nodes import HeldNodes
 from ...grids.topology.topology import Topology
 from ..splines.mesh import BSplineMesh
@@ -242,17 +243,17 @@ def _check_destinations(destinations, n_rows: int) -> bool:
 
 def _copies_by_volume(rows, n_rows: int, copies) -> list[np.ndarray]:
     """Per volume, the row of each copy and the number of the node that it copies, shape (n, 2)."""
-    starts = np.cumsum([0] + [r.size for r in rows])
+    layout = BlockLayout.of(map(np.shape, rows))
     node_of_row = np.full(n_rows, -1, dtype=np.int64)
-    for start, r in zip(starts, rows):
-        node_of_row[r] = start + np.arange(r.size)
+    for r, numbers in zip(rows, layout.numbers):
+        node_of_row[r] = numbers
     is_inside = (copies[:, 1] >= 0) & (copies[:, 1] < n_rows)
     nodes = np.where(is_inside, node_of_row[np.where(is_inside, copies[:, 1], 0)] if n_rows else -1, -1)
     if (nodes < 0).any():
         bad = copies[np.argmin(nodes)]
         raise InputError(f"evaluation: row {bad[0] + 1} copies row {bad[1] + 1}, which no volume evaluates")
-    volume = np.searchsorted(starts, nodes, side="right") - 1
-    return [np.stack([copies[volume == v, 0], nodes[volume == v] - starts[v]], axis=1) for v in range(len(rows))]
+    volume, start = layout.owner(nodes), layout.starts
+    return [np.stack([copies[volume == v, 0], nodes[volume == v] - start[v]], axis=1) for v in range(len(rows))]
 
 
 def _cut(nodes: Sequence[NodesBySpan]) -> tuple[_Chunk, ...]:

@@ -43,15 +43,13 @@ def report_errors(
     residual = nodes - fitted
     squares = residual**2
     distances = squares.sum(axis=1)
-    shapes = [topology.shapes[block] for block in sharing.blocks]
-    starts = np.concatenate([[0], np.cumsum([np.prod(shape) for shape in shapes], dtype=int)])
-    found = []
-    for block, start, stop in zip(sharing.blocks, starts, starts[1:]):
-        rms, largest = np.sqrt(squares[start:stop].mean(axis=0)), np.abs(residual[start:stop]).max(axis=0)
+    layout, found = sharing.layout, []
+    for block, part in zip(sharing.blocks, layout.slices):
+        rms, largest = np.sqrt(squares[part].mean(axis=0)), np.abs(residual[part]).max(axis=0)
         found.append((block, BlockError(block_names[block], tuple(rms.tolist()), tuple(largest.tolist()))))
     blocks = [error for _, error in sorted(_gathered(sharing.comm, found), key=itemgetter(0))]
     rms = float(np.sqrt(_mean(sharing.comm, distances)))
-    edge = mean_edge(shapes, nodes, sharing.comm)
+    edge = mean_edge(layout.shapes, nodes, sharing.comm)
     n_invalid, invalid = _find_invalid(problem, parameters, nodes, solution.control_points)
     worst_local, worst_on_walls = worst_local_errors(sharing, nodes, residual)
     return FitReport(
@@ -60,7 +58,7 @@ def report_errors(
         mean_edge=edge,
         max_error=tuple(np.max([block.max_error for block in blocks], axis=0).tolist()),
         blocks=tuple(blocks),
-        worst=_worst_node(sharing, starts, distances),
+        worst=_worst_node(sharing, distances),
         n_nodes=topology.n_nodes,
         n_control_points=len(solution.control_points),
         n_invalid=n_invalid,
@@ -135,15 +133,13 @@ def _edge_sum(nodes):
     return total, count
 
 
-def _worst_node(sharing: FitNodes, starts, distances: np.ndarray) -> WorstNode:
+def _worst_node(sharing: FitNodes, distances: np.ndarray) -> WorstNode:
     """Find the node with the largest error, the first one of those that are equally bad."""
     worst = []
     if len(distances):
         row = int(np.argmax(distances))
-        place = int(np.searchsorted(starts, row, side="right")) - 1
-        block = sharing.blocks[place]
-        index = np.unravel_index(row - starts[place], sharing.topology.shapes[block])
-        worst.append((-distances[row], block, *(int(n) for n in index)))
+        (place,), (index,) = sharing.layout.unravel(np.array([row]))
+        worst.append((-distances[row], sharing.blocks[place], *index.tolist()))
     square, block, i, j, k = min(_gathered(sharing.comm, worst))
     return WorstNode(block + 1, i + 1, j + 1, k + 1, float(np.sqrt(-square)))
 

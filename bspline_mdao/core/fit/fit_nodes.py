@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...base.numerics.processes import ONE
+from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.held_nodes import HeldNodes
 from ...grids.topology.index_space import window_rows
 from ...grids.topology.partition import Partition
@@ -75,8 +76,8 @@ class FitNodes:
     @classmethod
     def _of_blocks(cls, topology: Topology, comm, homes: tuple[int, ...], blocks: tuple[int, ...]) -> FitNodes:
         """Number the nodes of the blocks of this process."""
-        starts = np.cumsum([0, *(math.prod(topology.shapes[block]) for block in blocks)]).tolist()
-        first = dict(zip(blocks, starts))
+        layout = BlockLayout.of(topology.shapes[block] for block in blocks)
+        first = dict(zip(blocks, layout.starts.tolist()))
         nothing, rows, here = np.zeros((0, 0, 0), dtype=np.int64), [], []
         for number, segment in enumerate(topology.segments):
             if segment.block in first:
@@ -85,15 +86,15 @@ class FitNodes:
             else:
                 rows.append(nothing)
         empty = np.zeros((0, 2), dtype=np.int64)
-        return cls(topology, comm, blocks, tuple(here), tuple(rows), (), empty, starts[-1], starts[-1], homes)
+        return cls(topology, comm, blocks, tuple(here), tuple(rows), (), empty, layout.size, layout.size, homes)
 
     def _with_others(self) -> FitNodes:
         """Add the nodes of others that these are copies of, and agree with all processes on what is sent."""
-        topology, firsts = self.topology, np.cumsum([0, *map(math.prod, self.topology.shapes)])
-        own = [np.arange(firsts[block], firsts[block + 1]) for block in self.blocks]
-        held = HeldNodes.of(topology, np.concatenate([np.zeros(0, dtype=np.int64), *own]))
+        layout = self.topology.layout
+        own = [np.arange(layout.starts[block], layout.starts[block + 1]) for block in self.blocks]
+        held = HeldNodes.of(self.topology, np.concatenate([np.zeros(0, dtype=np.int64), *own]))
         there = held.rows[self.n_own :]
-        rank_of = np.asarray(self.homes)[np.searchsorted(firsts, there, side="right") - 1]
+        rank_of = np.asarray(self.homes)[layout.owner(there)]
         wanted = [self.n_own + np.flatnonzero(rank_of == rank) for rank in range(self.comm.size)]
         asked = self.comm.alltoall([held.rows[numbers] for numbers in wanted])
         is_copy = np.zeros(held.n_nodes, dtype=bool)
@@ -115,10 +116,14 @@ class FitNodes:
             given=tuple(held.numbers_of(rows) for rows in asked),
         )
 
+    @property
+    def layout(self) -> BlockLayout:
+        """Layout of the nodes of the blocks of this process, the first ``n_own``."""
+        return BlockLayout.of(self.topology.shapes[block] for block in self.blocks)
+
     def by_blocks(self, values: np.ndarray) -> dict[int, np.ndarray]:
         """Cut values of nodes, shape (n_rows, ...), up into those of the blocks of this process, each (n, ...)."""
-        starts = np.cumsum([0, *(math.prod(self.topology.shapes[block]) for block in self.blocks)])
-        return {block: values[start:stop] for block, start, stop in zip(self.blocks, starts, starts[1:])}
+        return {block: values[part] for block, part in zip(self.blocks, self.layout.slices)}
 
     def source_rows(self) -> np.ndarray:
         """Number that stands for each node, shape (n_rows,): its own, or that of the node that it is a copy of."""

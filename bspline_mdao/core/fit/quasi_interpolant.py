@@ -24,6 +24,7 @@ from numba import njit
 from scipy.sparse import csr_array
 
 from ...base.numerics.processes import summed
+from ...grids.topology.block_layout import BlockLayout
 from ..evaluation.evaluator import Evaluator
 from ..model.records import ITERATIONS
 from ..splines.greville import greville_abscissae
@@ -265,9 +266,9 @@ def sampling_matrix(
     """Trilinear interpolation of the grid at one place for each control point."""
     # returns (n_control_points, n_rows), rows of control points that segments of other processes hold first are zero
     source = sharing.source_rows()
-    ids = np.concatenate([a.ravel() for a in mesh.control_ids])
+    layout = BlockLayout.of(map(np.shape, mesh.control_ids))
+    ids, starts = layout.join(mesh.control_ids), layout.starts
     _, first = np.unique(ids, return_index=True)
-    starts = np.cumsum([0, *(a.size for a in mesh.control_ids)])
     columns, values, numbers = [], [], []
     for s in sharing.here:
         rows, place, start, end = sharing.rows[s], places[s], starts[s], starts[s + 1]

@@ -28,7 +28,7 @@ from scipy.sparse import csr_array, eye_array
 from ...base.display import OneLine
 from ...base.sparse.spring_network import SpringNetwork
 from ...errors import InputError
-from ...grids.topology.index_space import Window, block_rows
+from ...grids.topology.index_space import Window
 from ...grids.topology.sharing import node_sharing
 from ...grids.topology.topology import Topology
 from ..mesh.moving_mesh import MovingMesh
@@ -284,7 +284,7 @@ def replace_nodes(
     pieces: Sequence[tuple[Window, np.ndarray]],  # new nodes (m). Where windows share nodes the last one counts
 ) -> np.ndarray:  # (n_nodes, 3), the grid with the new nodes, and everything else as it was
     """Replace nodes of some windows, wherever a block holds them."""
-    rows, ids = block_rows(topology.shapes), np.empty(topology.n_nodes, dtype=np.int64)
+    rows, ids = topology.layout.numbers, np.empty(topology.n_nodes, dtype=np.int64)
     for segment, segment_ids in zip(topology.segments, topology.node_ids()):
         ids[rows[segment.block][segment.slices]] = segment_ids
     values, is_new = np.empty((ids.max() + 1, 3)), np.zeros(ids.max() + 1, dtype=bool)
@@ -296,7 +296,7 @@ def replace_nodes(
 
 def _place_on_patch(topology: Topology, source: np.ndarray, row: int) -> tuple[str, str, tuple[int, int, int]]:
     """Patch, block and place in it, from 1, of a node by its row: on a declared patch if one holds it."""
-    blocks = block_rows(topology.shapes)
+    blocks = topology.layout.numbers
     faces = [(face.window, face.patch) for face in topology.boundary if face.patch is not None]
     whole = [(Window.whole(number, shape), "") for number, shape in enumerate(topology.shapes)]
     for window, patch in (*faces, *whole):

@@ -154,8 +154,7 @@ def moving_grid(
     if nodes.shape != (topology.n_nodes, 3):
         raise InputError(f"moving grid: nodes of shape {nodes.shape}; give shape ({topology.n_nodes}, 3)")
     blocks = topology.node_ids()
-    rows = np.split(np.arange(topology.n_nodes), np.cumsum([np.prod(shape) for shape in topology.shapes])[:-1])
-    rows = [block.reshape(shape) for block, shape in zip(rows, topology.shapes)]
+    rows = topology.layout.numbers
     point_ids = np.empty(topology.n_nodes, dtype=np.int32)
     for segment, ids in zip(topology.segments, blocks):
         point_ids[rows[segment.block][segment.slices]] = ids

@@ -8,7 +8,6 @@ Theory: ``docs/parallel.rst``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -145,15 +144,15 @@ class FittedBlocks(OneLine):
     def _residual_of(self, rows: np.ndarray) -> np.ndarray:
         """Residual of nodes by their rows in the grid vector."""
         assert self.residual is not None
-        starts = np.cumsum([0, *map(math.prod, self.topology.shapes)])
-        block = np.searchsorted(starts, rows, side="right") - 1
-        rank, result = np.asarray(self.homes)[block], np.empty((len(rows), 3))
+        layout = self.topology.layout
+        rank, result = np.asarray(self.homes)[layout.owner(rows)], np.empty((len(rows), 3))
         asked = _exchanged(self.comm, [rows[rank == home] for home in range(self.comm.size)])
         given = []
         for wanted in asked:
-            values, of = np.empty((len(wanted), 3)), np.searchsorted(starts, wanted, side="right") - 1
-            for number in np.unique(of):
-                values[of == number] = self.residual[int(number)][wanted[of == number] - starts[number]]
+            values, block = np.empty((len(wanted), 3)), layout.owner(wanted)
+            for number in np.unique(block):
+                is_there = block == number
+                values[is_there] = self.residual[int(number)][wanted[is_there] - layout.starts[number]]
             given.append(values)
         for home, values in enumerate(_exchanged(self.comm, given)):
             result[rank == home] = values

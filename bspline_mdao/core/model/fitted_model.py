@@ -107,8 +107,7 @@ class FittedModel(Shown):
         """
         if self.residual is None or not self.settings.wall_layer:
             return None
-        ends = np.cumsum([int(np.prod(shape)) for shape in self.topology.shapes])[:-1]
-        residuals = dict(enumerate(np.split(self.residual, ends)))
+        residuals = dict(enumerate(self.residual[part] for part in self.topology.layout.slices))
         return residual_lengths(self.topology, self.mesh, self.parameters, residuals)
 
     def evaluator(self) -> Evaluator:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,8 +82,7 @@ class ModelParts:
 
     def residual_at(self, rows: np.ndarray) -> np.ndarray:
         """Residual (m), shape (n, 3), of nodes by their rows in the grid vector, ascending."""
-        data, starts = self.file["residual"], np.cumsum([0, *map(math.prod, self.topology.shapes)])
-        ends = np.searchsorted(rows, starts)
+        data, ends = self.file["residual"], np.searchsorted(rows, self.topology.layout.starts)
         parts = [_at(data, (rows[start:stop],)) for start, stop in zip(ends, ends[1:]) if start < stop]
         return np.concatenate([np.zeros((0, 3)), *parts])
 
@@ -149,7 +148,7 @@ def write_by_turns(
         If the file cannot be written, or the model has knots that are functions of the user's; on all processes.
     """
     arrays, document = _room_for(comm, fields), document_of(**fields)
-    starts = np.cumsum([0, *map(math.prod, fields["topology"].shapes)])
+    slices = fields["topology"].layout.slices
     with ExitStack() as stack:
         made: Path | None = None
         with together(comm):
@@ -160,7 +159,7 @@ def write_by_turns(
         for rank in range(comm.size):
             with together(comm):
                 if rank == comm.rank:
-                    _write_parts(made, path, parts, starts)
+                    _write_parts(made, path, parts, slices)
         with together(comm):
             if comm.rank == 0:
                 with deferred_interrupts(), h5py.File(made, "r+") as file:
@@ -205,14 +204,14 @@ def _make(
                 file.create_dataset(name, data=array, **options)
 
 
-def _write_parts(made: Path | None, path, parts: Mapping[str, np.ndarray], starts: np.ndarray) -> None:
+def _write_parts(made: Path | None, path, parts: Mapping[str, np.ndarray], slices: Sequence[slice]) -> None:
     """Write the arrays of this process into the file."""
     try:
         with deferred_interrupts(), h5py.File(made, "r+") as file:
             for name, array in parts.items():
                 kind, _, number = name.partition("/")
                 if kind == "residual":
-                    file["residual"][starts[int(number)] : starts[int(number) + 1]] = array
+                    file["residual"][slices[int(number)]] = array
                 else:
                     file[name][...] = array
     except OSError as error:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.display import OneLine
+from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.grid import Block, Grid, Patch
 
 ITERATIONS = (8, 4, 2, 0)
@@ -64,11 +65,7 @@ class GridHeader(OneLine):
 
     def grid(self, shapes, nodes: np.ndarray) -> Grid:
         """Grid with these nodes, shape (n_nodes, 3), in blocks of these shapes."""
-        blocks, start = [], 0
-        for name, iblank, shape in zip(self.names, self.iblanks, shapes):
-            stop = start + int(np.prod(shape))
-            blocks.append(Block(nodes[start:stop].reshape(*shape, 3), name, iblank))
-            start = stop
+        blocks = map(Block, BlockLayout.of(shapes).split(nodes), self.names, self.iblanks)
         return Grid(tuple(blocks), self.patches, self.source, self.dialect, unit=self.unit)
 
 

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...grids.cells.hexahedron import COLLAPSE_TOLERANCE
+from ...grids.topology.block_layout import BlockLayout
 from .check_directions import check_along_directions
 from .model_option import Copied
 
@@ -206,6 +207,4 @@ def lines_among(numbers: np.ndarray, lines: Sequence[np.ndarray]) -> list[np.nda
 
 def numbered_blocks(shapes: Iterable[tuple[int, ...]]) -> list[np.ndarray]:
     """Lines of blocks, of some shapes, whose nodes are an input one after the other, each in C order."""
-    shapes = list(shapes)
-    ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
-    return [np.arange(start, stop).reshape(shape) for start, stop, shape in zip(ends, ends[1:], shapes)]
+    return BlockLayout.of(shapes).numbers

@@ -28,6 +28,7 @@ import numpy as np
 from numba import njit
 
 from ...base.numerics.mean_planes import mean_planes, near_enough
+from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.boundary_surface import quads_in_turn
 from ...grids.topology.held_nodes import HeldNodes, face_rows
 from ...grids.topology.sharing import boundary_sides
@@ -325,14 +326,14 @@ class Turn:
 
 def _corner_evaluator(mesh: BSplineMesh, places, ids, n_threads) -> Evaluator:
     """Evaluation of the corners of all spans, each in the first volume that has it."""
-    flat = np.concatenate([numbers.ravel() for numbers in ids])
+    layout = BlockLayout.of(map(np.shape, ids))
+    flat = layout.join(ids)
     numbers, first = np.unique(flat, return_index=True)
     is_first = np.zeros(len(flat), dtype=bool)
     is_first[first] = True
-    ends = np.cumsum([part.size for part in ids])[:-1]
-    own = np.split(is_first, ends)
-    parameters = [x.reshape(-1, 3)[mask] for x, mask in zip(places, own)]
-    rows = [part.ravel()[mask] for part, mask in zip(ids, own)]
+    own = layout.split(is_first)
+    parameters = [x[mask] for x, mask in zip(places, own)]
+    rows = [part[mask] for part, mask in zip(ids, own)]
     return Evaluator.build(mesh, parameters, rows, len(numbers), n_threads=n_threads)
 
 
