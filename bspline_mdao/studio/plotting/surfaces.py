@@ -15,6 +15,7 @@ from ...core.model.model_share import ModelShare
 from ...flow.euler.fields import field_values
 from ...flow.euler.gas import N_STATES
 from ...grids.cells.cell_fields import cell_fields, cell_middle, face_layer
+from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.grid import Grid
 from ...grids.topology.index_space import Window
 from ...grids.topology.topology import Topology
@@ -55,12 +56,10 @@ def joined_sheets(sheets: Sequence[Sheet]) -> tuple[np.ndarray, np.ndarray]:
     """Join sheets to one list of quadrilaterals."""
     # returns points (n, 3): all of their points (m)
     # returns quads int (m, 4): corners of their faces, in turn around each, sheet by sheet
-    ends = np.cumsum([0, *(sheet.points.size // 3 for sheet in sheets)])
-    quads = []
-    for start, sheet in zip(ends, sheets):
-        ids = start + np.arange(sheet.points.size // 3).reshape(sheet.points.shape[:2])
+    layout, quads = BlockLayout.of(sheet.points.shape[:2] for sheet in sheets), []
+    for ids in layout.numbers:
         quads.append(np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4))
-    return np.concatenate([sheet.points.reshape(-1, 3) for sheet in sheets]), np.concatenate(quads)
+    return layout.join([sheet.points for sheet in sheets]), np.concatenate(quads)
 
 
 def grid_sheets(grid: Grid, fields: bool = False, topology: Topology | None = None) -> list[Sheet]:
@@ -191,12 +190,9 @@ def flow_sheets(
     """
     fields: dict[str, list[np.ndarray]] = {}
     if states is not None and mach is not None:
-        shapes = [tuple(n - 1 for n in shape) for shape in grid.shapes]
-        ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
         for name, values in field_values(np.reshape(states, (-1, N_STATES)), mach).items():
             if values.ndim == 1:
-                parts = [values[start:stop] for start, stop in zip(ends, ends[1:])]
-                fields[name] = [part.reshape(shape) for part, shape in zip(parts, shapes)]
+                fields[name] = grid.layout.cells.split(values)
     sheets = grid_sheets(grid, topology=model.topology)
     on_walls = iter(_on_wall_faces(sheets, np.ravel(pressures)))
     return [
@@ -215,13 +211,9 @@ def _patch_after_patch(sheets: Sequence[Sheet]) -> list[Sheet]:
 
 def _on_wall_faces(sheets: Sequence[Sheet], pressures: np.ndarray) -> Iterator[dict[str, np.ndarray]]:
     """Pressure coefficients of every wall, as fields."""
-    start = 0
-    for sheet in _patch_after_patch(sheets):
-        if sheet.kind == "wall":
-            shape = tuple(n - 1 for n in sheet.points.shape[:2])
-            stop = start + int(np.prod(shape))
-            yield {"Cp": pressures[start:stop].reshape(shape)}
-            start = stop
+    walls = [sheet for sheet in _patch_after_patch(sheets) if sheet.kind == "wall"]
+    for values in BlockLayout.of(sheet.points.shape[:2] for sheet in walls).cells.split(pressures):
+        yield {"Cp": values}
 
 
 def worst_cells(grid: Grid, n_cells: int = 10) -> np.ndarray:

@@ -232,11 +232,8 @@ def _near(nets: Sequence[np.ndarray], points: np.ndarray) -> np.ndarray:
 
 def _edges(model: FittedModel, nodes: np.ndarray) -> np.ndarray:
     """Edges of all blocks, as `_lines`."""
-    parts, start = [], 0
-    for shape in model.topology.shapes:
-        size = int(np.prod(shape))
-        block = nodes[start : start + size].reshape(*shape, 3)
-        start += size
+    parts = []
+    for block in model.topology.layout.split(nodes):
         for direction in range(3):
             corners = np.moveaxis(block, direction, 2)[[0, 0, -1, -1], [0, -1, 0, -1]]
             step = _thinned(corners.shape[1])

@@ -11,6 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ...grids.cells.cell_faces import CellFaces
 from ...grids.cells.first_cells import FirstCells
+from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.boundary_surface import facing, quads_in_turn
 from ...grids.topology.held_nodes import face_layer_rows, node_copies, source_rows
 from ...grids.topology.topology import Topology
@@ -66,9 +67,7 @@ class DrawnWalls:
 
     def triangles(self) -> np.ndarray:
         """Corners of the triangles among `rows`, shape (n_triangles, 3)."""
-        starts = np.cumsum([0, *(face.size for face in self.drawn)])
-        quads = [start + quads_in_turn(np.arange(f.size).reshape(f.shape)) for start, f in zip(starts, self.drawn)]
-        corners = np.concatenate(quads)
+        corners = np.concatenate([quads_in_turn(ids) for ids in BlockLayout.of(map(np.shape, self.drawn)).numbers])
         return np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
 
     def quads(self) -> np.ndarray:
