@@ -25,7 +25,7 @@ from ...errors import InputError
 from ...grids.topology.sharing import boundary_sections
 from ...grids.topology.topology import BoundaryFace, Topology, describe
 from ..model.fitted_model import FittedModel
-from ..model.model_share import ModelShare
+from ..model.model import Model
 from ..splines.greville import greville_abscissae
 from .allowed_directions import AllowedDirections, required_planes, sliding_planes
 from .following_faces import following_sides
@@ -47,7 +47,7 @@ Selection = str | np.ndarray
 
 
 def moving_mesh(
-    model: FittedModel | ModelShare,
+    model: Model,
     design: str | Sequence[str] | None = None,
     fixed: Selection | Sequence[Selection] = (),
     released: str | Sequence[str] = (),
@@ -91,14 +91,13 @@ def moving_mesh(
     >>> mesh.points.shape, mesh.surface_ids.size, mesh.n_invalid
     ((78, 3), 26, 0)
     """
-    if not isinstance(model, ModelShare):
-        require_kind(model, FittedModel, "the model of a moving mesh", "make it with fit_grid(grid)")
+    require_kind(model, Model, "the model of a moving mesh", "make it with fit_grid(grid)")
     parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
     asked = _Requests.of(model.topology, len(model.control_points), design, fixed, released, sliding)
     return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters, model.mesh.volumes)
 
 
-def require_mesh_of(model: FittedModel | ModelShare, mesh: MovingMesh, what: str) -> None:
+def require_mesh_of(model: Model, mesh: MovingMesh, what: str) -> None:
     """Refuse the control mesh of another model; ``what`` names the mesh.
 
     Raises

@@ -18,8 +18,7 @@ from ...errors import InputError
 from ...grids.topology.boundary_surface import BoundarySurface, quads_in_turn
 from ...grids.topology.held_nodes import NodesByRow, face_layer_rows, face_rows, node_copies, source_rows
 from ...grids.topology.topology import BoundaryFace, Topology, describe
-from ..model.fitted_model import FittedModel
-from ..model.model_share import ModelShare, nodes_at
+from ..model.model import Model, nodes_at
 from .allowed_directions import required_planes
 from .boundary import matching_names, matching_patches, wall_patches
 from .frame import Plane
@@ -60,7 +59,7 @@ class SurfaceGrid(OneLine):
     planes: tuple[Plane, ...] = ()
 
     @classmethod
-    def of(cls, model: FittedModel | ModelShare, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+    def of(cls, model: Model, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
         """Take the surface of a fitted grid.
 
         Parameters
@@ -79,8 +78,7 @@ class SurfaceGrid(OneLine):
         InputError
             If a patch does not exist, no patch is a wall, or a symmetry patch is not planar.
         """
-        if not isinstance(model, ModelShare):
-            require_kind(model, FittedModel, "the model of a surface", "make it with fit_grid(grid)")
+        require_kind(model, Model, "the model of a surface", "make it with fit_grid(grid)")
         topology, found = model.topology, _faces_of(model.topology, patches)
         nodes = _nodes_at_faces(model, [*found, *(face for face in topology.boundary if face.kind == "symmetry")])
         return cls._of_faces(topology, nodes, found)
@@ -123,7 +121,7 @@ class SurfaceGrid(OneLine):
         """Number of nodes."""
         return len(self.points)
 
-    def on_planes(self, model: FittedModel | ModelShare) -> list[tuple[np.ndarray, np.ndarray]]:
+    def on_planes(self, model: Model) -> list[tuple[np.ndarray, np.ndarray]]:
         """Find its nodes on planes of symmetry of its model.
 
         Returns
@@ -163,7 +161,7 @@ def _faces_of(topology: Topology, patches: str | Sequence[str] | None) -> list[B
     return found
 
 
-def _nodes_at_faces(model: FittedModel | ModelShare, faces: Sequence[BoundaryFace]) -> NodesByRow:
+def _nodes_at_faces(model: Model, faces: Sequence[BoundaryFace]) -> NodesByRow:
     """Nodes on some faces on the baseline, in the layer next to them, and those that these are copies of."""
     layers = [rows.ravel() for face in faces for rows in face_layer_rows(model.topology, face.window)]
     rows = np.unique(np.concatenate(layers))

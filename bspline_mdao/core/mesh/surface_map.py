@@ -14,8 +14,7 @@ from scipy.sparse import csr_array
 from ...errors import InputError
 from ...grids.topology.held_nodes import HeldNodes
 from ..evaluation.evaluator import Evaluator
-from ..model.fitted_model import FittedModel
-from ..model.model_share import ModelShare
+from ..model.model import Model
 from ..walls.node_vectors import FaceNodes
 from ..walls.turning import Turn, Turning
 from .boundary import require_mesh_of
@@ -47,7 +46,7 @@ class SurfaceMap:
     turned: _TurnedRows | None
 
     @classmethod
-    def of(cls, model: FittedModel | ModelShare, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
+    def of(cls, model: Model, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
         """Take the rows of the surface's nodes out of the evaluation of the grid.
 
         Raises
@@ -67,9 +66,7 @@ class SurfaceMap:
         return found
 
     @classmethod
-    def of_rows(
-        cls, model: FittedModel | ModelShare, surface_ids: np.ndarray, rows: np.ndarray, require=None
-    ) -> SurfaceMap:
+    def of_rows(cls, model: Model, surface_ids: np.ndarray, rows: np.ndarray, require=None) -> SurfaceMap:
         """Take some rows out of the evaluation of the grid.
 
         Parameters

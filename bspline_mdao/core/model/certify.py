@@ -14,7 +14,7 @@ from ...grids.cells.grid_quality import GridQuality
 from ...grids.topology.grid import Grid
 from ..evaluation.spline_validity import certify_splines
 from .fitted_model import FittedModel
-from .model_share import ModelShare
+from .model import Model
 
 __all__ = ["certify", "require_valid_splines"]
 
@@ -66,7 +66,7 @@ def certify(what: Grid | FittedModel, control_points: np.ndarray | None = None) 
     return Certificate(cells, splines)
 
 
-def require_valid_splines(model: FittedModel | ModelShare, control_points: np.ndarray) -> None:
+def require_valid_splines(model: Model, control_points: np.ndarray) -> None:
     """Refuse moved control points with which more elements of the splines are proved invalid.
 
     Parameters

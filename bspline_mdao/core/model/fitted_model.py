@@ -26,13 +26,15 @@ from ..walls.body_points import Body
 from ..walls.embedded_points import EmbeddedPoints
 from ..walls.grid_map import GridMap
 from ..walls.residual_lengths import residual_lengths
+from ..walls.wall_correction import WallCorrection
+from .model import Model
 from .model_file import arrays_of, checksum_of, document_of, read_model, write_model
 from .model_share import ModelShare
 from .records import FitReport, FitSettings, GridHeader
 
 
 @dataclass(frozen=True, eq=False)
-class FittedModel(Shown):
+class FittedModel(Shown, Model):
     """A multi-block grid as a B-spline mesh.
 
     Parameters
@@ -95,9 +97,12 @@ class FittedModel(Shown):
         return f"FittedModel({sizes}, {self.mesh.n_control_points:,} control points, RMS {self.report.rms:.1e} m)"
 
     @property
-    def n_nodes(self) -> int:
-        """Nodes of all blocks of the grid."""
-        return self.topology.n_nodes
+    def ownership(self) -> None:
+        """None: the model is of all nodes of the grid."""
+
+    def part(self, share: Share) -> ModelShare:
+        """Take what one of several processes needs of the model, see `share`."""
+        return self.share(share)
 
     @cached_property
     def residual_lengths(self) -> np.ndarray | None:
@@ -135,6 +140,15 @@ class FittedModel(Shown):
     def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
         """Residual of nodes by their rows, shape (n, 3); None where there is none."""
         return None if self.residual is None else self.residual[rows]
+
+    def local_nodes(self, control_points: np.ndarray | None = None) -> np.ndarray:
+        """All nodes of the grid (m), shape (n_nodes, 3), see `regenerate`."""
+        return self.regenerate(control_points).to_vector().reshape(-1, 3)
+
+    def corrected_map(self, rows: np.ndarray, whole: Model) -> tuple[GridMap, WallCorrection]:
+        """Map to the grid for walls that are met exactly, and their correction; the model is itself the whole one."""
+        grid_map = self.grid_map()
+        return grid_map, WallCorrection.of(self.topology, grid_map.nodes, rows)
 
     def share(self, share: Share) -> ModelShare:
         """Take what one of several processes needs of the model.
@@ -267,10 +281,6 @@ class FittedModel(Shown):
         """Checksum of all that the model is, which its file has as an attribute: by it case files know their model."""
         own = self._fields()
         return checksum_of(document_of(**own), arrays_of(**own))
-
-
-MODELS = FittedModel, ModelShare
-"""What components take for a model."""
 
 
 def family_member(model: FittedModel, factor: float, control_points: np.ndarray | None = None) -> Grid:

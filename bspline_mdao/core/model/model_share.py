@@ -15,7 +15,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -31,41 +31,12 @@ from ..splines.mesh import BSplineMesh
 from ..walls.grid_map import GridMap
 from ..walls.grid_walls import GridWalls
 from ..walls.wall_correction import WallCorrection
+from .model import Model, nodes_at
 from .model_file import read_fields
 from .model_parts import opened_parts
 from .records import FitReport, FitSettings, GridHeader
 
-__all__ = ["ModelShare", "NodeSource", "nodes_at", "rows_of_share"]
-
-
-class NodeSource(Protocol):
-    """What gives parameters and residual of nodes: a fitted model, or a share of one."""
-
-    @property
-    def topology(self) -> Topology:
-        """Topology of the grid."""
-
-    @property
-    def mesh(self) -> BSplineMesh:
-        """One volume per segment."""
-
-    @property
-    def control_points(self) -> np.ndarray:
-        """Fitted control points (m), shape (n_control_points, 3)."""
-
-    def parameters_of(self, held: HeldNodes) -> list[np.ndarray]:
-        """Parameters of the nodes that each segment evaluates, ``held.numbers``, each of shape (n_v, 3)."""
-
-    def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
-        """Residual of nodes by their rows, shape (n, 3); None where there is none."""
-
-
-def nodes_at(model: NodeSource, rows: np.ndarray) -> np.ndarray:
-    """Nodes of the baseline by their rows in the grid vector, shape (n, 3), with the bits of the whole grid (m)."""
-    held = HeldNodes.of(model.topology, np.asarray(rows))
-    nodes = Evaluator.of_nodes(held, model.mesh, model.parameters_of(held)).forward(model.control_points)
-    nodes, residual = nodes[: held.n_asked], model.residual_at(held.rows[: held.n_asked])
-    return nodes if residual is None else nodes + residual
+__all__ = ["ModelShare", "rows_of_share"]
 
 
 def rows_of_share(topology: Topology, share: Share) -> np.ndarray:
@@ -78,7 +49,7 @@ def rows_of_share(topology: Topology, share: Share) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelShare(OneLine):
+class ModelShare(OneLine, Model):
     """A fitted grid as one of several processes needs it. Made by `FittedModel.share`, or by `ModelShare.of`.
 
     Parameters
@@ -195,9 +166,24 @@ class ModelShare(OneLine):
         return f"<share of fitted {self.topology.source}: {self.share.n_nodes} of {self.n_nodes} nodes>"
 
     @property
-    def n_nodes(self) -> int:
-        """Nodes of the whole grid."""
-        return self.topology.n_nodes
+    def ownership(self) -> Share:
+        """Nodes of the process."""
+        return self.share
+
+    def part(self, share: Share) -> ModelShare:
+        """Return the model itself, if it is made for these nodes.
+
+        Raises
+        ------
+        InputError
+            If it is made for others.
+        """
+        if not self.fits(share):
+            raise InputError(
+                f"{self.header.source}: the model is a share of other nodes than the partition's; leave the partition "
+                f"out"
+            )
+        return self
 
     @property
     def n_bytes(self) -> int:
@@ -234,20 +220,12 @@ class ModelShare(OneLine):
     def _grid_map(self) -> GridMap:
         return self._map_of(self, ())
 
-    def corrected_map(self, model: NodeSource, correction: WallCorrection) -> tuple[GridMap, WallCorrection]:
-        """Map to the nodes of the share for walls that are met exactly, and the part of the correction that it needs.
-
-        Parameters
-        ----------
-        model : FittedModel
-            The whole model: where blocks are cut, nodes of the pieces' neighbours take part.
-        correction : WallCorrection
-            That of the whole grid.
-        """
-        walls = self._walls
+    def corrected_map(self, rows: np.ndarray, whole: Model) -> tuple[GridMap, WallCorrection]:
+        """Map to the nodes of the share for walls that are met exactly, and what of the correction it needs."""
+        nodes, walls = nodes_at(whole, np.arange(whole.n_nodes)), self._walls
         wanted = HeldNodes.of(self.topology, self.share.rows, () if walls is None else walls.needed)
-        part = correction.part(wanted.sources_of(wanted.rows))
-        grid_map = self._map_of(model, [part.needed])
+        part = WallCorrection.of(self.topology, nodes, rows).part(wanted.sources_of(wanted.rows))
+        grid_map = self._map_of(whole, [part.needed])
         return grid_map, part.among(grid_map.held)
 
     @cached_property
@@ -257,7 +235,7 @@ class ModelShare(OneLine):
         rows = GridWalls.rows_seen(self.topology)
         return GridWalls.of(self.topology, NodesByRow(rows, nodes_at(self, rows)))
 
-    def _map_of(self, model: NodeSource, needed: Sequence[np.ndarray]) -> GridMap:
+    def _map_of(self, model: Model, needed: Sequence[np.ndarray]) -> GridMap:
         walls = self._walls
         held = HeldNodes.of(self.topology, self.share.rows, [*needed, *(() if walls is None else walls.needed)])
         parameters, residual = model.parameters_of(held), model.residual_at(held.rows)
@@ -267,6 +245,10 @@ class ModelShare(OneLine):
 
     def __getstate__(self) -> dict:
         return {name: value for name, value in self.__dict__.items() if name not in ("_grid_map", "_walls")}
+
+    def local_nodes(self, control_points: np.ndarray | None = None) -> np.ndarray:
+        """Nodes of the share, see `regenerate`."""
+        return self.regenerate(control_points)
 
     def regenerate(self, control_points: np.ndarray | None = None) -> np.ndarray:
         """Nodes of the share at given control points.

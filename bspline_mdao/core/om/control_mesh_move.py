@@ -21,8 +21,7 @@ from ...names import (
 from ..mesh.element_corners import ElementCorners
 from ..mesh.moving_mesh import MovingMesh
 from ..model.certify import require_valid_splines
-from ..model.fitted_model import FittedModel
-from ..model.model_share import ModelShare
+from ..model.model import Model
 from ..movement.mover import Movement, MovementReport, Mover, differentiable
 from ..movement.shared import AUTO, WAYS, shared_mover
 from .checked_along_edges import check_along_edges, lines_among
@@ -122,7 +121,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         """Declare the options."""
         self.options.declare("mover", recordable=False, desc="moves the control mesh behind its surface")
         self.options.declare("rho", default=100.0, desc="sharpness of the bound of the control mesh's corners")
-        types, desc = (FittedModel, ModelShare, type(None)), "the model, where its splines are to be proved"
+        types, desc = (Model, type(None)), "the model, where its splines are to be proved"
         self.options.declare("certified", types=types, default=None, recordable=False, desc=desc)
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
         self._last: _Move | None = None

@@ -21,8 +21,7 @@ from ..measures.thickness import within_edges
 from ..mesh.boundary import Selection, moving_mesh
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
-from ..model.fitted_model import FittedModel
-from ..model.model_share import ModelShare
+from ..model.model import Model
 from .grid_movement import GridMovement
 
 __all__ = ["DesignSurface"]
@@ -69,14 +68,14 @@ class DesignSurface(OneLine):
     array([0., 0., 0.])
     """
 
-    model: FittedModel | ModelShare
+    model: Model
     mesh: MovingMesh
     surface: SurfaceGrid
 
     @classmethod
     def of(
         cls,
-        model: FittedModel | ModelShare,
+        model: Model,
         design: str | Sequence[str] | None = None,
         *,
         fixed: Selection | Sequence[Selection] = (),

@@ -9,8 +9,7 @@ from ...base.numerics.processes import summed
 from ...errors import InputError
 from ...names import CONTROL_POINTS, GRID, SURFACE
 from ..mesh.surface import SurfaceGrid
-from ..model.fitted_model import FittedModel
-from ..model.model_share import ModelShare, nodes_at
+from ..model.model import Model
 from ..walls.grid_map import GridMap, GridState
 from ..walls.wall_correction import WallCorrection
 from .check_directions import check_along_directions
@@ -159,17 +158,12 @@ class GridEvaluate(SparseComponent):
 
         add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=self._names)
 
-    def _maps(self, model: FittedModel | ModelShare) -> tuple[GridMap, WallCorrection | None]:
+    def _maps(self, model: Model) -> tuple[GridMap, WallCorrection | None]:
         """Map to the nodes of this process, and the correction of walls that are given."""
-        surface, whole = self.options["surface"], self.options["model"]
+        surface = self.options["surface"]
         if surface is None:
             return model.grid_map(), None
-        rows = surface.rows[self._numbers(surface)]
-        if isinstance(model, FittedModel):
-            grid_map = model.grid_map()
-            return grid_map, WallCorrection.of(model.topology, grid_map.nodes, rows)
-        nodes = nodes_at(whole, np.arange(whole.n_nodes))
-        return model.corrected_map(whole, WallCorrection.of(model.topology, nodes, rows))
+        return model.corrected_map(surface.rows[self._numbers(surface)], self.options["model"])
 
     @property
     def _names(self) -> tuple[str, ...]:

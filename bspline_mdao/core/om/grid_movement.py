@@ -13,7 +13,6 @@ from ..measures.measure import MEMBERS
 from ..mesh.boundary import moving_mesh, require_mesh_of
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
-from ..model.model_share import ModelShare
 from ..movement.comoving import ComovingFrame
 from ..movement.mover import Mover
 from ..movement.rotations import Rotations
@@ -138,7 +137,7 @@ class GridMovement(Copied, om.Group):
         """Add the components in the order of the chain."""
         model, is_live, mover = self.options["model"], self.options["live"], self._mover()
         surface = self.options["surface"]
-        is_share, is_fitted = isinstance(model, ModelShare), self.options["fit"]
+        is_share, is_fitted = model.ownership is not None, self.options["fit"]
         if is_fitted is None:
             is_fitted = is_live or (self.comm.size == 1 and not is_share)
         if is_share and (is_fitted or surface is not None):

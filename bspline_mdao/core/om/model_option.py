@@ -9,7 +9,8 @@ from typing import NamedTuple
 import openmdao.api as om
 from openmdao.utils.options_dictionary import OptionsDictionary
 
-from ..model.fitted_model import MODELS, FittedModel
+from ..model.fitted_model import FittedModel
+from ..model.model import Model
 
 __all__ = ["Copied", "NamedModel", "declare_model", "named_model"]
 
@@ -79,7 +80,7 @@ class Copied:
             _name_in_records(self.options)
 
 
-def declare_model(system: om.System, types=MODELS, desc: str = "the fitted grid") -> None:
+def declare_model(system: om.System, types=Model, desc: str = "the fitted grid") -> None:
     """Declare the option ``model``, in ``initialize``, and one that names the model in case files.
 
     The model itself is too large for them. OpenMDAO's recorders keep the other options of all systems.

@@ -12,7 +12,7 @@ from ...grids.cells.pieces import Pieces
 from ...grids.cells.report import QualityReport, inverted_cells, patches_of, report_quality
 from ...grids.topology.partition import Partition
 from ...names import GRID
-from ..model.model_share import nodes_at
+from ..model.model import nodes_at
 from .checked_along_edges import check_along_edges, numbered_blocks
 from .component import (
     CheckedOnProcesses,

@@ -12,8 +12,7 @@ from ...errors import InputError
 from ...grids.topology.index_space import Window
 from ...grids.topology.partition import Partition, Share
 from ..fit.fit_nodes import whole_blocks
-from ..model.fitted_model import FittedModel
-from ..model.model_share import ModelShare
+from ..model.model import Model
 
 
 def declare_partition(component: om.ExplicitComponent) -> None:
@@ -42,8 +41,8 @@ def share_of(component: om.ExplicitComponent) -> Share | None:
     """
     model, partition, n_ranks = component.options["model"], component.options["partition"], component.comm.size
     if partition is None:
-        if isinstance(model, ModelShare):
-            return model.share
+        if model.ownership is not None:
+            return model.ownership
         return None if n_ranks == 1 else Partition.of(model.topology, n_ranks).share(component.comm.rank)
     if isinstance(partition, Share):
         return partition
@@ -55,7 +54,7 @@ def share_of(component: om.ExplicitComponent) -> Share | None:
     return partition.share(component.comm.rank)
 
 
-def part_of_model(component: om.ExplicitComponent) -> FittedModel | ModelShare:
+def part_of_model(component: om.ExplicitComponent) -> Model:
     """Take what this process holds of the option ``model``: all of it where `share_of` gives none.
 
     Raises
@@ -64,15 +63,7 @@ def part_of_model(component: om.ExplicitComponent) -> FittedModel | ModelShare:
         As `share_of`; also if the partition is of another grid, or the model is a share of other nodes.
     """
     model, share = component.options["model"], share_of(component)
-    if share is None:
-        return model
-    if isinstance(model, FittedModel):
-        return model.share(share)
-    if not np.array_equal(model.share.rows, share.rows):
-        raise InputError(
-            f"{component.msginfo}: the model is a share of other nodes than the partition's; leave the partition out"
-        )
-    return model
+    return model if share is None else model.part(share)
 
 
 def blocks_of(component: om.ExplicitComponent) -> Partition:

@@ -9,7 +9,6 @@ import numpy as np
 import openmdao.api as om
 
 from ...core.mesh.surface import SurfaceGrid
-from ...core.model.fitted_model import FittedModel
 from ...core.om.component import CheckedOnProcesses, add_bar, direction_in, fails_together
 from ...core.om.model_option import Copied, declare_model
 from ...core.om.shares import declare_partition, part_of_model
@@ -258,14 +257,12 @@ class EulerFlow(Copied, om.Group):
                 f"{self.msginfo}: a Share does not tell which cells others have; give the Partition that it is of"
             )
         partition = partition or Partition.of(part.topology, self.comm.size)
-        if isinstance(part, FittedModel):
-            return partition, part.regenerate().to_vector().reshape(-1, 3)
-        if not np.array_equal(part.share.rows, partition.share(self.comm.rank).rows):
+        if not part.fits(partition.share(self.comm.rank)):
             raise InputError(
                 f"{self.msginfo}: the model is a share of other nodes than those of Partition.of(model.topology, "
                 f"{self.comm.size}); give the partition that it is of"
             )
-        return partition, part.regenerate()
+        return partition, part.local_nodes()
 
 
 class EulerForces(CheckedOnProcesses, om.ExplicitComponent):

@@ -14,7 +14,7 @@ from scipy.sparse import csr_array, diags_array, eye_array, kron
 
 from ...core.measures.camber_surface import CamberSurface
 from ...core.mesh.surface import SurfaceGrid
-from ...core.model.model_share import ModelShare, nodes_at
+from ...core.model.model import nodes_at
 from ...core.om.check_directions import check_along_directions
 from ...core.om.component import SMOOTH_STEP, add_bar, difference_step, direction_in, fails_together
 from ...core.om.model_option import Copied, declare_model
@@ -124,7 +124,7 @@ class LatticeFlow(Copied, om.Group):
         places, n_nodes = _places(partition, surface.rows)
         entries = (3 * places[:, None] + np.arange(3)).ravel()
         self.promotes("camber", inputs=[(SURFACE, GRID)], src_indices=entries, src_shape=(3 * n_nodes,))
-        if self.comm.size == 1 or not isinstance(model, ModelShare):  # a share of several knows only its own
+        if self.comm.size == 1 or model.ownership is None:  # a share of several knows only its own
             held = np.concatenate([partition.share(rank).rows for rank in range(partition.n_ranks)])
             self.set_input_defaults(GRID, val=nodes_at(model, held).ravel(), units="m")
         return camber
@@ -133,7 +133,7 @@ class LatticeFlow(Copied, om.Group):
         """Nodes of ``grid`` that each process holds, one after another."""
         model = self.options["model"]
         partition = Partition.of(model.topology, self.comm.size)
-        if isinstance(model, ModelShare) and not np.array_equal(model.share.rows, partition.share(self.comm.rank).rows):
+        if not model.fits(partition.share(self.comm.rank)):
             raise InputError(
                 f"{self.msginfo}: the model is a share of other nodes than those that Partition.of(model.topology, "
                 f"{self.comm.size}) gives this process; make it with that"

@@ -11,8 +11,8 @@ import numpy as np
 
 from ...base.display import OneLine
 from ...base.numerics.processes import from_all
-from ...core.model.fitted_model import MODELS, FittedModel
-from ...core.model.model_share import ModelShare
+from ...core.model.fitted_model import FittedModel
+from ...core.model.model import Model
 from ...errors import InputError
 from ...grids.io.fields import write_with_quality, writer_of
 from ...grids.topology.grid import Block, Grid
@@ -57,7 +57,7 @@ class Snapshot(OneLine):
 
     grid: Grid
     title: str
-    model: FittedModel | ModelShare | None = None
+    model: Model | None = None
     control_points: np.ndarray | None = None
     pressures: np.ndarray | None = None
     states: np.ndarray | None = None
@@ -175,10 +175,10 @@ def _lattice(systems) -> tuple[np.ndarray | None, np.ndarray | None]:
     return None, None
 
 
-def _model_of(system) -> FittedModel | ModelShare | None:
+def _model_of(system) -> Model | None:
     """The fitted grid that a system was made with."""
     found = system.options["model"] if "model" in system.options else None  # noqa: SIM401 (no mapping: it has no get)
-    return found if isinstance(found, MODELS) else None
+    return found if isinstance(found, Model) else None
 
 
 def _values(systems) -> dict[str, np.ndarray]:
@@ -214,7 +214,7 @@ def _share(systems, comm) -> Share:
             return given
         if isinstance(given, Partition):
             return given.share(comm.rank)
-        if isinstance(model := _model_of(system), ModelShare):
-            return model.share
+        if (model := _model_of(system)) is not None and model.ownership is not None:
+            return model.ownership
     topology = next(model.topology for system in systems if (model := _model_of(system)) is not None)
     return Partition.of(topology, comm.size).share(comm.rank)

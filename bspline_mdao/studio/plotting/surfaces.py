@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...core.model.fitted_model import FittedModel
-from ...core.model.model_share import ModelShare
+from ...core.model.model import Model
 from ...flow.euler.fields import field_values
 from ...flow.euler.gas import N_STATES
 from ...grids.cells.cell_fields import cell_fields, cell_middle, face_layer
@@ -121,7 +120,7 @@ def values_behind(fields: Mapping[str, Sequence[np.ndarray]], grid: Grid, window
 
 
 def control_sheets(
-    model: FittedModel | ModelShare, control_points: np.ndarray | None = None, kinds: Sequence[str] = ("wall",)
+    model: Model, control_points: np.ndarray | None = None, kinds: Sequence[str] = ("wall",)
 ) -> list[Sheet]:
     """Cut the faces of the control mesh on patches into sheets.
 
@@ -162,7 +161,7 @@ def _on_face(ids: np.ndarray, segment: Window, face: Window) -> np.ndarray | Non
 
 
 def flow_sheets(
-    model: FittedModel | ModelShare,
+    model: Model,
     grid: Grid,
     pressures: np.ndarray,
     states: np.ndarray | None = None,

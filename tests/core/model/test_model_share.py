@@ -11,10 +11,11 @@ from topology_cases import c_grid, grid_of, o_grid, smooth_box, split, twelve_bl
 from bspline_mdao import fit_grid, onera_m6_grid, read_grid
 from bspline_mdao.core.generators.hh_wing import Spacing
 from bspline_mdao.core.mesh.surface import SurfaceGrid
-from bspline_mdao.core.model.model_share import nodes_at, rows_of_share
-from bspline_mdao.core.walls.wall_correction import WallCorrection
+from bspline_mdao.core.model.model import nodes_at
+from bspline_mdao.core.model.model_share import rows_of_share
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.topology.grid import Block, Grid, Patch
+from bspline_mdao.grids.topology.held_nodes import HeldNodes
 from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.grids.topology.partition import Partition, Share
 
@@ -102,13 +103,13 @@ def test_walls_that_are_given_have_the_bits_of_the_whole_grid(name, n_ranks):
     model, rng = model_of(name), np.random.default_rng(n_ranks)
     surface, points = SurfaceGrid.of(model), moved(model, rng)
     wall = surface.points + 1e-3 * rng.standard_normal(surface.points.shape)
-    correction = WallCorrection.of(model.topology, model.grid_map().nodes, surface.rows)
-    state, total, bar = model.grid_map().at(points, correction, wall), [0.0, 0.0], np.zeros((model.n_nodes, 3))
+    grid_map, correction = model.corrected_map(surface.rows, model)
+    state, total, bar = grid_map.at(points, correction, wall), [0.0, 0.0], np.zeros((model.n_nodes, 3))
     partition = Partition.of(model.topology, n_ranks)
     shares = [*map(partition.share, range(n_ranks)), Share.of_rows(rng.integers(model.n_nodes, size=9), model.n_nodes)]
     for share in map(model.share, shares):
         rows = share.share.rows
-        grid_map, own = share.corrected_map(model, correction)
+        grid_map, own = share.corrected_map(surface.rows, model)
         found = grid_map.at(points, own, wall)
         assert found.nodes[: len(rows)].tobytes() == state.nodes[rows].tobytes()
         seed = rng.standard_normal((len(rows), 3))
@@ -120,10 +121,34 @@ def test_walls_that_are_given_have_the_bits_of_the_whole_grid(name, n_ranks):
 
 def test_a_correction_of_whole_blocks_needs_no_nodes_of_others():
     model = model_of("wing")
-    correction = WallCorrection.of(model.topology, model.grid_map().nodes, SurfaceGrid.of(model).rows)
+    rows = SurfaceGrid.of(model).rows
     for share in shares_of(model, 3):
-        grid_map, _ = share.corrected_map(model, correction)
+        grid_map, _ = share.corrected_map(rows, model)
         assert grid_map.held.n_nodes <= 1.15 * share.grid_map().held.n_nodes
+
+
+def test_a_whole_model_is_the_share_of_a_process_that_is_alone(model):
+    alone, points = model.part(Share.of_grid(model.topology)), moved(model, np.random.default_rng(3))
+    assert model.ownership is None
+    assert alone.ownership.is_grid
+    for control_points in (None, points):
+        assert alone.local_nodes(control_points).tobytes() == model.local_nodes(control_points).tobytes()
+    rows = np.random.default_rng(4).permutation(model.n_nodes)
+    held = HeldNodes.of(model.topology, rows)
+    assert all(map(np.array_equal, alone.parameters_of(held), model.parameters_of(held)))
+    for one in (alone, model):
+        assert one.n_nodes == model.n_nodes
+        assert one.fits(alone.share)
+        assert np.array_equal(one.residual_at(rows), model.residual_at(rows))
+
+
+def test_a_share_is_taken_for_its_own_nodes_alone(model):
+    first, second = shares_of(model, 2)
+    assert first.part(first.ownership) is first
+    assert first.fits(first.share)
+    assert not first.fits(second.share)
+    with pytest.raises(InputError, match="a share of other nodes than the partition's; leave the partition out"):
+        first.part(second.share)
 
 
 def test_a_share_of_a_solvers_rows_has_the_bits_of_the_grid(model):
