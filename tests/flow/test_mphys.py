@@ -23,7 +23,6 @@ from bspline_mdao import (
     onera_m6_grid,
 )
 from bspline_mdao.grids.cells.grid_quality import GridQuality
-from bspline_mdao.grids.topology.index_space import block_rows
 from bspline_mdao.grids.topology.sharing import node_sharing, numbers_of_points, rows_of_points
 
 mphys = pytest.importorskip("mphys", reason="MPhys is not installed")
@@ -278,9 +277,7 @@ class ForeignBuilder(mphys.Builder):
     """Another project's builder: nodes block after block with i fastest, in single precision, those shared repeated."""
 
     def __init__(self, wing):
-        self.order = np.concatenate(
-            [rows.transpose(2, 1, 0).ravel() for rows in block_rows(wing.model.topology.shapes)]
-        )
+        self.order = np.concatenate([rows.transpose(2, 1, 0).ravel() for rows in wing.model.topology.layout.numbers])
         self.volume = np.float32(wing.model.regenerate().to_vector().reshape(-1, 3)[self.order])
         walls = np.concatenate([face[:, ::-1].T.ravel() for face in wing.surface.faces])
         self.surface = np.float32(wing.surface.points[walls])

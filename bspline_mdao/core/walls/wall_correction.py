@@ -26,7 +26,7 @@ from scipy import sparse
 from ...base.numerics.mean_planes import mean_planes
 from ...base.sparse.spring_network import SpringNetwork
 from ...grids.topology.held_nodes import HeldNodes
-from ...grids.topology.index_space import Window, block_rows, sections_of, whole_slices
+from ...grids.topology.index_space import Window, sections_of, whole_slices
 from ...grids.topology.sharing import direction_classes, node_sharing
 from ...grids.topology.topology import Topology
 from .sections import Sections
@@ -94,7 +94,7 @@ class WallCorrection:
         -------
         WallCorrection
         """
-        sharing, whole = node_sharing(topology), block_rows(topology.shapes)
+        sharing, whole = node_sharing(topology), topology.layout.numbers
         source = sharing.source_rows()
         wall = source[rows]
         place = np.full(topology.n_nodes, -1)
@@ -206,7 +206,7 @@ _CORNERS = np.ix_(*[(0, -1)] * 3)
 
 def _pieces(topology: Topology, source: np.ndarray, is_wall: np.ndarray) -> Iterator[Window]:
     """Cut all segments into pieces, alike where they are linked: in directions that run along walls and leave none."""
-    classes, whole = direction_classes(topology), block_rows(topology.shapes)
+    classes, whole = direction_classes(topology), topology.layout.numbers
     along: set[int] = set()
     leaving: set[int] = set()
     for number, side in np.ndindex(len(classes), 6):
@@ -239,7 +239,7 @@ def _cuts(n_cells: int) -> np.ndarray:
 
 def _fixed_rows(topology: Topology, source: np.ndarray) -> np.ndarray:
     """Rows of all boundary nodes but those of planes of symmetry alone: they stay."""
-    whole = block_rows(topology.shapes)
+    whole = topology.layout.numbers
     windows = [face.window for face in topology.boundary if face.kind != "symmetry"]
     return np.unique(np.concatenate([np.zeros(0, int), *(source[whole[w.block][w.slices]].ravel() for w in windows)]))
 

@@ -8,7 +8,6 @@ Theory: ``docs/theory/euler.rst``.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -129,10 +128,7 @@ def useful_levels(topology: Topology) -> int:
     n_levels = 0
     while True:
         coarse = refined_topology(topology, 0.5)
-        if (
-            coarse.shapes == topology.shapes
-            or sum(math.prod(n - 1 for n in shape) for shape in coarse.shapes) < SMALLEST
-        ):
+        if coarse.shapes == topology.shapes or coarse.layout.cells.size < SMALLEST:
             return n_levels
         topology, n_levels = coarse, n_levels + 1
 

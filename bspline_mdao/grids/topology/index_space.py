@@ -202,13 +202,6 @@ def window_rows(window: Window, shape: Sequence[int], start: int = 0) -> np.ndar
     return start + (i * shape[1] + j) * shape[2] + k
 
 
-def block_rows(shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
-    """Give the nodes of all blocks their rows, blocks in order, each in C order: arrays of the blocks' shapes."""
-    sizes = [int(np.prod(shape)) for shape in shapes]
-    starts = np.cumsum([0, *sizes])
-    return [np.arange(start, start + n).reshape(shape) for start, n, shape in zip(starts, sizes, shapes)]
-
-
 def face_layers(values: np.ndarray, window: Window) -> tuple[np.ndarray, ...]:
     """Take the values at a face window of a block, and at the layer of nodes next to it.
 

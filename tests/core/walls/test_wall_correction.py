@@ -23,7 +23,7 @@ from bspline_mdao.base.numerics.vectors import nearest_plane
 from bspline_mdao.core.walls.wall_correction import PIECE, WallCorrection, _cuts, _pieces
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.io.patch_guess import guess_patches
-from bspline_mdao.grids.topology.index_space import Window, block_rows
+from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.grids.topology.sharing import node_sharing
 
 
@@ -61,7 +61,7 @@ EACH = [pytest.param(name, marks=pytest.mark.slow if name == "M6" else ()) for n
 
 def faces(topology, kind):
     """Rows of every face of a kind."""
-    blocks = block_rows(topology.shapes)
+    blocks = topology.layout.numbers
     return [blocks[f.window.block][f.window.slices].ravel() for f in topology.boundary if f.kind == kind]
 
 

@@ -4,7 +4,7 @@ from topology_cases import c_grid, grid_of, o_grid, patch, smooth_box, sphere_oc
 
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.held_nodes import HeldNodes, NodesByRow, boundary_rows, face_rows, node_copies
-from bspline_mdao.grids.topology.index_space import Window, block_rows
+from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.grids.topology.partition import Partition
 from bspline_mdao.grids.topology.sharing import node_sharing
 
@@ -85,7 +85,7 @@ def test_a_process_without_nodes_holds_what_is_needed():
 
 
 def test_rows_of_faces_are_those_of_the_blocks(topology):
-    whole = block_rows(topology.shapes)
+    whole = topology.layout.numbers
     for face in topology.boundary:
         np.testing.assert_array_equal(face_rows(topology, face.window), whole[face.window.block][face.window.slices])
     found = boundary_rows(topology, topology.boundary)
