@@ -33,6 +33,7 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "drawings",
+    "functionals",
     "myst_nb",
     "mathml",
     "navigation",

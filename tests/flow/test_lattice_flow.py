@@ -20,10 +20,11 @@ from bspline_mdao import (
     naca_section,
 )
 from bspline_mdao.core.mesh.surface import SurfaceGrid
-from bspline_mdao.flow.loads.force_coefficients import ForceCoefficients, WingCoefficients
+from bspline_mdao.flow.loads.force_coefficients import ForceCoefficients
 from bspline_mdao.flow.loads.induced_drag import InducedDrag
 from bspline_mdao.flow.loads.section_loads import SECTION_LOADS
 from bspline_mdao.flow.loads.span_strips import SpanStrips
+from bspline_mdao.flow.loads.wing_coefficients import WingCoefficients
 from bspline_mdao.flow.om.lattice_flow import LatticeForces
 from bspline_mdao.flow.om.vortex_lattice import VortexLattice
 from bspline_mdao.testing import total_difference
@@ -81,7 +82,7 @@ def kernels(seed=0, n_strips=5, n_forces=8, n_nodes=11):
 def test_coefficients_are_sums_of_forces_and_their_moments():
     wing, (forces, nodes, alpha) = kernels()
     kernel = wing.coefficients
-    lift, drag, *moment = kernel.evaluate(forces, nodes, alpha)
+    lift, drag, moment = kernel.evaluate(forces, nodes, alpha).values()
     total = forces.sum(axis=0) / kernel.area
     assert lift == pytest.approx(total[1] * np.cos(alpha) - total[0] * np.sin(alpha))
     assert drag == pytest.approx(total[0] * np.cos(alpha) + total[1] * np.sin(alpha))

@@ -33,11 +33,12 @@ from ...base.numerics.processes import summed, summed_number
 from ...base.numerics.vectors import dots
 from .discretization import Discretization
 from .far_vortex import FarVortex
+from .flow_grid import FlowGrid, area_vectors, area_vectors_jvp, area_vectors_vjp
 from .flux import ROUNDING
 from .gas import GAMMA, N_STATES, free_stream, free_stream_partials
 from .reconstruction import SLIP
 
-__all__ = ["EntropyDrag", "entropy_flux", "entropy_scale", "relative_entropy"]
+__all__ = ["EntropyCoefficient", "EntropyDrag", "entropy_flux", "entropy_scale", "relative_entropy"]
 
 _CV = 1.0 / (GAMMA - 1.0)
 
@@ -160,6 +161,43 @@ class EntropyDrag:
     def _rises(self, seen, pressure):
         """Pressures on walls and planes of symmetry above another, shape (n_slip,)."""
         return np.sum(self.weights * (seen[self.slip_cells, 4] - pressure), axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class EntropyCoefficient:
+    """The drag of the entropy by the reference area (m^2), a kernel of states and nodes, see `.forces.StateKernel`."""
+
+    drag: EntropyDrag
+    nodes: Halo  # exchange of nodes with other processes
+    area: float
+
+    outputs = ("CD_entropy",)
+
+    @classmethod
+    def of(cls, flow: FlowGrid, area: float) -> EntropyCoefficient:
+        """Take the far field of a grid."""
+        return cls(EntropyDrag.of(flow.discretization, flow.axes), flow.corners, area)
+
+    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> dict[str, np.ndarray]:
+        """Coefficient by its name; real or complex."""
+        boundary = area_vectors(self.nodes.extend(nodes), self.drag.corners)
+        return {"CD_entropy": self.drag.evaluate(states, boundary, alpha, mach) / self.area}
+
+    def jvp(self, states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach) -> dict[str, np.ndarray]:
+        """Derivative along a direction in all arguments."""
+        seen, d_seen = self.nodes.extend(nodes), self.nodes.extend(d_nodes)
+        boundary = area_vectors(seen, self.drag.corners)
+        d_boundary = area_vectors_jvp(seen, self.drag.corners, d_seen)
+        d_drag = self.drag.jvp(states, boundary, alpha, mach, d_states, d_boundary, d_alpha, d_mach)
+        return {"CD_entropy": d_drag / self.area}
+
+    def vjp(self, states, nodes, alpha, mach, bars: dict) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Apply the transpose of `jvp`: derivatives with respect to states, nodes, angle and Mach number."""
+        seen = self.nodes.extend(nodes)
+        boundary, drag_bar = area_vectors(seen, self.drag.corners), np.sum(bars["CD_entropy"]) / self.area
+        states_bar, areas_bar, alpha_bar, mach_bar = self.drag.vjp(states, boundary, alpha, mach, drag_bar)
+        nodes_bar = self.nodes.fold(area_vectors_vjp(seen, self.drag.corners, areas_bar))
+        return states_bar, nodes_bar, alpha_bar, mach_bar
 
 
 def far_terms(b, o, s, u, db, do, ds, du):

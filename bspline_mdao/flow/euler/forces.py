@@ -1,12 +1,16 @@
-"""Forces on a body from the states of all cells: wall pressures, and the entropy that leaves through the far field.
+"""What a flow has for outputs, from the states of all cells: pressures and forces on walls, and what is seen far away.
+
+To add what is made of the states, add what computes it to `KERNELS`; what is made of the forces on walls goes to those
+of `bspline_mdao.flow.loads.wing_coefficients`.
 
 Theory: ``docs/theory/euler.rst`` and ``docs/theory/far_field.rst``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -14,42 +18,68 @@ from scipy.sparse import csr_array
 from ...base.numerics.halo import Halo
 from ...base.numerics.processes import gathered
 from ...errors import InputError
-from ..loads.force_coefficients import ForceCoefficients, WingCoefficients
+from ..functionals import FUNCTIONALS
+from ..loads.force_coefficients import ForceCoefficients
 from ..loads.hinges import HingeMoment
 from ..loads.induced_drag import InducedDrag
 from ..loads.span_strips import SpanStrips
-from .entropy_drag import EntropyDrag
+from ..loads.wing_coefficients import WingCoefficients
+from .entropy_drag import EntropyCoefficient
 from .flow_grid import FlowGrid, area_vectors, area_vectors_jvp, area_vectors_vjp
 from .gas import GAMMA
 from .walls import Walls
 
-__all__ = ["FlowForces", "WallPressure"]
+__all__ = ["KERNELS", "FlowForces", "StateKernel", "WallPressure"]
 
 
 _FLAT = 1e-6
 """Length, relative to the size of the grid, that counts as zero."""
 
 
+class StateKernel(Protocol):
+    """Functionals of the states, shape (n_cells, 5), the nodes (m), the angle of attack (rad) and the Mach number.
+
+    Of several processes, each gives its cells and nodes.
+    """
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Their names."""
+
+    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> dict[str, Any]:
+        """Values by name; real or complex."""
+
+    def jvp(self, states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach) -> dict[str, Any]:
+        """Derivatives of `evaluate` along a direction in all of its arguments."""
+
+    def vjp(self, states, nodes, alpha, mach, bars: dict) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name."""
+
+
+KERNELS: dict[str, Callable[[FlowGrid, float], StateKernel]] = {"entropy": EntropyCoefficient.of}
+"""What makes kernels of a grid and a reference area (m^2), by the names that the table of functionals has for them."""
+
+
 @dataclass(frozen=True, eq=False)
 class FlowForces:
-    """Forces of a flow: ``CL``, ``CD``, ``CM`` and the rest of `WingCoefficients`, ``CD_entropy`` and ``Cp``.
+    """The functionals of a flow: pressures on walls, `WingCoefficients` of these, and what is made of the states.
 
     Parameters
     ----------
     walls : Walls
         The walls of all processes.
-    corners : Halo
-        Exchange of nodes with other processes.
     pressure : WallPressure
-    entropy : EntropyDrag
+        ``Cp``.
     wing : WingCoefficients
+        Of the forces on walls.
+    kernels : tuple of StateKernel
+        Of the states.
     """
 
     walls: Walls
-    corners: Halo
     pressure: WallPressure
-    entropy: EntropyDrag
     wing: WingCoefficients
+    kernels: tuple[StateKernel, ...]
 
     @classmethod
     def of(
@@ -92,8 +122,9 @@ class FlowForces:
         )
         coefficients = ForceCoefficients(middles, flow.axes, area, chord, reference)
         wing = WingCoefficients.of(coefficients, induced, on_walls, hinges, wall)
-        entropy = EntropyDrag.of(flow.discretization, flow.axes)
-        return cls(flow.walls, flow.corners, WallPressure.of(flow), entropy, wing)
+        keys = dict.fromkeys(each.kernel for each in FUNCTIONALS.values() if each.kernel in KERNELS)
+        kernels = tuple(KERNELS[key](flow, area) for key in keys)
+        return cls(flow.walls, WallPressure.of(flow), wing, kernels)
 
     def __repr__(self) -> str:
         return f"<forces on {len(self.walls.corners)} wall faces>"
@@ -112,13 +143,10 @@ class FlowForces:
         """
         on_walls, pressure = self.walls.nodes(nodes), self.pressure.evaluate(states, mach)
         areas = area_vectors(on_walls, self.walls.corners)
-        boundary = area_vectors(self.corners.extend(nodes), self.entropy.corners)
-        drag = self.entropy.evaluate(states, boundary, alpha, mach)
-        return {
-            "Cp": pressure,
-            "CD_entropy": drag / self._area,
-            **self.wing.evaluate(pressure[:, None] * areas, on_walls, alpha),
-        }
+        found = {"Cp": pressure, **self.wing.evaluate(pressure[:, None] * areas, on_walls, alpha)}
+        for kernel in self.kernels:
+            found |= kernel.evaluate(states, nodes, alpha, mach)
+        return found
 
     def jvp(self, states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
@@ -126,15 +154,10 @@ class FlowForces:
         areas, d_areas = area_vectors(on_walls, wall), area_vectors_jvp(on_walls, wall, d_on_walls)
         pressure, d_pressure = self.pressure.evaluate(states, mach), self.pressure.jvp(states, mach, d_states, d_mach)
         forces, d_forces = pressure[:, None] * areas, d_pressure[:, None] * areas + pressure[:, None] * d_areas
-        seen, d_seen = self.corners.extend(nodes), self.corners.extend(d_nodes)
-        boundary = area_vectors(seen, self.entropy.corners)
-        d_boundary = area_vectors_jvp(seen, self.entropy.corners, d_seen)
-        d_drag = self.entropy.jvp(states, boundary, alpha, mach, d_states, d_boundary, d_alpha, d_mach)
-        return {
-            "Cp": d_pressure,
-            "CD_entropy": d_drag / self._area,
-            **self.wing.jvp(forces, on_walls, alpha, d_forces, d_on_walls, d_alpha),
-        }
+        found = {"Cp": d_pressure, **self.wing.jvp(forces, on_walls, alpha, d_forces, d_on_walls, d_alpha)}
+        for kernel in self.kernels:
+            found |= kernel.jvp(states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach)
+        return found
 
     def vjp(self, states, nodes, alpha, mach, bars: dict) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name.
@@ -144,25 +167,19 @@ class FlowForces:
         tuple
             Derivatives with respect to the states, the nodes, the angle (1/rad) and the Mach number.
         """
-        on_walls, pressure, seen = (
-            self.walls.nodes(nodes),
-            self.pressure.evaluate(states, mach),
-            self.corners.extend(nodes),
-        )
+        on_walls, pressure = self.walls.nodes(nodes), self.pressure.evaluate(states, mach)
         areas = area_vectors(on_walls, self.walls.corners)
         forces_bar, walls_bar, alpha_bar = self.wing.vjp(pressure[:, None] * areas, on_walls, alpha, bars)
         pressure_bar = bars.get("Cp", 0.0) + np.sum(forces_bar * areas, axis=1)
         states_bar, mach_bar = self.pressure.vjp(states, mach, pressure_bar)
-        boundary, drag_bar = area_vectors(seen, self.entropy.corners), np.sum(bars.get("CD_entropy", 0.0)) / self._area
-        entropy_bars = self.entropy.vjp(states, boundary, alpha, mach, drag_bar)
         walls_bar += area_vectors_vjp(on_walls, self.walls.corners, pressure[:, None] * forces_bar)
         nodes_bar = self.walls.nodes_vjp(walls_bar)
-        nodes_bar += self.corners.fold(area_vectors_vjp(seen, self.entropy.corners, entropy_bars[1]))
-        return states_bar + entropy_bars[0], nodes_bar, alpha_bar + entropy_bars[2], mach_bar + entropy_bars[3]
-
-    @property
-    def _area(self) -> float:
-        return self.wing.coefficients.area
+        for kernel in self.kernels:
+            if not bars.keys().isdisjoint(kernel.outputs):
+                parts = kernel.vjp(states, nodes, alpha, mach, bars)
+                states_bar, nodes_bar = states_bar + parts[0], nodes_bar + parts[1]
+                alpha_bar, mach_bar = alpha_bar + parts[2], mach_bar + parts[3]
+        return states_bar, nodes_bar, alpha_bar, mach_bar
 
 
 def _planes_of_symmetry(flow: FlowGrid, nodes: np.ndarray) -> list[float]:

@@ -42,6 +42,8 @@ class SectionLoads:
     strips: SpanStrips
     points: csr_array
 
+    outputs = SECTION_LOADS
+
     def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> dict[str, np.ndarray]:
         """Compute them by name, each of shape (n,); real or complex.
 

@@ -13,8 +13,8 @@ import numpy as np
 from ...core.design.interior_points import InteriorPoints
 from ...core.model.fitted_model import FittedModel
 from ...errors import InputError
+from ..functionals import numbers
 from .adaptation import Adaptation
-from .error_estimate import FUNCTIONALS
 from .error_search import ErrorSearch, limits_of
 
 __all__ = ["adapt_grid"]
@@ -47,7 +47,7 @@ def adapt_grid(
     model : FittedModel
         The fitted grid. What the splines miss of it is carried along as it is.
     of : str or iterable of str
-        Any of ``CL``, ``CD``, ``CD_induced``, ``CD_entropy`` and ``CM_bending``.
+        Outputs of `EulerFlow` that are one number, such as ``CD``; not the moments of hinges.
     mach, alpha : float
         Mach number and angle of attack (deg) of the flow.
     limits : dict of str to float, optional
@@ -111,9 +111,9 @@ def adapt_grid(
 
 def _check(names: list[str], limits: Mapping[str, float] | None, rounds: int, iterations: int, flow: dict) -> None:
     """Refuse options that cannot be used."""
-    unknown = [name for name in names if name not in FUNCTIONALS]
+    unknown = [name for name in names if name not in numbers("euler")]
     if unknown or not names:
-        raise InputError(f"adapt to {', '.join(unknown) or 'nothing'}; give any of {', '.join(FUNCTIONALS)}")
+        raise InputError(f"adapt to {', '.join(unknown) or 'nothing'}; give any of {', '.join(numbers('euler'))}")
     if limits is not None:
         for name in names:
             if name not in limits or not np.isfinite(limits[name]):

@@ -17,13 +17,11 @@ from ..euler.error_estimate import ErrorEstimate, FinerMember
 from ..euler.flow_grid import FlowGrid
 from ..euler.forces import FlowForces
 from ..euler.gas import N_STATES, free_stream
+from ..functionals import numbers
 from ..loads.stream import RADIAN
 from .euler_flow import EulerFlow
 
 __all__ = ["error_estimate"]
-
-FUNCTIONALS = ("CL", "CD", "CD_induced", "CD_entropy", "CM_bending")
-"""Outputs that are single numbers."""
 
 ADJOINT_TOLERANCE = 1e-6
 """Residual of the adjoints: their error is that of the estimate, relative to it."""
@@ -43,7 +41,7 @@ def error_estimate(
     problem : openmdao.api.Problem
         A problem that has run, with an `EulerFlow`.
     of : iterable of str
-        Any of ``CL``, ``CD``, ``CD_induced``, ``CD_entropy`` and ``CM_bending``.
+        Outputs of `EulerFlow` that are one number, such as ``CD``; not the moments of hinges.
     factor : float
         Cells per direction of the finer member, divided by those of the grid; more than 1.
     flow : EulerFlow, optional
@@ -79,9 +77,9 @@ def error_estimate(
     (768, True)
     """
     flow, names = flow or _only_flow(problem), list(of)
-    unknown = [name for name in names if name not in FUNCTIONALS]
+    unknown = [name for name in names if name not in numbers("euler")]
     if unknown:
-        raise InputError(f"error estimate of {', '.join(unknown)}; give any of {', '.join(FUNCTIONALS)}")
+        raise InputError(f"error estimate of {', '.join(unknown)}; give any of {', '.join(numbers('euler'))}")
     if not factor > 1.0:
         raise InputError(f"error estimate with a member of factor {factor!r}; give a number above 1, such as 2")
     if flow.comm.size > 1:

@@ -20,16 +20,19 @@ from ..euler.flow_grid import FlowGrid
 from ..euler.forces import FlowForces
 from ..euler.gas import N_STATES
 from ..euler.sequencing import coarse_levels, useful_levels
+from ..functionals import FUNCTIONALS
 from ..loads.hinges import HingeMoment
 from ..loads.stream import RADIAN
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
 from .flow_files import load_states, save_states, write_fields
-from .references import COEFFICIENTS, REFERENCES, declare_coefficients, declare_references
+from .outputs import declare_outputs, documents_outputs
+from .references import REFERENCES, declare_references
 from .spurious_drag import drag_sources, is_optimised, warn_of_spurious_drag
 from .trimmed_state import TrimmedState
 
 
+@documents_outputs("euler")
 class EulerFlow(Copied, om.Group):
     """Steady compressible flow without friction on all blocks of a grid, with its exact adjoint.
 
@@ -45,22 +48,8 @@ class EulerFlow(Copied, om.Group):
     ``alpha``         input   (1,)          deg    angle of attack; 2 by default
     ``Mach_number``   input   (1,)                 of the free stream; 0.3 by default
     ``states``        output  (5 n_cells)          see `EulerState`
-    ``CL``, ``CD``    output  (1,)                 lift and drag of the pressures on the walls
-    ``CM``            output  (3,)                 moments about the axes x, y and z of the grid; with ``axes="xzy"`` a
-                                                   positive third one turns the nose down
-    ``Cp``            output  (n_wall)             pressure coefficients on the wall faces
-    ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing, from the tip
-    ``CD_induced``    output  (1,)                 induced drag from the wake far downstream
-    ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
-    ``CM_bending``    output  (1,)                 moment that bends the wing up at its plane of symmetry, about an
-                                                   axis downstream through span 0 at the height of the moment reference;
-                                                   the sum for both halves of a whole wing
+    {outputs}
     ``CM_...``        output  (1,)                 hinge moments, one for each of the ``hinges``, by its name
-    ``strip_span``    output  (n_strips)    m      distance of the middle of every strip from span 0
-    ``strip_chord``   output  (n_strips)    m      its chord, from leading to trailing edge
-    ``strip_cl``,     output  (n_strips)           its lift and drag of the pressures, by its chord and width;
-    ``strip_cd``                                   ``strip_chord`` times ``strip_cl`` is ``span_load``
-    ``strip_cm``      output  (n_strips)           its moment about the quarter chord, positive nose up
     ================  ======  ============  =====  =====================================================================
 
     Moments are divided by reference area and chord.
@@ -265,6 +254,7 @@ class EulerFlow(Copied, om.Group):
         return partition, part.local_nodes()
 
 
+@documents_outputs("euler")
 class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
     """Coefficients of forces and moments, pressures, and drag in the far field, of the states of all cells.
 
@@ -275,16 +265,11 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
     ``grid``          input   (3 n_nodes)   m      nodes
     ``alpha``         input   (1,)          deg    angle of attack
     ``Mach_number``   input   (1,)                 of the free stream
-    ``CL``, ``CD``    output  (1,)                 lift and drag of the pressures on the walls
-    ``CM``            output  (3,)                 moments about the axes x, y and z of the grid
-    ``Cp``            output  (n_wall)             pressure coefficients on the wall faces, in the order of `CellFaces`
-    ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing
-    ``CD_induced``    output  (1,)                 induced drag from the wake far downstream, see `InducedDrag`
-    ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
-    ``CM_bending``,   output                       moments about axes and loads of strips, see `EulerFlow`
-    ``CM_...``,
-    ``strip_...``
+    {outputs}
+    ``CM_...``        output  (1,)                 hinge moments
     ================  ======  ============  =====  =====================================================================
+
+    Wall faces are in the order of `CellFaces`.
 
     Options
     -------
@@ -314,12 +299,11 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
         self.add_input(GRID, val=self.options["nodes"].ravel(), units="m", distributed=is_shared)
         self.add_input("alpha", units="deg", desc="angle of attack")
         self.add_input("Mach_number", desc="of the free stream")
-        declare_coefficients(self, self._forces.wing.induced.strips.n_strips)
-        self.add_output("CD_entropy", desc="drag of the entropy that leaves through the far field")
+        n_strips, n_faces = self._forces.wing.induced.strips.n_strips, len(self._forces.walls.corners)
+        declare_outputs(self, "euler", {"strips": n_strips, "faces": n_faces})
         for name in self._forces.wing.moments:
-            if name not in COEFFICIENTS:
+            if name not in FUNCTIONALS:
                 self.add_output(name, desc="hinge moment")
-        self.add_output("Cp", shape=len(self._forces.walls.corners), desc="pressure coefficients on the wall faces")
 
     def compute(self, inputs, outputs):
         """Sum the pressures on the walls, and the rest of the outputs."""

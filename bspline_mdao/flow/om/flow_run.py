@@ -6,12 +6,10 @@ import time
 
 import openmdao.api as om
 
+from ..functionals import numbers
 from .euler_state import EulerState
 
 __all__ = ["run_flow"]
-
-COEFFICIENTS = ("CL", "CD", "CD_induced", "CD_entropy")
-"""Outputs of a summary, where there are any."""
 
 
 def run_flow(problem: om.Problem) -> dict:
@@ -25,7 +23,7 @@ def run_flow(problem: om.Problem) -> dict:
     Returns
     -------
     dict
-        ``CL``, ``CD``, ``CD_induced`` and ``CD_entropy``, as far as the flow has them, and ``seconds`` of wall time,
+        Lift and drags such as ``CL`` and ``CD_induced``, as far as the flow has them, and ``seconds`` of wall time,
         those of other components included. By the Euler equations also ``n_cells``, ``n_steps`` of Newton's method,
         ``n_products`` with the Jacobian, and the last ``residual``, relative to that of the uniform stream.
     """
@@ -34,7 +32,8 @@ def run_flow(problem: om.Problem) -> dict:
     problem.run_model()
     seconds = time.perf_counter() - start
     names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None, all_procs=True)}
-    summary = {name: problem.get_val(name).item() for name in COEFFICIENTS if name in names} | {"seconds": seconds}
+    wanted = [name for name in numbers("euler", "lift", "drag") if name in names]
+    summary = {name: problem.get_val(name).item() for name in wanted} | {"seconds": seconds}
     for state in problem.model.system_iter(recurse=True, typ=EulerState):
         history = state.solution.history
         summary |= {

@@ -22,18 +22,21 @@ from ...core.om.surface_measure import SurfaceMeasure
 from ...errors import InputError
 from ...grids.topology.partition import Partition
 from ...names import GRID, SURFACE
-from ..loads.force_coefficients import ForceCoefficients, WingCoefficients
+from ..loads.force_coefficients import ForceCoefficients
 from ..loads.induced_drag import InducedDrag
 from ..loads.panel_pressures import panel_pressures, panel_pressures_jvp, panel_pressures_vjp
 from ..loads.span_strips import SpanStrips
 from ..loads.stream import RADIAN
-from .references import REFERENCES, declare_coefficients, declare_references
+from ..loads.wing_coefficients import WingCoefficients
+from .outputs import declare_outputs, documents_outputs
+from .references import REFERENCES, declare_references
 from .vortex_lattice import LatticeStates
 
 N_CHORD, N_SPAN = 5, 17
 """Nodes of a lattice along the chord and along the span."""
 
 
+@documents_outputs("lattice")
 class LatticeFlow(Copied, om.Group):
     """Lift, moments, induced drag and span load of a half wing by OpenAeroStruct's vortex lattice, in seconds.
 
@@ -45,16 +48,11 @@ class LatticeFlow(Copied, om.Group):
     ``grid``            input   (3 n)          m      nodes of the grid, xyz interleaved
     ``alpha``           input   (1,)           deg    angle of attack; 2 by default
     ``Mach_number``     input   (1,)                  Prandtl-Glauert below 1; 0.3 by default
-    ``CL``              output  (1,)                  lift, of the half wing and its reference area
-    ``CD``              output  (1,)                  drag of the forces on the bound vortices
-    ``CM``              output  (3,)                  moments about the axes x, y and z of the grid
-    ``CD_induced``      output  (1,)                  drag of the wake far downstream: optimise with this one
-    ``CM_bending``      output  (1,)                  moment that bends the wing up at its root
-    ``span_load``       output  (n_span - 1)   m      chord times lift coefficient of every strip, from the tip
-    ``strip_...``       output  (n_span - 1)          loads of strips, see `EulerFlow`
-    ``delta_Cp``        output  see below             pressure coefficient below less that above every panel, shape
-                                                      (n_chord - 1, n_span - 1), see `panel_pressures`
+    {outputs}
     ==================  ======  =============  =====  ==================================================================
+
+    ``CD`` is that of the forces on the bound vortices; optimise with ``CD_induced``. There are n_span - 1 strips, and
+    (n_chord - 1, n_span - 1) panels.
 
     Options
     -------
@@ -273,6 +271,7 @@ def _places(partition: Partition, rows: np.ndarray) -> tuple[np.ndarray, int]:
     return places, start
 
 
+@documents_outputs("lattice")
 class LatticeForces(Copied, om.ExplicitComponent):
     """Lift, drag, moments and span load of the forces on the panels.
 
@@ -282,18 +281,7 @@ class LatticeForces(Copied, om.ExplicitComponent):
     ``panel_forces``    input   (n_chord - 1, n_span - 1, 3)  N      at a dynamic pressure of 1 Pa
     ``camber_surface``  input   (n_chord, n_span, 3)          m      the lattice
     ``alpha``           input   (1,)                          deg    angle of attack
-    ``CL``, ``CD``      output  (1,)                                 lift and drag
-    ``CM``              output  (3,)                                 moments about x, y and z of the grid
-    ``CD_induced``      output  (1,)                                 induced drag from the wake, see `InducedDrag`
-    ``CM_bending``      output  (1,)                                 bending moment at the root, see `AxisMoment`
-    ``span_load``       output  (n_span - 1)                  m      lift per length and dynamic pressure
-    ``strip_span``,     output  (n_span - 1)                  m      distance of the middle of every strip from span 0,
-    ``strip_chord``                                                  and its chord
-    ``strip_cl``,       output  (n_span - 1)                         lift, drag and moment of every strip, see
-    ``strip_cd``,                                                    `SectionLoads`
-    ``strip_cm``
-    ``delta_Cp``        output  (n_chord - 1, n_span - 1)            pressure coefficient below less that above every
-                                                                     panel, see `panel_pressures`
+    {outputs}
     ==================  ======  ============================  =====  ===================================================
 
     Options
@@ -325,8 +313,7 @@ class LatticeForces(Copied, om.ExplicitComponent):
         self.add_input("panel_forces", shape=(n_chord - 1, n_span - 1, 3), units="N")
         self.add_input("camber_surface", val=nodes, units="m")
         self.add_input("alpha", units="deg")
-        declare_coefficients(self, n_span - 1)
-        self.add_output("delta_Cp", shape=(n_chord - 1, n_span - 1), desc="pressure below less that above every panel")
+        declare_outputs(self, "lattice", {"strips": n_span - 1, "panels": (n_chord - 1, n_span - 1)})
         self._wing = self._coefficients()
 
     @fails_together

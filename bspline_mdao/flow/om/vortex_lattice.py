@@ -15,6 +15,7 @@ from ...core.om.component import SMOOTH_STEP, fails_together
 from ...core.om.model_option import Copied
 from ..loads.induced_drag import Wake
 from .mach_range import MachWatch
+from .outputs import declaration
 
 STREAM = [("v", "velocity"), ("rho", "density")]
 """OpenAeroStruct's names of the stream and ours."""
@@ -248,9 +249,8 @@ class WakeForces(Copied, om.ExplicitComponent):
         self.add_input("Mach_number", val=0.0)
         self.add_input("velocity", units="m/s")
         self.add_input("S_ref", units="m**2")
-        self.add_output("CL")
-        self.add_output("CD")
-        self.add_output("span_load", shape=n_span - 1, units="m")
+        for name, functional in (("CL", "CL"), ("CD", "CD_induced"), ("span_load", "span_load")):
+            self.add_output(name, **declaration(functional, {"strips": n_span - 1}))
 
     @fails_together
     def setup_partials(self):

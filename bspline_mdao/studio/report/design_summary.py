@@ -15,7 +15,8 @@ from ...base.text import value_names
 from ...core.om.drivers.violations import Violation, in_words, violations_of
 from ...errors import InputError
 from ...flow.euler.error_estimate import ErrorEstimate
-from ...flow.om.error_estimate import FUNCTIONALS, error_estimate
+from ...flow.functionals import numbers
+from ...flow.om.error_estimate import error_estimate
 from ...flow.om.euler_flow import EulerFlow
 from ...flow.om.induced_gain import induced_gains
 from ...flow.om.spurious_drag import induced_and_least, warn_below_the_ellipse
@@ -234,9 +235,9 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
     outputs : sequence of str
         Other outputs to take down as well, such as ``"CD"``. Those that are objectives or constraints count once.
     finer : float, optional
-        Cells per direction of a finer member of the grid's family, relative to those of the grid: what lift, drag and
-        bending moment of every `EulerFlow` among them would be there is estimated, see `error_estimate`. Where that
-        cannot be done, the reason is a warning; so is an induced drag below that of the ellipse.
+        Cells per direction of a finer member of the grid's family, relative to those of the grid: what the numbers of
+        every `EulerFlow` among them would be there, such as lift and drag, is estimated, see `error_estimate`. Where
+        that cannot be done, the reason is a warning; so is an induced drag below that of the ellipse.
 
     Returns
     -------
@@ -296,7 +297,7 @@ def _estimates(problem: om.Problem, sources: Mapping[str, str], factor: float) -
     for flow in problem.model.system_iter(include_self=True, recurse=True, typ=EulerFlow):
         inside = f"{flow.pathname}." if flow.pathname else ""
         of = {name: source.rpartition(".")[2] for name, source in sources.items() if source.startswith(inside)}
-        of = {name: coefficient for name, coefficient in of.items() if coefficient in FUNCTIONALS}
+        of = {name: coefficient for name, coefficient in of.items() if coefficient in numbers("euler")}
         if not of:
             continue
         try:

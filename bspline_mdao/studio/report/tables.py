@@ -11,6 +11,7 @@ from ...core.model.fitted_model import FittedModel
 from ...core.model.records import FitReport
 from ...core.om.drivers.case_history import CaseHistory
 from ...flow.euler.error_estimate import ErrorEstimate
+from ...flow.functionals import numbers
 from ...grids.cells.first_cells import FirstCells
 from ...grids.cells.report import QualityReport, WorstCell
 from .contents import Shape
@@ -30,7 +31,7 @@ __all__ = [
 MOST_ROWS = 200
 """Rows of a table; of more the first ones are shown, and it says how many there are."""
 
-OF_FLOWS = ("Mach_number", "alpha", "CL", "CD", "CD_induced", "CD_entropy", "CM_bending")
+OF_FLOWS = ("Mach_number", "alpha", *numbers("euler"))
 """Inputs and outputs of flows that are one number, in the order in which they are shown."""
 
 AT_LIMIT = 1e-6

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ...flow.functionals import numbers
 from ...grids.cells.aggregates import AGGREGATES
 from .kinds import (
     AXES,
@@ -313,7 +314,7 @@ FLOWS = {
             "n_chord": Key(whole(2, 100), "nodes of the lattice along the chord", 5),
             "n_span": Key(whole(3, 400), "and along the span", 17),
         },
-        ("CL", "CD", "CD_induced", "CM_bending"),
+        numbers("lattice"),
     ),
     "euler": Flow(
         "Euler equations on all blocks of the grid",
@@ -327,7 +328,7 @@ FLOWS = {
             "CL_target": Key(NUMBER, "lift coefficient of the trim", otherwise="needed with trim"),
             "tolerance": Key(POSITIVE, "residual, relative to that of the uniform stream, of a solution", 1e-12),
         },
-        ("CL", "CD", "CD_induced", "CD_entropy", "CM_bending"),
+        numbers("euler"),
     ),
 }
 """Table ``[flow]`` by its key ``kind``."""

@@ -9,8 +9,9 @@ from keyword import iskeyword
 
 import openmdao.api as om
 
+from ...flow.functionals import FUNCTIONALS
 from ...names import ALL_NAMES
-from .keys import FLOWS, QUALITIES
+from .keys import QUALITIES
 
 __all__ = ["choices", "fault_of_name", "shortened"]
 
@@ -18,8 +19,8 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 _LONGEST = 60
 
 _TAKEN = {
-    *(*ALL_NAMES, *QUALITIES, *FLOWS["euler"].outputs),
-    *("CM", "Cp", "delta_Cp", "states", "Mach_number", "CL_target", "flow", "grid_movement"),
+    *(*ALL_NAMES, *QUALITIES, *FUNCTIONALS),
+    *("states", "Mach_number", "CL_target", "flow", "grid_movement"),
 }
 """Other inputs, outputs and subsystems of the problem."""
 

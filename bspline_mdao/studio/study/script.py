@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...core.generators.built_in import generator_of
+from ...flow.functionals import numbers
 from .conditions import of_conditions
 from .expressions import names_in
 from .keys import FLOWS, SCIPY, VARIABLES
@@ -33,7 +34,7 @@ SCRIPT = "optimize.py"
 FINER = 1.5
 """Cells per direction of the grid that lift and drag are estimated for, relative to those of the grid."""
 
-DRAG = ("CD", "CD_induced", "CD_entropy")
+DRAG = numbers("euler", "drag")
 """Objectives of which a hundredth is the unit."""
 
 _HEAD = '''"""The optimisation that a study stands for.

@@ -20,16 +20,17 @@ from ....core.om.mphys.solver_loads import WALL_FORCES, SolverLoads
 from ....core.om.mphys.warper import VolumeWarper
 from ....errors import InputError
 from ....names import GRID
+from ...functionals import of_flow
 from ..euler_flow import EulerFlow
-from ..references import COEFFICIENTS
+from ..outputs import units_of
 
 __all__ = ["EulerBuilder", "FlowBuilder", "FlowGroup"]
 
 
-FLOW_RESULTS = {"CL": None, "CD": None, "CM": None, "CD_induced": None, "span_load": "m"}
-"""Units of the outputs that every flow group has."""
+FLOW_RESULTS = units_of(("CL", "CD", "CM", "CD_induced", "span_load"))
+"""Units of the outputs that every flow group has, those of others included."""
 
-EULER_RESULTS = {**COEFFICIENTS, "CD_entropy": None, "Cp": None}
+EULER_RESULTS = units_of(of_flow("euler"))
 """Units of the outputs of `EulerFlow`, but for its states, hinge moments and the angle of a given lift."""
 
 
