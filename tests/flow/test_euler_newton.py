@@ -478,19 +478,18 @@ def test_a_run_ends_after_its_products():
     def run(residual, *n_products):
         return [NewtonStep(residual, 1.0, n, 1.0) for n in n_products]
 
-    assert not newton._is_spent(run(1e-3, 40, 50), 100)
-    assert newton._is_spent(run(1e-3, 40, 60), 100)
-    assert newton._is_spent(run(1e-6, 90, 60), 100)
-    assert newton._is_spent(run(1.0, 0), 0)
+    assert not newton._is_spent(run(1e-3, 700, 499))
+    assert newton._is_spent(run(1e-3, 700, 500))
+    assert newton._is_spent(run(1e-6, 1150, 60))
 
 
 def test_a_run_that_converges_may_take_more_products():
     def run(*residuals):
-        return [NewtonStep(residual, 1.0, 60, 1.0) for residual in residuals]
+        return [NewtonStep(residual, 1.0, 600, 1.0) for residual in residuals]
 
-    assert not newton._is_spent(run(1e-5, 1e-6), 100)
-    assert newton._is_spent(run(1e-5, 4e-6), 100)
-    assert newton._is_spent(run(1e-2, 1e-3), 100)
+    assert not newton._is_spent(run(1e-5, 1e-6))
+    assert newton._is_spent(run(1e-5, 4e-6))
+    assert newton._is_spent(run(1e-2, 1e-3))
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Where Newton's steps start from: coarser members of the grid, and flows at half the angle."""
+"""Where Newton's steps start from: coarser members of the grid, with either kind of time steps."""
 
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from bspline_mdao.flow.euler import cold_start, newton
 from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.euler.newton import relative_residual, solve_flow
+from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.newton_step import NewtonStep
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse, useful_levels
 from bspline_mdao.grids.topology.detection import find_topology
@@ -82,7 +82,7 @@ def test_a_flow_from_coarser_members_is_the_same(wing):
 
 
 def cold_runs(flight, **limits):
-    """All ways of a cold start with one coarser member."""
+    """Runs of a cold start with one coarser member."""
     levels = coarse_levels(flight.topology, flight.nodes, 1)
     return list(cold_solutions(flight.flow, levels, flight.nodes, *flight.field[1:], **limits))
 
@@ -92,51 +92,19 @@ def products(runs):
 
 
 def test_long_time_steps_come_first_where_the_flow_on_a_coarser_member_took_many_steps(wing, monkeypatch):
-    plain, by_angle, long = products(cold_runs(wing, max_steps=3))
+    plain, long = products(cold_runs(wing, max_steps=3))
     monkeypatch.setattr(cold_start, "HARD", 1)
     assert plain != long
-    assert products(cold_runs(wing, max_steps=3)) == [long, by_angle, plain]
+    assert products(cold_runs(wing, max_steps=3)) == [long, plain]
 
 
-def test_flows_by_all_ways_of_a_cold_start_are_the_same(wing):
-    first, by_angle, other = cold_runs(wing)
-    assert first.is_converged
-    assert len(by_angle.history) > len(first.history)
-    for solution in (by_angle, other):
+def test_flows_by_both_kinds_of_time_steps_are_the_same(wing):
+    first, other = cold_runs(wing)
+    assert products([first]) != products([other])
+    for solution in (first, other):
         assert solution.is_converged
         np.testing.assert_array_equal(solution.stream, wing.stream)
-        np.testing.assert_allclose(solution.states, first.states, atol=1e-8)
-
-
-def test_the_second_way_begins_with_the_flow_at_half_the_angle(wing):
-    half = Flight(onera_m6_grid((10, 8, 7)), 2.0)
-    levels = coarse_levels(wing.topology, wing.nodes, 1)
-    start = states_from_coarse(levels, wing.nodes, half.stream, True)
-    how = {"pattern": wing.flow.pattern, "is_long": True}
-    there = solve_flow(*half.field, states=start, tolerance=cold_start.ROUGH, **how)
-    here = solve_flow(*wing.field, states=there.states, **how)
-    _, by_angle, _ = products(cold_runs(wing))
-    assert by_angle == products([there])[0][:-1] + products([here])[0]
-
-
-def test_a_flow_that_is_not_found_at_half_the_angle_is_not_looked_for_from_there(wing):
-    _, by_angle, _ = cold_runs(wing, max_steps=3)
-    assert not by_angle.is_converged
-    assert by_angle.history[-1].n_products == 0
-    left = relative_residual(wing.flow.discretization, by_angle.states, *wing.field[1:])
-    assert by_angle.residual == pytest.approx(left, rel=1e-12)
-
-
-def test_at_no_angle_there_are_two_ways():
-    section = Flight(infinite_wing_grid(naca_section(0.12), (13, 17), Spacing(1e-2, 1e-2, 1e-2)), 0.0)
-    assert len(cold_runs(section, max_steps=1)) == 2
-
-
-def test_all_ways_of_a_cold_start_share_their_products(wing, monkeypatch):
-    monkeypatch.setattr(cold_start, "MOST_PRODUCTS_OF_ALL", 1)
-    first, *others = products(cold_runs(wing, max_steps=3))
-    assert sum(first) >= 1
-    assert [sum(other) for other in others] == [0, 0]
+        np.testing.assert_allclose(solution.states, wing.cold.states, atol=1e-8)
 
 
 @pytest.mark.parametrize(("off_wall", "is_long"), [(1e-2, False), (1e-5, True)])

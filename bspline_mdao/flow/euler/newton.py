@@ -89,15 +89,12 @@ class FlowSolution:
         The first is the state at the start.
     tolerance : float
         Residual that was asked for.
-    is_found_at_half : bool
-        Whether the flow at half the angle was found on the way.
     """
 
     states: np.ndarray
     stream: np.ndarray
     history: tuple[NewtonStep, ...]
     tolerance: float
-    is_found_at_half: bool = False
 
     @property
     def residual(self) -> float:
@@ -119,7 +116,6 @@ def solve_flow(
     states: np.ndarray | None = None,
     tolerance: float = 1e-10,
     max_steps: int = 100,
-    max_products: int = MOST_PRODUCTS,
     is_long: bool = False,
     progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
 ) -> FlowSolution:
@@ -149,8 +145,6 @@ def solve_flow(
         Norm of the residual relative to that of the uniform stream.
     max_steps : int
         Largest number of Newton steps.
-    max_products : int
-        No step is begun after so many products with the Jacobian, but where the last one left less than a fifth.
     is_long : bool
         Whether flat cells have long time steps, see `time_terms`: surer with shocks in layers of flat cells at walls.
     progress : callable, optional
@@ -188,7 +182,7 @@ def solve_flow(
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
         n_stalled = STALLED_LONG if is_long or history[-1].hovers_from else STALLED
         is_stalled = _is_stalled(since_it_hovers(history), n_stalled)
-        if is_stalled or _is_rounded(history) or _is_spent(history, max_products):
+        if is_stalled or _is_rounded(history) or _is_spent(history):
             break
         part = _forcing(history, tolerance)
         if not _is_kept(history):
@@ -257,10 +251,10 @@ def _is_stalled(history: list[NewtonStep], n: int, part: float = 0.5) -> bool:
     return bool(before) and min(lately) > part * min(before)
 
 
-def _is_spent(history: list[NewtonStep], most: int) -> bool:
+def _is_spent(history: list[NewtonStep]) -> bool:
     """Whether a run has had its products, and its last step, late in the run, left more than a fifth."""
     is_near = len(history) > 1 and history[-1].residual < 0.2 * min(ROUGH_UNTIL, history[-2].residual)
-    return sum(step.n_products for step in history) >= most and not is_near
+    return sum(step.n_products for step in history) >= MOST_PRODUCTS and not is_near
 
 
 def _is_kept(history: list[NewtonStep]) -> bool:

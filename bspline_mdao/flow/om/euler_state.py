@@ -71,8 +71,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     they are still those of the last solution, they are changed by as much as the free stream. Steps are first made with
     the Jacobian that the last derivatives were taken with, as long as it serves. If that fails, and in a first run, it
     starts from the flow on coarser members of the grid or the uniform stream (with long time steps, where cells at
-    walls are flat or the coarser members needed many steps), then from the flow at half the angle, and at last with the
-    other kind of time steps.
+    walls are flat or the coarser members needed many steps), and then with the other kind of time steps.
 
     Options
     -------
@@ -163,10 +162,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         if not self._is_mach_said and self.comm.rank == 0:
             self._is_mach_said = warn_of_mach_number(self.pathname, float(inputs["Mach_number"][0]), EULER)
         areas, stream = self._at(inputs)
-        self._solution, is_found_at_half = None, False
+        self._solution = None
         with shown("flow") as tell:
             for solution in self._attempts(inputs, outputs, areas, stream, tolerance, tell):
-                is_found_at_half |= solution.is_found_at_half
                 if self._solution is None or solution.residual < self._solution.residual:
                     self._solution = solution  # the best one is told of
                 if solution.residual <= max(tolerance, LARGEST_RESIDUAL):
@@ -175,8 +173,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                     return
         field = self._scheme(inputs), areas, stream
         told = f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(*field)}"
-        advice = "; at half the angle there is a flow: take a smaller angle, or a finer or more even grid"
-        raise om.AnalysisError(told + advice * is_found_at_half)
+        raise om.AnalysisError(f"{told}; take a smaller angle or Mach number, or a finer or more even grid")
 
     def linearize(self, inputs, outputs, jacobian):
         """Refuse states that are no solution, and differentiate the residual."""
