@@ -13,8 +13,9 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import FitWarning, fit_grid, onera_m6_grid, read_grid
+from bspline_mdao import FitWarning, fit_grid, read_grid
 from bspline_mdao.core.evaluation.spline_validity import certify_splines
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.certificate import certify_cells
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 

@@ -20,7 +20,6 @@ from pardiso_peer import IS_INSTALLED, Pardiso
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from bspline_mdao import onera_m6_grid
 from bspline_mdao.base.sparse.blocks import LinearSolution, residual_norm
 from bspline_mdao.base.sparse.cholesky import Cholesky
 from bspline_mdao.core.fit.fitting import fit_grid
@@ -28,6 +27,7 @@ from bspline_mdao.core.mesh.boundary import moving_mesh
 from bspline_mdao.core.movement.elasticity import ElasticElements, lame_constants
 from bspline_mdao.core.movement.equilibrium import Unknowns
 from bspline_mdao.core.movement.young_modulus import OrthogonalityLaw
+from bspline_mdao.generators import onera_m6_grid
 
 SIZES = {"2k": (7, 7, 5), "5k": (9, 9, 7), "16k": (13, 13, 9), "51k": (19, 19, 14), "150k": (27, 27, 20)}
 """Control points of every block, by the number of unique ones."""

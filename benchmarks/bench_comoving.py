@@ -39,7 +39,7 @@ SEEN = 1e-3
 
 def grids() -> Iterator[tuple[str, bm.Grid]]:
     """Yield names and grids."""
-    yield "M6", bm.onera_m6_grid((13, 15, 11))
+    yield "M6", bm.generators.onera_m6_grid((13, 15, 11))
     folder = os.environ.get("BSPLINE_MDAO_GRIDS")
     for name in REAL if folder else ():
         yield name, with_guessed_patches(bm.read_grid(Path(folder) / name))
@@ -57,9 +57,9 @@ def main() -> None:
     counts: Counter[str] = Counter()
     for name, grid in grids():
         judge = Judge(bm.fit_grid(grid))
-        mover = bm.Rotations(judge.mesh)
+        mover = bm.movers.Rotations(judge.mesh)
         for move in MOVES:
-            reports = judge.after(move, mover, bm.ComovingFrame(mover))
+            reports = judge.after(move, mover, bm.movers.ComovingFrame(mover))
             if reports:
                 result = compared(*reports)
                 counts[result] += 1

@@ -25,7 +25,6 @@ import numpy as np
 from scipy.sparse import bsr_array, coo_array
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import FarField, Spacing, hh_wing_grid, rectangular_wing
 from bspline_mdao.flow.euler.block_factor import BlockFactor
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
@@ -35,6 +34,7 @@ from bspline_mdao.flow.euler.newton import FlowSolution, solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor
 from bspline_mdao.flow.euler.reconstruction import INNER
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse, useful_levels
+from bspline_mdao.generators import FarField, Spacing, hh_wing_grid, rectangular_wing
 from bspline_mdao.grids.topology.detection import find_topology
 
 SHAPES = {

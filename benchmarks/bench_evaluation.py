@@ -26,12 +26,12 @@ from scipy.interpolate import NdBSpline
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import Spacing, onera_m6_grid
 from bspline_mdao.core.evaluation.evaluator import Evaluator
 from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.core.model.fitted_model import FittedModel
 from bspline_mdao.core.splines.mesh import BSplineMesh
 from bspline_mdao.core.walls.grid_map import GridMap
+from bspline_mdao.generators import Spacing, onera_m6_grid
 from bspline_mdao.grids.topology.grid import Grid
 
 try:

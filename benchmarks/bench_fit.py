@@ -25,7 +25,6 @@ from scipy.interpolate import BSpline
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import Spacing, onera_m6_grid
 from bspline_mdao.core.fit.design_matrix import build_design_matrix
 from bspline_mdao.core.fit.edge_knots import knots_of_segment
 from bspline_mdao.core.fit.fitting import fit_grid
@@ -33,6 +32,7 @@ from bspline_mdao.core.fit.least_squares import factorize
 from bspline_mdao.core.fit.options import METHODS
 from bspline_mdao.core.fit.parameters import chord_length_parameters
 from bspline_mdao.core.fit.problem import problem_of_mesh
+from bspline_mdao.generators import Spacing, onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.grid import Grid
 

@@ -20,7 +20,8 @@ import numpy as np
 import openmdao.api as om
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import EulerFlow, FarField, Spacing, fit_grid, hh_wing_grid, rectangular_wing
+from bspline_mdao import EulerFlow, fit_grid
+from bspline_mdao.generators import FarField, Spacing, hh_wing_grid, rectangular_wing
 
 SHAPES = {5_376: (9, 9, 8), 13_824: (13, 13, 9), 36_864: (17, 17, 13), 117_504: (25, 25, 18), 1_020_000: (51, 51, 35)}
 """Nodes of each of the twelve blocks by the number of cells."""

@@ -106,14 +106,14 @@ class Judge:
     model: bm.FittedModel
 
     @cached_property
-    def mesh(self) -> bm.MovingMesh:
+    def mesh(self) -> bm.movers.MovingMesh:
         """The control mesh."""
-        return bm.moving_mesh(self.model)
+        return bm.movers.moving_mesh(self.model)
 
     @cached_property
-    def surface(self) -> bm.SurfaceGrid:
+    def surface(self) -> bm.measures.SurfaceGrid:
         """All walls."""
-        return bm.SurfaceGrid.of(self.model)
+        return bm.measures.SurfaceGrid.of(self.model)
 
     @cached_property
     def follower(self) -> SurfaceFollower:
@@ -139,7 +139,7 @@ class Judge:
         """Report on the cells after a move by each mover; nothing where the move is not one of this surface."""
         planes = self.surface.on_planes(self.model)
         try:
-            wall = bm.parse_deformation(move, self.model, self.mesh).apply_to_nodes(self.surface.points, planes)
+            wall = bm.design.parse_deformation(move, self.model, self.mesh).apply_to_nodes(self.surface.points, planes)
         except bm.InputError:
             return []
         asked, reports = self.follower.at(wall).control_points, []
@@ -161,8 +161,11 @@ def main() -> None:
         judge = Judge(bm.fit_grid(grid))
         following = judge.mesh.following
         names = tuple(what.split("'")[1] for what, _ in following)
-        fixed = bm.moving_mesh(judge.model, fixed=[ids for _, ids in following])
-        movers = [bm.Rotations(mesh) for mesh in (fixed, bm.moving_mesh(judge.model, released=names), judge.mesh)]
+        fixed = bm.movers.moving_mesh(judge.model, fixed=[ids for _, ids in following])
+        movers = [
+            bm.movers.Rotations(mesh)
+            for mesh in (fixed, bm.movers.moving_mesh(judge.model, released=names), judge.mesh)
+        ]
         print(f"{name}: {', '.join(names) or 'nothing'} follows; fixed | released | as it is")
         for move in MOVES:
             reports = judge.after(move, *movers)

@@ -20,21 +20,13 @@ import numpy as np
 import openmdao.api as om
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import (
-    FreeForm,
-    GridMovement,
-    Lattice,
-    LinearElasticity,
-    Local,
-    NearPlane,
-    Parametrization,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import GridMovement, fit_grid
 from bspline_mdao.base.sparse.cholesky import Cholesky
 from bspline_mdao.core.mesh.moving_mesh import MovingMesh
 from bspline_mdao.core.om.drivers.recorded_run import time_components
+from bspline_mdao.design import FreeForm, Lattice, Local, NearPlane, Parametrization
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.movers import LinearElasticity, moving_mesh
 
 SHAPE, N_CONTROL = (45, 65, 33), (13, 13, 9)
 LATTICE = (7, 4, 7)

@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import fit_shape, onera_m6_grid, rectangular_wing
 from bspline_mdao.base.sparse.cholesky import Cholesky
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.core.fit.fitting import fit_grid
@@ -28,6 +27,7 @@ from bspline_mdao.core.mesh.moving_mesh import MovingMesh
 from bspline_mdao.core.model.fitted_model import FittedModel
 from bspline_mdao.core.movement.elasticity import LinearElasticity
 from bspline_mdao.core.movement.increments import increments_for
+from bspline_mdao.generators import fit_shape, onera_m6_grid, rectangular_wing
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import report_quality
 

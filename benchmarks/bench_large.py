@@ -16,7 +16,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from bspline_mdao import Spacing, onera_m6_grid, write_grid
+from bspline_mdao import write_grid
+from bspline_mdao.generators import Spacing, onera_m6_grid
 
 FOLDER = Path(os.environ.get("BSPLINE_MDAO_GRIDS", "."))
 

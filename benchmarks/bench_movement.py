@@ -33,7 +33,6 @@ from pardiso_peer import IS_INSTALLED, Pardiso
 from scipy.interpolate import RBFInterpolator
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import fit_shape, onera_m6_grid, rectangular_wing
 from bspline_mdao.base.sparse.cholesky import Cholesky
 from bspline_mdao.core.evaluation.evaluator import Evaluator
 from bspline_mdao.core.fit.fitting import fit_grid
@@ -45,6 +44,7 @@ from bspline_mdao.core.movement.interpolation import find_centres
 from bspline_mdao.core.movement.radial_basis import RadialBasis
 from bspline_mdao.core.movement.springs import LinealSprings, TorsionalSprings
 from bspline_mdao.core.movement.young_modulus import OrthogonalityLaw
+from bspline_mdao.generators import fit_shape, onera_m6_grid, rectangular_wing
 
 SHAPE, N_CONTROL = (45, 65, 33), (13, 13, 9)
 SIZES = {"2k": (7, 7, 5), "5k": (9, 9, 7), "16k": (13, 13, 9), "51k": (19, 19, 14), "150k": (27, 27, 20)}

@@ -29,8 +29,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bspline_mdao import fit_grid, onera_m6_grid
+from bspline_mdao import fit_grid
 from bspline_mdao.base.numerics.processes import on_first, world
+from bspline_mdao.generators import onera_m6_grid
 
 SHAPE, N_CONTROL = (45, 65, 33), (13, 13, 9)
 LARGE = 2.08
@@ -202,8 +203,9 @@ def run_rank(path: Path, repeats: int) -> dict:
     """Measure all stages on this rank."""
     import openmdao.api as om
 
-    from bspline_mdao import ControlMeshMove, GridEvaluate, LinearElasticity, Quality, moving_mesh
+    from bspline_mdao import ControlMeshMove, GridEvaluate, Quality
     from bspline_mdao.core.model.model_share import ModelShare
+    from bspline_mdao.movers import LinearElasticity, moving_mesh
 
     comm, stages = counted(world()), Stages(repeats)
     reset_peak()
@@ -278,11 +280,13 @@ def run_largest(shape, n_control, folder: Path) -> dict:
     The first rank generates the grid and writes the file from which each rank reads the blocks that it fits. The first
     one moves the control mesh for all.
     """
-    from bspline_mdao import LinearElasticity, fit_blocks, moving_mesh, open_grid, write_grid
+    from bspline_mdao import open_grid, write_grid
     from bspline_mdao.grids.cells.grid_quality import GridQuality
     from bspline_mdao.grids.cells.pieces import Pieces
     from bspline_mdao.grids.cells.report import inverted_cells, report_quality
     from bspline_mdao.grids.topology.partition import Partition
+    from bspline_mdao.movers import LinearElasticity, moving_mesh
+    from bspline_mdao.splines import fit_blocks
 
     comm, stages, path = counted(world()), Stages(1), folder / "largest.cgns"
     stages.measure("generate", lambda: on_first(comm, lambda: write_grid(path, onera_m6_grid(shape))))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import onera_m6_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality, GridValues
 
 NAMES = ("quality_ks", "corner_ks", "volume_ks")

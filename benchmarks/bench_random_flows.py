@@ -99,12 +99,14 @@ def _section(random) -> Section:
 
 def _wing(random) -> tuple[Grid, np.ndarray]:
     planform = Planform(1.0, random.uniform(1.5, 4.0), random.uniform(0.4, 1.0), random.uniform(0.0, 35.0))
-    grid = hh_wing_grid(Wing(planform, _section(random)), random.integers(7, 10, 3), bm.Spacing(0.02, 0.03, 0.03, 0.05))
+    grid = hh_wing_grid(
+        Wing(planform, _section(random)), random.integers(7, 10, 3), bm.generators.Spacing(0.02, 0.03, 0.03, 0.05)
+    )
     return grid, twisted(_nodes(grid), random.uniform(-4.0, 4.0))
 
 
 def _m6(random) -> tuple[Grid, np.ndarray]:
-    grid = bm.onera_m6_grid(tuple(random.integers(7, 10, 3)))
+    grid = bm.generators.onera_m6_grid(tuple(random.integers(7, 10, 3)))
     return grid, twisted(_nodes(grid), random.uniform(-4.0, 4.0))
 
 
@@ -116,11 +118,11 @@ def _body(random) -> tuple[Grid, np.ndarray]:
 @cache
 def _blended_wing_body() -> tuple[Grid, np.ndarray]:
     """Grid about a plate, and its nodes about the body that the plate becomes."""
-    model = bm.fit_grid(bm.flat_plate_grid((8, 8, 8)), n_control=(6, 6, 6), keep_residual=False)
-    mesh = bm.moving_mesh(model)
-    surface = bm.fit_shape(model, mesh.surface_ids, bm.generic_blended_wing_body())
+    model = bm.fit_grid(bm.generators.flat_plate_grid((8, 8, 8)), n_control=(6, 6, 6), keep_residual=False)
+    mesh = bm.movers.moving_mesh(model)
+    surface = bm.generators.fit_shape(model, mesh.surface_ids, bm.generators.generic_blended_wing_body())
     problem = om.Problem(reports=None)
-    geometry = bm.GridMovement(model=model, mover=bm.LinearElasticity(mesh, n_increments=5), fit=False)
+    geometry = bm.GridMovement(model=model, mover=bm.movers.LinearElasticity(mesh, n_increments=5), fit=False)
     problem.model.add_subsystem("geometry", geometry, promotes=["*"])
     problem.setup()
     problem.set_val(SURFACE_CONTROL_POINTS, surface.ravel())
@@ -134,7 +136,9 @@ def _o_section(random) -> tuple[Grid, np.ndarray]:
 
 
 def _hh_section(random) -> tuple[Grid, np.ndarray]:
-    grid = infinite_wing_grid(_section(random), tuple(random.integers(13, 29, 2)), bm.Spacing(0.01, 0.01, 0.01))
+    grid = infinite_wing_grid(
+        _section(random), tuple(random.integers(13, 29, 2)), bm.generators.Spacing(0.01, 0.01, 0.01)
+    )
     return grid, _nodes(grid)
 
 

@@ -19,12 +19,13 @@ from pathlib import Path
 import numpy as np
 from bench_movement import SIZES
 
-from bspline_mdao import LinearElasticity, fit_shape, moving_mesh, onera_m6_grid, rectangular_wing
 from bspline_mdao.base.numerics.processes import on_first, world
 from bspline_mdao.base.sparse.cholesky import Cholesky
 from bspline_mdao.base.sparse.petsc import PetscCholesky, PetscMultigrid
 from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.core.movement.shared import shared_mover
+from bspline_mdao.generators import fit_shape, onera_m6_grid, rectangular_wing
+from bspline_mdao.movers import LinearElasticity, moving_mesh
 
 SHAPE = (29, 29, 22)
 """Nodes of each block: a few more than the finest control mesh has points."""

@@ -1,7 +1,8 @@
 """B-spline meshes as integrated geometry parametrization and grid movement for OpenMDAO.
 
-The public names are those of ``__init__.pyi``; each is imported when it is first asked for, so that importing the
-package stays cheap and editors know all of them.
+What most scripts begin with is here, the rest in namespaces such as `bspline_mdao.design`. The names are those of
+``__init__.pyi``, and of a stub beside each namespace; each is imported when it is first asked for, so that importing
+the package stays cheap and editors know all of them.
 """
 
 import lazy_loader

@@ -18,7 +18,8 @@ class InputError(ValueError):
 
     Examples
     --------
-    >>> from bspline_mdao import InputError, brick_grid
+    >>> from bspline_mdao import InputError
+    >>> from bspline_mdao.generators import brick_grid
     >>> try:
     ...     brick_grid((1, 5, 5, 5))
     ... except InputError as error:
@@ -36,7 +37,9 @@ class MovementError(ArithmeticError):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import LinearElasticity, MovementError, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import MovementError, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import LinearElasticity, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> try:
     ...     LinearElasticity(mesh, n_increments=1).move(mesh.points, np.nan * mesh.points[mesh.surface_ids])
@@ -54,7 +57,8 @@ class FitWarning(UserWarning):
 
     Examples
     --------
-    >>> from bspline_mdao import FitWarning, brick_grid, fit_grid
+    >>> from bspline_mdao import FitWarning, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> import warnings
     >>> with warnings.catch_warnings():
     ...     warnings.simplefilter("error", FitWarning)  # a fit that movers may not survive is an error

@@ -20,7 +20,7 @@ SURFACE_CONTROL_POINTS = "surface_control_points"
 """The control points on the design surface."""
 
 SURFACE = "surface"
-"""Nodes of the regenerated surface, each once, in the order of a `bspline_mdao.SurfaceGrid`."""
+"""Nodes of the regenerated surface, each once, in the order of a `bspline_mdao.measures.SurfaceGrid`."""
 
 CONTROL_CORNER_KS = "control_corner_ks"
 """Smooth lower bound of the corner triple products of the control mesh after movement, a number."""

@@ -19,7 +19,6 @@ from .studio.plotting.panels import FIELD_LOOKS as FIELD_LOOKS
 from .studio.plotting.panels import SURFACES as SURFACES
 from .studio.plotting.panels import FieldLook as FieldLook
 from .studio.plotting.panels import Panel as Panel
-from .studio.plotting.panels import Snapshot as Snapshot
 from .studio.plotting.panels import camera_of as camera_of
 from .studio.plotting.panels import sheets_of as sheets_of
 from .studio.plotting.plot import plot as plot

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import openmdao.api as om
 
-from bspline_mdao import EulerFlow, GridMovement, fit_grid, onera_m6_grid
+from bspline_mdao import EulerFlow, GridMovement, fit_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.plotting import plot
 
 SHAPE = (17, 41, 17), (13, 13), (33, 9)

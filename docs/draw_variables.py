@@ -17,14 +17,14 @@ from bspline_mdao.plotting import BLUE, GRAY, ORANGE
 PICTURE = Path(__file__).parent / "_static" / "planform_variables.png"
 
 CASES = (
-    (bm.Twist, {"stations": 3}, (0.0, 6.0, 18.0), "Twist, 3 stations: 0, 6, 18 deg"),
-    (bm.Chord, {"stations": 3}, (1.0, 1.3, 0.8), "Chord, 3 stations: 1, 1.3, 0.8"),
-    (bm.Taper, {}, (0.4,), "Taper: 0.4"),
-    (bm.ThicknessFactor, {"stations": 2}, (1.0, 3.0), "ThicknessFactor, 2 stations: 1, 3"),
-    (bm.Camber, {"stations": 2}, (0.0, 0.15), "Camber, 2 stations: 0, 0.15 chords"),
-    (bm.Span, {}, (1.3,), "Span: 1.3"),
-    (bm.Sweep, {}, (15.0,), "Sweep: 15 deg"),
-    (bm.Dihedral, {"stations": 2, "order": 2}, (0.0, 35.0), "Dihedral, 2 stations: 0, 35 deg"),
+    (bm.design.Twist, {"stations": 3}, (0.0, 6.0, 18.0), "Twist, 3 stations: 0, 6, 18 deg"),
+    (bm.design.Chord, {"stations": 3}, (1.0, 1.3, 0.8), "Chord, 3 stations: 1, 1.3, 0.8"),
+    (bm.design.Taper, {}, (0.4,), "Taper: 0.4"),
+    (bm.design.ThicknessFactor, {"stations": 2}, (1.0, 3.0), "ThicknessFactor, 2 stations: 1, 3"),
+    (bm.design.Camber, {"stations": 2}, (0.0, 0.15), "Camber, 2 stations: 0, 0.15 chords"),
+    (bm.design.Span, {}, (1.3,), "Span: 1.3"),
+    (bm.design.Sweep, {}, (15.0,), "Sweep: 15 deg"),
+    (bm.design.Dihedral, {"stations": 2, "order": 2}, (0.0, 35.0), "Dihedral, 2 stations: 0, 35 deg"),
 )
 """Variable, its settings, its values, and what stands above the panel."""
 
@@ -45,14 +45,16 @@ def lines_of(mesh, points):
 
 def draw(axes, mesh, kind, settings, values, title):
     """Draw one panel."""
-    axis = bm.ReferenceAxis.of(mesh)
+    axis = bm.design.ReferenceAxis.of(mesh)
     baseline = mesh.points[mesh.surface_ids]
-    moved = bm.Parametrization(mesh, [kind("value", axis, **settings)]).apply(baseline, {"value": np.array(values)})
+    moved = bm.design.Parametrization(mesh, [kind("value", axis, **settings)]).apply(
+        baseline, {"value": np.array(values)}
+    )
     for points, color, width in ((baseline, GRAY, 0.5), (moved, BLUE, 0.8)):
         for line in lines_of(mesh, points):
             axes.plot(*(VIEW @ line.T), color=color, lw=width, alpha=0.8)
     axes.plot(*(VIEW @ axis.points.T), color=ORANGE, lw=1.6)
-    places = bm.ReferenceAxis.of(mesh, n=max(len(values), 2)).points if len(values) > 1 else axis.points[[0, -1]]
+    places = bm.design.ReferenceAxis.of(mesh, n=max(len(values), 2)).points if len(values) > 1 else axis.points[[0, -1]]
     axes.plot(*(VIEW @ places.T), "o", color=ORANGE, ms=4)
     axes.set_title(title, fontsize=10)
     axes.set_aspect("equal")
@@ -61,7 +63,7 @@ def draw(axes, mesh, kind, settings, values, title):
 
 def main():
     """Draw all panels."""
-    mesh = bm.moving_mesh(bm.fit_grid(bm.onera_m6_grid((21, 17, 9)), n_control=(9, 9, 5)))
+    mesh = bm.movers.moving_mesh(bm.fit_grid(bm.generators.onera_m6_grid((21, 17, 9)), n_control=(9, 9, 5)))
     figure, panels = plt.subplots(2, 4, figsize=(13, 4.6), sharex=True, sharey=True)
     for panel, case in zip(panels.flat, CASES, strict=True):
         draw(panel, mesh, *case)

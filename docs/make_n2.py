@@ -20,8 +20,8 @@ def chain(wing: bm.DesignSurface) -> om.Problem:
 def optimisation(wing: bm.DesignSurface) -> om.Problem:
     """Design variables, a measure, the moved grid, its quality and a flow."""
     problem = om.Problem(reports=None)
-    volume = bm.EnclosedVolume.of(wing.surface, relative=True)
-    shape = wing.grid_movement([bm.Twist("twist", wing.axis, stations=3)], measures=[volume], fit=False)
+    volume = bm.measures.EnclosedVolume.of(wing.surface, relative=True)
+    shape = wing.grid_movement([bm.design.Twist("twist", wing.axis, stations=3)], measures=[volume], fit=False)
     flow = bm.EulerFlow(model=wing.model, reference_area=wing.planform_area, trim=True)
     problem.model.add_subsystem("shape", shape, promotes=["*"])
     problem.model.add_subsystem("flow", flow, promotes=["*"])
@@ -34,7 +34,7 @@ def optimisation(wing: bm.DesignSurface) -> om.Problem:
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    wing = bm.DesignSurface.of(bm.fit_grid(bm.onera_m6_grid((9, 8, 7))))
+    wing = bm.DesignSurface.of(bm.fit_grid(bm.generators.onera_m6_grid((9, 8, 7))))
     for make in chain, optimisation:
         problem = make(wing)
         problem.setup()

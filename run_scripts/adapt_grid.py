@@ -65,11 +65,13 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
         given, the adapted and the finer grid, and the ratios of the errors, each against its limit.
     """
     sizes, (rounds, iterations) = pick_size(SIZES, paper, quick), pick_size(EFFORT, paper, quick)
-    models = [bm.fit_grid(bm.section_o_grid(bm.naca_section(0.12, extended=True), n)) for n in sizes]
+    models = [
+        bm.fit_grid(bm.generators.section_o_grid(bm.generators.naca_section(0.12, extended=True), n)) for n in sizes
+    ]
     members = [solve(model, MACH, ALPHA) for model in models]
     given = models[1]
     search = {"rounds": rounds, "iterations": iterations, "reference_area": 1.0}
-    found = bm.adapt_grid(given, "CD", mach=MACH, alpha=ALPHA, **search)
+    found = bm.adaptation.adapt_grid(given, "CD", mach=MACH, alpha=ALPHA, **search)
     adapted = solve(found.model, MACH, ALPHA)
     numbers = {
         "members": members,
@@ -92,21 +94,28 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
 
 def adapt_hh_section(search: dict) -> dict:
     """Adapt an H-H grid about the section to drag and lift; their limits are those of two members."""
-    grid = bm.infinite_wing_grid(bm.naca_section(0.12, extended=True), HH, bm.Spacing(*HH_SPACING), bm.FarField(HH_FAR))
+    grid = bm.generators.infinite_wing_grid(
+        bm.generators.naca_section(0.12, extended=True),
+        HH,
+        bm.generators.Spacing(*HH_SPACING),
+        bm.generators.FarField(HH_FAR),
+    )
     given = bm.fit_grid(grid)
-    return compare(given, bm.adapt_grid(given, ("CD", "CL"), mach=MACH, alpha=ALPHA, **search), OTHERS)
+    return compare(given, bm.adaptation.adapt_grid(given, ("CD", "CL"), mach=MACH, alpha=ALPHA, **search), OTHERS)
 
 
 def adapt_wing() -> dict:
     """Adapt a grid of the M6 to drag and lift."""
-    planform = bm.onera_m6_planform()
+    planform = bm.generators.onera_m6_planform()
     area = 2.0 * planform.semi_span**2 / planform.aspect_ratio
-    given = bm.fit_grid(bm.onera_m6_grid(M6), n_control=M6_POINTS)
+    given = bm.fit_grid(bm.generators.onera_m6_grid(M6), n_control=M6_POINTS)
     how = {"limits": M6_LIMITS, "rounds": 4, "iterations": 14, "reach": 0.45, "reference_area": area}
-    return compare(given, bm.adapt_grid(given, ("CD", "CL"), mach=MACH, alpha=M6_ALPHA, **how), M6_OTHERS, area)
+    return compare(
+        given, bm.adaptation.adapt_grid(given, ("CD", "CL"), mach=MACH, alpha=M6_ALPHA, **how), M6_OTHERS, area
+    )
 
 
-def compare(given: bm.FittedModel, found: bm.Adaptation, conditions, area: float = 1.0) -> dict:
+def compare(given: bm.FittedModel, found: bm.adaptation.Adaptation, conditions, area: float = 1.0) -> dict:
     """Compare drag and lift before and after, and on the finer member at other conditions."""
     others = {
         f"M {mach:g}, {alpha:g} deg": [solve(one, mach, alpha, area) for one in (given, found.model, given.member(2.0))]
@@ -128,13 +137,13 @@ def solve(model: bm.FittedModel, mach: float, alpha: float, area: float = 1.0) -
     return {"n_cells": n_cells, **{name: problem.get_val(name).item() for name in ("CL", "CD")}}
 
 
-def changes(found: bm.Adaptation) -> dict:
+def changes(found: bm.adaptation.Adaptation) -> dict:
     """Estimated error and bound of the drag, each before and after."""
     both = found.before["CD"], found.after["CD"]
     return {"estimate": [each.error for each in both], "bound": [each.bound for each in both]}
 
 
-def draw(folder, given: bm.FittedModel, found: bm.Adaptation, members: list[dict], adapted: dict) -> None:
+def draw(folder, given: bm.FittedModel, found: bm.adaptation.Adaptation, members: list[dict], adapted: dict) -> None:
     """Draw the cells about the section with what they contribute, and the drag over the cells."""
     from matplotlib.collections import PolyCollection
 

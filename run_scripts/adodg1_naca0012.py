@@ -61,7 +61,7 @@ SIZES = {"quick": (32, 20, (11, 8), 6), "default": (128, 80, (11, 10), 100), "pa
 
 def make_model(n_along: int, n_away: int, n_control) -> bm.FittedModel:
     """Make the half O-grid above the NACA 0012 and fit it; all members of its family have the section of the fit."""
-    whole = bm.section_o_grid(bm.naca_section(0.12), 2 * n_along, far=FAR, n_away=n_away)
+    whole = bm.generators.section_o_grid(bm.generators.naca_section(0.12), 2 * n_along, far=FAR, n_away=n_away)
     nodes = whole.blocks[0].nodes[n_along:].copy()
     nodes[[0, -1], :, :, 1] = 0.0  # to the last bit
     face = Window.whole(0, nodes.shape[:3]).face
@@ -77,17 +77,19 @@ def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Pr
 
     The two planes of the grid move alike. Without combinations of the heights, they are inputs.
     """
-    mesh = bm.moving_mesh(model)
+    mesh = bm.movers.moving_mesh(model)
     rows = [np.searchsorted(mesh.surface_ids, mesh.blocks[0][1:-1, 0, k]) for k in range(2)]
-    parametrization = bm.Parametrization(mesh, [bm.Local("heights", rows[0], "y")], [bm.Linked(*rows)])
+    parametrization = bm.design.Parametrization(
+        mesh, [bm.design.Local("heights", rows[0], "y")], [bm.constraints.Linked(*rows)]
+    )
     problem = om.Problem(reports=None)
     if combinations is not None:
         along = mesh.points[mesh.surface_ids][rows[0], 0]
         most = np.minimum(np.minimum(THICKER, NOSE[0] + NOSE[1] * along), TAIL * (1.0 - along))
-        problem.model.add_subsystem("combine", bm.combine("heights", combinations, units="m"), promotes=["*"])
+        problem.model.add_subsystem("combine", bm.drivers.combine("heights", combinations, units="m"), promotes=["*"])
         problem.model.add_design_var("combinations", ref=PRESSURE)
         problem.model.add_constraint("heights", lower=0.0, upper=most, ref=HEIGHT, units="m")
-    mover = bm.LinearElasticity(mesh, n_increments=5)
+    mover = bm.movers.LinearElasticity(mesh, n_increments=5)
     geometry = bm.GridMovement(model=model, parametrization=parametrization, mover=mover, fit=False)
     flow = bm.EulerFlow(model=model, reference_area=0.5, tolerance=1e-12, iprint=0, anchored=True)
     problem.model.add_subsystem("geometry", geometry, promotes=["*"])
@@ -119,7 +121,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
     """
     *counts, iterations = pick_size(SIZES, paper, quick)
     model, name = make_model(*counts), "adodg1_naca0012"
-    combinations = bm.even_pressures(pose(model), model, "heights")
+    combinations = bm.drivers.even_pressures(pose(model), model, "heights")
     start, away = (pose(model, combinations) for _ in range(2))
     for problem in (start, away):
         problem.setup(mode="rev")

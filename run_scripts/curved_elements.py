@@ -49,7 +49,7 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
         splines (m), ``order``, between each grid and the one before it, and ``worst_jacobian``, lists over the grids.
     """
     n, orders, degrees, factors = pick_size(SIZES, paper, quick)
-    grid = bm.ball_grid((n, n, n, (n + 1) // 2), far=4.0)
+    grid = bm.generators.ball_grid((n, n, n, (n + 1) // 2), far=4.0)
     options = {"n_control": min((n + 1) // 2, 8), "keep_residual": False}
     models = {order: bm.fit_grid(grid, order=order, **options) for order in orders}
     numbers = {
@@ -58,15 +58,15 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
     }
     if figures:
         draw(figures, numbers, models[orders[0]], factors)
-        coarsest = bm.curved_grid(models[orders[0]], 2, factors[0])
+        coarsest = bm.splines.curved_grid(models[orders[0]], 2, factors[0])
         for suffix in ("cgns", "msh"):
-            bm.write_curved_grid(Path(figures) / f"ball.{suffix}", coarsest)
+            bm.files.write_curved_grid(Path(figures) / f"ball.{suffix}", coarsest)
     return numbers
 
 
 def study(model: bm.FittedModel, degree: int, factors: tuple[float, ...]) -> dict:
     """Distances from the splines, and Jacobians, of elements of one degree."""
-    grids = [bm.curved_grid(model, degree, factor) for factor in factors]
+    grids = [bm.splines.curved_grid(model, degree, factor) for factor in factors]
     distances = [wall_distance(model, grid) for grid in grids]
     ratios = np.log(np.divide(factors[1:], factors[:-1]))
     return {
@@ -114,7 +114,7 @@ def draw(folder, numbers: dict, model: bm.FittedModel, factors: tuple[float, ...
         panels[0].set_ylabel("distance of walls from the splines (m)")
         highest = len(numbers["order 4"])
         for degree in (1, highest):
-            x = bm.curved_grid(model, degree, factors[0]).points("body", 13)
+            x = bm.splines.curved_grid(model, degree, factors[0]).points("body", 13)
             for line in (x[:, 0], x[:, -1], x[:, :, 0], x[:, :, -1]):
                 front = line[line[..., 1].mean(axis=1) < 1e-9]
                 panels[-1].plot(front[..., 0].T, front[..., 2].T, color=DEGREES[degree], linewidth=1.0)

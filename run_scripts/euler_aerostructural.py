@@ -36,7 +36,7 @@ PRESSURES = (1.0, 1e4, 2e4)
 STYLES = dict(zip(PRESSURES, (GRAY, BLUE, ORANGE)))
 
 
-def lay_beam(surface: bm.SurfaceGrid) -> np.ndarray:
+def lay_beam(surface: bm.measures.SurfaceGrid) -> np.ndarray:
     """Nodes from the tip to the root, at a part of the chord, shape (ELEMENTS + 1, 3)."""
     ends = []
     for station in (surface.points[:, 2].max(), 0.0):
@@ -55,15 +55,15 @@ class FlexibleWing(Multipoint):
 
     def setup(self):
         """Make the builders, the geometry and the scenario, and connect them by the names of MPhys."""
-        model = bm.fit_grid(bm.onera_m6_grid(SIZES[self.options["fine"]]))
-        surface, mesh = bm.SurfaceGrid.of(model), bm.moving_mesh(model)
+        model = bm.fit_grid(bm.generators.onera_m6_grid(SIZES[self.options["fine"]]))
+        surface, mesh = bm.measures.SurfaceGrid.of(model), bm.movers.moving_mesh(model)
         nodes = lay_beam(surface)
-        aero = bm.EulerBuilder(model, scenario="aerostructural", reference_area=AREA, iprint=0)
-        beam = bm.BeamBuilder(nodes, SPAR, RADIUS)
-        links = bm.RigidLinkBuilder(bm.RigidLinks.to_beam(surface.points, nodes, along=[0.0, 0.0, 1.0]))
-        twist = bm.Twist("twist", bm.ReferenceAxis.of(mesh, at=CHORDWISE), stations=3)
-        variables = bm.Parametrization(mesh, [twist])
-        geometry = bm.SurfaceGeometry(model=model, parametrization=variables, point_sets={"x_struct0": nodes})
+        aero = bm.mphys.EulerBuilder(model, scenario="aerostructural", reference_area=AREA, iprint=0)
+        beam = bm.mphys.BeamBuilder(nodes, SPAR, RADIUS)
+        links = bm.mphys.RigidLinkBuilder(bm.flow.RigidLinks.to_beam(surface.points, nodes, along=[0.0, 0.0, 1.0]))
+        twist = bm.design.Twist("twist", bm.design.ReferenceAxis.of(mesh, at=CHORDWISE), stations=3)
+        variables = bm.design.Parametrization(mesh, [twist])
+        geometry = bm.mphys.SurfaceGeometry(model=model, parametrization=variables, point_sets={"x_struct0": nodes})
         self.add_subsystem("mesh", aero.get_mesh_coordinate_subsystem())
         self.add_subsystem("beam_mesh", beam.get_mesh_coordinate_subsystem())
         self.add_subsystem("geometry", geometry, promotes_inputs=["twist"])

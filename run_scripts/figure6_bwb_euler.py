@@ -74,14 +74,14 @@ def main(
         lift with respect to all variables; ``openfoam`` if it was asked; and ``drawn_by``, if anything was.
     """
     n_nodes, n_control = pick_size(SIZES, paper, quick)
-    model = bm.fit_grid(bm.flat_plate_grid((n_nodes,) * 3), n_control=(n_control,) * 3, keep_residual=False)
-    mesh, body = bm.moving_mesh(model), bm.generic_blended_wing_body()
-    target, surface = bm.fit_shape(model, mesh.surface_ids, body), bm.SurfaceGrid.of(model, "wing*")
-    area = bm.ProjectedArea.of(surface, np.array([0.0, 1.0, 0.0])).evaluate(
-        bm.nodes_on_shape(model, body)[surface.rows]
+    model = bm.fit_grid(bm.generators.flat_plate_grid((n_nodes,) * 3), n_control=(n_control,) * 3, keep_residual=False)
+    mesh, body = bm.movers.moving_mesh(model), bm.generators.generic_blended_wing_body()
+    target, surface = bm.generators.fit_shape(model, mesh.surface_ids, body), bm.measures.SurfaceGrid.of(model, "wing*")
+    area = bm.measures.ProjectedArea.of(surface, np.array([0.0, 1.0, 0.0])).evaluate(
+        bm.generators.nodes_on_shape(model, body)[surface.rows]
     )
 
-    problem, mover = om.Problem(reports=None), bm.LinearElasticity(mesh, n_increments=5)
+    problem, mover = om.Problem(reports=None), bm.movers.LinearElasticity(mesh, n_increments=5)
     geometry = bm.GridMovement(model=model, mover=mover, fit=False)
     flow = bm.EulerFlow(model=model, reference_area=area.item(), iprint=iprint)
     problem.model.add_subsystem("geometry", geometry, promotes=["*"])

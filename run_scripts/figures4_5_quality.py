@@ -24,8 +24,8 @@ from bspline_mdao.plotting import BLUE, GRAY, ORANGE, figure
 from bspline_mdao.studio.run_script import run
 
 CASES = {
-    "figure4_m6": (bm.onera_m6_grid, bm.rectangular_wing),
-    "figure5_bwb": (bm.flat_plate_grid, bm.generic_blended_wing_body),
+    "figure4_m6": (bm.generators.onera_m6_grid, bm.generators.rectangular_wing),
+    "figure5_bwb": (bm.generators.flat_plate_grid, bm.generators.generic_blended_wing_body),
 }
 SIZES = {
     "figure4_m6": {True: ((45, 65, 33), (13, 13, 9)), False: ((11, 13, 9), (7, 8, 5))},
@@ -71,18 +71,18 @@ def study(name: str, shape, n_control, node_based: str) -> dict:
     make_grid, make_shape = CASES[name]
     grid = make_grid(shape)
     model = bm.fit_grid(grid, n_control=n_control, keep_residual=False)  # Eq. (3) alone, as in the paper
-    mesh = bm.moving_mesh(model)
+    mesh = bm.movers.moving_mesh(model)
     model.grid_map()  # what the nodes depend on is found once per model
-    surface, cholesky = bm.fit_shape(model, mesh.surface_ids, make_shape()), Cholesky(n_threads=1)
+    surface, cholesky = bm.generators.fit_shape(model, mesh.surface_ids, make_shape()), Cholesky(n_threads=1)
     points, after, cost = move(mesh, surface, cholesky, model.regenerate)
     numbers = {"initial": measure(grid, grid), "b_spline": cost | measure(model.regenerate(), after)}
     if node_based != "none":
         factor = 0.5 if node_based == "coarse" else 1.0
         start, target = (bm.family_member(model, factor, at) for at in (model.control_points, points))
-        nodes, ids = bm.moving_grid(bm.find_topology(start), start.to_vector().reshape(-1, 3))
+        nodes, ids = bm.movers.moving_grid(bm.find_topology(start), start.to_vector().reshape(-1, 3))
         wanted = np.empty((nodes.n_points, 3))
         wanted[ids] = target.to_vector().reshape(-1, 3)
-        solver = bm.PetscMultigrid() if HAS_MULTIGRID else cholesky
+        solver = bm.movers.PetscMultigrid() if HAS_MULTIGRID else cholesky
         _, after, cost = move(nodes, wanted[nodes.surface_ids], solver, lambda x: start.with_vector(x[ids].ravel()))
         numbers |= {"node_based": cost | measure(start, after), "b_spline_same_size": measure(start, target)}
     return numbers
@@ -92,7 +92,7 @@ def move(mesh, surface: np.ndarray, solver, finish) -> tuple[np.ndarray, bm.Grid
     """Move a mesh as the paper does, on one thread, and make the grid of it: moved points, grid and what it took."""
     with threadpool_limits(1):
         start = time.process_time()
-        mover = bm.LinearElasticity(mesh, n_increments=5, solver=solver, keep_factors=False)
+        mover = bm.movers.LinearElasticity(mesh, n_increments=5, solver=solver, keep_factors=False)
         movement = mover.move(mesh.points, surface)
         grid = finish(movement.points)
         seconds = time.process_time() - start

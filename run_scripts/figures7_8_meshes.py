@@ -16,8 +16,8 @@ from bspline_mdao.plotting import Camera, Scene, draw_scene, figure, patch_faces
 from bspline_mdao.studio.run_script import run
 
 CASES = {
-    "figure7_m6": (bm.onera_m6_grid, bm.rectangular_wing),
-    "figure8_bwb": (bm.flat_plate_grid, bm.generic_blended_wing_body),
+    "figure7_m6": (bm.generators.onera_m6_grid, bm.generators.rectangular_wing),
+    "figure8_bwb": (bm.generators.flat_plate_grid, bm.generators.generic_blended_wing_body),
 }
 
 SIZES = {
@@ -56,9 +56,9 @@ def main(paper: bool = False, figures=None) -> dict:
     for name, (make_grid, make_shape) in CASES.items():
         shape, n_control = SIZES[name][paper]
         model = bm.fit_grid(make_grid(shape), n_control=n_control, keep_residual=False)
-        mesh = bm.moving_mesh(model)
-        surface = bm.fit_shape(model, mesh.surface_ids, make_shape())
-        moved = bm.LinearElasticity(mesh, n_increments=5).move(mesh.points, surface).points
+        mesh = bm.movers.moving_mesh(model)
+        surface = bm.generators.fit_shape(model, mesh.surface_ids, make_shape())
+        moved = bm.movers.LinearElasticity(mesh, n_increments=5).move(mesh.points, surface).points
         cells = GridQuality.of_baseline(model.regenerate())
         numbers[name] = {
             "n_nodes": model.n_nodes,

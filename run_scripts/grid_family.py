@@ -91,7 +91,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
     n_control = (sizes[0] + 1, sizes[1] + 1, fine[2] + 1)  # of each half of the wing; all there can be along walls
     models = {
         "wing": bm.fit_grid(joukowski_wing_grid(*fine), n_control=n_control, keep_residual=False),
-        "ball": bm.fit_grid(bm.ball_grid((n + 1,) * 4, far=20.0, off_wall=1.0 / n), keep_residual=False),
+        "ball": bm.fit_grid(bm.generators.ball_grid((n + 1,) * 4, far=20.0, off_wall=1.0 / n), keep_residual=False),
     }
     numbers = {name: study(name, model, iprint) for name, model in models.items()}
     if figures:

@@ -73,13 +73,13 @@ class InverseDesign:
     """The problem of one size: its ``model``, the ``target`` by variable (m), its grid, and the ``distance`` to it."""
 
     def __init__(self, shape, n_control, n_increments: int, axes: str):
-        self.model = bm.fit_grid(bm.onera_m6_grid(shape), n_control=n_control)
-        mesh = bm.moving_mesh(self.model)
-        in_plane, outside = axes.replace("z", ""), ~bm.NearPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-        variables = [bm.Local(f"move_{in_plane}", None, in_plane)]  # points in the symmetry plane stay in it
-        variables += [bm.Local("move_z", outside, "z")] if "z" in axes else []
-        self.parametrization = bm.Parametrization(mesh, variables)
-        self.mover = bm.LinearElasticity(mesh, n_increments=n_increments)
+        self.model = bm.fit_grid(bm.generators.onera_m6_grid(shape), n_control=n_control)
+        mesh = bm.movers.moving_mesh(self.model)
+        in_plane, outside = axes.replace("z", ""), ~bm.design.NearPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+        variables = [bm.design.Local(f"move_{in_plane}", None, in_plane)]  # points in the symmetry plane stay in it
+        variables += [bm.design.Local("move_z", outside, "z")] if "z" in axes else []
+        self.parametrization = bm.design.Parametrization(mesh, variables)
+        self.mover = bm.movers.LinearElasticity(mesh, n_increments=n_increments)
 
         surface, rng = mesh.points[mesh.surface_ids], np.random.default_rng(6)
         distances = np.linalg.norm(surface[:, None] - surface, axis=2)

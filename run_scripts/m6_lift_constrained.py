@@ -66,40 +66,42 @@ def make_model(shape, n_control) -> bm.FittedModel:
     """Make the grid about the M6 and fit it; all members of its family have the wing of the fit."""
     stream, normal, span = n_control
     counts = [(i, j, k) for k, j, i in product(span, normal, stream)]
-    return bm.fit_grid(bm.onera_m6_grid(shape), n_control=counts, keep_residual=False)
+    return bm.fit_grid(bm.generators.onera_m6_grid(shape), n_control=counts, keep_residual=False)
 
 
 def pose(
     model: bm.FittedModel, stations: int, flow: str, mach: float, combinations: np.ndarray | None = None
 ) -> om.Problem:
     """Pose the problem. Not yet set up. Without combinations of the heights, they are variables themselves."""
-    mesh, wall = bm.moving_mesh(model), bm.SurfaceGrid.of(model, "wing*")
-    quarter, trailing = (bm.ReferenceAxis.of(mesh, at=part) for part in (0.25, 1.0))
+    mesh, wall = bm.movers.moving_mesh(model), bm.measures.SurfaceGrid.of(model, "wing*")
+    quarter, trailing = (bm.design.ReferenceAxis.of(mesh, at=part) for part in (0.25, 1.0))
     # control points but those of edges and tip move by parts of their heights: the sides do not meet at thin places
-    upper, lower = (bm.OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
+    upper, lower = (bm.design.OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
     sides = (upper & ~lower) | (lower & ~upper)
     heights = np.abs(mesh.points[mesh.surface_ids][sides.mask(mesh), 1])
     variables = [  # from the sections outwards; the tip stays where it is along the span
-        bm.Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None),
-        bm.Chord("chord", quarter, 2),  # straight edges: with more stations these wave, which no finer grid rewards
-        bm.Twist("twist", trailing, stations),
-        bm.Sweep("sweep", quarter),
+        bm.design.Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None),
+        bm.design.Chord(
+            "chord", quarter, 2
+        ),  # straight edges: with more stations these wave, which no finer grid rewards
+        bm.design.Twist("twist", trailing, stations),
+        bm.design.Sweep("sweep", quarter),
     ]
-    planform = bm.onera_m6_planform()
+    planform = bm.generators.onera_m6_planform()
     span = planform.semi_span * np.array([0.02, 0.9])
     leading, trailing = (np.column_stack([planform.x(part, span), 0.0 * span, span]) for part in (0.1, 0.9))
     measures = [  # relative to the M6, thickness along lines between the edges
-        bm.Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
-        bm.EnclosedVolume.of(wall, relative=True),
-        bm.ProjectedArea.of(wall, relative=True),
+        bm.measures.Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
+        bm.measures.EnclosedVolume.of(wall, relative=True),
+        bm.measures.ProjectedArea.of(wall, relative=True),
     ]
-    mover = bm.LinearElasticity(mesh, n_increments=3)
-    parametrization = bm.Parametrization(mesh, variables)
+    mover = bm.movers.LinearElasticity(mesh, n_increments=3)
+    parametrization = bm.design.Parametrization(mesh, variables)
     geometry = bm.GridMovement(model=model, parametrization=parametrization, measures=measures, mover=mover, fit=False)
     area = planform.semi_span**2 * 2.0 / planform.aspect_ratio
     problem, (make_flow, options, drag) = om.Problem(reports=None), FLOWS[flow]
     if combinations is not None:
-        problem.model.add_subsystem("combine", bm.combine("heights", combinations), promotes=["*"])
+        problem.model.add_subsystem("combine", bm.drivers.combine("heights", combinations), promotes=["*"])
     problem.model.add_subsystem("geometry", geometry, promotes=["*"])
     problem.model.add_subsystem("flow", make_flow(model=model, reference_area=area, **options), promotes=["*"])
     problem.model.add_subsystem("drag", om.ExecComp(f"drag = {drag}"), promotes=["*"])
@@ -158,7 +160,9 @@ def main(
 
     combinations = None
     if flow == "euler":
-        combinations = bm.even_pressures(pose(model, stations, flow, mach), model, "heights", linear_tolerance=1e-6)
+        combinations = bm.drivers.even_pressures(
+            pose(model, stations, flow, mach), model, "heights", linear_tolerance=1e-6
+        )
 
     def make_problem(member: bm.FittedModel = model) -> om.Problem:
         return pose(member, stations, flow, mach, combinations)

@@ -64,7 +64,7 @@ def make_model(shape, n_control) -> bm.FittedModel:
     """Make the grid about the M6 and fit it; all members of its family have the wing of the fit."""
     stream, normal, span = n_control
     counts = [(i, j, k) for k, j, i in product(span, normal, stream)]
-    return bm.fit_grid(bm.onera_m6_grid(shape), n_control=counts, keep_residual=False)
+    return bm.fit_grid(bm.generators.onera_m6_grid(shape), n_control=counts, keep_residual=False)
 
 
 def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Problem:
@@ -72,29 +72,29 @@ def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Pr
 
     Without combinations of the heights, they are inputs.
     """
-    mesh, wall = bm.moving_mesh(model), bm.SurfaceGrid.of(model, "wing*")
-    upper, lower = (bm.OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
+    mesh, wall = bm.movers.moving_mesh(model), bm.measures.SurfaceGrid.of(model, "wing*")
+    upper, lower = (bm.design.OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
     sides = (upper & ~lower) | (lower & ~upper)
     heights = np.abs(mesh.points[mesh.surface_ids][sides.mask(mesh), 1])
-    variable = bm.Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None)
-    planform = bm.onera_m6_planform()
+    variable = bm.design.Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None)
+    planform = bm.generators.onera_m6_planform()
     span = planform.semi_span * np.array([0.02, 0.9])
     leading, trailing = (np.column_stack([planform.x(part, span), 0.0 * span, span]) for part in (0.1, 0.9))
     geometry = bm.GridMovement(
         model=model,
-        parametrization=bm.Parametrization(mesh, [variable]),
+        parametrization=bm.design.Parametrization(mesh, [variable]),
         measures=[
-            bm.Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
-            bm.EnclosedVolume.of(wall, relative=True),
+            bm.measures.Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
+            bm.measures.EnclosedVolume.of(wall, relative=True),
         ],
-        mover=bm.LinearElasticity(mesh, n_increments=3),
+        mover=bm.movers.LinearElasticity(mesh, n_increments=3),
         fit=False,
     )
     area = planform.semi_span**2 * 2.0 / planform.aspect_ratio
     flow = bm.EulerFlow(model=model, reference_area=area, trim=True, tolerance=1e-12, iprint=0)
     problem = om.Problem(reports=None)
     if combinations is not None:
-        problem.model.add_subsystem("combine", bm.combine("heights", combinations), promotes=["*"])
+        problem.model.add_subsystem("combine", bm.drivers.combine("heights", combinations), promotes=["*"])
         problem.model.add_design_var("combinations", ref=PRESSURE)
         problem.model.add_constraint("heights", lower=PARTS[0], upper=PARTS[1])
     problem.model.add_subsystem("geometry", geometry, promotes=["*"])
@@ -128,7 +128,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
     """
     *counts, iterations = pick_size(SIZES, paper, quick)
     model, name = make_model(*counts), "m6_transonic"
-    finer, combinations = model.member(FINER), bm.even_pressures(pose(model), model, "heights")
+    finer, combinations = model.member(FINER), bm.drivers.even_pressures(pose(model), model, "heights")
     start, away = (pose(model, combinations) for _ in range(2))
     for problem in (start, away):
         problem.setup(mode="rev")

@@ -39,18 +39,18 @@ class Body:
     """A cube of unit volume whose control points move along rays: ``model``, ``parametrization`` and ``surface``."""
 
     def __init__(self, n_nodes: int, n_control: int):
-        grid = bm.brick_grid((n_nodes, n_nodes, n_nodes, 9), far=5.0)
+        grid = bm.generators.brick_grid((n_nodes, n_nodes, n_nodes, 9), far=5.0)
         self.model = bm.fit_grid(grid, n_control=(n_control, n_control, 5))
-        mesh, self.surface = bm.moving_mesh(self.model), bm.SurfaceGrid.of(self.model)
+        mesh, self.surface = bm.movers.moving_mesh(self.model), bm.measures.SurfaceGrid.of(self.model)
         points = mesh.points[mesh.surface_ids]
         rays = points / np.linalg.norm(points, axis=1, keepdims=True)
-        self.parametrization = bm.Parametrization(mesh, [bm.Local("radial", direction=rays)])
+        self.parametrization = bm.design.Parametrization(mesh, [bm.design.Local("radial", direction=rays)])
 
     def problem(self) -> om.Problem:
         """Least area at unit volume, not set up; the grid does not move along."""
         problem = om.Problem(reports=None)
         evaluate = bm.SurfaceEvaluate(model=self.model, mesh=self.parametrization.mesh, surface=self.surface)
-        area, volume = bm.SurfaceArea.of(self.surface), bm.EnclosedVolume.of(self.surface)
+        area, volume = bm.measures.SurfaceArea.of(self.surface), bm.measures.EnclosedVolume.of(self.surface)
         problem.model.add_subsystem("control", bm.SurfaceControl(parametrization=self.parametrization), promotes=["*"])
         problem.model.add_subsystem("evaluate_surface", evaluate, promotes=["*"])
         problem.model.add_subsystem("area", bm.SurfaceMeasure(measure=area), promotes=["*"])
@@ -138,7 +138,7 @@ def convergence(problems: dict[int, list[om.Problem]]) -> dict:
     return numbers
 
 
-def draw(folder, surface: bm.SurfaceGrid, best: om.Problem, runs: dict, errors: dict) -> None:
+def draw(folder, surface: bm.measures.SurfaceGrid, best: om.Problem, runs: dict, errors: dict) -> None:
     """Draw the cube and what became of it, the convergence with the grid and the histories."""
     with figure(folder, "min_area_body", (10.5, 3.4)) as canvas:
         shape, convergence, history = canvas.subplots(1, 3)
@@ -156,7 +156,7 @@ def draw(folder, surface: bm.SurfaceGrid, best: om.Problem, runs: dict, errors: 
         )
 
 
-def draw_surface(axes, surface: bm.SurfaceGrid, nodes: np.ndarray, color: str, offset: float) -> None:
+def draw_surface(axes, surface: bm.measures.SurfaceGrid, nodes: np.ndarray, color: str, offset: float) -> None:
     """Draw the grid lines of a body where they face the observer, who looks from (1, 1, 1)."""
     view = np.array([[-1.0, 1.0, 0.0], [-1.0, -1.0, 2.0]]) / np.sqrt([[2.0], [6.0]])
     for ids in surface.faces:

@@ -52,7 +52,7 @@ SIZES = {"quick": (32, 16, (11, 8), 3), "default": (64, 32, (15, 10), 200), "pap
 
 def make_model(n_around: int, n_away: int, n_control) -> bm.FittedModel:
     """Make the O-grid about the section and fit it; all members of its family have the section of the fit."""
-    grid = bm.section_o_grid(bm.naca_section(0.12), n_around, far=50.0, n_away=n_away)
+    grid = bm.generators.section_o_grid(bm.generators.naca_section(0.12), n_around, far=50.0, n_away=n_away)
     return bm.fit_grid(grid, n_control=[(*n_control, 2)], keep_residual=False)
 
 
@@ -61,28 +61,28 @@ def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Pr
 
     The two planes of the grid move alike. Without combinations of the heights, they are inputs.
     """
-    mesh, wall = bm.moving_mesh(model), bm.SurfaceGrid.of(model, "wing")
+    mesh, wall = bm.movers.moving_mesh(model), bm.measures.SurfaceGrid.of(model, "wing")
     rows = [np.searchsorted(mesh.surface_ids, mesh.blocks[0][:, 0, k]) for k in range(2)]
     heights = mesh.points[mesh.surface_ids][rows[0], 1]
     free = np.flatnonzero(np.abs(heights) > 1e-3 * np.abs(heights).max())
     first, second = (row[free] for row in rows)
-    variable = bm.Local("heights", first, np.abs(heights[free])[:, None] * [0.0, 1.0, 0.0], units=None)
-    parametrization = bm.Parametrization(mesh, [variable], [bm.Linked(first, second)])
+    variable = bm.design.Local("heights", first, np.abs(heights[free])[:, None] * [0.0, 1.0, 0.0], units=None)
+    parametrization = bm.design.Parametrization(mesh, [variable], [bm.constraints.Linked(first, second)])
     places = np.column_stack([PLACES, np.zeros(len(PLACES)), np.full(len(PLACES), 0.5)])
     measures = [
-        bm.Thickness.at(wall, places, np.array([0.0, 1.0, 0.0]), relative=True),
-        bm.EnclosedVolume.of(wall, relative=True),
+        bm.measures.Thickness.at(wall, places, np.array([0.0, 1.0, 0.0]), relative=True),
+        bm.measures.EnclosedVolume.of(wall, relative=True),
     ]
     problem, flows = om.Problem(reports=None), om.Group()
     geometry = bm.GridMovement(
         model=model,
         parametrization=parametrization,
         measures=measures,
-        mover=bm.LinearElasticity(mesh, n_increments=5),
+        mover=bm.movers.LinearElasticity(mesh, n_increments=5),
         fit=False,
     )
     if combinations is not None:
-        problem.model.add_subsystem("combine", bm.combine("heights", combinations), promotes=["*"])
+        problem.model.add_subsystem("combine", bm.drivers.combine("heights", combinations), promotes=["*"])
         problem.model.add_design_var("combinations", ref=PRESSURE)
         problem.model.add_constraint("heights", lower=PARTS[0], upper=PARTS[1])
     problem.model.add_subsystem("geometry", geometry, promotes=["*"])
@@ -122,7 +122,9 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
     """
     *counts, iterations = pick_size(SIZES, paper, quick)
     model, name = make_model(*counts), "multipoint_section"
-    combinations = bm.even_pressures(pose(model), model, "heights", [f"flows.{name}.Cp" for name in MACH_NUMBERS])
+    combinations = bm.drivers.even_pressures(
+        pose(model), model, "heights", [f"flows.{name}.Cp" for name in MACH_NUMBERS]
+    )
     start, away = (pose(model, combinations) for _ in range(2))
     for problem in (start, away):
         problem.setup(mode="rev")

@@ -37,13 +37,13 @@ def pose(model, lattice: tuple[int, int]) -> om.Problem:
 
     The axis is the trailing edge, which stays straight, and so does the wake.
     """
-    mesh = bm.moving_mesh(model)
-    axis = bm.ReferenceAxis.of(mesh, at=1.0)
-    sections = [bm.Camber("camber", axis, STATIONS), bm.Twist("twist", axis, STATIONS)]
+    mesh = bm.movers.moving_mesh(model)
+    axis = bm.design.ReferenceAxis.of(mesh, at=1.0)
+    sections = [bm.design.Camber("camber", axis, STATIONS), bm.design.Twist("twist", axis, STATIONS)]
     geometry = bm.GridMovement(
         model=model,
-        parametrization=bm.Parametrization(mesh, sections),
-        mover=bm.LinearElasticity(mesh, n_increments=1),
+        parametrization=bm.design.Parametrization(mesh, sections),
+        mover=bm.movers.LinearElasticity(mesh, n_increments=1),
         fit=False,
     )
     n_chord, n_span = lattice
@@ -78,7 +78,7 @@ def main(quick: bool = False) -> dict:
     """
     shape, n_control, lattice = pick_size(SIZES, quick=quick)
     comm = world()
-    model = bm.fit_blocks(bm.onera_m6_grid(shape), comm, n_control=n_control).share()
+    model = bm.splines.fit_blocks(bm.generators.onera_m6_grid(shape), comm, n_control=n_control).share()
     problem = pose(model, lattice)
     problem.driver = bm.NLoptDriver(optimizer="LD_SLSQP", ftol_rel=1e-6, maxeval=60)
     problem.setup(mode="rev")

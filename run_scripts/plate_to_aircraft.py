@@ -74,30 +74,30 @@ def make_model(shape, n_control) -> bm.FittedModel:
     """Make the grid about the plate and fit it; all members of its family have the same plate."""
     stream, normal, span = n_control
     counts = [(i, j, k) for k, j, i in product(span, normal, stream)]
-    return bm.fit_grid(bm.flat_plate_grid(shape), n_control=counts, keep_residual=False)
+    return bm.fit_grid(bm.generators.flat_plate_grid(shape), n_control=counts, keep_residual=False)
 
 
 def pose(model: bm.FittedModel, stations: int, flow: str, combinations: np.ndarray | None = None) -> om.Problem:
     """Pose the problem. Not yet set up. Without combinations of the heights, they are variables themselves."""
-    mesh, wall = bm.moving_mesh(model), bm.SurfaceGrid.of(model, "wing*")
-    quarter, trailing = (bm.ReferenceAxis.of(mesh, at=part) for part in (0.25, 1.0))
-    upper, lower = (bm.OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
+    mesh, wall = bm.movers.moving_mesh(model), bm.measures.SurfaceGrid.of(model, "wing*")
+    quarter, trailing = (bm.design.ReferenceAxis.of(mesh, at=part) for part in (0.25, 1.0))
+    upper, lower = (bm.design.OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
     sides = (upper & ~lower) | (lower & ~upper)
     outwards = np.where(upper.mask(mesh), 1.0, -1.0)[sides.mask(mesh)]
     variables = [  # from the sections outwards
-        bm.Local("heights", sides, outwards[:, None] * [0.0, 1.0, 0.0]),
-        bm.Chord("chord", quarter, stations),
-        bm.Twist("twist", trailing, stations),
-        bm.Span("span", quarter),
-        bm.Sweep("sweep", quarter),
+        bm.design.Local("heights", sides, outwards[:, None] * [0.0, 1.0, 0.0]),
+        bm.design.Chord("chord", quarter, stations),
+        bm.design.Twist("twist", trailing, stations),
+        bm.design.Span("span", quarter),
+        bm.design.Sweep("sweep", quarter),
     ]
-    measures = [bm.EnclosedVolume.of(wall), bm.ProjectedArea.of(wall, relative=True)]
-    mover = bm.LinearElasticity(mesh, n_increments=3)
-    parametrization = bm.Parametrization(mesh, variables)
+    measures = [bm.measures.EnclosedVolume.of(wall), bm.measures.ProjectedArea.of(wall, relative=True)]
+    mover = bm.movers.LinearElasticity(mesh, n_increments=3)
+    parametrization = bm.design.Parametrization(mesh, variables)
     geometry = bm.GridMovement(model=model, parametrization=parametrization, measures=measures, mover=mover, fit=False)
     problem, (make_flow, options, drag) = om.Problem(reports=None), FLOWS[flow]
     if combinations is not None:
-        problem.model.add_subsystem("combine", bm.combine("heights", combinations, units="m"), promotes=["*"])
+        problem.model.add_subsystem("combine", bm.drivers.combine("heights", combinations, units="m"), promotes=["*"])
     problem.model.add_subsystem("geometry", geometry, promotes=["*"])
     problem.model.add_subsystem("flow", make_flow(model=model, reference_area=AREA, **options), promotes=["*"])
     problem.model.add_subsystem("drag", om.ExecComp(f"drag = {drag}"), promotes=["*"])
@@ -153,7 +153,7 @@ def main(
 
     combinations = None
     if flow == "euler":
-        combinations = bm.even_pressures(pose(model, stations, flow), model, "heights", linear_tolerance=1e-6)
+        combinations = bm.drivers.even_pressures(pose(model, stations, flow), model, "heights", linear_tolerance=1e-6)
 
     def make_problem(member: bm.FittedModel = model) -> om.Problem:
         return pose(member, stations, flow, combinations)

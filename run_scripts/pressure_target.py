@@ -65,11 +65,11 @@ class PressureTarget:
     def __init__(self, shape, n_control):
         stream, normal, span = n_control
         counts = [(i, j, k) for k, j, i in product(span, normal, stream)]
-        self.model = bm.fit_grid(bm.onera_m6_grid(shape), n_control=counts)
-        self.mesh = bm.moving_mesh(self.model)
-        upper, lower = (bm.OnPatch(self.model, f"wing_{side}") for side in ("upper", "lower"))
+        self.model = bm.fit_grid(bm.generators.onera_m6_grid(shape), n_control=counts)
+        self.mesh = bm.movers.moving_mesh(self.model)
+        upper, lower = (bm.design.OnPatch(self.model, f"wing_{side}") for side in ("upper", "lower"))
         sides = (upper & ~lower) | (lower & ~upper)  # not the control points that both share, of edges and tip
-        self.variable = bm.Local("heights", sides, "y")
+        self.variable = bm.design.Local("heights", sides, "y")
         points = self.mesh.points[self.mesh.surface_ids][sides.mask(self.mesh)]
         self.heights = HEIGHT * points[:, 1] * smooth_noise((points - points.min(axis=0)) / np.ptp(points, axis=0))
         self.target = started(self.flight(), heights=self.heights).get_val("Cp").copy()
@@ -84,9 +84,9 @@ class PressureTarget:
 
     def flight(self) -> om.Problem:
         """From the heights to the pressures. Not set up."""
-        problem, parametrization = om.Problem(reports=None), bm.Parametrization(self.mesh, [self.variable])
+        problem, parametrization = om.Problem(reports=None), bm.design.Parametrization(self.mesh, [self.variable])
         mover, flow = (
-            bm.LinearElasticity(self.mesh, n_increments=1),
+            bm.movers.LinearElasticity(self.mesh, n_increments=1),
             bm.EulerFlow(model=self.model, reference_area=AREA),
         )
         geometry = bm.GridMovement(model=self.model, parametrization=parametrization, mover=mover, fit=False)

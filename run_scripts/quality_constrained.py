@@ -55,7 +55,7 @@ class DistanceFromPlanes:
 
     name, units, shape = "distance", None, (1,)
 
-    def __init__(self, surface: bm.SurfaceGrid, normals: np.ndarray, offsets: np.ndarray):
+    def __init__(self, surface: bm.measures.SurfaceGrid, normals: np.ndarray, offsets: np.ndarray):
         self.surface = surface
         ids = np.concatenate([ids.ravel() for ids in surface.faces])
         face = np.repeat(np.arange(len(surface.faces)), [ids.size for ids in surface.faces])
@@ -78,14 +78,14 @@ class Turn:
     """A cube that is to turn, with so many nodes and control points along its edges."""
 
     def __init__(self, n_nodes: int, n_control: int, n_increments: int):
-        grid = bm.brick_grid((n_nodes, n_nodes, n_nodes, 7), far=5.0)
+        grid = bm.generators.brick_grid((n_nodes, n_nodes, n_nodes, 7), far=5.0)
         # without the constraint the grid is turned inside out: Eq. (3) alone goes on there, to show it
         self.model = bm.fit_grid(grid, n_control=(n_control, n_control, 5), wall_layer=False)
-        mesh, surface = bm.moving_mesh(self.model), bm.SurfaceGrid.of(self.model)
+        mesh, surface = bm.movers.moving_mesh(self.model), bm.measures.SurfaceGrid.of(self.model)
         centres = np.array([surface.points[ids].mean(axis=(0, 1)) for ids in surface.faces])
         self.measure = DistanceFromPlanes(surface, turned(2.0 * centres), np.full(6, 0.5))
-        self.parametrization = bm.Parametrization(mesh, [bm.Local("move")])
-        self.mover = bm.LinearElasticity(mesh, n_increments=n_increments)
+        self.parametrization = bm.design.Parametrization(mesh, [bm.design.Local("move")])
+        self.mover = bm.movers.LinearElasticity(mesh, n_increments=n_increments)
 
     def problem(self, is_constrained: bool) -> om.Problem:
         """Least distance, not set up; inverted cells on the way are no error."""

@@ -62,10 +62,10 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
         symmetry from it (m), and ``products``, by how much forward and reverse products differ.
     """
     coarse, fine = pick_size(SIZES, paper, quick)
-    model = bm.fit_grid(bm.onera_m6_grid(coarse, bm.Spacing(off_wall=OFF_WALL[0])))
-    mesh, triangles = wedges(bm.onera_m6_grid(fine, bm.Spacing(off_wall=OFF_WALL[1])))
+    model = bm.fit_grid(bm.generators.onera_m6_grid(coarse, bm.generators.Spacing(off_wall=OFF_WALL[0])))
+    mesh, triangles = wedges(bm.generators.onera_m6_grid(fine, bm.generators.Spacing(off_wall=OFF_WALL[1])))
     start = time.process_time()
-    riding = bm.RidingMesh.of(model, mesh)
+    riding = bm.riding.RidingMesh.of(model, mesh)
     numbers = {
         "n_nodes": model.n_nodes,
         "n_points": mesh.n_points,
@@ -81,7 +81,7 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
     return numbers | {name: judge(riding, state, asked) for name, (state, asked) in states.items()}
 
 
-def wedges(grid: bm.Grid) -> tuple[bm.MixedMesh, np.ndarray]:
+def wedges(grid: bm.Grid) -> tuple[bm.riding.MixedMesh, np.ndarray]:
     """Make a mesh of the nodes of a grid, each once, and name the triangles at the station, shape (n, 3)."""
     points, numbers = np.unique(grid.to_vector().reshape(-1, 3), axis=0, return_inverse=True)
     cells, triangles, first = [], [], 0
@@ -93,27 +93,27 @@ def wedges(grid: bm.Grid) -> tuple[bm.MixedMesh, np.ndarray]:
         if (points[ids[:, :, 0], 2] == 0.0).all():  # beside the wing, not beyond its tip
             layer = corners[:, :, round(STATION * (shape[2] - 2))].reshape(-1, 8)
             triangles.append(layer[:, WEDGES[:, :3]].reshape(-1, 3))
-    return bm.MixedMesh(points, {"wedge": np.concatenate(cells)}), np.concatenate(triangles)
+    return bm.riding.MixedMesh(points, {"wedge": np.concatenate(cells)}), np.concatenate(triangles)
 
 
-def move(model: bm.FittedModel, riding: bm.RidingMesh, text: str):
+def move(model: bm.FittedModel, riding: bm.riding.RidingMesh, text: str):
     """Move the control mesh by a deformation, and the mesh with it; also where its wall was asked to be."""
-    control = bm.moving_mesh(model)
-    deformation = bm.parse_deformation(text, model, control)
+    control = bm.movers.moving_mesh(model)
+    deformation = bm.design.parse_deformation(text, model, control)
     surface = deformation.apply(model.control_points[control.surface_ids])
-    number = bm.increments_for(bm.LinearElasticity(control), [surface])
-    moved = bm.LinearElasticity(control, n_increments=number).move(model.control_points, surface).points
+    number = bm.movers.increments_for(bm.movers.LinearElasticity(control), [surface])
+    moved = bm.movers.LinearElasticity(control, n_increments=number).move(model.control_points, surface).points
     wall = riding.walls.initial
     asked = deformation.apply_to_nodes(wall, [(np.flatnonzero(wall[:, 2] == 0.0), np.eye(3)[2])])
     return riding.at(moved, asked), asked
 
 
-def ratios(riding: bm.RidingMesh, state) -> np.ndarray:
+def ratios(riding: bm.riding.RidingMesh, state) -> np.ndarray:
     """Heights of the first nodes at the wall by those before."""
     return riding.walls.heights(state.points) / riding.walls.heights(riding.mesh.points)
 
 
-def judge(riding: bm.RidingMesh, state, asked: np.ndarray) -> dict:
+def judge(riding: bm.riding.RidingMesh, state, asked: np.ndarray) -> dict:
     """Measure a mesh that was moved, see `main`."""
     rng = np.random.default_rng(0)
     seed, bar, d_wall = (rng.normal(size=x.shape) for x in (riding.control_points, state.points, asked))
@@ -128,7 +128,7 @@ def judge(riding: bm.RidingMesh, state, asked: np.ndarray) -> dict:
     }
 
 
-def draw(folder, riding: bm.RidingMesh, states: dict, triangles: np.ndarray) -> None:
+def draw(folder, riding: bm.riding.RidingMesh, states: dict, triangles: np.ndarray) -> None:
     """Draw the mesh near the wing, the wing as it was and as it is, and the heights of the first nodes."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     edges = edges[np.isin(edges, riding.walls.rows).all(axis=1)].T

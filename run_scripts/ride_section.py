@@ -54,14 +54,14 @@ def main(figures=None, quick: bool = False) -> dict:
         file that have changed and are no nodes, and ``products``, by how much forward and reverse products differ.
     """
     coarse, fine = N_AROUND[quick]
-    model = bm.fit_grid(bm.section_o_grid(bm.naca_section(0.12), n_around=coarse, far=FAR[0]))
+    model = bm.fit_grid(bm.generators.section_o_grid(bm.generators.naca_section(0.12), n_around=coarse, far=FAR[0]))
     nodes, triangles, quads, lines = plane_mesh(fine)
     numbers = {"n_points": len(nodes), "n_quads": len(quads), "n_triangles": len(triangles)}
     with TemporaryDirectory() as folder:
         path = Path(folder, "airfoil.su2")
         path.write_text(su2_text(nodes, triangles, quads, lines))
-        file = bm.read_mesh(path, bm.section_span(model))
-        riding = bm.RidingMesh.of(model, file.mesh)
+        file = bm.files.read_mesh(path, bm.riding.section_span(model))
+        riding = bm.riding.RidingMesh.of(model, file.mesh)
         states = {name: move(model, riding, text) for name, text in MOVES.items()}
         for name, (state, asked) in states.items():
             file.write(Path(folder, f"{name}.su2"), state.points)
@@ -74,7 +74,11 @@ def main(figures=None, quick: bool = False) -> dict:
 
 def plane_mesh(n_around: int):
     """Make the nodes of the mesh, shape (n, 2), and its triangles, quads and lines of the airfoil."""
-    grid = bm.section_o_grid(bm.naca_section(0.12), n_around=n_around, far=FAR[1]).blocks[0].nodes[:-1, :, 0, :2]
+    grid = (
+        bm.generators.section_o_grid(bm.generators.naca_section(0.12), n_around=n_around, far=FAR[1])
+        .blocks[0]
+        .nodes[:-1, :, 0, :2]
+    )
     layers = [0.0, FIRST]
     while layers[-1] < 1.0:
         layers.append(layers[-1] + GROWTH * (layers[-1] - layers[-2]))
@@ -102,18 +106,18 @@ def su2_text(nodes: np.ndarray, triangles: np.ndarray, quads: np.ndarray, lines:
     return "\n".join([*text, ""])
 
 
-def move(model: bm.FittedModel, riding: bm.RidingMesh, text: str):
+def move(model: bm.FittedModel, riding: bm.riding.RidingMesh, text: str):
     """Move the control mesh by a deformation, and the mesh with it; also where its wall was asked to be."""
-    control = bm.moving_mesh(model)
-    deformation = bm.parse_deformation(text, model, control)
+    control = bm.movers.moving_mesh(model)
+    deformation = bm.design.parse_deformation(text, model, control)
     surface = deformation.apply(model.control_points[control.surface_ids])
-    number = bm.increments_for(bm.LinearElasticity(control), [surface])
-    moved = bm.LinearElasticity(control, n_increments=number).move(model.control_points, surface).points
+    number = bm.movers.increments_for(bm.movers.LinearElasticity(control), [surface])
+    moved = bm.movers.LinearElasticity(control, n_increments=number).move(model.control_points, surface).points
     asked = deformation.apply_to_nodes(riding.walls.initial)
     return riding.at(moved, asked), asked
 
 
-def judge(riding: bm.RidingMesh, state, asked: np.ndarray) -> dict:
+def judge(riding: bm.riding.RidingMesh, state, asked: np.ndarray) -> dict:
     """Measure a mesh that was moved, see `main`."""
     rng = np.random.default_rng(0)
     seed, bar, d_wall = (rng.normal(size=x.shape) for x in (riding.control_points, state.points, asked))
@@ -136,7 +140,9 @@ def n_changed(before: list[str], after: list[str], n_nodes: int) -> int:
     return sum(a != b for a, b in zip(*rest)) + abs(len(before) - len(after))
 
 
-def draw(folder, n_nodes: int, riding: bm.RidingMesh, states: dict, triangles: np.ndarray, quads: np.ndarray) -> None:
+def draw(
+    folder, n_nodes: int, riding: bm.riding.RidingMesh, states: dict, triangles: np.ndarray, quads: np.ndarray
+) -> None:
     """Draw the mesh after each move, and the airfoil as it was."""
     sides = [np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1).reshape(-1, 2) for cells in (triangles, quads)]
     sides = np.unique(np.sort(np.concatenate(sides), axis=1), axis=0)

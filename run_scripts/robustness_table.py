@@ -25,8 +25,8 @@ from bspline_mdao.grids.io.patch_guess import with_guessed_patches
 from bspline_mdao.studio.run_script import run
 
 CANONICAL = {
-    "plate": (bm.flat_plate_grid, bm.generic_blended_wing_body),
-    "M6": (bm.onera_m6_grid, bm.rectangular_wing),
+    "plate": (bm.generators.flat_plate_grid, bm.generators.generic_blended_wing_body),
+    "M6": (bm.generators.onera_m6_grid, bm.generators.rectangular_wing),
 }
 """The grids of section IV, each with the shape that it becomes there."""
 
@@ -37,19 +37,19 @@ DEFORMATIONS = ("twist=90deg", "stretch=2", "bend=120deg@0.7", "chord=0.5", "bum
 """What is asked of every grid."""
 
 KINDS = {
-    "elasticity": bm.LinearElasticity,
-    "held": bm.FixedInterior,
-    "transfinite": bm.Transfinite,
-    "lineal springs": bm.LinealSprings,
-    "torsional springs": bm.TorsionalSprings,
-    "radial, wendland c2": bm.RadialBasis,
-    "radial, volume": partial(bm.RadialBasis, kernel="volume"),
-    "delaunay": bm.DelaunayGraph,
-    "inverse distance": bm.InverseDistance,
+    "elasticity": bm.movers.LinearElasticity,
+    "held": bm.movers.FixedInterior,
+    "transfinite": bm.movers.Transfinite,
+    "lineal springs": bm.movers.LinealSprings,
+    "torsional springs": bm.movers.TorsionalSprings,
+    "radial, wendland c2": bm.movers.RadialBasis,
+    "radial, volume": partial(bm.movers.RadialBasis, kernel="volume"),
+    "delaunay": bm.movers.DelaunayGraph,
+    "inverse distance": bm.movers.InverseDistance,
 }
 """All movers, at their defaults but for the increments."""
 
-PAPER = partial(bm.LinearElasticity, n_increments=5)
+PAPER = partial(bm.movers.LinearElasticity, n_increments=5)
 """Elasticity as in the paper."""
 
 ELASTICITY = {
@@ -67,16 +67,16 @@ ELASTICITY = {
 class Chosen:
     """A mover that moves in as many increments as the surface at hand needs."""
 
-    mover: bm.LinearElasticity | bm.TorsionalSprings | bm.LinealSprings
+    mover: bm.movers.LinearElasticity | bm.movers.TorsionalSprings | bm.movers.LinealSprings
 
     @property
-    def mesh(self) -> bm.MovingMesh:
+    def mesh(self) -> bm.movers.MovingMesh:
         """Mesh that is moved."""
         return self.mover.mesh
 
     def move(self, initial: np.ndarray, surface: np.ndarray):
         """Move points (n_points, 3) of the baseline behind surface points (n_surface, 3), both in metres."""
-        number = bm.increments_for(self.mover, [surface])
+        number = bm.movers.increments_for(self.mover, [surface])
         return replace(self.mover, n_increments=number).move(initial, surface)
 
 
@@ -86,12 +86,12 @@ def chosen(kind: Callable) -> Callable:
 
 
 INCREMENTS = {
-    "chosen": chosen(bm.LinearElasticity),
-    **{f"m = {m}": partial(bm.LinearElasticity, n_increments=m) for m in (1, 2, 5, 10, 20)},
-    "torsional springs, chosen": chosen(bm.TorsionalSprings),
-    "torsional springs, m = 5": partial(bm.TorsionalSprings, n_increments=5),
-    "lineal springs, chosen": chosen(bm.LinealSprings),
-    "lineal springs, m = 5": partial(bm.LinealSprings, n_increments=5),
+    "chosen": chosen(bm.movers.LinearElasticity),
+    **{f"m = {m}": partial(bm.movers.LinearElasticity, n_increments=m) for m in (1, 2, 5, 10, 20)},
+    "torsional springs, chosen": chosen(bm.movers.TorsionalSprings),
+    "torsional springs, m = 5": partial(bm.movers.TorsionalSprings, n_increments=5),
+    "lineal springs, chosen": chosen(bm.movers.LinealSprings),
+    "lineal springs, m = 5": partial(bm.movers.LinealSprings, n_increments=5),
 }
 """Numbers of increments, and the number that is chosen for each case."""
 
@@ -111,7 +111,7 @@ class Body:
     name: str
     grid: bm.Grid
     n_control: tuple[int, int, int] | None = None
-    target: bm.Shape | None = None
+    target: bm.generators.Shape | None = None
 
     def __post_init__(self):
         if not self.mesh.is_free.any():
@@ -125,7 +125,7 @@ class Body:
     @cached_property
     def mesh(self):
         """The control mesh."""
-        return bm.moving_mesh(self.model)
+        return bm.movers.moving_mesh(self.model)
 
     @cached_property
     def quality(self) -> GridQuality:
@@ -142,9 +142,9 @@ class Body:
             such direction.
         """
         if request == "shape":
-            return bm.fit_shape(self.model, self.mesh.surface_ids, self.target)
+            return bm.generators.fit_shape(self.model, self.mesh.surface_ids, self.target)
         points = self.mesh.points
-        surface = bm.parse_deformation(request, self.model, self.mesh).apply(points[self.mesh.surface_ids])
+        surface = bm.design.parse_deformation(request, self.model, self.mesh).apply(points[self.mesh.surface_ids])
         outside = np.maximum(surface - points.max(axis=0), points.min(axis=0) - surface).max()
         if outside > 1e-6 * self.mesh.size:
             raise bm.InputError(f"the surface would leave the box around the grid by {outside:.3g} m")

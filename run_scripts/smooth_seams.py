@@ -47,13 +47,15 @@ class Ball:
     """A ball whose seams are smooth to round-off: ``model``, ``mesh``, ``surface`` and the ``inside`` of its top."""
 
     def __init__(self, n_nodes: int, n_control: int):
-        fitted = bm.fit_grid(bm.ball_grid((n_nodes, n_nodes, n_nodes, 5)), n_control=(n_control, n_control, 4))
-        mesh = bm.moving_mesh(fitted)
-        self.kink = bm.seam_continuity(fitted)[0].max_kink
+        fitted = bm.fit_grid(
+            bm.generators.ball_grid((n_nodes, n_nodes, n_nodes, 5)), n_control=(n_control, n_control, 4)
+        )
+        mesh = bm.movers.moving_mesh(fitted)
+        self.kink = bm.measures.seam_continuity(fitted)[0].max_kink
         points = fitted.control_points.copy()
-        points[mesh.surface_ids] = bm.TangentContinuity().snapped(mesh, points[mesh.surface_ids])
+        points[mesh.surface_ids] = bm.constraints.TangentContinuity().snapped(mesh, points[mesh.surface_ids])
         self.model = replace(fitted, control_points=points, residual=None)
-        self.mesh, self.surface = bm.moving_mesh(self.model), bm.SurfaceGrid.of(self.model)
+        self.mesh, self.surface = bm.movers.moving_mesh(self.model), bm.measures.SurfaceGrid.of(self.model)
         self.points = self.mesh.points[self.mesh.surface_ids]
         longest = np.abs(self.points).max(axis=1)
         self.inside = np.flatnonzero(self.points[:, 2] > np.sort(np.abs(self.points), axis=1)[:, 1] * (1.0 + 1e-6))
@@ -62,18 +64,18 @@ class Ball:
     def problem(self, tolerance: float | None, bound: float | None = None) -> om.Problem:
         """Least area at the larger volume, not set up."""
         outside = np.setdiff1d(np.arange(len(self.points)), self.inside)
-        constraints = [bm.TangentContinuity(tolerance=tolerance, followers=outside)] if tolerance else []
-        swelling = bm.Local("swelling", self.inside, direction=self.rays)
-        parametrization = bm.Parametrization(self.mesh, [swelling], constraints=constraints)
+        constraints = [bm.constraints.TangentContinuity(tolerance=tolerance, followers=outside)] if tolerance else []
+        swelling = bm.design.Local("swelling", self.inside, direction=self.rays)
+        parametrization = bm.design.Parametrization(self.mesh, [swelling], constraints=constraints)
         problem = om.Problem(reports=None)
         evaluate = bm.SurfaceEvaluate(model=self.model, mesh=self.mesh, surface=self.surface)
-        area, volume = bm.SurfaceArea.of(self.surface), bm.EnclosedVolume.of(self.surface)
+        area, volume = bm.measures.SurfaceArea.of(self.surface), bm.measures.EnclosedVolume.of(self.surface)
         problem.model.add_subsystem("control", bm.SurfaceControl(parametrization=parametrization), promotes=["*"])
         problem.model.add_subsystem("evaluate_surface", evaluate, promotes=["*"])
         problem.model.add_subsystem("area", bm.SurfaceMeasure(measure=area), promotes=["*"])
         problem.model.add_subsystem("volume", bm.SurfaceMeasure(measure=volume), promotes=["*"])
         if bound is not None:
-            jumps = bm.SeamSmoothness.curvature_jumps(self.model, self.mesh)
+            jumps = bm.measures.SeamSmoothness.curvature_jumps(self.model, self.mesh)
             problem.model.add_subsystem("jumps", bm.SeamMeasure(measure=jumps), promotes=["*"])
             problem.model.add_constraint(jumps.name, lower=-bound, upper=bound)
         problem.model.add_design_var("swelling", ref=0.2)
@@ -114,7 +116,7 @@ def main(paper: bool = False, figures=None, folder=None) -> dict:
         (done,) = optimise_with(DRIVER, partial(ball.problem, tolerance, bound), TOLERANCE, 300).values()
         bodies[name] = done.problem
         points = ball.control_points(done.problem)
-        seams[name] = bm.seam_continuity(ball.model, points)
+        seams[name] = bm.measures.seam_continuity(ball.model, points)
         numbers[name] = done.numbers() | {
             "area": done.problem.get_val("surface_area").item(),
             "volume": done.problem.get_val("volume").item(),
@@ -127,7 +129,7 @@ def main(paper: bool = False, figures=None, folder=None) -> dict:
     started.run_model()
     if figures:
         draw(figures, ball, bodies, seams)
-    snapped = bm.seam_continuity(ball.model)[0].max_kink
+    snapped = bm.measures.seam_continuity(ball.model)[0].max_kink
     totals = check_totals(perturb_design(started))._asdict()
     return {"fitted_kink": ball.kink, "snapped_kink": snapped, **numbers, "totals": totals}
 
@@ -137,7 +139,7 @@ def into_cad(model: bm.FittedModel, points: np.ndarray, name: str, folder=None) 
     if find_spec("OCP") is None:
         return None
     with TemporaryDirectory() as other:
-        report = bm.write_cad(Path(folder or other, f"{name}.step"), model, points)
+        report = bm.files.write_cad(Path(folder or other, f"{name}.step"), model, points)
     names = "distance", "tolerance", "is_valid", "n_solids", "n_open", "n_exact", "n_bytes"
     return {name: getattr(report, name) for name in names}
 

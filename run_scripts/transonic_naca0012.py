@@ -69,9 +69,9 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
 def section_model(n_side: int) -> bm.FittedModel:
     """Fit the grid about the section, with these cells along each side of it."""
     n_away, coarseness = 3 * n_side // 4 + 1, 32.0 / n_side
-    spacing = bm.Spacing(off_wall=6e-3 * coarseness, leading=8e-3 * coarseness, trailing=8e-3 * coarseness)
-    shape, far = ((n_away, n_side + 1, n_away), n_away), bm.FarField(distance=50.0)
-    return bm.fit_grid(bm.infinite_wing_grid(bm.naca_section(0.12), shape, spacing, far))
+    spacing = bm.generators.Spacing(off_wall=6e-3 * coarseness, leading=8e-3 * coarseness, trailing=8e-3 * coarseness)
+    shape, far = ((n_away, n_side + 1, n_away), n_away), bm.generators.FarField(distance=50.0)
+    return bm.fit_grid(bm.generators.infinite_wing_grid(bm.generators.naca_section(0.12), shape, spacing, far))
 
 
 def problem_of(model: bm.FittedModel, mach: float, iprint: int) -> om.Problem:

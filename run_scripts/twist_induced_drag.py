@@ -22,7 +22,7 @@ from bspline_mdao.plotting import draw_designs, figure
 from bspline_mdao.studio.run_script import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
-PLANFORM = bm.Planform(root_chord=1.0, semi_span=3.0)
+PLANFORM = bm.generators.Planform(root_chord=1.0, semi_span=3.0)
 MACH, LIFT = 0.5, 0.375
 IDEAL = LIFT**2 / (np.pi * PLANFORM.aspect_ratio)
 """Induced drag of an elliptical load."""
@@ -49,7 +49,9 @@ def make_model(shape, n_control, spacing) -> bm.FittedModel:
     """Make the grid about the wing and fit it."""
     stream, normal, span = n_control
     counts = [(i, j, k) for k, j, i in product(span, normal, stream)]
-    grid = bm.hh_wing_grid(bm.Wing(PLANFORM, bm.naca_section(0.12)), shape, bm.Spacing(*spacing))
+    grid = bm.generators.hh_wing_grid(
+        bm.generators.Wing(PLANFORM, bm.generators.naca_section(0.12)), shape, bm.generators.Spacing(*spacing)
+    )
     return bm.fit_grid(grid, n_control=counts)
 
 
@@ -58,10 +60,12 @@ def pose(model: bm.FittedModel, stations: int, flow: str) -> om.Problem:
 
     The wing is twisted about its trailing edge, so that the trace of the wake stays straight.
     """
-    mesh = bm.moving_mesh(model)
-    twist = bm.Twist("twist", bm.ReferenceAxis.of(mesh, at=1.0), stations)
-    mover = bm.LinearElasticity(mesh, n_increments=3)
-    geometry = bm.GridMovement(model=model, parametrization=bm.Parametrization(mesh, [twist]), mover=mover, fit=False)
+    mesh = bm.movers.moving_mesh(model)
+    twist = bm.design.Twist("twist", bm.design.ReferenceAxis.of(mesh, at=1.0), stations)
+    mover = bm.movers.LinearElasticity(mesh, n_increments=3)
+    geometry = bm.GridMovement(
+        model=model, parametrization=bm.design.Parametrization(mesh, [twist]), mover=mover, fit=False
+    )
     area = PLANFORM.root_chord * PLANFORM.semi_span
 
     problem = om.Problem(reports=None)

@@ -124,29 +124,29 @@ def joukowski(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     return (z - front) / (k - front), speed, 8.0 * np.pi * radius / (k - front) * np.sin(incidence)
 
 
-def section_through(z: np.ndarray, nose_radius: float) -> bm.Section:
+def section_through(z: np.ndarray, nose_radius: float) -> bm.generators.Section:
     """Give the symmetric section through points from the nose along the upper side."""
     points = np.stack([z.real, z.imag], axis=1)
     points[[0, -1]] = [[0.0, 0.0], [1.0, 0.0]]
-    return bm.Section.symmetric(points, nose_radius)
+    return bm.generators.Section.symmetric(points, nose_radius)
 
 
 def round_grid(n: int) -> bm.Grid:
     """Make a grid about a cylinder of diameter 1 with n cells around."""
     circle = 0.5 + 0.5 * np.exp(1j * np.linspace(np.pi, 0.0, 1601))
-    return bm.section_o_grid(section_through(circle, 0.5), n)
+    return bm.generators.section_o_grid(section_through(circle, 0.5), n)
 
 
 def section_grid(n: int) -> bm.Grid:
     """Make a grid about the section of Kármán and Trefftz with n cells around."""
     front, near = joukowski(np.pi - np.array([0.0, 1e-3]))[0]
     nose_radius = 0.5 * near.imag**2 / (near.real - front.real)
-    return bm.section_o_grid(section_through(joukowski(np.linspace(np.pi, 0.0, 801))[0], nose_radius), n)
+    return bm.generators.section_o_grid(section_through(joukowski(np.linspace(np.pi, 0.0, 801))[0], nose_radius), n)
 
 
 def ball(n: int) -> bm.Grid:
     """Make a grid about a sphere with n cells along a quarter of its great circles."""
-    return bm.ball_grid((n + 1, n + 1, n + 1, 2 * n + 1), far=20.0, off_wall=0.72 / n)
+    return bm.generators.ball_grid((n + 1, n + 1, n + 1, 2 * n + 1), far=20.0, off_wall=0.72 / n)
 
 
 CASES = {

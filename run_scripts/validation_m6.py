@@ -61,11 +61,11 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
         ``members``, a list of what `run_flow` returns; ``SU2``, its lift and drag by the same area; and where there are
         measured pressures ``Cp_difference``, the root mean square difference from them at each station.
     """
-    planform = bm.onera_m6_planform()
+    planform = bm.generators.onera_m6_planform()
     area = 2.0 * planform.semi_span**2 / planform.aspect_ratio
     members = []
     for shape in pick_size(SIZES, paper, quick):
-        model = bm.fit_grid(bm.onera_m6_grid(shape, far_field=bm.FarField(distance=20.0)))
+        model = bm.fit_grid(bm.generators.onera_m6_grid(shape, far_field=bm.generators.FarField(distance=20.0)))
         problem = flow_problem(model, area, iprint)
         members.append(run_flow(problem))
     quads, cp = problem.get_val(GRID).reshape(-1, 3)[wall_quads(model)], problem.get_val("Cp")
@@ -111,7 +111,7 @@ def read_measured(file: Path) -> dict[float, np.ndarray]:
 def section(quads: np.ndarray, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Wall faces at a place along the span, their chord fractions, and which are on the upper side."""
     around = faces_around(quads, place)
-    planform, middles = bm.onera_m6_planform(), quads[around].mean(axis=1)
+    planform, middles = bm.generators.onera_m6_planform(), quads[around].mean(axis=1)
     ends = planform.x(0.0, middles[:, 2]), planform.x(1.0, middles[:, 2])
     return around, (middles[:, 0] - ends[0]) / (ends[1] - ends[0]), middles[:, 1] > 0.0
 

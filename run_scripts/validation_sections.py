@@ -29,7 +29,7 @@ ALPHA = 1.25
 CHORD = 1.0089304113651427
 """Of the section by the chord of the equation of NACA, where its thickness is zero."""
 
-SECTION = bm.naca_section(0.12, extended=True)
+SECTION = bm.generators.naca_section(0.12, extended=True)
 """That of Vassberg and Jameson: the equation of NACA until it closes, scaled to unit chord."""
 
 CELLS = np.array([256, 512, 1024, 2048])
@@ -106,15 +106,15 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
 
 def o_grid(n: int) -> bm.Grid:
     """Make an O-grid of n cells around, and away, to 150 chords."""
-    return bm.section_o_grid(SECTION, n)
+    return bm.generators.section_o_grid(SECTION, n)
 
 
 def hh_grid(n: int) -> bm.Grid:
     """Make an H-H grid of n / 2 cells along each side, to 50 chords."""
     n_side, n_away, coarseness = n // 2, 3 * n // 8 + 1, 64.0 / n
-    spacing = bm.Spacing(off_wall=6e-3 * coarseness, leading=8e-3 * coarseness, trailing=8e-3 * coarseness)
-    shape, far = ((n_away, n_side + 1, n_away), n_away), bm.FarField(distance=50.0)
-    return bm.infinite_wing_grid(SECTION, shape, spacing, far)
+    spacing = bm.generators.Spacing(off_wall=6e-3 * coarseness, leading=8e-3 * coarseness, trailing=8e-3 * coarseness)
+    shape, far = ((n_away, n_side + 1, n_away), n_away), bm.generators.FarField(distance=50.0)
+    return bm.generators.infinite_wing_grid(SECTION, shape, spacing, far)
 
 
 def every_second_node(grid: bm.Grid) -> bm.Grid:

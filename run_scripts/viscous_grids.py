@@ -94,9 +94,9 @@ class Outcome:
 class Splines:
     """A grid that moves with its control mesh."""
 
-    def __init__(self, grid: bm.Grid, mover: Callable = bm.Rotations, **options):
+    def __init__(self, grid: bm.Grid, mover: Callable = bm.movers.Rotations, **options):
         self.model = bm.fit_grid(grid, **options)
-        self.mesh = bm.moving_mesh(self.model)
+        self.mesh = bm.movers.moving_mesh(self.model)
         self.mover = mover(self.mesh)
 
     def move(self, deformation: str) -> np.ndarray:
@@ -105,7 +105,7 @@ class Splines:
         With a wall layer the nodes of the walls are where the deformation puts them, as by the command ``move``.
         """
         model, points, grid_map = self.model, self.model.control_points, self.model.grid_map()
-        asked, surface = bm.parse_deformation(deformation, model, self.mesh), bm.SurfaceGrid.of(model)
+        asked, surface = bm.design.parse_deformation(deformation, model, self.mesh), bm.measures.SurfaceGrid.of(model)
         if not model.settings.wall_layer:
             moved = self.mover.move(points, asked.apply(points[self.mesh.surface_ids])).points
             return model.regenerate(moved).to_vector().reshape(-1, 3)
@@ -129,15 +129,15 @@ class WallDistances:
 
     def move(self, deformation: str) -> np.ndarray:
         """Nodes of the moved grid, shape (n_nodes, 3), in metres."""
-        surface = bm.SurfaceGrid.of(self.model)
+        surface = bm.measures.SurfaceGrid.of(self.model)
         target = surface.points
-        for point_map in bm.parse_deformation(deformation, self.model, bm.moving_mesh(self.model)).maps:
+        for point_map in bm.design.parse_deformation(deformation, self.model, bm.movers.moving_mesh(self.model)).maps:
             target = point_map.apply(target)
         return move_nodes(self.nodes, surface, target)
 
 
 WAYS: dict[str, Callable] = {
-    "least squares": partial(Splines, mover=bm.LinearElasticity, method="least_squares", wall_layer=False),
+    "least squares": partial(Splines, mover=bm.movers.LinearElasticity, method="least_squares", wall_layer=False),
     "default": Splines,
     "inverse distance": WallDistances,
 }
@@ -205,15 +205,18 @@ def collect(paper: bool, folder, files: Sequence[str], patches):
     if files:
         return
     if not paper:
-        spacing = bm.Spacing(off_wall=1e-5, leading=5e-3, trailing=5e-3)
-        yield "section", bm.infinite_wing_grid(bm.naca_section(), (17, 21), spacing)
+        spacing = bm.generators.Spacing(off_wall=1e-5, leading=5e-3, trailing=5e-3)
+        yield "section", bm.generators.infinite_wing_grid(bm.generators.naca_section(), (17, 21), spacing)
         return
     for name, windows in FILES.items() if folder else ():
         real = bm.read_grid(Path(folder) / name)
         yield name, with_guessed_patches(replace(real, patches=(Patch("wall", "wall", windows),)) if windows else real)
-    yield "H-H wing", bm.onera_m6_grid((23, 41, 17), bm.Spacing(off_wall=1e-5))
-    yield "brick", bm.brick_grid((13, 9, 25, 33), size=(1.0, 0.2, 3.0), far=20.0, off_wall=1e-5)
-    yield "H-H section", bm.infinite_wing_grid(bm.naca_section(), (33, 49), bm.Spacing(off_wall=1e-6))
+    yield "H-H wing", bm.generators.onera_m6_grid((23, 41, 17), bm.generators.Spacing(off_wall=1e-5))
+    yield "brick", bm.generators.brick_grid((13, 9, 25, 33), size=(1.0, 0.2, 3.0), far=20.0, off_wall=1e-5)
+    yield (
+        "H-H section",
+        bm.generators.infinite_wing_grid(bm.generators.naca_section(), (33, 49), bm.generators.Spacing(off_wall=1e-6)),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,10 +45,20 @@ EVERY = {"_coarse": 2, "_quarter": 4}
 """What stands behind the name of a real grid of which every second or fourth node is taken."""
 
 MADE = {
-    "section": partial(bm.infinite_wing_grid, bm.naca_section(), (17, 21), bm.Spacing(1e-5, 5e-3, 5e-3)),
-    "section_fine": partial(bm.infinite_wing_grid, bm.naca_section(), (41, 65), bm.Spacing(1e-6, 2e-3, 2e-3)),
-    "hh_m6": partial(bm.onera_m6_grid, (23, 41, 17), bm.Spacing(off_wall=1e-5)),
-    "hh_m6_fine": partial(bm.onera_m6_grid, (21, 61, 15), bm.Spacing(off_wall=1e-6)),
+    "section": partial(
+        bm.generators.infinite_wing_grid,
+        bm.generators.naca_section(),
+        (17, 21),
+        bm.generators.Spacing(1e-5, 5e-3, 5e-3),
+    ),
+    "section_fine": partial(
+        bm.generators.infinite_wing_grid,
+        bm.generators.naca_section(),
+        (41, 65),
+        bm.generators.Spacing(1e-6, 2e-3, 2e-3),
+    ),
+    "hh_m6": partial(bm.generators.onera_m6_grid, (23, 41, 17), bm.generators.Spacing(off_wall=1e-5)),
+    "hh_m6_fine": partial(bm.generators.onera_m6_grid, (21, 61, 15), bm.generators.Spacing(off_wall=1e-6)),
 }
 """Grids that are made, of a section or the ONERA M6."""
 
@@ -69,9 +79,9 @@ WINGLET = "bend=90deg@0.8,length=0.1"
 """The last tenth of the span stands upright behind a short arc."""
 
 WAYS = {
-    "rotations": bm.Rotations,
-    "going along": lambda mesh: bm.ComovingFrame(bm.Rotations(mesh)),
-    "10 increments": lambda mesh: bm.LinearElasticity(mesh, n_increments=10),
+    "rotations": bm.movers.Rotations,
+    "going along": lambda mesh: bm.movers.ComovingFrame(bm.movers.Rotations(mesh)),
+    "10 increments": lambda mesh: bm.movers.LinearElasticity(mesh, n_increments=10),
 }
 """Ways to move a control mesh: by the rotations of its surface; the same with a far field that goes along with the
 rigid part of the motion, which is what a warper of walls alone does; and linear elasticity."""
@@ -167,7 +177,7 @@ class Body:
 
     def __post_init__(self):
         self.model = bm.fit_grid(self.grid)
-        self.mesh, self.surface = bm.moving_mesh(self.model), bm.SurfaceGrid.of(self.model)
+        self.mesh, self.surface = bm.movers.moving_mesh(self.model), bm.measures.SurfaceGrid.of(self.model)
         self.frame = mesh_frame(self.mesh)
         self.local = self.frame.to_local(self.surface.points)
         self.is_section = all(2 in shape for shape in self.grid.shapes)  # one cell deep
@@ -230,7 +240,7 @@ class Body:
             local[:, 1] += 8.0 * (t * (1.0 - t)) ** 2 * np.maximum(height, 0.0)
         else:
             words = {"bumps": f"bumps={0.02 * chord:.6g},seed=1,wavelength={0.5 * chord:.6g}", "winglet": WINGLET}
-            asked = bm.parse_deformation(words.get(motion, motion), self.model, self.mesh)
+            asked = bm.design.parse_deformation(words.get(motion, motion), self.model, self.mesh)
             return asked.apply_to_nodes(self.surface.points, self.surface.on_planes(self.model))
         shift = np.where((local == self.local).all(axis=1)[:, None], 0.0, frame.to_space(local) - self.surface.points)
         for ids, normal in self.surface.on_planes(self.model):

@@ -45,23 +45,25 @@ STYLES = {"initial": (GRAY, ":"), "SciPy SLSQP": (ORANGE, "-"), "NLopt LD_SLSQP"
 """Colours and lines, those that lie on others among them."""
 
 
-def make_model(paper: bool) -> tuple[bm.FittedModel, bm.CamberSurface]:
+def make_model(paper: bool) -> tuple[bm.FittedModel, bm.measures.CamberSurface]:
     """Fit the grid about the paper's rectangular wing, and lay a lattice of equal strips on its camber surface."""
     shape, n_control, spacing, n_span = SIZES[paper]
-    grid = bm.hh_wing_grid(bm.rectangular_wing(), shape, bm.Spacing(*spacing), bm.FarField(10.0))
+    grid = bm.generators.hh_wing_grid(
+        bm.generators.rectangular_wing(), shape, bm.generators.Spacing(*spacing), bm.generators.FarField(10.0)
+    )
     model = bm.fit_grid(grid, n_control=n_control)
-    return model, bm.CamberSurface.of(bm.SurfaceGrid.of(model, "wing*"), 2, n_span)
+    return model, bm.measures.CamberSurface.of(bm.measures.SurfaceGrid.of(model, "wing*"), 2, n_span)
 
 
-def pose(model: bm.FittedModel, lattice: bm.CamberSurface) -> om.Problem:
+def pose(model: bm.FittedModel, lattice: bm.measures.CamberSurface) -> om.Problem:
     """Pose the problem for a wing. Not yet set up."""
-    mesh = bm.moving_mesh(model)
-    twist = bm.Twist("twist", bm.ReferenceAxis.of(mesh, at=0.25), STATIONS)
+    mesh = bm.movers.moving_mesh(model)
+    twist = bm.design.Twist("twist", bm.design.ReferenceAxis.of(mesh, at=0.25), STATIONS)
     geometry = bm.GridMovement(
         model=model,
-        parametrization=bm.Parametrization(mesh, [twist]),
+        parametrization=bm.design.Parametrization(mesh, [twist]),
         measures=[lattice],
-        mover=bm.LinearElasticity(mesh, n_increments=1),
+        mover=bm.movers.LinearElasticity(mesh, n_increments=1),
         fit=False,
     )
     nodes = lattice.evaluate(lattice.surface.points)

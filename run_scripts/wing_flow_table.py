@@ -85,9 +85,9 @@ def main(paper: bool = False, figures=None, quick: bool = False, openfoam: bool 
 def make_model(name: str, size) -> tuple[bm.FittedModel, float]:
     """Fit the grid about a wing; returns the area of the half wing (m^2) too."""
     if name == "onera_m6":
-        planform = bm.onera_m6_planform()
+        planform = bm.generators.onera_m6_planform()
         area = 0.5 * (planform.root_chord + planform.tip_chord) * planform.semi_span
-        return bm.fit_grid(bm.onera_m6_grid(size)), area
+        return bm.fit_grid(bm.generators.onera_m6_grid(size)), area
     grid = bm.read_grid(Path(os.environ["BSPLINE_MDAO_GRIDS"]) / "hh_naca0012_12blocks.xyz")
     windows = [face.window for face in bm.find_topology(grid).boundary]
     grid = replace(grid, patches=guess_patches(grid, windows))

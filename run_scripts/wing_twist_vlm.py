@@ -51,28 +51,34 @@ class Wing:
 
     def __init__(self, paper: bool):
         shape, n_control, spacing, self.lattice_shape, self.least_chord = SIZES[paper]
-        planform = bm.rectangular_wing().planform
-        grid = bm.hh_wing_grid(bm.rectangular_wing(), shape, bm.Spacing(*spacing), bm.FarField(10.0))
+        planform = bm.generators.rectangular_wing().planform
+        grid = bm.generators.hh_wing_grid(
+            bm.generators.rectangular_wing(), shape, bm.generators.Spacing(*spacing), bm.generators.FarField(10.0)
+        )
         self.model = bm.fit_grid(grid, n_control=n_control)
-        self.mesh = bm.moving_mesh(self.model)
-        self.lattice = bm.CamberSurface.of(bm.SurfaceGrid.of(self.model, "wing*"), *self.lattice_shape)
+        self.mesh = bm.movers.moving_mesh(self.model)
+        self.lattice = bm.measures.CamberSurface.of(
+            bm.measures.SurfaceGrid.of(self.model, "wing*"), *self.lattice_shape
+        )
         self.area, self.aspect_ratio = 2.0 * planform.root_chord * planform.semi_span, planform.aspect_ratio
 
     def problem(self, case: str) -> om.Problem:
         """Pose a case. Not yet set up."""
-        trailing = bm.ReferenceAxis.of(self.mesh, at=1.0)  # variables about it leave the trace of the wake alone
-        twist, chord = bm.Twist("twist", trailing, STATIONS), bm.Chord("chord", trailing, STATIONS)
-        swept = [bm.Taper("taper", trailing), twist, bm.Sweep("sweep", trailing)]
-        parametrization = bm.Parametrization(self.mesh, {"twist": [twist], "chord": [chord], "swept": swept}[case])
+        trailing = bm.design.ReferenceAxis.of(self.mesh, at=1.0)  # variables about it leave the trace of the wake alone
+        twist, chord = bm.design.Twist("twist", trailing, STATIONS), bm.design.Chord("chord", trailing, STATIONS)
+        swept = [bm.design.Taper("taper", trailing), twist, bm.design.Sweep("sweep", trailing)]
+        parametrization = bm.design.Parametrization(
+            self.mesh, {"twist": [twist], "chord": [chord], "swept": swept}[case]
+        )
         geometry = bm.GridMovement(
             model=self.model,
             parametrization=parametrization,
             measures=[self.lattice],
-            mover=bm.LinearElasticity(self.mesh, n_increments=1),
+            mover=bm.movers.LinearElasticity(self.mesh, n_increments=1),
             fit=False,
         )
         lattice = dict(zip(("n_chord", "n_span"), self.lattice_shape))
-        flow = bm.VortexLattice(**lattice, reference_area=self.area)
+        flow = bm.flow.VortexLattice(**lattice, reference_area=self.area)
         problem = om.Problem(reports=None)
         top = problem.model
         top.add_subsystem("geometry", geometry, promotes=["*"])

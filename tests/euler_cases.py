@@ -17,7 +17,6 @@ from topology_cases import (
     two_block_plate,
 )
 
-from bspline_mdao import FarField, Spacing, ball_grid, infinite_wing_grid, naca_section
 from bspline_mdao.flow.euler.discretization import Discretization
 from bspline_mdao.flow.euler.factor_pattern import factor_pattern
 from bspline_mdao.flow.euler.far_vortex import FarVortex
@@ -25,6 +24,7 @@ from bspline_mdao.flow.euler.flow_grid import area_vectors
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.reconstruction import FARFIELD, FIRST, OPEN, SHUT, SLIP
+from bspline_mdao.generators import FarField, Spacing, ball_grid, infinite_wing_grid, naca_section
 from bspline_mdao.grids.cells.cell_faces import CellFaces
 from bspline_mdao.grids.io.patch_guess import guess_patches
 from bspline_mdao.grids.topology.detection import find_topology

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 from mover_cases import rotation
 
-from bspline_mdao import naca_section
 from bspline_mdao.core.measures.area import ProjectedArea, SurfaceArea
 from bspline_mdao.core.measures.camber_surface import CamberSurface
 from bspline_mdao.core.measures.clearance import Clearance, PlaneClearance
@@ -16,6 +15,7 @@ from bspline_mdao.core.measures.volume import EnclosedVolume
 from bspline_mdao.core.measures.wing_edges import LeadingEdgeRadius, TrailingEdgeAngle
 from bspline_mdao.core.mesh.frame import Plane
 from bspline_mdao.core.mesh.surface import SurfaceGrid
+from bspline_mdao.generators import naca_section
 
 
 def surface_of(*sheets, planes=()):

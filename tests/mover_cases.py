@@ -7,7 +7,13 @@ from functools import cache
 import numpy as np
 from topology_cases import box, grid_of, patch
 
-from bspline_mdao import (
+from bspline_mdao.base.sparse.cholesky import Cholesky
+from bspline_mdao.core.fit.fitting import fit_grid
+from bspline_mdao.core.mesh.boundary import moving_grid, moving_mesh
+from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
+from bspline_mdao.grids.topology.detection import find_topology
+from bspline_mdao.grids.topology.index_space import Orientation, Window
+from bspline_mdao.movers import (
     DelaunayGraph,
     FixedInterior,
     InverseDistance,
@@ -17,14 +23,7 @@ from bspline_mdao import (
     Rotations,
     TorsionalSprings,
     Transfinite,
-    flat_plate_grid,
-    onera_m6_grid,
 )
-from bspline_mdao.base.sparse.cholesky import Cholesky
-from bspline_mdao.core.fit.fitting import fit_grid
-from bspline_mdao.core.mesh.boundary import moving_grid, moving_mesh
-from bspline_mdao.grids.topology.detection import find_topology
-from bspline_mdao.grids.topology.index_space import Orientation, Window
 from bspline_mdao.testing import central_difference
 
 

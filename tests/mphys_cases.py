@@ -13,17 +13,21 @@ import numpy as np
 import openmdao.api as om
 from mphys import Builder, Multipoint
 
-from bspline_mdao import Parametrization, ReferenceAxis, Span, SurfaceGrid, Twist, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import fit_grid
 from bspline_mdao.base.numerics.processes import summed
 from bspline_mdao.core.movement.inverse_distance import InverseDistance
 from bspline_mdao.core.om.mphys.conventions import GENERATIONS, INSTALLED
 from bspline_mdao.core.om.mphys.geometry import SurfaceGeometry
 from bspline_mdao.core.om.mphys.warper import VolumeWarper
+from bspline_mdao.design import Parametrization, ReferenceAxis, Span, Twist
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.held_nodes import boundary_rows
 from bspline_mdao.grids.topology.partition import Partition
 from bspline_mdao.grids.topology.sharing import numbers_of_points, rows_of_points
 from bspline_mdao.grids.topology.stored_grid import StoredGrid
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import moving_mesh
 
 try:
     from mphys.scenarios import ScenarioAerodynamic

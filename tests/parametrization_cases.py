@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 
-from bspline_mdao import onera_m6_grid
 from bspline_mdao.core.design.coarse_net import CoarseNet
 from bspline_mdao.core.design.displacement import Local
 from bspline_mdao.core.design.free_form import FreeForm
@@ -23,6 +22,7 @@ from bspline_mdao.core.design.selection import NearPlane
 from bspline_mdao.core.design.tangent_continuity import TangentContinuity
 from bspline_mdao.core.design.user_defined import UserVariable
 from bspline_mdao.core.fit.fitting import fit_grid
+from bspline_mdao.generators import onera_m6_grid
 
 
 @cache

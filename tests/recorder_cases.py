@@ -12,8 +12,9 @@ import numpy as np
 import openmdao.api as om
 from fuzz_cases import MUTATIONS_OF_LINES, mutate
 
-from bspline_mdao import NLoptDriver, ball_grid, fit_grid
+from bspline_mdao import NLoptDriver, fit_grid
 from bspline_mdao.core.om.model_option import declare_model
+from bspline_mdao.generators import ball_grid
 
 
 class StretchedBall(om.ExplicitComponent):

@@ -2,16 +2,10 @@
 
 import openmdao.api as om
 
-from bspline_mdao import (
-    EulerFlow,
-    GridMovement,
-    Parametrization,
-    ReferenceAxis,
-    Twist,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import EulerFlow, GridMovement, fit_grid
+from bspline_mdao.design import Parametrization, ReferenceAxis, Twist
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.studio.report.contents import INCLUDES
 
 

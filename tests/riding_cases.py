@@ -7,22 +7,16 @@ from functools import cache
 import h5py
 import numpy as np
 
-from bspline_mdao import (
-    LinearElasticity,
-    MixedMesh,
-    Spacing,
-    fit_grid,
-    moving_mesh,
-    naca_section,
-    onera_m6_grid,
-    read_mesh,
-    section_o_grid,
-)
+from bspline_mdao import fit_grid
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.core.riding.wall_faces import GridBoundary
+from bspline_mdao.files import read_mesh
+from bspline_mdao.generators import Spacing, naca_section, onera_m6_grid, section_o_grid
 from bspline_mdao.grids.io.cgns import write_base
 from bspline_mdao.grids.io.cgns_nodes import add_node
 from bspline_mdao.grids.io.meshes.foam_lists import FoamFile
+from bspline_mdao.movers import LinearElasticity, moving_mesh
+from bspline_mdao.riding import MixedMesh
 
 SPACING = Spacing(off_wall=1e-4)
 

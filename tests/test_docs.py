@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bspline_mdao import FittedModel, design_summary, fit_grid, load_best, onera_m6_grid, read_grid, write_grid
+from bspline_mdao import FittedModel, design_summary, fit_grid, load_best, read_grid, write_grid
 from bspline_mdao.core.om.drivers.case_history import read_history
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.studio.cli.main import run as cli
 from bspline_mdao.studio.study.study import read_study
 

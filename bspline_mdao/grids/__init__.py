@@ -1,1 +1,5 @@
 """Multi-block grids without splines: blocks and windows, cells and their quality, files of other programs."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

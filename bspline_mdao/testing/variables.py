@@ -74,7 +74,11 @@ def check_variable(variable: Variable, mesh: MovingMesh, n_directions: int = 3, 
 
     Examples
     --------
-    >>> from bspline_mdao import Local, check_variable, fit_grid, moving_mesh, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import Local
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.movers import moving_mesh
+    >>> from bspline_mdao.testing import check_variable
     >>> mesh = moving_mesh(fit_grid(onera_m6_grid((5, 5, 5))))
     >>> check_variable(Local("heights", direction="y"), mesh).is_good
     True

@@ -1,19 +1,19 @@
-"""Links to public names by the places where they are written: docstrings and pages name classes by their modules."""
+"""Links to public names: docstrings and pages name classes by the modules where they are written, or alone."""
 
-import importlib
+from types import ModuleType
 
-MODULES = ("bspline_mdao.plotting", "bspline_mdao.testing", "bspline_mdao")
+import bspline_mdao
 
 
 def public_names():
-    """Public name of every class and function by its module and name; the shortest one counts."""
+    """Public name of every class and function by its module and name, and by its name alone."""
     found = {}
-    for module_name in MODULES:
-        module = importlib.import_module(module_name)
-        for name in (name for name in dir(module) if not name.startswith("_")):
+    spaces = [space for name in bspline_mdao.__all__ if isinstance(space := getattr(bspline_mdao, name), ModuleType)]
+    for module in (*spaces, bspline_mdao):
+        for name in module.__all__:
             thing = getattr(module, name)
             if callable(thing):
-                found[f"{thing.__module__}.{thing.__qualname__}"] = f"{module_name}.{name}"
+                found[f"{thing.__module__}.{thing.__qualname__}"] = found[name] = f"{module.__name__}.{name}"
     return found
 
 

@@ -10,7 +10,7 @@ import bspline_mdao as bm
 def pose(model):
     """Pose the problem on a fitted grid, and run it once."""
     wing = bm.DesignSurface.of(model)
-    twist = bm.Twist("twist", wing.axis, stations=3)
+    twist = bm.design.Twist("twist", wing.axis, stations=3)
     flow = bm.EulerFlow(model=model, reference_area=wing.planform_area, trim=True, iprint=0)
 
     problem = om.Problem(driver=bm.NLoptDriver(optimizer="LD_SLSQP"), reports=None)

@@ -11,7 +11,10 @@ import pytest
 import bspline_mdao
 from bspline_mdao.base.display import OneLine
 
-PUBLIC = [getattr(bspline_mdao, name) for name in dir(bspline_mdao) if not name.startswith("_")]
+TOP = [getattr(bspline_mdao, name) for name in bspline_mdao.__all__]
+SPACES = [space for space in TOP if inspect.ismodule(space) and not space.__name__.endswith(("plotting", "testing"))]
+PUBLIC = [thing for space in [bspline_mdao, *SPACES] for name in space.__all__
+          if not inspect.ismodule(thing := getattr(space, name))]  # fmt: skip
 
 
 def annotations_of(thing):

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, adapt_grid, fit_grid, naca_section, section_o_grid
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.adaptation import adapt_grid
 from bspline_mdao.core.design.interior_points import InteriorPoints
 from bspline_mdao.flow.om.error_search import ErrorSearch, flow_problem
+from bspline_mdao.generators import naca_section, section_o_grid
 
 OPTIONS = {"reference_area": 1.0}
 

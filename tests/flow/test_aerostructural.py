@@ -6,18 +6,13 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    InputError,
-    Parametrization,
-    ReferenceAxis,
-    SurfaceGrid,
-    Twist,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.design import Parametrization, ReferenceAxis, Twist
 from bspline_mdao.flow.loads.rigid_links import RigidLinks
 from bspline_mdao.flow.om.aerostructure import Spar
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import moving_mesh
 
 mphys = pytest.importorskip("mphys", reason="MPhys is not installed")
 pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")

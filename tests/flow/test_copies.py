@@ -14,28 +14,25 @@ from scipy.sparse import issparse
 from test_suite import kinds
 
 from bspline_mdao import (
-    ComovingFrame,
     ControlMeshMove,
     EulerFlow,
     Fit,
     GridEvaluate,
     GridMovement,
     LatticeFlow,
-    LinearElasticity,
-    Parametrization,
     PointSet,
     Quality,
-    Rotations,
     SurfaceEvaluate,
-    moving_mesh,
 )
 from bspline_mdao.core.design.interior_points import InteriorPoints
 from bspline_mdao.core.design.user_defined import UserVariable
 from bspline_mdao.core.fit.surface_fit import SurfaceFollower
 from bspline_mdao.core.mesh.surface import SurfaceGrid
+from bspline_mdao.design import Parametrization
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.movers import ComovingFrame, LinearElasticity, Rotations, moving_mesh
 
 
 @cache

@@ -5,10 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bspline_mdao import find_topology, infinite_wing_grid, naca_section, onera_m6_grid
+from bspline_mdao import find_topology
 from bspline_mdao.flow.euler.entropy_drag import EntropyDrag, entropy_flux, entropy_scale, relative_entropy
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream
+from bspline_mdao.generators import infinite_wing_grid, naca_section, onera_m6_grid
 
 ALPHA, MACH = 0.1, 0.4
 

@@ -6,14 +6,16 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    EulerFlow,
-    InputError,
+from bspline_mdao import EulerFlow, InputError, SpuriousDragWarning, design_summary, fit_grid
+from bspline_mdao.adaptation import error_estimate
+from bspline_mdao.core.evaluation.transfer import NodeTransfer
+from bspline_mdao.flow.euler.flow_grid import FlowGrid
+from bspline_mdao.flow.euler.forces import FlowForces
+from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.flow.loads.induced_drag import InducedDrag
+from bspline_mdao.flow.om.error_estimate import finer_member
+from bspline_mdao.generators import (
     Spacing,
-    SpuriousDragWarning,
-    design_summary,
-    error_estimate,
-    fit_grid,
     hh_wing_grid,
     infinite_wing_grid,
     naca_section,
@@ -21,12 +23,6 @@ from bspline_mdao import (
     rectangular_wing,
     section_o_grid,
 )
-from bspline_mdao.core.evaluation.transfer import NodeTransfer
-from bspline_mdao.flow.euler.flow_grid import FlowGrid
-from bspline_mdao.flow.euler.forces import FlowForces
-from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.loads.induced_drag import InducedDrag
-from bspline_mdao.flow.om.error_estimate import finer_member
 from bspline_mdao.grids.cells.cell_faces import CellFaces
 
 NAMES = "CL", "CD", "CD_entropy"

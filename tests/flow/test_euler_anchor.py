@@ -4,8 +4,9 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import EulerFlow, fit_grid, naca_section, section_o_grid
+from bspline_mdao import EulerFlow, fit_grid
 from bspline_mdao.flow.om.euler_state import EulerState
+from bspline_mdao.generators import naca_section, section_o_grid
 
 
 @pytest.fixture(scope="module")

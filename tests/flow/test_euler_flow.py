@@ -7,26 +7,14 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    EulerFlow,
-    FittedModel,
-    GridMovement,
-    InputError,
-    Local,
-    OnPatch,
-    Parametrization,
-    ReferenceAxis,
-    Twist,
-    fit_grid,
-    infinite_wing_grid,
-    moving_mesh,
-    naca_section,
-    onera_m6_grid,
-)
+from bspline_mdao import EulerFlow, FittedModel, GridMovement, InputError, fit_grid
+from bspline_mdao.design import Local, OnPatch, Parametrization, ReferenceAxis, Twist
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.walls import Walls
+from bspline_mdao.generators import infinite_wing_grid, naca_section, onera_m6_grid
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.testing import central_difference
 
 COEFFICIENTS = ("CL", "CD", "CM", "CD_induced", "CD_entropy")

@@ -17,10 +17,17 @@ from euler_cases import (
 )
 from topology_cases import box, grid_of, smooth_box, turned_and_shuffled
 
-from bspline_mdao import ball_grid, brick_grid, flat_plate_grid, hh_wing_grid, onera_m6_grid, rectangular_wing
 from bspline_mdao.flow.euler.flow_grid import area_vectors, area_vectors_jvp, area_vectors_vjp
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream, free_stream_partials
 from bspline_mdao.flow.loads.stream import stream_axes
+from bspline_mdao.generators import (
+    ball_grid,
+    brick_grid,
+    flat_plate_grid,
+    hh_wing_grid,
+    onera_m6_grid,
+    rectangular_wing,
+)
 from bspline_mdao.grids.io.files import read_grid
 
 GENERATED = {

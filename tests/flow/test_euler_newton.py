@@ -8,7 +8,6 @@ import pytest
 from euler_cases import case_of, one_of_each_kind, sphere_quarters
 from topology_cases import smooth_box
 
-from bspline_mdao import Spacing, flat_plate_grid, infinite_wing_grid
 from bspline_mdao.base.numerics.vec5 import zero_halves
 from bspline_mdao.core.generators.wing import cambered_section
 from bspline_mdao.flow.euler import factor_pattern as pattern_module
@@ -31,6 +30,7 @@ from bspline_mdao.flow.euler.preconditioner import (
     time_terms,
 )
 from bspline_mdao.flow.euler.reconstruction import FIRST, INNER
+from bspline_mdao.generators import Spacing, flat_plate_grid, infinite_wing_grid
 
 SINGLE = float(np.finfo(np.float32).eps)
 

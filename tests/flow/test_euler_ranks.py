@@ -9,7 +9,7 @@ import pytest
 from euler_cases import AXES, GRIDS, section_grid, sphere_quarters, with_guessed_patches
 from rank_cases import on_ranks
 
-from bspline_mdao import FarField, InputError, Spacing, hh_wing_grid, onera_m6_grid, rectangular_wing
+from bspline_mdao import InputError
 from bspline_mdao.base.numerics.halo import Halo
 from bspline_mdao.flow.euler import factor_pattern
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
@@ -21,6 +21,7 @@ from bspline_mdao.flow.euler.preconditioner import compact_factor, time_terms
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
 from bspline_mdao.flow.euler.tangent import FlowTangent
 from bspline_mdao.flow.euler.wall_forces import WallForces
+from bspline_mdao.generators import FarField, Spacing, hh_wing_grid, onera_m6_grid, rectangular_wing
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.holders import Holders
 from bspline_mdao.grids.topology.partition import Partition

@@ -8,12 +8,12 @@ import pytest
 from euler_cases import AXES, case_of, lifting_section, section_grid
 from topology_cases import box, grid_of, o_grid, smooth_box
 
-from bspline_mdao import FarField, Spacing, flat_plate_grid, infinite_wing_grid, naca_section
 from bspline_mdao.base.numerics.halo import ALONE
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.euler.kinks import Kinks
 from bspline_mdao.flow.loads.stream import stream_axes
+from bspline_mdao.generators import FarField, Spacing, flat_plate_grid, infinite_wing_grid, naca_section
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.grid import Block, Patch
 from bspline_mdao.grids.topology.index_space import Window

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from euler_cases import one_of_each_kind
 
-from bspline_mdao import flat_plate_grid, onera_m6_grid
 from bspline_mdao.core.generators.hh_wing import Spacing, infinite_wing_grid
 from bspline_mdao.core.generators.wing import naca_section
 from bspline_mdao.flow.euler import cold_start, newton
@@ -16,6 +15,7 @@ from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.newton_step import NewtonStep
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse, useful_levels
+from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from euler_cases import AXES, case_of
 
-from bspline_mdao import FarField, Spacing, infinite_wing_grid, naca_section
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flux import face_flux
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream, free_stream_partials
@@ -17,6 +16,7 @@ from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor
 from bspline_mdao.flow.loads.stream import stream_axes
 from bspline_mdao.flow.om.euler_state import EulerState
+from bspline_mdao.generators import FarField, Spacing, infinite_wing_grid, naca_section
 from bspline_mdao.grids.cells.hexahedron import cell_quality
 from bspline_mdao.grids.topology.detection import find_topology
 

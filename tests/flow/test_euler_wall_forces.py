@@ -6,11 +6,13 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import EulerFlow, InputError, SurfaceGrid, fit_grid, onera_m6_grid
+from bspline_mdao import EulerFlow, InputError, fit_grid
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.wall_forces import WallForces
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.measures import SurfaceGrid
 
 AREA, CHORD, POINT = 1.16, 0.7, (0.3, 0.1, -0.2)
 

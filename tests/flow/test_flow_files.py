@@ -8,10 +8,11 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import EulerFlow, InputError, fit_grid, infinite_wing_grid, naca_section, onera_m6_grid
+from bspline_mdao import EulerFlow, InputError, fit_grid
 from bspline_mdao.core.model.model_file import checksum_of
 from bspline_mdao.flow.euler.fields import field_values, node_means
 from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.generators import infinite_wing_grid, naca_section, onera_m6_grid
 from bspline_mdao.grids.topology.held_nodes import node_copies
 
 

@@ -3,8 +3,9 @@
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import EulerFlow, fit_grid, onera_m6_grid
+from bspline_mdao import EulerFlow, fit_grid
 from bspline_mdao.flow.om.flow_run import run_flow
+from bspline_mdao.generators import onera_m6_grid
 
 
 @pytest.mark.slow

@@ -6,27 +6,25 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bspline_mdao import (
+from bspline_mdao import InputError, find_topology, read_grid
+from bspline_mdao.core.fit.surface_fit import replace_nodes
+from bspline_mdao.flow.loads.induced_drag import InducedDrag, Wake
+from bspline_mdao.flow.loads.span_strips import SpanStrips
+from bspline_mdao.generators import (
     BlendedWingBody,
-    InputError,
     Rib,
     Spacing,
     Wing,
     ball_grid,
     cambered_section,
-    find_topology,
     flat_plate_grid,
     generic_blended_wing_body,
     hh_wing_grid,
     lay_walls,
     onera_d_section,
     onera_m6_planform,
-    read_grid,
     rectangular_wing,
 )
-from bspline_mdao.core.fit.surface_fit import replace_nodes
-from bspline_mdao.flow.loads.induced_drag import InducedDrag, Wake
-from bspline_mdao.flow.loads.span_strips import SpanStrips
 from bspline_mdao.grids.cells.cell_faces import CellFaces
 
 AXES = np.eye(3)[[0, 2, 1]]

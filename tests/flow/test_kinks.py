@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from euler_cases import AXES, GRIDS, mach_of_cases, section_grid, with_guessed_patches
 
-from bspline_mdao import onera_m6_grid
 from bspline_mdao.flow.euler.cell_shapes import cell_shapes, face_centres
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.kinks import LARGEST
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 
 CASES = {

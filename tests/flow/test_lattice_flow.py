@@ -6,19 +6,7 @@ import pytest
 from openmdao.utils.assert_utils import assert_check_partials
 from scipy.sparse import csr_array, random_array
 
-from bspline_mdao import (
-    CamberSurface,
-    InputError,
-    LatticeFlow,
-    Planform,
-    Spacing,
-    Wing,
-    cambered_section,
-    fit_grid,
-    flat_plate_grid,
-    hh_wing_grid,
-    naca_section,
-)
+from bspline_mdao import InputError, LatticeFlow, fit_grid
 from bspline_mdao.core.mesh.surface import SurfaceGrid
 from bspline_mdao.flow.loads.force_coefficients import ForceCoefficients
 from bspline_mdao.flow.loads.induced_drag import InducedDrag
@@ -27,6 +15,16 @@ from bspline_mdao.flow.loads.span_strips import SpanStrips
 from bspline_mdao.flow.loads.wing_coefficients import WingCoefficients
 from bspline_mdao.flow.om.lattice_flow import LatticeForces
 from bspline_mdao.flow.om.vortex_lattice import VortexLattice
+from bspline_mdao.generators import (
+    Planform,
+    Spacing,
+    Wing,
+    cambered_section,
+    flat_plate_grid,
+    hh_wing_grid,
+    naca_section,
+)
+from bspline_mdao.measures import CamberSurface
 from bspline_mdao.testing import total_difference
 
 AXES = np.eye(3)[[0, 2, 1]] * np.array([1.0, -1.0, 1.0])[:, None]

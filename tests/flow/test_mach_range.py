@@ -8,16 +8,9 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    EulerFlow,
-    LatticeFlow,
-    MachNumberWarning,
-    fit_grid,
-    infinite_wing_grid,
-    naca_section,
-    onera_m6_grid,
-)
+from bspline_mdao import EulerFlow, LatticeFlow, MachNumberWarning, fit_grid
 from bspline_mdao.flow.om.mach_range import EULER, LATTICE
+from bspline_mdao.generators import infinite_wing_grid, naca_section, onera_m6_grid
 
 DOCS = Path(__file__).parents[2] / "docs"
 

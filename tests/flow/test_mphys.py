@@ -8,22 +8,13 @@ import openmdao.api as om
 import pytest
 from openmdao.utils.assert_utils import assert_check_partials
 
-from bspline_mdao import (
-    EnclosedVolume,
-    GridMovement,
-    InputError,
-    InverseDistance,
-    Parametrization,
-    ReferenceAxis,
-    Span,
-    SurfaceGrid,
-    Twist,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import GridMovement, InputError, fit_grid
+from bspline_mdao.design import Parametrization, ReferenceAxis, Span, Twist
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.topology.sharing import node_sharing, numbers_of_points, rows_of_points
+from bspline_mdao.measures import EnclosedVolume, SurfaceGrid
+from bspline_mdao.movers import InverseDistance, moving_mesh
 
 mphys = pytest.importorskip("mphys", reason="MPhys is not installed")
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, find_topology, onera_m6_grid, read_grid
+from bspline_mdao import InputError, find_topology, read_grid
 from bspline_mdao.flow import openfoam
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.cell_faces import CellFaces
 from bspline_mdao.grids.cells.quads import area_vectors
 from bspline_mdao.grids.io.patch_guess import guess_patches

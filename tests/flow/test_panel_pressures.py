@@ -4,9 +4,11 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import LatticeFlow, Snapshot, fit_grid, onera_m6_grid
+from bspline_mdao import LatticeFlow, fit_grid
 from bspline_mdao.errors import InputError
+from bspline_mdao.flow import Snapshot
 from bspline_mdao.flow.loads.panel_pressures import panel_pressures, panel_pressures_jvp, panel_pressures_vjp
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.plotting import sheets_of
 
 

@@ -14,7 +14,7 @@ from component_cases import Heights, Lift, Shear, Swirl, movable_model, plain
 from euler_cases import with_guessed_patches
 
 import bspline_mdao
-from bspline_mdao import CamberSurface, EulerFlow, fit_grid, moving_mesh, onera_m6_grid, read_grid
+from bspline_mdao import EulerFlow, fit_grid, read_grid
 from bspline_mdao.base.numerics.processes import ONE
 from bspline_mdao.core.design.interior_points import InteriorPoints
 from bspline_mdao.core.design.parametrization import Parametrization
@@ -51,8 +51,11 @@ from bspline_mdao.flow.om.lattice_flow import LatticeForces, UnfoldedLattice
 from bspline_mdao.flow.om.mach_range import MachWatch
 from bspline_mdao.flow.om.trimmed_state import TrimmedState
 from bspline_mdao.flow.om.vortex_lattice import WakeForces
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.aggregates import AGGREGATES
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
+from bspline_mdao.measures import CamberSurface
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.testing import assert_partials, central_difference
 
 pytest.importorskip("mphys", reason="MPhys is not installed")

@@ -5,7 +5,8 @@ from functools import cache
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import EulerFlow, fit_grid, onera_m6_grid
+from bspline_mdao import EulerFlow, fit_grid
+from bspline_mdao.generators import onera_m6_grid
 
 
 @cache

@@ -7,12 +7,15 @@ import openmdao.api as om
 import pytest
 from scipy.sparse import csr_array
 
-from bspline_mdao import EulerFlow, HingeMoment, InputError, LatticeFlow, SurfaceGrid, fit_grid, onera_m6_grid
+from bspline_mdao import EulerFlow, InputError, LatticeFlow, fit_grid
+from bspline_mdao.flow import HingeMoment
 from bspline_mdao.flow.euler.flow_grid import FlowGrid, area_vectors
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.loads.section_loads import SECTION_LOADS
 from bspline_mdao.flow.loads.span_strips import SpanStrips
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.measures import SurfaceGrid
 
 REFERENCES = {"area": 1.16, "chord": 0.7, "reference": (0.3, 0.1, -0.2)}
 FLAP = HingeMoment("flap", chord=(0.7, 1.0), span=(0.3, 0.8))

@@ -7,20 +7,11 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    EulerFlow,
-    GridMovement,
-    InputError,
-    NLoptDriver,
-    Parametrization,
-    ReferenceAxis,
-    SeriesRecorder,
-    Snapshot,
-    Twist,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import EulerFlow, GridMovement, InputError, NLoptDriver, fit_grid
+from bspline_mdao.design import Parametrization, ReferenceAxis, Twist
+from bspline_mdao.flow import SeriesRecorder, Snapshot
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.movers import moving_mesh
 
 pyvista = pytest.importorskip("pyvista", reason="PyVista is not installed")
 

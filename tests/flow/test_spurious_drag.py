@@ -9,7 +9,7 @@ import pytest
 from euler_cases import case_of
 from topology_cases import box, grid_of, patch
 
-from bspline_mdao import EulerFlow, SpuriousDragWarning, fit_grid, infinite_wing_grid, naca_section
+from bspline_mdao import EulerFlow, SpuriousDragWarning, fit_grid
 from bspline_mdao.flow.euler import drag_sources as kernel
 from bspline_mdao.flow.euler.drag_sources import DragSources, wave_drag
 from bspline_mdao.flow.euler.entropy_drag import entropy_scale
@@ -21,6 +21,7 @@ from bspline_mdao.flow.om.spurious_drag import (
     warn_below_the_ellipse,
     warn_of_spurious_drag,
 )
+from bspline_mdao.generators import infinite_wing_grid, naca_section
 from bspline_mdao.grids.topology.index_space import Window
 
 

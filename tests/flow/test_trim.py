@@ -6,7 +6,8 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import EulerFlow, fit_grid, onera_m6_grid
+from bspline_mdao import EulerFlow, fit_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.testing import assert_partials, central_difference
 
 LIFT, OF = 0.2, ("CL", "CD", "CM", "alpha", "CD_induced")

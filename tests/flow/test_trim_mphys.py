@@ -5,7 +5,10 @@ import pytest
 
 pytest.importorskip("mphys")
 
-from bspline_mdao import EulerBuilder, HingeMoment, fit_grid, onera_m6_grid
+from bspline_mdao import fit_grid
+from bspline_mdao.flow import HingeMoment
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.mphys import EulerBuilder
 
 
 def test_flow_of_a_scenario_takes_a_lift_and_gives_angle_and_hinge_moment():

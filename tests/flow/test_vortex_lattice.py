@@ -8,11 +8,12 @@ import openmdao.api as om
 import pytest
 from openmdao.utils.assert_utils import assert_check_partials
 
-from bspline_mdao import InputError, Planform, Spacing, Wing, cambered_section, fit_grid, hh_wing_grid, rectangular_wing
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.measures.camber_surface import SPACINGS, CamberSurface
 from bspline_mdao.core.mesh.surface import SurfaceGrid
 from bspline_mdao.flow.loads.induced_drag import Wake, least_drag
 from bspline_mdao.flow.om.vortex_lattice import VortexLattice, WakeForces
+from bspline_mdao.generators import Planform, Spacing, Wing, cambered_section, hh_wing_grid, rectangular_wing
 from bspline_mdao.testing import total_difference
 
 SWEPT = Wing(Planform(1.2, 2.0, 0.5, 25.0), cambered_section(0.1, 0.03))

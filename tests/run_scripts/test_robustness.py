@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, LinearElasticity, flat_plate_grid, increments_for, read_grid
+from bspline_mdao import InputError, read_grid
+from bspline_mdao.generators import flat_plate_grid
+from bspline_mdao.movers import LinearElasticity, increments_for
 
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bspline_mdao import fit_grid, onera_m6_grid
+from bspline_mdao import fit_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.studio.plotting import scenes
 
 pytestmark = pytest.mark.slow

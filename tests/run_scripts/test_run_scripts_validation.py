@@ -10,7 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from bspline_mdao import fit_grid, naca_section, section_o_grid
+from bspline_mdao import fit_grid
+from bspline_mdao.generators import naca_section, section_o_grid
 
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 

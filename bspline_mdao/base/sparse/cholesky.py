@@ -47,7 +47,9 @@ class Cholesky(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import Cholesky, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import Cholesky, LinearElasticity, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> LinearElasticity(mesh, solver=Cholesky(single=True)).solver
     Cholesky(single=True, n_threads=None)

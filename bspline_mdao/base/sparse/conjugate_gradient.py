@@ -98,7 +98,9 @@ class ConjugateGradients(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import ConjugateGradients, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import ConjugateGradients, LinearElasticity, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> mover = LinearElasticity(mesh, solver=ConjugateGradients(tolerance=1e-10), n_increments=1)
     >>> mover.move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0]).points.shape

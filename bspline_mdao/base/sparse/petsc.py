@@ -87,7 +87,9 @@ class PetscMultigrid(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import LinearElasticity, PetscMultigrid, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import LinearElasticity, PetscMultigrid, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> LinearElasticity(mesh, solver=PetscMultigrid(tolerance=1e-10)).solver.name
     'CG, BoomerAMG'
@@ -193,7 +195,9 @@ class PetscCholesky(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import LinearElasticity, PetscCholesky, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import LinearElasticity, PetscCholesky, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> LinearElasticity(mesh, solver=PetscCholesky()).solver.name
     'MUMPS'

@@ -65,7 +65,8 @@ def improve_grid(
 
     Examples
     --------
-    >>> from bspline_mdao import fit_grid, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
     >>> found = improve_grid(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 6, 5)), iterations=10)
     >>> found.after.q_min >= found.before.q_min
     True

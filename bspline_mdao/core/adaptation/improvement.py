@@ -84,7 +84,9 @@ class Improvement(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, fit_grid, improve_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.adaptation import improve_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> found = improve_grid(fit_grid(brick_grid((5, 5, 5, 5))), iterations=2)
     >>> found.before.n_inverted, found.after.n_inverted
     (0, 0)

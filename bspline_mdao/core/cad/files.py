@@ -44,7 +44,7 @@ class CadShape(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import read_cad
+    >>> from bspline_mdao.files import read_cad
     >>> wing = read_cad("wing.step")  # doctest: +SKIP
     >>> wing.names, wing.is_valid, len(wing.free_edges)  # doctest: +SKIP
     (('wing_lower', 'wing_upper'), True, 2)
@@ -219,7 +219,7 @@ def read_cad(path) -> CadShape:
 
     Examples
     --------
-    >>> from bspline_mdao import read_cad
+    >>> from bspline_mdao.files import read_cad
     >>> read_cad("wing.step").distances([[0.5, 0.1, 0.2]])  # of points (m), by projection  # doctest: +SKIP
     array([0.05130114])
     """

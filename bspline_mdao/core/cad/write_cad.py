@@ -89,7 +89,9 @@ class CadReport(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import ball_grid, fit_grid, write_cad
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.files import write_cad
+    >>> from bspline_mdao.generators import ball_grid
     >>> report = write_cad("ball.igs", fit_grid(ball_grid((9, 9, 9, 9))), units="mm")  # doctest: +SKIP
     >>> report.n_exact, report.is_closed, report.distance < 1e-9  # doctest: +SKIP
     (6, True, True)
@@ -164,7 +166,9 @@ def write_cad(
     Examples
     --------
     >>> import tempfile
-    >>> from bspline_mdao import ball_grid, fit_grid, write_cad
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.files import write_cad
+    >>> from bspline_mdao.generators import ball_grid
     >>> model = fit_grid(ball_grid((9, 9, 9, 9)))
     >>> with tempfile.TemporaryDirectory() as folder:  # doctest: +SKIP
     ...     report = write_cad(f"{folder}/ball.step", model)

@@ -96,7 +96,10 @@ class CoarseNet(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import CoarseNet, Local, OnPatch, Parametrization, fit_grid, moving_mesh, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import CoarseNet, Local, OnPatch, Parametrization
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> model = fit_grid(onera_m6_grid((9, 9, 7)), n_control=(7, 5, 6))
     >>> mesh = moving_mesh(model)
     >>> net = CoarseNet.of(model, mesh, Local("bumps", OnPatch(model, "wing_upper"), "y"), n=4)

@@ -78,7 +78,7 @@ class Deformation(OneLine):
 
     def apply_to_nodes(
         self,
-        nodes: np.ndarray,  # (n, 3), nodes of the surface (m), such as those of a `bspline_mdao.SurfaceGrid`
+        nodes: np.ndarray,  # (n, 3), nodes of the surface (m), such as those of a `bspline_mdao.measures.SurfaceGrid`
         # nodes on planes of symmetry, and the planes' unit normals
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
     ) -> np.ndarray:  # (n, 3), moved nodes (m). Those on the planes stay exactly in them

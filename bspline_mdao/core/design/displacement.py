@@ -70,7 +70,9 @@ class Local(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import fit_grid, moving_mesh, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> from bspline_mdao.core.design.parametrization import Parametrization
     >>> from bspline_mdao.core.design.selection import Nearest
     >>> mesh = moving_mesh(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))

@@ -103,7 +103,8 @@ class InteriorPoints(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import fit_grid, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
     >>> model = fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 6, 5))
     >>> shift = InteriorPoints("inner", reach=0.3).bind(model)
     >>> bool((shift.displacement(shift.upper)[shift.point_ids] != 0.0).any(axis=1).all())

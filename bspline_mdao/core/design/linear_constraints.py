@@ -54,7 +54,11 @@ class Pinned(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import InBox, Pinned, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.constraints import Pinned
+    >>> from bspline_mdao.design import InBox
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> pinned = Pinned(InBox(low=(0.4, None, None)), directions="y")
     >>> pinned.equations(mesh, mesh.points[mesh.surface_ids]).matrix.shape[0]
@@ -87,7 +91,11 @@ class InPlane(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import InBox, InPlane, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.constraints import InPlane
+    >>> from bspline_mdao.design import InBox
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> InPlane(InBox(low=(None, 0.4, None))).equations(mesh, mesh.points[mesh.surface_ids]).matrix.shape[0]
     9
@@ -143,7 +151,11 @@ class Linked(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import InBox, Linked, Local, Parametrization, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.constraints import Linked
+    >>> from bspline_mdao.design import InBox, Local, Parametrization
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> top, bottom = InBox(low=(None, 0.4, None)), InBox(high=(None, -0.4, None))
     >>> shape = Parametrization(mesh, [Local("bumps", top, "y")], constraints=[Linked(top, bottom, "y")])
@@ -179,7 +191,11 @@ class Opposite(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import InBox, Local, Opposite, Parametrization, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.constraints import Opposite
+    >>> from bspline_mdao.design import InBox, Local, Parametrization
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> top, bottom = InBox(low=(None, 0.4, None)), InBox(high=(None, -0.4, None))
     >>> shape = Parametrization(mesh, [Local("bumps", top, "y")], constraints=[Opposite(top, bottom, "y")])
@@ -242,7 +258,11 @@ class Mirrored(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import InBox, Local, Mirrored, Parametrization, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.constraints import Mirrored
+    >>> from bspline_mdao.design import InBox, Local, Parametrization
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> top, bottom = InBox(low=(None, 0.4, None)), InBox(high=(None, -0.4, None))
     >>> shape = Parametrization(mesh, [Local("bumps", top, "y")], constraints=[Mirrored((0.0, 1.0, 0.0), leaders=top)])

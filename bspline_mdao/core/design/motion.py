@@ -90,7 +90,10 @@ def pitching(
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, fit_grid, moving_mesh, pitching
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import pitching
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> motion = pitching(mesh, amplitude=5.0, frequency=1.0)
     >>> motion
@@ -118,7 +121,10 @@ def flapping(mesh: MovingMesh, amplitude: float, frequency: float, mean: float =
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, fit_grid, flapping, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import flapping
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> motion = flapping(mesh, amplitude=5.0, frequency=1.0)
     >>> motion
@@ -166,7 +172,9 @@ class UnsteadyGrid(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import FixedInterior, fit_grid, flat_plate_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
+    >>> from bspline_mdao.movers import FixedInterior, moving_mesh
     >>> model = fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5))
     >>> mesh = moving_mesh(model)
     >>> unsteady = UnsteadyGrid(model, FixedInterior(mesh), pitching(mesh, amplitude=0.1, frequency=2.0))

@@ -83,7 +83,8 @@ def parse_deformation(spec: str | Sequence[str], model: FittedModel, mesh: Movin
 
     Examples
     --------
-    >>> from bspline_mdao import fit_grid, flat_plate_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> from bspline_mdao.core.mesh.boundary import moving_mesh
     >>> model = fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5))
     >>> mesh = moving_mesh(model)

@@ -60,7 +60,10 @@ class Parametrization(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import Local, OnSideOfPlane, Parametrization, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import Local, OnSideOfPlane, Parametrization
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> shape = Parametrization(mesh, [Local("bumps", OnSideOfPlane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "y")])
     >>> values = {name: value + 0.01 for name, value in shape.initial.items()}
@@ -174,7 +177,9 @@ class Parametrization(OneLine):
 
         Examples
         --------
-        >>> from bspline_mdao import DesignSurface, Twist, fit_grid, flat_plate_grid
+        >>> from bspline_mdao import DesignSurface, fit_grid
+        >>> from bspline_mdao.design import Twist
+        >>> from bspline_mdao.generators import flat_plate_grid
         >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
         >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
         >>> len(list(shape.extremes({"twist": ([0.0, -5.0], [0.0, 5.0])})))  # degrees

@@ -143,7 +143,8 @@ class Twist(_InSections):
 
     Examples
     --------
-    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
     >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
     >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
@@ -180,7 +181,8 @@ class Chord(_InSections):
 
     Examples
     --------
-    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
     >>> shape = wing.parametrization([Chord("chord", wing.axis, stations=2)])
     >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
@@ -221,7 +223,8 @@ class ThicknessFactor(_InSections):
 
     Examples
     --------
-    >>> from bspline_mdao import DesignSurface, fit_grid, onera_m6_grid
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
     >>> wing = DesignSurface.of(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
     >>> shape = wing.parametrization([ThicknessFactor("thickness", wing.axis)])
     >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
@@ -256,7 +259,8 @@ class Taper(AlongAxis):
 
     Examples
     --------
-    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
     >>> shape = wing.parametrization([Taper("taper", wing.axis)])
     >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
@@ -301,7 +305,8 @@ class Camber(AtStations):
 
     Examples
     --------
-    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
     >>> shape = wing.parametrization([Camber("camber", wing.axis)])
     >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
@@ -359,7 +364,8 @@ class Span(_Shifting):
 
     Examples
     --------
-    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
     >>> shape = wing.parametrization([Span("span", wing.axis)])
     >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
@@ -394,7 +400,8 @@ class Sweep(_Shifting):
 
     Examples
     --------
-    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
     >>> shape = wing.parametrization([Sweep("sweep", wing.axis)])
     >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
@@ -429,7 +436,8 @@ class Dihedral(_Shifting):
 
     Examples
     --------
-    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
     >>> shape = wing.parametrization([Dihedral("dihedral", wing.axis)])
     >>> baseline = wing.mesh.points[wing.mesh.surface_ids]

@@ -69,7 +69,10 @@ class ReferenceAxis(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import ReferenceAxis, fit_grid, flat_plate_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import ReferenceAxis
+    >>> from bspline_mdao.generators import flat_plate_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(flat_plate_grid((5, 5, 5))))
     >>> axis = ReferenceAxis.of(mesh, at=0.25, n=3)  # or ReferenceAxis(points)
     >>> axis.points.round(3).tolist()
@@ -125,7 +128,9 @@ class ReferenceAxis(OneLine):
 
         Examples
         --------
-        >>> from bspline_mdao import fit_grid, moving_mesh, onera_m6_grid
+        >>> from bspline_mdao import fit_grid
+        >>> from bspline_mdao.generators import onera_m6_grid
+        >>> from bspline_mdao.movers import moving_mesh
         >>> mesh = moving_mesh(fit_grid(onera_m6_grid((9, 9, 9)), n_control=(5, 5, 5)))
         >>> ReferenceAxis.of(mesh, at=0.25, n=2).points.round(3).tolist()
         [[0.25, 0.0, 0.0], [0.997, 0.0, 1.484]]

@@ -141,7 +141,10 @@ class OnPatch(Selection):
 
     Examples
     --------
-    >>> from bspline_mdao import OnPatch, fit_grid, flat_plate_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import OnPatch
+    >>> from bspline_mdao.generators import flat_plate_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> model = fit_grid(flat_plate_grid((5, 5, 5)))
     >>> mesh = moving_mesh(model)
     >>> upper = OnPatch(model, "*upper")
@@ -177,7 +180,10 @@ class InBox(Selection):
 
     Examples
     --------
-    >>> from bspline_mdao import InBox, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import InBox
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> int(InBox(low=(None, 0.4, None)).mask(mesh).sum())  # points above y = 0.4 m
     9
@@ -217,7 +223,10 @@ class InBlock(Selection):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import InBlock, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import InBlock
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> int(InBlock(0, np.s_[:, :, 0]).mask(mesh).sum())
     9
@@ -257,7 +266,10 @@ class Nearest(Selection):
 
     Examples
     --------
-    >>> from bspline_mdao import Nearest, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import Nearest
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> mesh.points[mesh.surface_ids][Nearest([[0.0, 2.0, 0.0]]).mask(mesh)].round(3) + 0.0
     array([[0. , 0.5, 0. ]])
@@ -292,7 +304,10 @@ class OnSideOfPlane(Selection):
 
     Examples
     --------
-    >>> from bspline_mdao import OnSideOfPlane, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import OnSideOfPlane
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> int(OnSideOfPlane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0)).mask(mesh).sum())
     17
@@ -322,7 +337,10 @@ class NearPlane(Selection):
 
     Examples
     --------
-    >>> from bspline_mdao import NearPlane, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import NearPlane
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> int(NearPlane((0.0, 0.5, 0.0), (0.0, 1.0, 0.0), distance=1e-6).mask(mesh).sum())
     9
@@ -354,7 +372,11 @@ class SurfaceRows(Selection):
 
     Examples
     --------
-    >>> from bspline_mdao import SurfaceRows, brick_grid, combine, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import SurfaceRows
+    >>> from bspline_mdao.drivers import combine
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> (SurfaceRows([0, 1]) & ~SurfaceRows([1])).mask(mesh).nonzero()[0]  # selections combine by &, or, not
     array([0])

@@ -75,7 +75,10 @@ class TangentContinuity(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import TangentContinuity, ball_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.constraints import TangentContinuity
+    >>> from bspline_mdao.generators import ball_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(ball_grid((5, 5, 5, 5))))
     >>> smooth = TangentContinuity(max_kink=30.0)
     >>> smooth.equations(mesh, mesh.points[mesh.surface_ids]).matrix.shape[1] == 3 * mesh.surface_ids.size

@@ -113,7 +113,9 @@ def invert_points(
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import brick_grid, fit_grid, invert_points
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.splines import invert_points
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> inversion = invert_points(model.mesh, model.control_points, np.array([[2.0, 0.1, 0.2]]))
     >>> bool(inversion.distance.max() < 1e-9)
@@ -221,7 +223,9 @@ def require_inside(inversion: PointInversion, source: str = "points") -> PointIn
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import brick_grid, fit_grid, invert_points, require_inside
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.splines import invert_points, require_inside
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> inside = require_inside(invert_points(model.mesh, model.control_points, np.array([[2.0, 0.1, 0.2]])))
     >>> inside.parameters.shape
@@ -258,7 +262,9 @@ def embed_points(mesh: BSplineMesh, inversion: PointInversion) -> Evaluator:
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import brick_grid, embed_points, fit_grid, invert_points
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.splines import embed_points, invert_points
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> inversion = invert_points(model.mesh, model.control_points, np.array([[2.0, 0.1, 0.2]]))
     >>> embed_points(model.mesh, inversion).forward(1.1 * model.control_points).round(6)  # the points follow

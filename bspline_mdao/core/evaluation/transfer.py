@@ -47,7 +47,8 @@ class CellTransfer(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import find_topology, flat_plate_grid
+    >>> from bspline_mdao import find_topology
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> from bspline_mdao.core.evaluation.family import refined_topology
     >>> topology = find_topology(flat_plate_grid((9, 9, 5)))
     >>> transfer = CellTransfer.of(topology, refined_topology(topology, 1.5))
@@ -145,7 +146,9 @@ class NodeTransfer(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import NodeTransfer, brick_grid, find_topology
+    >>> from bspline_mdao import find_topology
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.splines import NodeTransfer
     >>> coarse, fine = (find_topology(brick_grid((n, n, n, n))) for n in (5, 9))
     >>> NodeTransfer.of(coarse, fine).prolong(np.ones(coarse.n_nodes)).shape == (fine.n_nodes,)
     True

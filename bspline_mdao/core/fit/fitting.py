@@ -122,7 +122,8 @@ def fit_grid(
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> model = fit_grid(brick_grid((9, 9, 9, 9)), n_control=5)
     >>> model.mesh.n_control_points, model.regenerate().n_nodes
     (490, 4374)
@@ -177,7 +178,8 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, fit_blocks
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.splines import fit_blocks
     >>> blocks = fit_blocks(brick_grid((5, 5, 5, 5)), n_control=4)  # on one process; else fit_blocks(grid, comm)
     >>> blocks.control_points.shape
     (224, 3)

@@ -136,7 +136,10 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import brick_grid, fit_grid, fit_surface, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
+    >>> from bspline_mdao.splines import fit_surface
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> mesh, nodes = moving_mesh(model), model.regenerate().to_vector().reshape(-1, 3)
     >>> found = fit_surface(model, mesh.surface_ids, nodes * [1.0, 1.1, 1.0])  # 10 % thicker

@@ -54,7 +54,7 @@ class Rib(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import Rib, naca_section
+    >>> from bspline_mdao.generators import Rib, naca_section
     >>> Rib(span=2.0, leading_edge=0.5, chord=1.0, section=naca_section(0.12), twist=-2.0).chord
     1.0
     """
@@ -88,7 +88,7 @@ class BlendedWingBody(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import BlendedWingBody, Rib, naca_section
+    >>> from bspline_mdao.generators import BlendedWingBody, Rib, naca_section
     >>> ribs = [Rib(span, span / 2, 2.0 - span / 2, naca_section(0.12)) for span in (0.0, 1.0, 3.0)]
     >>> round(float(BlendedWingBody(tuple(ribs)).developed_span), 3)
     3.0
@@ -193,7 +193,7 @@ def generic_blended_wing_body() -> BlendedWingBody:
 
     Examples
     --------
-    >>> from bspline_mdao import generic_blended_wing_body
+    >>> from bspline_mdao.generators import generic_blended_wing_body
     >>> len(generic_blended_wing_body().ribs)
     6
     """

@@ -64,7 +64,7 @@ def onera_m6_grid(shape=(45, 65, 33), spacing: Spacing | None = None, far_field:
 
     Examples
     --------
-    >>> from bspline_mdao import onera_m6_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
     >>> onera_m6_grid((5, 5, 5))
     Grid(H-H wing grid: 12 blocks, 1,500 nodes, 4 patches)
     """
@@ -92,7 +92,7 @@ def flat_plate_grid(shape=(45, 45, 45), spacing: Spacing | None = None, far_fiel
 
     Examples
     --------
-    >>> from bspline_mdao import flat_plate_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> flat_plate_grid((5, 5, 5))
     Grid(H-H wing grid: 12 blocks, 1,500 nodes, 4 patches)
     """
@@ -112,7 +112,7 @@ def rectangular_wing() -> Wing:
 
     Examples
     --------
-    >>> from bspline_mdao import rectangular_wing
+    >>> from bspline_mdao.generators import rectangular_wing
     >>> rectangular_wing().planform
     Planform(root_chord=0.4966, semi_span=1.484, taper=1, leading_edge_sweep=0)
     """
@@ -130,7 +130,7 @@ def onera_d_section() -> Section:
 
     Examples
     --------
-    >>> from bspline_mdao import onera_d_section
+    >>> from bspline_mdao.generators import onera_d_section
     >>> round(float(onera_d_section().thickness), 3)
     0.097
     """
@@ -149,7 +149,7 @@ def onera_m6_planform() -> Planform:
 
     Examples
     --------
-    >>> from bspline_mdao import onera_m6_planform
+    >>> from bspline_mdao.generators import onera_m6_planform
     >>> planform = onera_m6_planform()
     >>> round(planform.semi_span, 3), round(planform.aspect_ratio, 2)
     (1.484, 3.8)

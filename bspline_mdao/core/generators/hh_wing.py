@@ -84,7 +84,7 @@ class Spacing(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import Spacing, hh_wing_grid, rectangular_wing
+    >>> from bspline_mdao.generators import Spacing, hh_wing_grid, rectangular_wing
     >>> hh_wing_grid(rectangular_wing(), (5, 5, 5), spacing=Spacing(off_wall=1e-2)).n_nodes
     1500
     >>> Spacing(off_wall=1e-2).widened(2.0).off_wall
@@ -111,7 +111,7 @@ class Spacing(OneLine):
 
         Examples
         --------
-        >>> from bspline_mdao import Spacing
+        >>> from bspline_mdao.generators import Spacing
         >>> Spacing(leading=1e-3).coarsened((12, 65, 33), (45, 65, 33)).widened(0.5)
         Spacing(off_wall=0.0005, leading=0.002, trailing=0.002, tip=0.0005, root=None)
         """
@@ -138,7 +138,7 @@ class FarField(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import FarField, hh_wing_grid, rectangular_wing
+    >>> from bspline_mdao.generators import FarField, hh_wing_grid, rectangular_wing
     >>> hh_wing_grid(rectangular_wing(), (5, 5, 5), far_field=FarField(distance=5.0)).n_nodes
     1500
     """
@@ -178,7 +178,7 @@ def hh_wing_grid(
 
     Examples
     --------
-    >>> from bspline_mdao import Planform, Wing, hh_wing_grid, naca_section
+    >>> from bspline_mdao.generators import Planform, Wing, hh_wing_grid, naca_section
     >>> wing = Wing(Planform(root_chord=1.0, semi_span=3.0, taper=0.5), naca_section(0.12))
     >>> hh_wing_grid(wing, (5, 5, 5)).n_nodes
     1500
@@ -227,7 +227,7 @@ def infinite_wing_grid(
 
     Examples
     --------
-    >>> from bspline_mdao import infinite_wing_grid, naca_section
+    >>> from bspline_mdao.generators import infinite_wing_grid, naca_section
     >>> grid = infinite_wing_grid(naca_section(0.12), (17, 9))  # one cell deep
     >>> grid.shapes[0]
     (17, 9, 2)

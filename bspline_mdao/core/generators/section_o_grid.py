@@ -66,7 +66,7 @@ def section_o_grid(section: Section, n_around: int = 64, far: float = 150.0, n_a
 
     Examples
     --------
-    >>> from bspline_mdao import naca_section, section_o_grid
+    >>> from bspline_mdao.generators import naca_section, section_o_grid
     >>> section_o_grid(naca_section(0.12), n_around=16, far=20.0).shapes
     ((17, 12, 2),)
     """

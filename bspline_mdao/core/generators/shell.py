@@ -61,7 +61,7 @@ def ball_grid(
 
     Examples
     --------
-    >>> from bspline_mdao import ball_grid
+    >>> from bspline_mdao.generators import ball_grid
     >>> grid = ball_grid((5, 5, 5, 5), radius=1.0, far=10.0)
     >>> len(grid.blocks), [patch.name for patch in grid.patches]
     (6, ['body', 'farfield'])
@@ -105,7 +105,7 @@ def brick_grid(
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> grid = brick_grid((5, 5, 5, 5), size=(2.0, 1.0, 1.0), far=10.0)
     >>> len(grid.blocks), [patch.name for patch in grid.patches]
     (6, ['body', 'farfield'])

@@ -30,7 +30,7 @@ class Shape(Protocol):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import BlendedWingBody, Planform, Wing, lay_nodes, naca_section
+    >>> from bspline_mdao.generators import BlendedWingBody, Planform, Wing, lay_nodes, naca_section
     >>> wing = Wing(Planform(semi_span=3.0), naca_section(0.12))  # a wing is a shape, as is a BlendedWingBody
     >>> chord, span = np.meshgrid([0.0, 0.5, 1.0], [0.0, 1.0], indexing="ij")
     >>> lay_nodes(wing, +1, chord, span)[..., 2].round(3).tolist()
@@ -72,7 +72,9 @@ def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape) -> np.n
 
     Examples
     --------
-    >>> from bspline_mdao import fit_grid, flat_plate_grid, generic_blended_wing_body, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid, generic_blended_wing_body
+    >>> from bspline_mdao.movers import moving_mesh
     >>> model = fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5))
     >>> mesh = moving_mesh(model)
     >>> surface = fit_shape(model, mesh.surface_ids, generic_blended_wing_body())
@@ -87,8 +89,10 @@ def nodes_on_shape(model: FittedModel, shape: Shape) -> np.ndarray:
 
     Examples
     --------
-    >>> from bspline_mdao import Planform, Wing, fit_grid
-    >>> from bspline_mdao import hh_wing_grid, naca_section, nodes_on_shape, rectangular_wing
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import (
+    ...     Planform, Wing, hh_wing_grid, naca_section, nodes_on_shape, rectangular_wing,
+    ... )
     >>> model = fit_grid(hh_wing_grid(rectangular_wing(), (5, 5, 5)))
     >>> nodes_on_shape(model, Wing(Planform(semi_span=3.0, taper=0.5), naca_section(0.12))).shape
     (1500, 3)
@@ -120,7 +124,7 @@ def lay_walls(grid: Grid, shape: Shape) -> list[tuple[Window, np.ndarray]]:
 
     Examples
     --------
-    >>> from bspline_mdao import Planform, Wing, hh_wing_grid, lay_walls, naca_section, rectangular_wing
+    >>> from bspline_mdao.generators import Planform, Wing, hh_wing_grid, lay_walls, naca_section, rectangular_wing
     >>> wing = Wing(Planform(semi_span=3.0, taper=0.5), naca_section(0.12))
     >>> [nodes.shape for _, nodes in lay_walls(hh_wing_grid(rectangular_wing(), (5, 5, 5)), wing)]
     [(5, 1, 5, 3), (5, 1, 5, 3)]
@@ -158,7 +162,7 @@ def lay_nodes(shape: Shape, side: int, chord: np.ndarray, span: np.ndarray) -> n
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import lay_nodes, rectangular_wing
+    >>> from bspline_mdao.generators import lay_nodes, rectangular_wing
     >>> chord, span = np.meshgrid([0.0, 0.5, 1.0], [0.0, 1.0], indexing="ij")
     >>> lay_nodes(rectangular_wing(), +1, chord, span).shape
     (3, 2, 3)

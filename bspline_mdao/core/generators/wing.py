@@ -43,7 +43,7 @@ class Planform(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import Planform
+    >>> from bspline_mdao.generators import Planform
     >>> planform = Planform(root_chord=1.0, semi_span=3.0, taper=0.5, leading_edge_sweep=20.0)
     >>> planform.tip_chord, round(planform.trailing_edge_sweep, 2)
     (0.5, 11.16)
@@ -113,7 +113,7 @@ class Section(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import Section
+    >>> from bspline_mdao.generators import Section
     >>> x = np.linspace(0.0, 1.0, 51)
     >>> section = Section.symmetric(np.stack([x, 0.2 * x * (1.0 - x)], axis=1))
     >>> round(float(section.thickness), 3)
@@ -183,7 +183,7 @@ def flat_section() -> Section:
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import flat_section
+    >>> from bspline_mdao.generators import flat_section
     >>> float(np.abs(flat_section().upper[:, 1]).max())
     0.0
     """
@@ -208,7 +208,7 @@ def naca_section(thickness: float = 0.12, extended: bool = False) -> Section:
 
     Examples
     --------
-    >>> from bspline_mdao import naca_section
+    >>> from bspline_mdao.generators import naca_section
     >>> naca_section(0.12).upper[:, 1].max().round(3).item()  # half of the thickness
     0.06
     """
@@ -242,7 +242,7 @@ def cambered_section(thickness: float, camber: float, reflex: float = 0.0) -> Se
 
     Examples
     --------
-    >>> from bspline_mdao import cambered_section
+    >>> from bspline_mdao.generators import cambered_section
     >>> section = cambered_section(0.12, 0.02)
     >>> section.lower.shape == section.upper.shape
     True
@@ -316,7 +316,7 @@ class Wing(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import Planform, Wing, naca_section
+    >>> from bspline_mdao.generators import Planform, Wing, naca_section
     >>> wing = Wing(Planform(semi_span=3.0, taper=0.5, leading_edge_sweep=20.0), naca_section(0.12))
     >>> wing.planform.tip_chord
     0.5

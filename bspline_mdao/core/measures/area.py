@@ -56,7 +56,9 @@ class SurfaceArea(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import SurfaceArea, SurfaceGrid, brick_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import SurfaceArea, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> area = SurfaceArea.of(surface, relative=True)
     >>> area.evaluate(2.0 * surface.points)  # of a body twice as large
@@ -89,7 +91,8 @@ class SurfaceArea(OneLine):
 
         Examples
         --------
-        >>> from bspline_mdao import fit_grid, flat_plate_grid
+        >>> from bspline_mdao import fit_grid
+        >>> from bspline_mdao.generators import flat_plate_grid
         >>> surface = SurfaceGrid.of(fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5)))
         >>> SurfaceArea.of(surface).evaluate(surface.points).round(9)  # both sides of 1 m x 2 m
         array([4.])
@@ -136,7 +139,9 @@ class ProjectedArea(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import ProjectedArea, SurfaceGrid, brick_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import ProjectedArea, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> area = ProjectedArea.of(surface, relative=True)  # as seen from above
     >>> area.evaluate(surface.points * [2.0, 1.0, 1.0]).round(6)
@@ -183,7 +188,8 @@ class ProjectedArea(OneLine):
 
         Examples
         --------
-        >>> from bspline_mdao import fit_grid, onera_m6_grid
+        >>> from bspline_mdao import fit_grid
+        >>> from bspline_mdao.generators import onera_m6_grid
         >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
         >>> ProjectedArea.of(surface, name="planform_area").evaluate(surface.points).round(4)
         array([1.1592])

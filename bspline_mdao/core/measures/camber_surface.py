@@ -61,7 +61,9 @@ class CamberSurface(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import CamberSurface, SurfaceGrid, fit_grid, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.measures import CamberSurface, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
     >>> CamberSurface.of(surface, n_chord=3, n_span=4).evaluate(surface.points).shape
     (3, 4, 3)

@@ -59,7 +59,9 @@ class Clearance(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import Clearance, SurfaceGrid, brick_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import Clearance, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> clearance = Clearance.from_points(surface, "body", np.array([[0.5, 1.0, 0.5]]))
     >>> clearance.evaluate(surface.points).round(2)
@@ -203,7 +205,9 @@ class PlaneClearance(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import PlaneClearance, SurfaceGrid, brick_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import PlaneClearance, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> clearance = PlaneClearance.of(surface, "body", origin=(0.0, -1.0, 0.0), normal=(0.0, 1.0, 0.0))
     >>> clearance.evaluate(surface.points).round(3)

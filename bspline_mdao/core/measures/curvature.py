@@ -70,7 +70,9 @@ class Curvature(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import Curvature, SurfaceGrid, fit_grid, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.measures import Curvature, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
     >>> curvature = Curvature.integral(surface, relative=True)
     >>> curvature.evaluate(2.0 * surface.points)

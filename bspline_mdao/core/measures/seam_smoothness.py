@@ -78,7 +78,10 @@ class SeamSmoothness(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import SeamSmoothness, ball_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import ball_grid
+    >>> from bspline_mdao.measures import SeamSmoothness
+    >>> from bspline_mdao.movers import moving_mesh
     >>> model = fit_grid(ball_grid((9, 9, 9, 9)))
     >>> jumps = SeamSmoothness.curvature_jumps(model, moving_mesh(model))
     >>> jumps.shape, bool(abs(jumps.evaluate(jumps.points)).max() < 1e-6)  # both sides are mirror images

@@ -51,7 +51,9 @@ class SeamContinuity(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import ball_grid, fit_grid, seam_continuity
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import ball_grid
+    >>> from bspline_mdao.measures import seam_continuity
     >>> seam = seam_continuity(fit_grid(ball_grid((9, 9, 9, 9))))[0]
     >>> seam.points.shape, bool(seam.max_kink < 1.0)
     ((21, 3), True)
@@ -109,7 +111,9 @@ def seam_continuity(
 
     Examples
     --------
-    >>> from bspline_mdao import ball_grid, fit_grid, seam_continuity
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import ball_grid
+    >>> from bspline_mdao.measures import seam_continuity
     >>> seams = seam_continuity(fit_grid(ball_grid((9, 9, 9, 9))))
     >>> len(seams)  # the edges of a cube
     12
@@ -141,7 +145,9 @@ class PoleContinuity(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import fit_grid, onera_m6_grid, pole_continuity
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.measures import pole_continuity
     >>> pole_continuity(fit_grid(onera_m6_grid((9, 9, 7))))  # no edge of it has collapsed to a point
     ()
     """
@@ -178,7 +184,9 @@ def pole_continuity(
 
     Examples
     --------
-    >>> from bspline_mdao import ball_grid, fit_grid, pole_continuity
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import ball_grid
+    >>> from bspline_mdao.measures import pole_continuity
     >>> pole_continuity(fit_grid(ball_grid((9, 9, 9, 9))))  # six sides, and no pole
     ()
     """

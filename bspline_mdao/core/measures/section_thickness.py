@@ -61,7 +61,9 @@ class SectionThickness(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import SectionThickness, SurfaceGrid, fit_grid, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.measures import SectionThickness, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
     >>> thickness = SectionThickness.at(surface, [0.3, 0.6])  # largest thickness by chord, at two sections
     >>> thickness.evaluate(surface.points).shape
@@ -117,7 +119,8 @@ class SectionThickness(OneLine):
 
         Examples
         --------
-        >>> from bspline_mdao import fit_grid, onera_m6_grid
+        >>> from bspline_mdao import fit_grid
+        >>> from bspline_mdao.generators import onera_m6_grid
         >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((17, 17, 13)), n_control=(9, 8, 7)))
         >>> SectionThickness.at(surface, [0.2, 0.5, 0.8]).evaluate(surface.points).round(3)
         array([0.096, 0.096, 0.096])

@@ -58,7 +58,9 @@ class Thickness(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import SurfaceGrid, Thickness, fit_grid, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.measures import SurfaceGrid, Thickness
     >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
     >>> thickness = Thickness.grid(surface, n_chord=3, n_span=4, relative=True)
     >>> thickness.evaluate(surface.points * [1.0, 1.1, 1.0]).min().round(3).item()  # of a body that is 10 % thicker
@@ -108,7 +110,8 @@ class Thickness(OneLine):
 
         Examples
         --------
-        >>> from bspline_mdao import fit_grid, onera_m6_grid
+        >>> from bspline_mdao import fit_grid
+        >>> from bspline_mdao.generators import onera_m6_grid
         >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
         >>> thickness = Thickness.at(surface, [[0.3, 0.0, 0.1], [0.5, 0.0, 0.3]])
         >>> thickness.evaluate(surface.points).round(3)
@@ -171,7 +174,8 @@ class Thickness(OneLine):
 
         Examples
         --------
-        >>> from bspline_mdao import fit_grid, onera_m6_grid
+        >>> from bspline_mdao import fit_grid
+        >>> from bspline_mdao.generators import onera_m6_grid
         >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((17, 17, 13)), n_control=(9, 8, 7)))
         >>> Thickness.grid(surface, n_chord=3, n_span=2).evaluate(surface.points).round(3)
         array([[0.058, 0.091, 0.012],

@@ -56,7 +56,9 @@ class EnclosedVolume(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import EnclosedVolume, SurfaceGrid, brick_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import EnclosedVolume, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> volume = EnclosedVolume.of(surface, relative=True)
     >>> volume.evaluate(surface.points * [1.0, 1.1, 1.0]).round(6)  # of a body that is 10 % thicker
@@ -97,7 +99,8 @@ class EnclosedVolume(OneLine):
 
         Examples
         --------
-        >>> from bspline_mdao import fit_grid, onera_m6_grid
+        >>> from bspline_mdao import fit_grid
+        >>> from bspline_mdao.generators import onera_m6_grid
         >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((17, 17, 13)), n_control=(9, 8, 7)))
         >>> EnclosedVolume.of(surface).evaluate(surface.points).round(4)
         array([0.0623])

@@ -61,7 +61,9 @@ class LeadingEdgeRadius(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import LeadingEdgeRadius, SurfaceGrid, fit_grid, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.measures import LeadingEdgeRadius, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
     >>> radius = LeadingEdgeRadius.at(surface, [0.3, 0.6], relative_to="baseline")
     >>> radius.evaluate(surface.points * [1.0, 1.1, 1.0]).round(2)
@@ -228,7 +230,9 @@ class TrailingEdgeAngle(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import SurfaceGrid, TrailingEdgeAngle, fit_grid, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.measures import SurfaceGrid, TrailingEdgeAngle
     >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
     >>> TrailingEdgeAngle.at(surface, [0.3, 0.6]).evaluate(surface.points).shape
     (2,)

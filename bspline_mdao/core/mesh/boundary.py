@@ -86,7 +86,9 @@ def moving_mesh(
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))  # all walls move; symmetry planes slide
     >>> mesh.points.shape, mesh.surface_ids.size, mesh.n_invalid
     ((78, 3), 26, 0)
@@ -143,7 +145,9 @@ def moving_grid(
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, find_topology, moving_grid
+    >>> from bspline_mdao import find_topology
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_grid
     >>> grid = brick_grid((5, 5, 5, 5))
     >>> mesh, nodes = moving_grid(find_topology(grid), grid.to_vector().reshape(-1, 3))  # without splines
     >>> mesh.n_points, nodes.shape

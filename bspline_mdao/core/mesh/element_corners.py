@@ -37,7 +37,9 @@ class ElementCorners(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> corners = ElementCorners.of(mesh, rho=100.0)
     >>> corners.value(mesh.points) < mesh.tangled(mesh.points).min_corner

@@ -88,7 +88,9 @@ class MovingMesh(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> mesh.n_points, mesh.points[mesh.surface_ids].shape, mesh.n_invalid
     (78, (26, 3), 0)

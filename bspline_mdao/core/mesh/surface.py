@@ -45,7 +45,9 @@ class SurfaceGrid(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import SurfaceGrid, brick_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))), "body")
     >>> surface.patches, surface.points.shape
     (('body', 'body', 'body', 'body', 'body', 'body'), (98, 3))

@@ -45,7 +45,8 @@ def certify(what: Grid | FittedModel, control_points: np.ndarray | None = None) 
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, certify, fit_grid
+    >>> from bspline_mdao import certify, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> certify(model)
     Certificate(valid: all 384 cells of 6 blocks valid; all 6 spline elements of 6 blocks valid)

@@ -54,7 +54,9 @@ def curved_grid(
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, curved_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.splines import curved_grid
     >>> model = fit_grid(brick_grid((9, 9, 9, 9)))
     >>> grid = curved_grid(model, degree=2, factor=0.5)
     >>> grid.elements.shape, bool((grid.worst_jacobians() > 0).all())

@@ -29,7 +29,7 @@ __all__ = ["FittedBlocks"]
 
 @dataclass(frozen=True, eq=False)
 class FittedBlocks(OneLine):
-    """A fitted grid of which each process holds some blocks. Made by `bspline_mdao.fit_blocks`.
+    """A fitted grid of which each process holds some blocks. Made by `bspline_mdao.splines.fit_blocks`.
 
     Parameters
     ----------

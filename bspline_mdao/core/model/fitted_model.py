@@ -62,7 +62,8 @@ class FittedModel(Shown, Model):
     Examples
     --------
     >>> import tempfile
-    >>> from bspline_mdao import FittedModel, brick_grid, fit_grid
+    >>> from bspline_mdao import FittedModel, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> model = fit_grid(brick_grid((9, 9, 9, 9)), n_control=5)
     >>> stretched = model.regenerate(model.control_points * [1.0, 1.0, 1.1])  # the grid of other control points
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -307,7 +308,8 @@ def family_member(model: FittedModel, factor: float, control_points: np.ndarray 
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, family_member, fit_grid
+    >>> from bspline_mdao import family_member, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> family_member(model, 2.0).shapes[0]  # twice the cells in each direction
     (9, 9, 9)

@@ -42,7 +42,9 @@ class ComovingFrame(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import ComovingFrame, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import ComovingFrame, LinearElasticity, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> mover = ComovingFrame(LinearElasticity(mesh))
     >>> half_turn = np.diag([-1.0, -1.0, 1.0])

@@ -86,7 +86,9 @@ class LinearElasticity(EquilibriumMover):
 
     Examples
     --------
-    >>> from bspline_mdao import LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import LinearElasticity, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> mover = LinearElasticity(mesh, n_increments=2)
     >>> movement = mover.move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])  # 20 % thicker

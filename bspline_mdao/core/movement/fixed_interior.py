@@ -41,7 +41,9 @@ class FixedInterior(IncrementalMover):
 
     Examples
     --------
-    >>> from bspline_mdao import FixedInterior, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import FixedInterior, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> movement = FixedInterior(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
     >>> bool((movement.points[mesh.is_free.all(axis=1)] == mesh.points[mesh.is_free.all(axis=1)]).all())

@@ -188,7 +188,9 @@ def increments_for(mover: Mover, designs: Iterable[np.ndarray]) -> int:
     Examples
     --------
     >>> from dataclasses import replace
-    >>> from bspline_mdao import LinearElasticity, brick_grid, fit_grid, increments_for, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import LinearElasticity, increments_for, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> mover = LinearElasticity(mesh)
     >>> thick, thin = (mesh.points[mesh.surface_ids] * [1.0, factor, 1.0] for factor in (1.2, 0.8))

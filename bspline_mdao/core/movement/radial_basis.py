@@ -90,7 +90,9 @@ class RadialBasis(IncrementalMover):
 
     Examples
     --------
-    >>> from bspline_mdao import RadialBasis, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import RadialBasis, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> mover = RadialBasis(mesh, kernel="wendland c2", radius=0.5)
     >>> movement = mover.move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])

@@ -84,7 +84,9 @@ class Rotations(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import Rotations, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import Rotations, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> movement = Rotations(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
     >>> movement.points.shape, movement.report.n_increments

@@ -62,7 +62,9 @@ class LinealSprings(_Springs):
 
     Examples
     --------
-    >>> from bspline_mdao import LinealSprings, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import LinealSprings, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> movement = LinealSprings(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
     >>> mesh.tangled(movement.points).n_invalid
@@ -99,7 +101,9 @@ class TorsionalSprings(_Springs):
 
     Examples
     --------
-    >>> from bspline_mdao import TorsionalSprings, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import TorsionalSprings, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> moved_surface = mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0]
     >>> movement = TorsionalSprings(mesh, torsion=0.1).move(mesh.points, moved_surface)

@@ -44,7 +44,9 @@ class Transfinite(IncrementalMover):
 
     Examples
     --------
-    >>> from bspline_mdao import Transfinite, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import Transfinite, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> movement = Transfinite(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
     >>> mesh.tangled(movement.points).n_invalid

@@ -36,7 +36,9 @@ class StiffnessLaw(Protocol):
 
     Examples
     --------
-    >>> from bspline_mdao import WallDistanceLaw, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import WallDistanceLaw, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> law = WallDistanceLaw(power=2.0)  # a law is one, as are those of yours with its three methods
     >>> law.modulus(mesh, mesh.points, mesh.points).shape == (len(mesh.elements),)
@@ -95,7 +97,9 @@ class OrthogonalityLaw(_CornerLaw):
 
     Examples
     --------
-    >>> from bspline_mdao import LinearElasticity, OrthogonalityLaw, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import LinearElasticity, OrthogonalityLaw, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> LinearElasticity(mesh, stiffness=OrthogonalityLaw()).stiffness
     OrthogonalityLaw()
@@ -124,7 +128,9 @@ class InverseVolumeLaw(_CornerLaw):
 
     Examples
     --------
-    >>> from bspline_mdao import InverseVolumeLaw, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import InverseVolumeLaw, LinearElasticity, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> LinearElasticity(mesh, stiffness=InverseVolumeLaw(power=1.0)).stiffness
     InverseVolumeLaw(power=1, shape=0)
@@ -149,7 +155,9 @@ class ConstantLaw(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import ConstantLaw, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import ConstantLaw, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> float(np.ptp(ConstantLaw().modulus(mesh, mesh.points, mesh.points)))  # of all elements the same
     0.0
@@ -183,7 +191,9 @@ class WallDistanceLaw(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import LinearElasticity, WallDistanceLaw, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import LinearElasticity, WallDistanceLaw, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> LinearElasticity(mesh, stiffness=WallDistanceLaw(power=2.0)).stiffness
     WallDistanceLaw(power=2)

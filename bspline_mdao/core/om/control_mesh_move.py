@@ -70,9 +70,9 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     Options
     -------
     mover : Mover
-        Its mesh says what is moved and what each point may do; `bspline_mdao.moving_mesh` makes it from a fitted model.
-        Factors are kept for derivatives where the mover does not say otherwise (``keep_factors``), but not in a problem
-        that is set up with ``derivatives=False``.
+        Its mesh says what is moved and what each point may do; `bspline_mdao.movers.moving_mesh` makes it from a fitted
+        model. Factors are kept for derivatives where the mover does not say otherwise (``keep_factors``), but not in a
+        problem that is set up with ``derivatives=False``.
     rho : float
         Sharpness of ``control_corner_ks``: it is below the smallest corner triple product of n elements by at most
         ln(8 n) / rho.
@@ -102,7 +102,9 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import ControlMeshMove, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import ControlMeshMove, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.movers import LinearElasticity, moving_mesh
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> mover = LinearElasticity(moving_mesh(model))
     >>> problem = om.Problem(reports=None)

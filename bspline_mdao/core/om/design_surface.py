@@ -59,7 +59,9 @@ class DesignSurface(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import Twist, fit_grid, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import Twist
+    >>> from bspline_mdao.generators import onera_m6_grid
     >>> wing = DesignSurface.of(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
     >>> round(wing.planform_area, 3)
     1.159

@@ -78,7 +78,8 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
     --------
     >>> import numpy as np
     >>> import openmdao.api as om
-    >>> from bspline_mdao import Fit, brick_grid, fit_grid
+    >>> from bspline_mdao import Fit, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> problem = om.Problem(reports=None)
     >>> _ = problem.model.add_subsystem("body", Fit(model=model), promotes=["*"])

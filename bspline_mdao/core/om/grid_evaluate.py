@@ -77,7 +77,8 @@ class GridEvaluate(SparseComponent):
     --------
     >>> import numpy as np
     >>> import openmdao.api as om
-    >>> from bspline_mdao import GridEvaluate, brick_grid, fit_grid
+    >>> from bspline_mdao import GridEvaluate, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> problem = om.Problem(reports=None)
     >>> _ = problem.model.add_subsystem("body", GridEvaluate(model=model), promotes=["*"])

@@ -102,7 +102,9 @@ class GridMovement(Copied, om.Group):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import DesignSurface, GridMovement, Twist, fit_grid, flat_plate_grid
+    >>> from bspline_mdao import DesignSurface, GridMovement, fit_grid
+    >>> from bspline_mdao.design import Twist
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
     >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
     >>> problem = om.Problem(GridMovement(model=wing.model, parametrization=shape, fit=False), reports=None)

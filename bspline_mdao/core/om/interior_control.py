@@ -50,7 +50,9 @@ class InteriorControl(SparseComponent):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import InteriorControl, InteriorPoints, brick_grid, fit_grid
+    >>> from bspline_mdao import InteriorControl, fit_grid
+    >>> from bspline_mdao.design import InteriorPoints
+    >>> from bspline_mdao.generators import brick_grid
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> problem = om.Problem(reports=None)
     >>> component = InteriorControl(model=model, variables=[InteriorPoints("inside")])

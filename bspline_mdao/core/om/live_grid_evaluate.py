@@ -67,7 +67,8 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import LiveGridEvaluate, brick_grid, fit_grid
+    >>> from bspline_mdao import LiveGridEvaluate, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> problem = om.Problem(reports=None)
     >>> _ = problem.model.add_subsystem("body", LiveGridEvaluate(model=model), promotes=["*"])

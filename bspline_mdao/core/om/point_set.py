@@ -82,7 +82,8 @@ class PointSet(MovedPoints, om.ExplicitComponent):
     --------
     >>> import numpy as np
     >>> import openmdao.api as om
-    >>> from bspline_mdao import PointSet, brick_grid, fit_grid
+    >>> from bspline_mdao import PointSet, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> problem = om.Problem(reports=None)
     >>> component = PointSet(model=model, points=np.array([[2.0, 0.0, 0.0]]), name="probe")

@@ -79,7 +79,8 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import Quality, brick_grid, fit_grid
+    >>> from bspline_mdao import Quality, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> problem = om.Problem(reports=None)
     >>> quality = problem.model.add_subsystem("quality", Quality(model=model), promotes=["*"])

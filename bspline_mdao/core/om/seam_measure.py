@@ -37,7 +37,10 @@ class SeamMeasure(SurfaceMeasure):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import SeamMeasure, SeamSmoothness, ball_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import SeamMeasure, fit_grid
+    >>> from bspline_mdao.generators import ball_grid
+    >>> from bspline_mdao.measures import SeamSmoothness
+    >>> from bspline_mdao.movers import moving_mesh
     >>> model = fit_grid(ball_grid((9, 9, 9, 9)))
     >>> jumps = SeamSmoothness.curvature_jumps(model, moving_mesh(model))
     >>> problem = om.Problem(reports=None)

@@ -64,7 +64,10 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import SurfaceControlFit, SurfaceGrid, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import SurfaceControlFit, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import SurfaceGrid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> surface = SurfaceGrid.of(model)
     >>> problem = om.Problem(reports=None)

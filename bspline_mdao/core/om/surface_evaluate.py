@@ -47,7 +47,10 @@ class SurfaceEvaluate(CheckedAlongEdges, om.ExplicitComponent):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import SurfaceEvaluate, SurfaceGrid, brick_grid, fit_grid, moving_mesh
+    >>> from bspline_mdao import SurfaceEvaluate, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import SurfaceGrid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> component = SurfaceEvaluate(model=model, mesh=moving_mesh(model), surface=SurfaceGrid.of(model))
     >>> problem = om.Problem(reports=None)

@@ -38,7 +38,9 @@ class SurfaceMeasure(SparseComponent):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import EnclosedVolume, SurfaceGrid, SurfaceMeasure, brick_grid, fit_grid
+    >>> from bspline_mdao import SurfaceMeasure, fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import EnclosedVolume, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> problem = om.Problem(reports=None)
     >>> _ = problem.model.add_subsystem("body", SurfaceMeasure(measure=EnclosedVolume.of(surface)), promotes=["*"])

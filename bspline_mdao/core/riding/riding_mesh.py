@@ -149,7 +149,9 @@ class RidingMesh(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import MixedMesh, RidingMesh, brick_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.riding import MixedMesh, RidingMesh
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> cell = np.array([[2.0, 0.0, 0.0], [2.5, 0.0, 0.0], [2.0, 0.5, 0.0], [2.0, 0.0, 0.5]])
     >>> riding = RidingMesh.of(model, MixedMesh(cell, {"tetra": np.array([[0, 1, 2, 3]])}))

@@ -30,7 +30,9 @@ def section_span(model: FittedModel) -> SectionSpan | None:
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, fit_grid, section_span
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.riding import section_span
     >>> section_span(fit_grid(brick_grid((5, 5, 5, 5)))) is None
     True
     """

@@ -77,7 +77,7 @@ class ConstantKnots(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import ConstantKnots
+    >>> from bspline_mdao.splines import ConstantKnots
     >>> ConstantKnots.uniform(n_control=6, order=4).knots.round(3)
     array([0.   , 0.   , 0.   , 0.   , 0.333, 0.667, 1.   , 1.   , 1.   ,
            1.   ])
@@ -133,7 +133,7 @@ class BilinearKnots(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import BilinearKnots
+    >>> from bspline_mdao.splines import BilinearKnots
     >>> knots = np.array([0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0])
     >>> BilinearKnots(np.tile(knots, (2, 2, 1)), order=3).n_control
     4

@@ -120,7 +120,7 @@ def useful_levels(topology: Topology) -> int:
 
     Examples
     --------
-    >>> from bspline_mdao import flat_plate_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> from bspline_mdao.grids.topology.detection import find_topology
     >>> [useful_levels(find_topology(flat_plate_grid((n, n, n)))) for n in (8, 16)]
     [1, 2]

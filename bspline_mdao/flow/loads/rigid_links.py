@@ -44,7 +44,7 @@ class RigidLinks(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import RigidLinks
+    >>> from bspline_mdao.flow import RigidLinks
     >>> x, beam = np.array([[0.0, 0.1, 0.5]]), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     >>> links = RigidLinks.to_beam(x, beam)
     >>> u = np.array([[0.0, 0.2, 0.0, 0.0, 0.0, 0.0]] * 2)  # displacements (m) and rotations (rad) of the beam's nodes

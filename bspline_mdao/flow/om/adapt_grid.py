@@ -78,7 +78,9 @@ def adapt_grid(
 
     Examples
     --------
-    >>> from bspline_mdao import FarField, adapt_grid, fit_grid, infinite_wing_grid, naca_section
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.adaptation import adapt_grid
+    >>> from bspline_mdao.generators import FarField, infinite_wing_grid, naca_section
     >>> model = fit_grid(infinite_wing_grid(naca_section(0.12), (17, 9), far_field=FarField(5.0)))
     >>> found = adapt_grid(model, mach=0.5, alpha=1.0, reference_area=1.0, limits={"CD": 0.0}, rounds=1, iterations=2)
     >>> 0.0 < found.after["CD"].value < found.before["CD"].value

@@ -64,8 +64,9 @@ def error_estimate(
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import EulerFlow, FarField, error_estimate
-    >>> from bspline_mdao import fit_grid, infinite_wing_grid, naca_section
+    >>> from bspline_mdao import EulerFlow, fit_grid
+    >>> from bspline_mdao.adaptation import error_estimate
+    >>> from bspline_mdao.generators import FarField, infinite_wing_grid, naca_section
     >>> model = fit_grid(infinite_wing_grid(naca_section(0.12), (17, 9), far_field=FarField(5.0)))
     >>> problem = om.Problem(EulerFlow(model=model, reference_area=1.0, iprint=0), reports=None)
     >>> _ = problem.setup()

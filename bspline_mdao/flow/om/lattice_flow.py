@@ -85,7 +85,8 @@ class LatticeFlow(Copied, om.Group):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import LatticeFlow, fit_grid, onera_m6_grid
+    >>> from bspline_mdao import LatticeFlow, fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
     >>> model = fit_grid(onera_m6_grid((9, 8, 7)))
     >>> problem = om.Problem(LatticeFlow(model=model, reference_area=0.75, n_span=7), reports=None)
     >>> _ = problem.setup()

@@ -50,7 +50,8 @@ class SeriesRecorder(CaseRecorder):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import NLoptDriver, SeriesRecorder
+    >>> from bspline_mdao import NLoptDriver
+    >>> from bspline_mdao.flow import SeriesRecorder
     >>> problem = om.Problem(driver=NLoptDriver(), reports=None)
     >>> problem.driver.add_recorder(SeriesRecorder("wing.pvd"))
     """

@@ -50,7 +50,8 @@ class Snapshot(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import Snapshot, brick_grid
+    >>> from bspline_mdao.flow import Snapshot
+    >>> from bspline_mdao.generators import brick_grid
     >>> Snapshot.of(brick_grid((5, 5, 5, 5)), title="baseline")
     Snapshot('baseline', 750 nodes, no flow)
     """

@@ -78,7 +78,7 @@ class VortexLattice(Copied, om.Group):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import VortexLattice
+    >>> from bspline_mdao.flow import VortexLattice
     >>> problem = om.Problem(VortexLattice(n_chord=2, n_span=5, reference_area=8.0), reports=None)
     >>> _ = problem.setup()
     >>> problem.final_setup()

@@ -25,7 +25,7 @@ def cell_fields(grid: Grid) -> dict[str, list[np.ndarray]]:
 
     Examples
     --------
-    >>> from bspline_mdao import onera_m6_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
     >>> grid = onera_m6_grid((7, 6, 5))
     >>> grid.shapes[0], cell_fields(grid)["Q"][0].shape
     ((7, 6, 5), (6, 5, 4))

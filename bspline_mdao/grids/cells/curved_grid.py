@@ -36,7 +36,7 @@ class CurvedPatch(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class CurvedGrid(OneLine):
-    """Curved hexahedra that fill a grid, with one numbering of nodes. Made by `bspline_mdao.curved_grid`.
+    """Curved hexahedra that fill a grid, with one numbering of nodes. Made by `bspline_mdao.splines.curved_grid`.
 
     Parameters
     ----------
@@ -55,7 +55,9 @@ class CurvedGrid(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import ball_grid, curved_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import ball_grid
+    >>> from bspline_mdao.splines import curved_grid
     >>> grid = curved_grid(fit_grid(ball_grid((5, 5, 5, 5), far=4.0)), degree=3)
     >>> grid.elements.shape, [(patch.name, len(patch.faces)) for patch in grid.patches]
     ((384, 4, 4, 4), [('body', 96), ('farfield', 96)])

@@ -92,7 +92,7 @@ class FirstCells:
 
         Examples
         --------
-        >>> from bspline_mdao import flat_plate_grid
+        >>> from bspline_mdao.generators import flat_plate_grid
         >>> grid = flat_plate_grid((9, 9, 9))
         >>> cells = FirstCells.of_baseline(grid)
         >>> cells.ratios(1.5 * grid.to_vector().reshape(-1, 3)).round(9).max()

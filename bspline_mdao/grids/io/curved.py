@@ -36,7 +36,7 @@ def write_curved_grid(path: str | os.PathLike, grid: CurvedGrid) -> None:
         The file to make or replace: ``.cgns`` (sections HEXA_8, HEXA_27, HEXA_64 or HEXA_125, and QUAD of every
         patch with a boundary condition) or ``.msh`` (Gmsh 4.1, through meshio; patches are physical groups).
     grid : CurvedGrid
-        The elements, see `bspline_mdao.curved_grid`.
+        The elements, see `bspline_mdao.splines.curved_grid`.
 
     Raises
     ------
@@ -46,7 +46,10 @@ def write_curved_grid(path: str | os.PathLike, grid: CurvedGrid) -> None:
     Examples
     --------
     >>> import tempfile, pathlib
-    >>> from bspline_mdao import ball_grid, curved_grid, fit_grid, write_curved_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.files import write_curved_grid
+    >>> from bspline_mdao.generators import ball_grid
+    >>> from bspline_mdao.splines import curved_grid
     >>> path = pathlib.Path(tempfile.mkdtemp(), "ball.cgns")
     >>> write_curved_grid(path, curved_grid(fit_grid(ball_grid((5, 5, 5, 5), far=4.0)), degree=2))
     >>> path.exists()

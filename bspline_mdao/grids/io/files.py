@@ -66,7 +66,8 @@ def read_grid(
     Examples
     --------
     >>> import tempfile
-    >>> from bspline_mdao import brick_grid, read_grid, write_grid
+    >>> from bspline_mdao import read_grid, write_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_grid(f"{folder}/body.cgns", brick_grid((5, 5, 5, 5)))
     ...     grid = read_grid(f"{folder}/body.cgns")
@@ -105,7 +106,8 @@ def open_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None,
     Examples
     --------
     >>> import tempfile, pathlib
-    >>> from bspline_mdao import flat_plate_grid, open_grid, write_grid
+    >>> from bspline_mdao import open_grid, write_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> path = pathlib.Path(tempfile.mkdtemp(), "plate.xyz")
     >>> write_grid(path, flat_plate_grid())
     >>> open_grid(path).grid([1]).shapes == (flat_plate_grid().shapes[1],)
@@ -147,7 +149,8 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     Examples
     --------
     >>> import tempfile
-    >>> from bspline_mdao import brick_grid, read_grid, write_grid
+    >>> from bspline_mdao import read_grid, write_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_grid(f"{folder}/body.xyz", brick_grid((5, 5, 5, 5)))  # the name tells the format
     ...     grid = read_grid(f"{folder}/body.xyz")

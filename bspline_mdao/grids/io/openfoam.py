@@ -65,7 +65,8 @@ def write_polymesh(folder: str | os.PathLike, grid: Grid, topology: Topology | N
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from bspline_mdao import brick_grid, write_polymesh
+    >>> from bspline_mdao.files import write_polymesh
+    >>> from bspline_mdao.generators import brick_grid
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_polymesh(f"{folder}/polyMesh", brick_grid((5, 5, 5, 5)))
     ...     sorted(path.name for path in Path(folder, "polyMesh").iterdir())
@@ -90,7 +91,7 @@ class CaseField(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import CaseField
+    >>> from bspline_mdao.files import CaseField
     >>> CaseField("[0 2 -2 0 0 0 0]", 0.0, {"wall": "type zeroGradient;"})
     CaseField(dimensions='[0 2 -2 0 0 0 0]', value=0, conditions=1 by name)
     """
@@ -132,7 +133,8 @@ def write_case(
     Examples
     --------
     >>> import tempfile
-    >>> from bspline_mdao import CaseField, flat_plate_grid, write_case
+    >>> from bspline_mdao.files import CaseField, write_case
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> conditions = {"wall": "type zeroGradient;", "symmetry": "type symmetry;", "other": "type slip;"}
     >>> settings = {"system/controlDict": "application potentialFoam; endTime 1; deltaT 1;"}
     >>> fields = {"p": CaseField("[0 2 -2 0 0 0 0]", 0.0, conditions)}

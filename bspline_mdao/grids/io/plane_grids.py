@@ -77,7 +77,8 @@ def lift_plane_grid(grid: Grid, height: float | None = None) -> Grid:
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import Grid, lift_plane_grid
+    >>> from bspline_mdao import Grid
+    >>> from bspline_mdao.files import lift_plane_grid
     >>> from bspline_mdao.grids.topology.grid import Block
     >>> x, y, z = np.meshgrid(range(4), range(5), [0.0], indexing="ij")
     >>> lift_plane_grid(Grid((Block(np.stack([x, y, z], axis=-1), "block 1"),))).shapes

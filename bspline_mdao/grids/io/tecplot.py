@@ -56,7 +56,8 @@ def write_tecplot(
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from bspline_mdao import brick_grid, write_tecplot
+    >>> from bspline_mdao.files import write_tecplot
+    >>> from bspline_mdao.generators import brick_grid
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_tecplot(f"{folder}/body.dat", brick_grid((5, 5, 5, 5)))
     ...     Path(folder, "body.dat").exists()

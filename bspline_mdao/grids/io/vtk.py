@@ -58,7 +58,8 @@ def write_vtk(
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from bspline_mdao import brick_grid, write_vtk
+    >>> from bspline_mdao.files import write_vtk
+    >>> from bspline_mdao.generators import brick_grid
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = write_vtk(f"{folder}/body.vtm", brick_grid((5, 5, 5, 5)))
     ...     sorted(path.name for path in Path(folder).iterdir())

@@ -70,7 +70,8 @@ def find_topology(grid: Grid | StoredGrid, comm: Any = ONE) -> Topology:
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid, find_topology
+    >>> from bspline_mdao import find_topology
+    >>> from bspline_mdao.generators import brick_grid
     >>> topology = find_topology(brick_grid((5, 5, 5, 5)))
     >>> len(topology.interfaces), topology.n_nodes
     (12, 750)

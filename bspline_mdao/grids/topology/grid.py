@@ -114,7 +114,7 @@ class Grid(Shown):
 
     Examples
     --------
-    >>> from bspline_mdao import brick_grid
+    >>> from bspline_mdao.generators import brick_grid
     >>> grid = brick_grid((5, 5, 5, 5))
     >>> grid.n_nodes, grid.shapes[0], grid.to_vector().shape
     (750, (5, 5, 5), (2250,))

@@ -46,7 +46,7 @@ class Share(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import Share
+    >>> from bspline_mdao.parallel import Share
     >>> share = Share.of_rows([0, 1, 2], n_nodes_of_grid=100)
     >>> share.n_nodes, share.is_grid
     (3, False)

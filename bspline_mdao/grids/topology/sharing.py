@@ -216,7 +216,7 @@ def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm=ONE
     Parameters
     ----------
     nodes : ndarray, shape (n, 3)
-        Nodes (m), such as those of a `bspline_mdao.SurfaceGrid`.
+        Nodes (m), such as those of a `bspline_mdao.measures.SurfaceGrid`.
     points : ndarray, shape (m, 3) or (3 m,)
         Points (m), such as a solver's surface.
     what : str

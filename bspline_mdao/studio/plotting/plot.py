@@ -84,7 +84,7 @@ def plot(
     Examples
     --------
     >>> import tempfile, pathlib
-    >>> from bspline_mdao import onera_m6_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
     >>> path = pathlib.Path(tempfile.mkdtemp(), "wing.png")
     >>> onera_m6_grid((9, 9, 7)).plot("quality", file=path, size=(300, 200)).name  # doctest: +SKIP
     'wing.png'

@@ -134,7 +134,8 @@ def write_report(
 
     Examples
     --------
-    >>> from bspline_mdao import fit_grid, onera_m6_grid, write_report
+    >>> from bspline_mdao import fit_grid, write_report
+    >>> from bspline_mdao.generators import onera_m6_grid
     >>> model = fit_grid(onera_m6_grid((5, 5, 5)))
     >>> write_report("m6.html", model)["missing"]  # doctest: +SKIP
     []

@@ -131,7 +131,7 @@ class VariableKind:
     keys : dict of Key
         Its keys besides bounds.
     made_by : str
-        Class of `bspline_mdao` that it is an object of; empty for an input of the flow.
+        Class of `bspline_mdao.design` that it is an object of; empty for an input of the flow.
     units : str
         Units of its values, empty where they are numbers.
     neutral : float
@@ -209,7 +209,7 @@ class MeasureKind:
     keys : dict of Key
         Its keys besides ``kind``.
     made_by : str
-        What makes it: a method of a class of `bspline_mdao`, of the surface.
+        What makes it: a method of a class of `bspline_mdao.measures`, of the surface.
     is_number : bool
         Whether it is one number, which an objective has to be.
     """

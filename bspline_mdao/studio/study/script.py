@@ -120,10 +120,10 @@ class _Script:
             patches = [self._path(grid["patches"])] if grid["patches"] else []
             if self.study.is_built_in or self.is_plane:
                 if self.is_plane:
-                    made = call("bm.lift_plane_grid", call("bm.read_grid", self._path(grid["file"])))
+                    made = call("bm.files.lift_plane_grid", call("bm.read_grid", self._path(grid["file"])))
                 else:
                     place, shape = generator_of(grid["file"])
-                    made = call(f"bm.{place.rpartition('.')[2]}", shape)
+                    made = call(f"bm.generators.{place.rpartition('.')[2]}", shape)
                 if patches:
                     yield "from bspline_mdao.grids.io.patches import read_patches  # noqa: E402\n"
                     made = call("read_patches", *patches, made)

@@ -42,15 +42,16 @@ def _moving(study: Study) -> list[tuple[str, Table]]:
 
 def _variable(name: str, table: Table) -> ast.expr:
     kind = VARIABLES[table["kind"]]
-    made_by = f"bm.{kind.made_by}"
+    made_by = f"bm.design.{kind.made_by}"
     if table["kind"] == "control_points":
-        where: list[ast.expr] = [call("bm.OnPatch", expression("model"), table["patches"])] if table["patches"] else []
+        patches = [table["patches"]] if table["patches"] else []
+        where = [call("bm.design.OnPatch", expression("model"), names) for names in patches]
         return call(made_by, name, *where, direction=table["direction"])
     if table["kind"] == "lattice":
         settings = changed(table, kind.keys, ("margin",))
-        box = call("bm.Lattice.box", expression("wing.mesh"), tuple(table["n"]), **settings)
-        where = [expression("np.s_[slices]", slices=_slices(table["where"]))] if table["where"] else []
-        return call(made_by, name, box, *where, direction=table["direction"])
+        box = call("bm.design.Lattice.box", expression("wing.mesh"), tuple(table["n"]), **settings)
+        which = [expression("np.s_[slices]", slices=_slices(table["where"]))] if table["where"] else []
+        return call(made_by, name, box, *which, direction=table["direction"])
     axis = "wing.axis" if table["at"] == QUARTER else "axes[place]"
     settings = {"stations": table["stations"]} if "stations" in table else {}
     settings |= changed(table, kind.keys, ("order", "scales_thickness"))
@@ -76,14 +77,14 @@ def _measure(name: str, table: Table) -> ast.expr:
     chosen = [key for key, spec in kind.keys.items() if key in always or table[key] != spec.default]
     chosen.sort(key=lambda key: key == "relative_to")
     settings = {key: tuple(table[key]) if key in ("chord", "span") else table[key] for key in chosen}
-    return call(f"bm.{kind.made_by}", expression("wing.surface"), **settings, name=name)
+    return call(f"bm.measures.{kind.made_by}", expression("wing.surface"), **settings, name=name)
 
 
 def _mover(study: Study) -> Iterator[ast.stmt | str]:
     """The mover; of elasticity without a number of increments, as many as the bounds of the variables need."""
     movement = study.movement
     if movement["mover"] == "rotations":
-        yield statement("mover = bm.Rotations(wing.mesh)")
+        yield statement("mover = bm.movers.Rotations(wing.mesh)")
         return
     settings = changed(movement, MOVEMENT, ("poisson_ratio",))
     increments: Any = movement["increments"]
@@ -93,10 +94,10 @@ def _mover(study: Study) -> Iterator[ast.stmt | str]:
         yield statement("bounds = made", made=bounds)
         yield statement("designs = wing.parametrization(variables).extremes(bounds)")
         yield "# the least increments with which the control mesh stays good there: the same in every design"
-        whole = call("bm.LinearElasticity", mesh, **settings)
-        yield statement("n_increments = bm.increments_for(whole, designs)", whole=whole)
+        whole = call("bm.movers.LinearElasticity", mesh, **settings)
+        yield statement("n_increments = bm.movers.increments_for(whole, designs)", whole=whole)
         increments = expression("n_increments")
-    yield statement("mover = made", made=call("bm.LinearElasticity", mesh, n_increments=increments, **settings))
+    yield statement("mover = made", made=call("bm.movers.LinearElasticity", mesh, n_increments=increments, **settings))
 
 
 def _at_bound(table: Table, side: str) -> Any:

@@ -13,10 +13,12 @@ from bspline_mdao.base.numerics import progress
 from bspline_mdao.base.numerics.progress import SWITCH, is_terminal, show_progress, shown, within
 
 FIT = """
-from bspline_mdao import fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import fit_grid
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.base.numerics import progress
 progress.DELAY = 0.0
-from bspline_mdao import LinearElasticity
+from bspline_mdao.movers import LinearElasticity
 model = fit_grid(onera_m6_grid((7, 6, 5)){})
 mesh = moving_mesh(model)
 surface = model.control_points[mesh.surface_ids] + [0.0, 0.01, 0.0]

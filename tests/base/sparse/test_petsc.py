@@ -9,10 +9,10 @@ from mover_cases import assert_derivative_is_transposed, bent_surface, channel
 from sparse_cases import box_elements, definite_matrix, dense
 from sparse_iterative_cases import stiffness
 
-from bspline_mdao import LinearElasticity, PetscCholesky, PetscMultigrid
 from bspline_mdao.base.sparse.blocks import BlockMatrix, BlockPattern
 from bspline_mdao.base.sparse.distributed import DistributedPattern, FullRows
 from bspline_mdao.errors import InputError, MovementError
+from bspline_mdao.movers import LinearElasticity, PetscCholesky, PetscMultigrid
 
 needs_petsc = pytest.mark.skipif(not importlib.util.find_spec("petsc4py"), reason="no petsc4py")
 SHAPE = (5, 6, 7)

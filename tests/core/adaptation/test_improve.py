@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from adaptation_cases import skewed_grid, skewed_model
 
-from bspline_mdao import InputError, fit_grid, improve_grid
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.adaptation import improve_grid
 from bspline_mdao.core.adaptation.improvement import ORTHOGONAL
 from bspline_mdao.core.adaptation.loss import WIDTH, WorstCells
 from bspline_mdao.core.adaptation.search import MOST_MARGIN, Search

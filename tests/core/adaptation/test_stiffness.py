@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import fit_grid, onera_m6_grid
+from bspline_mdao import fit_grid
 from bspline_mdao.core.adaptation.stiffness import StiffValues
 from bspline_mdao.core.design.interior_points import InteriorPoints
+from bspline_mdao.generators import onera_m6_grid
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,11 @@ import sys
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, SurfaceGrid, ball_grid, fit_grid, onera_m6_grid, read_cad, write_cad
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.mesh.spline_sides import spline_sides
+from bspline_mdao.files import read_cad, write_cad
+from bspline_mdao.generators import ball_grid, onera_m6_grid
+from bspline_mdao.measures import SurfaceGrid
 from bspline_mdao.studio.cli.main import run
 
 needs_opencascade = pytest.mark.skipif(

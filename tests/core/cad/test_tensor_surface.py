@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import BilinearKnots, ConstantKnots, FunctionKnots, InputError
+from bspline_mdao import InputError
 from bspline_mdao.base.numerics.vectors import lengths
 from bspline_mdao.core.cad.tensor_surface import tensor_surface
 from bspline_mdao.core.splines.side import VolumeSide
 from bspline_mdao.core.splines.volume import Volume
+from bspline_mdao.splines import BilinearKnots, ConstantKnots, FunctionKnots
 
 
 def curved(rng, n: int, order: int) -> BilinearKnots:

@@ -6,21 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bspline_mdao import (
-    BilinearKnots,
-    CoarseNet,
-    ConstantKnots,
-    InputError,
-    Local,
-    OnPatch,
-    ball_grid,
-    brick_grid,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.design.surface_strips import Face, Strip, SurfaceStrips, _labels
+from bspline_mdao.design import CoarseNet, Local, OnPatch
+from bspline_mdao.generators import ball_grid, brick_grid, onera_m6_grid
+from bspline_mdao.movers import moving_mesh
+from bspline_mdao.splines import BilinearKnots, ConstantKnots
 
 
 @cache

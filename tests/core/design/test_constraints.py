@@ -7,7 +7,6 @@ from scipy.linalg import null_space
 from scipy.sparse import csr_array, vstack
 from topology_cases import ORIENTATIONS, box, grid_of, o_grid, patch, split
 
-from bspline_mdao import onera_m6_grid
 from bspline_mdao.base.numerics.vectors import nearest_plane
 from bspline_mdao.core.design.elimination import Equations, eliminate
 from bspline_mdao.core.design.linear_constraints import (
@@ -22,6 +21,7 @@ from bspline_mdao.core.design.selection import InBox, NearPlane, SurfaceRows
 from bspline_mdao.core.design.tangent_continuity import TangentContinuity
 from bspline_mdao.core.mesh.seams import seams_of_mesh
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.index_space import Window
 
 OBLIQUE = np.array([0.6, -0.3, 0.74])

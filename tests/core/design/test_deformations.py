@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, find_topology, fit_grid, moving_mesh, onera_m6_grid, parse_deformation, read_grid
+from bspline_mdao import InputError, find_topology, fit_grid, read_grid
 from bspline_mdao.core.design.deformation import (
     Bend,
     Deformation,
@@ -24,7 +24,10 @@ from bspline_mdao.core.design.deformation import (
 )
 from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints, wall_spacing
 from bspline_mdao.core.mesh.frame import Plane, mesh_planes, surface_frame
+from bspline_mdao.design import parse_deformation
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.io.patch_guess import guess_patches
+from bspline_mdao.movers import moving_mesh
 
 SYMMETRY = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
 

@@ -10,22 +10,13 @@ from parametrization_cases import assert_exact, surface_of, wing_model
 from scipy.sparse import csr_array
 from scipy.stats import binom
 
-from bspline_mdao import (
-    FreeForm,
-    InBox,
-    InputError,
-    Lattice,
-    Local,
-    OnPatch,
-    OnSideOfPlane,
-    Parametrization,
-    UserVariable,
-    moving_mesh,
-)
+from bspline_mdao import InputError
 from bspline_mdao.core.design.lattice import Embedding, fixed_points
 from bspline_mdao.core.design.variable import Layout, MapPartials
 from bspline_mdao.core.mesh.control_net import surface_quads
 from bspline_mdao.core.splines.volume import evaluate
+from bspline_mdao.design import FreeForm, InBox, Lattice, Local, OnPatch, OnSideOfPlane, Parametrization, UserVariable
+from bspline_mdao.movers import moving_mesh
 
 SHAPES = [((4, 2, 3), None), ((6, 3, 5), (4, 2, 3)), ((5, 4, 6), (5, 4, 6))]
 """Numbers of points and orders: the default, B-splines, Bezier."""

@@ -9,10 +9,12 @@ from parametrization_cases import assert_exact, surface_of, wing_model
 from scipy.sparse import csr_array
 from topology_cases import box, grid_of, patch
 
-from bspline_mdao import (
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.core.design.variable import Layout
+from bspline_mdao.core.mesh.control_net import surface_normals, surface_quads
+from bspline_mdao.design import (
     InBlock,
     InBox,
-    InputError,
     Local,
     Nearest,
     NearPlane,
@@ -21,14 +23,11 @@ from bspline_mdao import (
     Parametrization,
     SurfaceRows,
     UserVariable,
-    check_variable,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
 )
-from bspline_mdao.core.design.variable import Layout
-from bspline_mdao.core.mesh.control_net import surface_normals, surface_quads
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.movers import moving_mesh
+from bspline_mdao.testing import check_variable
 
 
 @cache

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from test_docs import code_blocks
 
-from bspline_mdao import InputError, LinearElasticity, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.design.deformation import Translate
 from bspline_mdao.core.design.motion import Oscillation, SurfaceMotion, UnsteadyGrid, flapping, pitching
 from bspline_mdao.core.movement.transfinite import Transfinite
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.movers import LinearElasticity, moving_mesh
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from mover_cases import rotation
 from parametrization_cases import surface_of
 from scipy.sparse import vstack
 
-from bspline_mdao import fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import fit_grid
 from bspline_mdao.core.design.displacement import Local
 from bspline_mdao.core.design.free_form import FreeForm
 from bspline_mdao.core.design.lattice import Lattice
@@ -21,7 +21,9 @@ from bspline_mdao.core.design.selection import InBlock, InBox, SurfaceRows
 from bspline_mdao.core.design.user_defined import UserVariable
 from bspline_mdao.core.om.surface_control import SurfaceControl
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.grid import Block, Grid
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.names import CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 
 OBLIQUE = np.array([0.6, -0.3, 0.74])

@@ -5,13 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, SurfaceGrid, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.design.lattice import Lattice
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.core.design.reference_axis import ReferenceAxis, StationSpline, chord_lines
 from bspline_mdao.core.design.variable import Layout
 from bspline_mdao.core.mesh.moving_mesh import MovingMesh
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import moving_mesh
 
 KINDS = {
     "twist": lambda axis: Twist("v", axis, stations=4),

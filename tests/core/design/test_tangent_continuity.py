@@ -7,19 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 from seam_cases import globe_grid
 
-from bspline_mdao import (
-    InputError,
-    TangentContinuity,
-    ball_grid,
-    brick_grid,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-    seam_continuity,
-)
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.constraints import TangentContinuity
 from bspline_mdao.core.design.elimination import eliminate
 from bspline_mdao.core.design.selection import InBox
 from bspline_mdao.core.mesh.seams import poles_of_mesh, seams_of_mesh
+from bspline_mdao.generators import ball_grid, brick_grid, onera_m6_grid
+from bspline_mdao.measures import seam_continuity
+from bspline_mdao.movers import moving_mesh
 
 
 def kinks_along(mesh, points, n_places=101):

@@ -5,7 +5,6 @@ import pytest
 from topology_cases import ORIENTATIONS, o_grid, patch, smooth_box, split, turned_and_shuffled, two_block_plate
 from topology_cases import grid_of as make_grid
 
-from bspline_mdao import onera_m6_grid
 from bspline_mdao.core.evaluation.family import (
     IndexScaling,
     refine,
@@ -18,6 +17,7 @@ from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.core.model.fitted_model import family_member
 from bspline_mdao.core.splines.volume import evaluate
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.hexahedron import cell_quality
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.index_space import Window

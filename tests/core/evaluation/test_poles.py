@@ -6,12 +6,12 @@ from math import comb
 import numpy as np
 import pytest
 
-from bspline_mdao import BilinearKnots, ConstantKnots
 from bspline_mdao.core.evaluation.poles import beside, poles_of
 from bspline_mdao.core.evaluation.spline_bounds import Lanes, Queue
 from bspline_mdao.core.evaluation.spline_validity import spline_statuses
 from bspline_mdao.core.splines.volume import Volume, evaluate_gradients, volume_basis
 from bspline_mdao.grids.cells.bernstein import INVALID, UNDECIDED, VALID
+from bspline_mdao.splines import BilinearKnots, ConstantKnots
 
 COUNTS, ORDERS = (5, 6, 7), (4, 3, 4)  # about the pole, towards it, along it
 

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import BilinearKnots, ConstantKnots, FunctionKnots, InputError, brick_grid, certify, fit_grid
+from bspline_mdao import InputError, certify, fit_grid
 from bspline_mdao.core.evaluation.derivative_cones import are_positive
 from bspline_mdao.core.evaluation.spline_validity import spline_statuses
 from bspline_mdao.core.splines.volume import Volume, evaluate_gradients, volume_basis
+from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.cells.bernstein import INVALID, UNDECIDED, VALID
 from bspline_mdao.grids.cells.certificate import Certificate, of_statuses
+from bspline_mdao.splines import BilinearKnots, ConstantKnots, FunctionKnots
 from bspline_mdao.studio.cli.output import show_certificate
 
 COUNTS, ORDER = (6, 5, 7), 4

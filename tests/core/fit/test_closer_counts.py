@@ -7,7 +7,7 @@ import pytest
 from fit_cases import bend, grid_of, lattice, two_blocks
 from scipy.interpolate import BSpline
 
-from bspline_mdao import Spacing, fit_blocks, fit_grid, onera_m6_grid
+from bspline_mdao import fit_grid
 from bspline_mdao.core.fit import closer_counts, control_counts, fitting
 from bspline_mdao.core.fit.closer_counts import CloserCounts, request_for
 from bspline_mdao.core.fit.control_counts import choose_counts
@@ -15,8 +15,10 @@ from bspline_mdao.core.fit.edge_knots import edge_knots
 from bspline_mdao.core.fit.fit_nodes import FitNodes
 from bspline_mdao.core.fit.line_errors import class_errors, squared_errors
 from bspline_mdao.core.fit.parameters import chord_length_parameters
+from bspline_mdao.generators import Spacing, onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.sharing import direction_classes
+from bspline_mdao.splines import fit_blocks
 
 
 def kinked(n=(15, 25, 14)):

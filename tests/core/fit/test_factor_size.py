@@ -6,15 +6,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    ControlMeshMove,
-    LinearElasticity,
-    TorsionalSprings,
-    find_topology,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import ControlMeshMove, find_topology, fit_grid
 from bspline_mdao.core.evaluation.family import refined_topology
 from bspline_mdao.core.fit import control_counts as factor_size
 from bspline_mdao.core.fit.control_counts import (
@@ -23,6 +15,8 @@ from bspline_mdao.core.fit.control_counts import (
     choose_counts,
     predict_factor_bytes,
 )
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.movers import LinearElasticity, TorsionalSprings, moving_mesh
 from bspline_mdao.studio.cli.main import run
 
 pytestmark = pytest.mark.slow

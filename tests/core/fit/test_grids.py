@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import flat_plate_grid, onera_m6_grid
 from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.io.cgns import read_cgns
 from bspline_mdao.grids.io.plot3d import read_plot3d
 from bspline_mdao.grids.topology.sharing import node_sharing

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from fit_cases import bend, c_grid, grid_of, lattice, two_blocks
 
-from bspline_mdao import FittedModel, brick_grid, fit_blocks, fit_grid
+from bspline_mdao import FittedModel, fit_grid
 from bspline_mdao.core.fit.fit_nodes import FitNodes
 from bspline_mdao.core.fit.local_errors import flattest_cell, worst_local_errors
+from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.grid import Patch
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.splines import fit_blocks
 
 
 def shortest_edges(nodes):

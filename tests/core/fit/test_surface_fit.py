@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import InputError, Spacing, fit_grid, fit_surface, moving_mesh, onera_m6_grid
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.fit.surface_fit import SurfaceFollower
 from bspline_mdao.core.mesh.surface import SurfaceGrid
+from bspline_mdao.generators import Spacing, onera_m6_grid
 from bspline_mdao.grids.topology.sharing import node_sharing
+from bspline_mdao.movers import moving_mesh
+from bspline_mdao.splines import fit_surface
 from bspline_mdao.testing import central_difference
 
 

@@ -5,19 +5,10 @@ import openmdao.api as om
 import pytest
 from fit_cases import bend, bent_block, c_grid, grid_of, lattice, o_grid, two_blocks
 
-from bspline_mdao import (
-    BilinearKnots,
-    Fit,
-    FunctionKnots,
-    GridEvaluate,
-    InputError,
-    embed_points,
-    fit_grid,
-    invert_points,
-    onera_m6_grid,
-    require_inside,
-)
+from bspline_mdao import Fit, GridEvaluate, InputError, fit_grid
 from bspline_mdao.core.fit.edge_knots import joined_corners, require_agreement
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.splines import BilinearKnots, FunctionKnots, embed_points, invert_points, require_inside
 
 
 def bent_knots(order, n_control):

@@ -6,21 +6,13 @@ import numpy as np
 import pytest
 from fit_cases import ALL_SHAPES, FOLDING, bent_block, folded_block, grid_of, lattice, two_blocks
 
-from bspline_mdao import (
-    FittedModel,
-    FitWarning,
-    Spacing,
-    fit_grid,
-    flat_plate_grid,
-    onera_m6_grid,
-    read_grid,
-    write_grid,
-)
+from bspline_mdao import FittedModel, FitWarning, fit_grid, read_grid, write_grid
 from bspline_mdao.core.fit.problem import problem_of_mesh
 from bspline_mdao.core.fit.quasi_interpolant import QuasiInterpolant, parametric_places
 from bspline_mdao.core.fit.validity import _fade, elements_with, first_marked
 from bspline_mdao.core.model.records import CANDIDATES
 from bspline_mdao.core.splines.greville import greville_abscissae
+from bspline_mdao.generators import Spacing, flat_plate_grid, onera_m6_grid
 from bspline_mdao.studio.cli.main import run
 
 

@@ -5,7 +5,10 @@ import warnings
 import numpy as np
 import pytest
 
-from bspline_mdao import (
+from bspline_mdao.core.generators.canonical import ONERA_D_UPPER
+from bspline_mdao.core.generators.stretching import geometric_last, stretch, stretch_lines
+from bspline_mdao.errors import InputError
+from bspline_mdao.generators import (
     FarField,
     Planform,
     Section,
@@ -19,9 +22,6 @@ from bspline_mdao import (
     onera_m6_grid,
     onera_m6_planform,
 )
-from bspline_mdao.core.generators.canonical import ONERA_D_UPPER
-from bspline_mdao.core.generators.stretching import geometric_last, stretch, stretch_lines
-from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.hexahedron import cell_quality
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.sharing import node_sharing

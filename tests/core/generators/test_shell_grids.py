@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import ball_grid, brick_grid, find_topology
+from bspline_mdao import find_topology
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import ball_grid, brick_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import report_quality
 

@@ -6,22 +6,21 @@ import numpy as np
 import pytest
 from fit_cases import two_blocks
 
-from bspline_mdao import (
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.core.fit.surface_fit import LOGGER, fit_surface
+from bspline_mdao.core.generators.blended_wing_body import corner_widths, rounded_weights
+from bspline_mdao.generators import (
     BlendedWingBody,
-    InputError,
     Planform,
     Rib,
-    SurfaceGrid,
     Wing,
     cambered_section,
-    fit_grid,
     fit_shape,
     flat_plate_grid,
     flat_section,
     generic_blended_wing_body,
     lay_nodes,
     lay_walls,
-    moving_mesh,
     naca_section,
     nodes_on_shape,
     onera_d_section,
@@ -29,10 +28,10 @@ from bspline_mdao import (
     onera_m6_planform,
     rectangular_wing,
 )
-from bspline_mdao.core.fit.surface_fit import LOGGER, fit_surface
-from bspline_mdao.core.generators.blended_wing_body import corner_widths, rounded_weights
 from bspline_mdao.grids.topology.grid import Patch
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import moving_mesh
 
 
 @pytest.fixture(scope="module")

@@ -16,20 +16,17 @@ from geometry_cases import (
 )
 from openmdao.utils.assert_utils import assert_check_partials
 
-from bspline_mdao import (
-    ProjectedArea,
-    SurfaceArea,
-    SurfaceGrid,
-    SurfaceMeasure,
-    fit_grid,
+from bspline_mdao import SurfaceMeasure, fit_grid
+from bspline_mdao.core.measures.area import planform_normal
+from bspline_mdao.errors import InputError
+from bspline_mdao.generators import (
     flat_plate_grid,
     generic_blended_wing_body,
     nodes_on_shape,
     onera_m6_grid,
     onera_m6_planform,
 )
-from bspline_mdao.core.measures.area import planform_normal
-from bspline_mdao.errors import InputError
+from bspline_mdao.measures import ProjectedArea, SurfaceArea, SurfaceGrid
 
 OBLIQUE = np.array([0.3, -1.0, 0.7])
 

@@ -7,8 +7,8 @@ import pytest
 from geometry_cases import assert_derivatives_are_exact, box_sheets, roughened, sphere, surface_of
 from scipy.spatial.distance import cdist
 
-from bspline_mdao import Clearance, PlaneClearance
 from bspline_mdao.errors import InputError
+from bspline_mdao.measures import Clearance, PlaneClearance
 
 
 def two_bodies(gap=0.7, counts=(4, 5, 6)):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from geometry_cases import assert_derivatives_are_exact, box, roughened, surface_of, turned, with_points
 
-from bspline_mdao import Curvature
 from bspline_mdao.errors import InputError
+from bspline_mdao.measures import Curvature
 
 KINDS = ("total", "mean", "gaussian")
 

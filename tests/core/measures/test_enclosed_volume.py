@@ -18,24 +18,13 @@ from geometry_cases import (
     with_points,
 )
 
-from bspline_mdao import (
-    EnclosedVolume,
-    ProjectedArea,
-    SectionThickness,
-    SurfaceArea,
-    SurfaceGrid,
-    find_topology,
-    fit_grid,
-    flat_plate_grid,
-    generic_blended_wing_body,
-    nodes_on_shape,
-    onera_m6_grid,
-    read_grid,
-)
+from bspline_mdao import find_topology, fit_grid, read_grid
 from bspline_mdao.core.mesh.frame import Plane
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import flat_plate_grid, generic_blended_wing_body, nodes_on_shape, onera_m6_grid
 from bspline_mdao.grids.cells.hexahedron import cell_quality
 from bspline_mdao.grids.io.patch_guess import guess_patches
+from bspline_mdao.measures import EnclosedVolume, ProjectedArea, SectionThickness, SurfaceArea, SurfaceGrid
 
 
 @pytest.fixture(scope="module")

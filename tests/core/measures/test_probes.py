@@ -13,17 +13,12 @@ from geometry_cases import (
     with_points,
 )
 
-from bspline_mdao import (
-    SurfaceGrid,
-    fit_grid,
-    generic_blended_wing_body,
-    nodes_on_shape,
-    onera_m6_grid,
-    onera_m6_planform,
-)
+from bspline_mdao import fit_grid
 from bspline_mdao.core.measures.probes import Probes, opposite_probes
 from bspline_mdao.core.measures.section_thickness import Cut, cuts_along_span, section_edges
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import generic_blended_wing_body, nodes_on_shape, onera_m6_grid, onera_m6_planform
+from bspline_mdao.measures import SurfaceGrid
 
 
 def rough_sphere(n=6):

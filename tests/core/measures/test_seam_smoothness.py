@@ -5,16 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bspline_mdao import (
-    InputError,
-    SeamSmoothness,
-    ball_grid,
-    brick_grid,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-    seam_continuity,
-)
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.generators import ball_grid, brick_grid, onera_m6_grid
+from bspline_mdao.measures import SeamSmoothness, seam_continuity
+from bspline_mdao.movers import moving_mesh
 
 
 @cache

@@ -4,18 +4,12 @@ import numpy as np
 import pytest
 from seam_cases import globe_grid
 
-from bspline_mdao import (
-    InputError,
-    ball_grid,
-    brick_grid,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-    pole_continuity,
-    seam_continuity,
-)
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.mesh.seams import seams_of_mesh
 from bspline_mdao.core.splines.side import STRAIGHT
+from bspline_mdao.generators import ball_grid, brick_grid, onera_m6_grid
+from bspline_mdao.measures import pole_continuity, seam_continuity
+from bspline_mdao.movers import moving_mesh
 
 
 def ball(n):

@@ -14,20 +14,17 @@ from geometry_cases import (
 )
 from openmdao.utils.assert_utils import assert_check_partials
 
-from bspline_mdao import (
-    SectionThickness,
-    SurfaceGrid,
-    SurfaceMeasure,
-    Thickness,
-    fit_grid,
+from bspline_mdao import SurfaceMeasure, fit_grid
+from bspline_mdao.core.measures.section_thickness import Cut, cuts_along_span
+from bspline_mdao.errors import InputError
+from bspline_mdao.generators import (
     flat_plate_grid,
     generic_blended_wing_body,
     naca_section,
     nodes_on_shape,
     onera_m6_grid,
 )
-from bspline_mdao.core.measures.section_thickness import Cut, cuts_along_span
-from bspline_mdao.errors import InputError
+from bspline_mdao.measures import SectionThickness, SurfaceGrid, Thickness
 
 LEADING, TRAILING = [[0.1, 0.0, 0.0], [0.1, 0.0, 2.8]], [[1.8, 0.0, 0.0], [1.8, 0.0, 2.8]]
 LINES = {"leading": LEADING, "trailing": TRAILING}

@@ -7,10 +7,12 @@ import pytest
 from geometry_cases import assert_derivatives_are_exact, rectangular_wing, surface_of, turned, wing_sheets
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import LeadingEdgeRadius, SurfaceGrid, TrailingEdgeAngle, fit_grid, onera_m6_grid
+from bspline_mdao import fit_grid
 from bspline_mdao.core.measures.section_lines import GridLines, SectionLines
 from bspline_mdao.core.mesh.frame import Frame, Plane, surface_frame
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.measures import LeadingEdgeRadius, SurfaceGrid, TrailingEdgeAngle
 
 ROOT = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
 STATIONS = [0.0, 0.23, 0.5, 0.81]

@@ -10,8 +10,9 @@ from mover_cases import (
 )
 from topology_cases import grid_of, patch, sphere_octants
 
-from bspline_mdao import LinearElasticity, Rotations, Transfinite, flat_plate_grid, onera_m6_grid
+from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.movers import LinearElasticity, Rotations, Transfinite
 
 MOVES = {
     "thicker": lambda p: p * np.stack([1.0 + 0.0 * p[:, 0], 1.0 + 0.08 * p[:, 0], 1.0 + 0.08 * p[:, 0]], axis=1),

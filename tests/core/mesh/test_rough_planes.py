@@ -6,21 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import (
-    EnclosedVolume,
-    InputError,
-    Rotations,
-    SurfaceGrid,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-    parse_deformation,
-)
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.base.numerics.mean_planes import mean_planes, near_enough
 from bspline_mdao.core.fit.surface_fit import SurfaceFollower
 from bspline_mdao.core.mesh.boundary import symmetry_planes
 from bspline_mdao.core.walls.wall_correction import WallCorrection
+from bspline_mdao.design import parse_deformation
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.held_nodes import face_rows
+from bspline_mdao.measures import EnclosedVolume, SurfaceGrid
+from bspline_mdao.movers import Rotations, moving_mesh
 
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
 FAR_AWAY = np.array([90.0, 150.0, 1400.0])

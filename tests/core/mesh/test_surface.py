@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bspline_mdao import SurfaceGrid, fit_grid, flat_plate_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import fit_grid
 from bspline_mdao.core.mesh.surface_map import SurfaceMap
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.topology.grid import Block, Grid, Patch
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import moving_mesh
 
 
 @pytest.fixture(scope="module")

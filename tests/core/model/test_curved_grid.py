@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from topology_cases import grid_of, o_grid, patch, smooth_box, split, turned_and_shuffled
 
-from bspline_mdao import InputError, ball_grid, curved_grid, fit_grid, onera_m6_grid
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.generators import ball_grid, onera_m6_grid
 from bspline_mdao.grids.cells.curved_grid import lagrange
 from bspline_mdao.grids.topology.grid import Block, Grid
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.splines import curved_grid
 
 
 @pytest.fixture(scope="module")

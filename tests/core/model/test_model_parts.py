@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 from fit_cases import FOLDING, folded_block, two_blocks
 
-from bspline_mdao import FitWarning, InputError, fit_blocks, fit_grid
+from bspline_mdao import FitWarning, InputError, fit_grid
 from bspline_mdao.core.model import model_parts
 from bspline_mdao.core.model.fitted_model import FittedModel
 from bspline_mdao.core.model.model_share import ModelShare
 from bspline_mdao.grids.topology.grid import Block, Grid
 from bspline_mdao.grids.topology.partition import Partition, Share
+from bspline_mdao.splines import fit_blocks
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from topology_cases import c_grid, grid_of, o_grid, smooth_box, split, twelve_block_plate
 
-from bspline_mdao import fit_grid, onera_m6_grid, read_grid
+from bspline_mdao import fit_grid, read_grid
 from bspline_mdao.core.generators.hh_wing import Spacing
 from bspline_mdao.core.mesh.surface import SurfaceGrid
 from bspline_mdao.core.model.model import nodes_at
 from bspline_mdao.core.model.model_share import rows_of_share
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.grid import Block, Grid, Patch
 from bspline_mdao.grids.topology.held_nodes import HeldNodes
 from bspline_mdao.grids.topology.index_space import Window

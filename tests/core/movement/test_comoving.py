@@ -5,8 +5,9 @@ import pytest
 from mover_cases import channel, oblique_channel, random_changes, wing
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import ComovingFrame, InverseDistance, LinearElasticity, MovementError
+from bspline_mdao import MovementError
 from bspline_mdao.core.walls.rigid_part import RigidPart
+from bspline_mdao.movers import ComovingFrame, InverseDistance, LinearElasticity
 from bspline_mdao.testing import central_difference
 
 PLANES = {

@@ -27,8 +27,8 @@ from mover_cases import (
 from test_suite import kinds
 
 import bspline_mdao
-from bspline_mdao import ComovingFrame
 from bspline_mdao.errors import InputError, MovementError
+from bspline_mdao.movers import ComovingFrame
 from bspline_mdao.studio.cli import movers
 
 
@@ -74,7 +74,7 @@ def test_every_mover_is_in_the_table():
 def test_every_mover_law_and_solver_has_a_word_on_the_command_line_and_a_public_name(words, folder, members):
     found = kinds(folder, *members) - FRAMES
     assert {resolve_name(place) for place in words.values()} == found
-    assert all(getattr(bspline_mdao, kind.__name__) is kind for kind in found)
+    assert all(getattr(bspline_mdao.movers, kind.__name__) is kind for kind in found)
 
 
 @pytest.mark.slow

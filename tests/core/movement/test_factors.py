@@ -8,7 +8,8 @@ import openmdao.api as om
 import pytest
 from mover_cases import CountingSolver, bent_surface, channel
 
-from bspline_mdao import ControlMeshMove, LinearElasticity, TorsionalSprings
+from bspline_mdao import ControlMeshMove
+from bspline_mdao.movers import LinearElasticity, TorsionalSprings
 from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 
 NAMES = "first", "second"

@@ -8,29 +8,19 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    DesignSurface,
-    LinearElasticity,
-    Span,
-    TorsionalSprings,
-    Twist,
-    fit_grid,
-    fit_shape,
-    flat_plate_grid,
-    increments_for,
-    moving_mesh,
-    onera_m6_grid,
-    rectangular_wing,
-)
+from bspline_mdao import DesignSurface, fit_grid
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.core.movement.equilibrium import Equilibrium
 from bspline_mdao.core.movement.fixed_interior import FixedInterior
 from bspline_mdao.core.movement.increments import GOOD_RATIO, IncrementalMover
 from bspline_mdao.core.movement.mover import IncrementReport, MovementReport
 from bspline_mdao.core.om.control_mesh_move import ControlMeshMove
+from bspline_mdao.design import Span, Twist
 from bspline_mdao.errors import InputError, MovementError
+from bspline_mdao.generators import fit_shape, flat_plate_grid, onera_m6_grid, rectangular_wing
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import report_quality
+from bspline_mdao.movers import LinearElasticity, TorsionalSprings, increments_for, moving_mesh
 from bspline_mdao.names import CONTROL_POINTS, SURFACE_CONTROL_POINTS
 
 NEEDED = {30: 1, 60: 1, 90: 2, 120: 5}

@@ -9,7 +9,6 @@ import pytest
 from mover_cases import MOVERS, bent_surface, channel, made, mesh_of, wing
 from topology_cases import box, grid_of, patch
 
-from bspline_mdao import onera_m6_grid
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.core.mesh.boundary import moving_mesh
@@ -21,6 +20,7 @@ from bspline_mdao.core.movement.mover import MAX_AMPLIFICATION
 from bspline_mdao.core.movement.radial_basis import RadialBasis
 from bspline_mdao.core.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.errors import MovementError
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.names import SURFACE_CONTROL_POINTS
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import pytest
 from mover_cases import channel
 
-from bspline_mdao import ConjugateGradients, LinearElasticity, PetscCholesky, PetscMultigrid, RadialBasis
 from bspline_mdao.base.numerics.processes import ONE
 from bspline_mdao.core.movement import shared
 from bspline_mdao.core.movement.shared import _placed, shared_mover
 from bspline_mdao.errors import InputError
+from bspline_mdao.movers import ConjugateGradients, LinearElasticity, PetscCholesky, PetscMultigrid, RadialBasis
 
 needs_petsc = pytest.mark.skipif(not importlib.util.find_spec("petsc4py"), reason="no petsc4py")
 

@@ -9,29 +9,25 @@ from openmdao.utils.assert_utils import assert_check_partials
 
 from bspline_mdao import (
     ControlMeshMove,
-    EnclosedVolume,
     Fit,
     FittedModel,
     GridEvaluate,
     GridMovement,
-    LinearElasticity,
     LiveGridEvaluate,
     PointSet,
     Quality,
     SeamMeasure,
-    SeamSmoothness,
     SurfaceControlFit,
     SurfaceEvaluate,
-    SurfaceGrid,
     SurfaceMeasure,
-    TorsionalSprings,
-    ball_grid,
     fit_grid,
-    moving_mesh,
 )
+from bspline_mdao.generators import ball_grid
 from bspline_mdao.grids.cells.aggregates import AGGREGATES
 from bspline_mdao.grids.io.files import read_grid
 from bspline_mdao.grids.topology.grid import Block, Grid
+from bspline_mdao.measures import EnclosedVolume, SeamSmoothness, SurfaceGrid
+from bspline_mdao.movers import LinearElasticity, TorsionalSprings, moving_mesh
 from bspline_mdao.names import CONTROL_POINTS, GRID, SURFACE, SURFACE_CONTROL_POINTS
 from bspline_mdao.testing import central_difference
 

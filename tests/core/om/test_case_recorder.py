@@ -6,16 +6,10 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    CaseRecorder,
-    GridMovement,
-    Parametrization,
-    ReferenceAxis,
-    Twist,
-    fit_grid,
-    flat_plate_grid,
-    moving_mesh,
-)
+from bspline_mdao import CaseRecorder, GridMovement, fit_grid
+from bspline_mdao.design import Parametrization, ReferenceAxis, Twist
+from bspline_mdao.generators import flat_plate_grid
+from bspline_mdao.movers import moving_mesh
 
 N = 300
 

@@ -4,17 +4,10 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    DesignSurface,
-    EulerFlow,
-    InputError,
-    Twist,
-    combine,
-    even_combinations,
-    even_pressures,
-    fit_grid,
-    onera_m6_grid,
-)
+from bspline_mdao import DesignSurface, EulerFlow, InputError, fit_grid
+from bspline_mdao.design import Twist
+from bspline_mdao.drivers import combine, even_combinations, even_pressures
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.cell_faces import CellFaces
 from bspline_mdao.grids.cells.quads import area_vectors
 

@@ -9,7 +9,7 @@ import pytest
 from component_cases import Shear, movable_model
 from topology_cases import grid_of
 
-from bspline_mdao import NLoptDriver, flat_plate_grid
+from bspline_mdao import NLoptDriver
 from bspline_mdao.base.sparse import conjugate_gradient
 from bspline_mdao.base.sparse.cholesky import Cholesky
 from bspline_mdao.base.sparse.conjugate_gradient import ConjugateGradients
@@ -20,6 +20,7 @@ from bspline_mdao.core.movement.fixed_interior import FixedInterior
 from bspline_mdao.core.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.core.om.grid_movement import GridMovement
 from bspline_mdao.errors import InputError, MovementError
+from bspline_mdao.generators import flat_plate_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.names import CONTROL_CORNER_KS, CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 from bspline_mdao.testing import central_difference

@@ -6,20 +6,12 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    CoarseNet,
-    DesignLevel,
-    InputError,
-    Local,
-    OnPatch,
-    SurfaceControl,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-    unused_gradient,
-)
+from bspline_mdao import InputError, SurfaceControl, fit_grid
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise
+from bspline_mdao.design import CoarseNet, DesignLevel, Local, OnPatch, unused_gradient
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.testing import check_totals
 
 LIMIT = 0.01

@@ -4,22 +4,12 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    DesignSurface,
-    EnclosedVolume,
-    GridMovement,
-    Parametrization,
-    ReferenceAxis,
-    SurfaceGrid,
-    Sweep,
-    Thickness,
-    Twist,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-    onera_m6_planform,
-)
+from bspline_mdao import DesignSurface, GridMovement, fit_grid
+from bspline_mdao.design import Parametrization, ReferenceAxis, Sweep, Twist
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import onera_m6_grid, onera_m6_planform
+from bspline_mdao.measures import EnclosedVolume, SurfaceGrid, Thickness
+from bspline_mdao.movers import moving_mesh
 
 
 @pytest.fixture(scope="module")

@@ -5,16 +5,7 @@ import openmdao.api as om
 import pytest
 from component_cases import Heights, Shear, Swirl, movable_model, small_model
 
-from bspline_mdao import (
-    DesignSurface,
-    NLoptDriver,
-    Spacing,
-    Twist,
-    fit_grid,
-    flat_plate_grid,
-    infinite_wing_grid,
-    naca_section,
-)
+from bspline_mdao import DesignSurface, NLoptDriver, fit_grid
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.mesh.boundary import moving_mesh
 from bspline_mdao.core.mesh.surface import SurfaceGrid
@@ -22,7 +13,9 @@ from bspline_mdao.core.movement.elasticity import LinearElasticity
 from bspline_mdao.core.movement.inverse_distance import InverseDistance
 from bspline_mdao.core.movement.rotations import Rotations
 from bspline_mdao.core.om.grid_movement import GridMovement
+from bspline_mdao.design import Twist
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import Spacing, flat_plate_grid, infinite_wing_grid, naca_section
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import judge_move
 from bspline_mdao.grids.topology.partition import Share

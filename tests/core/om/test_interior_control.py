@@ -7,18 +7,9 @@ import openmdao.api as om
 import pytest
 from adaptation_cases import skewed_model
 
-from bspline_mdao import (
-    GridEvaluate,
-    GridMovement,
-    InputError,
-    InteriorControl,
-    InteriorPoints,
-    Local,
-    NLoptDriver,
-    Parametrization,
-    Quality,
-    moving_mesh,
-)
+from bspline_mdao import GridEvaluate, GridMovement, InputError, InteriorControl, NLoptDriver, Quality
+from bspline_mdao.design import InteriorPoints, Local, Parametrization
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.testing import check_totals
 
 

@@ -6,23 +6,11 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    GridMovement,
-    InputError,
-    InverseDistance,
-    Parametrization,
-    PointSet,
-    ReferenceAxis,
-    Span,
-    SurfaceControl,
-    SurfaceEvaluate,
-    SurfaceGrid,
-    Sweep,
-    Twist,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import GridMovement, InputError, PointSet, SurfaceControl, SurfaceEvaluate, fit_grid
+from bspline_mdao.design import Parametrization, ReferenceAxis, Span, Sweep, Twist
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import InverseDistance, moving_mesh
 from bspline_mdao.testing import check_totals
 
 SPAN = 1.4843
@@ -114,7 +102,7 @@ def test_totals_of_structures_are_those_of_differences():
 def of_geometry(points, generation=None):
     """The same variables in the geometry of MPhys."""
     pytest.importorskip("mphys", reason="MPhys is not installed")
-    from bspline_mdao import SurfaceGeometry
+    from bspline_mdao.mphys import SurfaceGeometry
 
     problem, mesh = om.Problem(reports=False), moving_mesh(model())
     parametrization = Parametrization(mesh, variables(mesh))

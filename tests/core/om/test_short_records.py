@@ -4,8 +4,9 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import NLoptDriver, ScipyDriver, short_records
+from bspline_mdao import NLoptDriver, ScipyDriver
 from bspline_mdao.core.om.drivers.short_records import LONGEST
+from bspline_mdao.drivers import short_records
 
 
 def openmdao_driver(**options):

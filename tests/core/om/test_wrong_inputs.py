@@ -7,35 +7,34 @@ import openmdao.api as om
 import pytest
 from parametrization_cases import surface_of, wing_model
 
-from bspline_mdao import (
+from bspline_mdao import GridMovement, InputError
+from bspline_mdao.constraints import InPlane, Mirrored, Pinned
+from bspline_mdao.design import (
     Camber,
     Chord,
-    Clearance,
-    Curvature,
-    EnclosedVolume,
     FreeForm,
-    GridMovement,
     InBlock,
     InBox,
-    InPlane,
-    InputError,
     Lattice,
-    LeadingEdgeRadius,
     Local,
-    Mirrored,
     Nearest,
     NearPlane,
     OnPatch,
     Parametrization,
-    Pinned,
-    PlaneClearance,
     ReferenceAxis,
+    Twist,
+)
+from bspline_mdao.measures import (
+    Clearance,
+    Curvature,
+    EnclosedVolume,
+    LeadingEdgeRadius,
+    PlaneClearance,
     SurfaceArea,
     SurfaceGrid,
     Thickness,
-    Twist,
-    moving_mesh,
 )
+from bspline_mdao.movers import moving_mesh
 
 ROOT = NearPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 

@@ -6,18 +6,11 @@ import openmdao.api as om
 import pytest
 from riding_cases import add_elements, model, plane_mesh, plane_su2_text, section, write_plane_cgns
 
-from bspline_mdao import (
-    InputError,
-    LinearElasticity,
-    MovementError,
-    Ride,
-    RidingMesh,
-    SectionSpan,
-    moving_mesh,
-    read_mesh,
-    section_span,
-)
+from bspline_mdao import InputError, MovementError, Ride
 from bspline_mdao.core.design.named_deformations import parse_deformation
+from bspline_mdao.files import read_mesh
+from bspline_mdao.movers import LinearElasticity, moving_mesh
+from bspline_mdao.riding import RidingMesh, SectionSpan, section_span
 from bspline_mdao.testing import central_difference
 
 

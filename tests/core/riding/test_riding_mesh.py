@@ -5,8 +5,9 @@ import pytest
 from riding_cases import mesh, model, moved, twisted
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import InputError, MixedMesh, MovementError, RidingMesh
+from bspline_mdao import InputError, MovementError
 from bspline_mdao.core.riding.riding_mesh import _fading
+from bspline_mdao.riding import MixedMesh, RidingMesh
 
 
 @pytest.fixture

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, SurfaceGrid, ball_grid, fit_grid, onera_m6_grid
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.walls import body_points
 from bspline_mdao.core.walls.body_points import Body, BodyPoints
+from bspline_mdao.generators import ball_grid, onera_m6_grid
+from bspline_mdao.measures import SurfaceGrid
 
 SPAN = 1.4843
 

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import InputError, Spacing, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.core.movement.elasticity import LinearElasticity
 from bspline_mdao.core.walls.embedded_points import planes_of
+from bspline_mdao.generators import Spacing, onera_m6_grid
 from bspline_mdao.grids.cells.first_cells import FirstCells
+from bspline_mdao.movers import moving_mesh
 
 TOLERANCE = 0.5
 """Nodes on the boundary are off the volumes by the error of the fit (m)."""

@@ -7,16 +7,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 from topology_cases import c_grid
 
-from bspline_mdao import MovementError, fit_grid, flat_plate_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import MovementError, fit_grid
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.core.movement.elasticity import LinearElasticity
 from bspline_mdao.core.walls.grid_map import GridMap
 from bspline_mdao.core.walls.wall_correction import WallCorrection
+from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.cells.first_cells import FirstCells
 from bspline_mdao.grids.topology.grid import Block, Grid, Patch
 from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.grids.topology.sharing import boundary_sections, node_sharing
 from bspline_mdao.grids.topology.topology import BoundaryFace
+from bspline_mdao.movers import moving_mesh
 
 
 def map_of(model, wall_layer=True, n_threads=None):

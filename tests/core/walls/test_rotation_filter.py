@@ -8,14 +8,16 @@ from itertools import product
 import numpy as np
 import pytest
 
-from bspline_mdao import LinearElasticity, Spacing, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import fit_grid
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.core.splines.basis import basis
 from bspline_mdao.core.splines.greville import span_breaks
 from bspline_mdao.core.walls.residual_lengths import corner_numbers
 from bspline_mdao.core.walls.rotation_filter import MOST_WEIGHT, RotationFilter
+from bspline_mdao.generators import Spacing, onera_m6_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import judge_move
+from bspline_mdao.movers import LinearElasticity, moving_mesh
 
 
 def graph(rng, n=31, n_edges=80):

@@ -18,9 +18,10 @@ from topology_cases import (
     two_block_plate,
 )
 
-from bspline_mdao import ball_grid, find_topology, onera_m6_grid, read_grid
+from bspline_mdao import find_topology, read_grid
 from bspline_mdao.base.numerics.vectors import nearest_plane
 from bspline_mdao.core.walls.wall_correction import PIECE, WallCorrection, _cuts, _pieces
+from bspline_mdao.generators import ball_grid, onera_m6_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.io.patch_guess import guess_patches
 from bspline_mdao.grids.topology.index_space import Window

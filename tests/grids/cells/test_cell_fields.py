@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import onera_m6_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.cell_fields import cell_fields
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 

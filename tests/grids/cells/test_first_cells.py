@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import onera_m6_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.first_cells import FirstCells
 from bspline_mdao.grids.cells.wall_heights import report_heights
 from bspline_mdao.grids.cells.wall_spacing import flat_plate_y_plus, wall_spacings

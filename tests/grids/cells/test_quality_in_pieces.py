@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from rank_cases import on_ranks
 
-from bspline_mdao import onera_m6_grid
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.aggregates import AGGREGATES
 from bspline_mdao.grids.cells.grid_quality import GridQuality, GridValues
 from bspline_mdao.grids.cells.pieces import Pieces

@@ -3,7 +3,7 @@
 import numpy as np
 from mover_cases import flare_grid
 
-from bspline_mdao import onera_m6_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import MOST_WORST, inverted_cells, patches_of, report_quality
 

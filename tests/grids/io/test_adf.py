@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from adf_cases import AdfWriter, as_adf
 
-from bspline_mdao import fit_grid, flat_plate_grid, onera_m6_grid, read_grid, write_grid
+from bspline_mdao import fit_grid, read_grid, write_grid
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.io.adf import copied_cgns
 
 KINDS = pytest.mark.parametrize(

@@ -21,9 +21,10 @@ from topology_cases import (
     turned_and_shuffled,
 )
 
-from bspline_mdao import family_member, fit_grid, flat_plate_grid, onera_m6_grid, write_grid
+from bspline_mdao import family_member, fit_grid, write_grid
 from bspline_mdao.core.evaluation.family import refined_topology
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.io.cgns import CgnsDialect, read_cgns, write_cgns
 from bspline_mdao.grids.io.cgns_nodes import add_node, children, set_attributes, word
 from bspline_mdao.grids.topology.detection import find_topology

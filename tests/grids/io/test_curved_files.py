@@ -6,9 +6,12 @@ import h5py
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, ball_grid, curved_grid, fit_grid, read_grid, write_curved_grid, write_grid
+from bspline_mdao import InputError, fit_grid, read_grid, write_grid
+from bspline_mdao.files import write_curved_grid
+from bspline_mdao.generators import ball_grid
 from bspline_mdao.grids.io.cgns_elements import read_cgns_elements
 from bspline_mdao.grids.io.element_order import cgns_order, gmsh_order
+from bspline_mdao.splines import curved_grid
 
 DEGREES = [1, 2, 3, 4]
 CGNS_TYPES = {1: (17, 7), 2: (19, 9), 3: (39, 28), 4: (56, 44)}

@@ -15,7 +15,8 @@ import pytest
 from component_cases import two_blocks
 from grid_cases import smooth_grid
 
-from bspline_mdao import InputError, write_grid, write_polymesh, write_vtk
+from bspline_mdao import InputError, write_grid
+from bspline_mdao.files import write_polymesh, write_vtk
 from bspline_mdao.grids.io.disk import PREFIX, SUFFIX, replaced_file, replaced_folder
 
 WRITER = """

@@ -11,8 +11,11 @@ import pytest
 from fuzz_cases import MUTATIONS_OF_LINES, N_MUTATIONS, mutate
 from riding_cases import binary_folder, su2_text, write_boxes_cgns
 
-from bspline_mdao import InputError, MixedMesh, brick_grid, read_mesh, write_polymesh
+from bspline_mdao import InputError
+from bspline_mdao.files import read_mesh, write_polymesh
 from bspline_mdao.flow.euler.states_file import StatesFile
+from bspline_mdao.generators import brick_grid
+from bspline_mdao.riding import MixedMesh
 
 pytestmark = pytest.mark.slow
 

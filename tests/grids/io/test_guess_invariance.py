@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import ball_grid, find_topology, fit_grid, moving_mesh, naca_section, read_grid, section_o_grid
+from bspline_mdao import find_topology, fit_grid, read_grid
 from bspline_mdao.core.generators.canonical import flat_plate_grid, onera_m6_grid
+from bspline_mdao.generators import ball_grid, naca_section, section_o_grid
 from bspline_mdao.grids.io.grid_frame import GridFrame
 from bspline_mdao.grids.io.patch_guess import guess_faces, with_guessed_patches
 from bspline_mdao.grids.topology.grid import Block, Grid
+from bspline_mdao.movers import moving_mesh
 
 
 def extruded(z, far=20.0, taper=0.0):

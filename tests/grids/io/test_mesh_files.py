@@ -8,19 +8,14 @@ import numpy as np
 import pytest
 from riding_cases import BOX, binary_folder, corners_of, mesh, su2_text, write_boxes_cgns
 
-from bspline_mdao import (
-    InputError,
-    MixedMesh,
-    brick_grid,
-    curved_grid,
-    fit_grid,
-    read_mesh,
-    write_curved_grid,
-    write_polymesh,
-)
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.files import read_mesh, write_curved_grid, write_polymesh
+from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.io.cgns import write_base
 from bspline_mdao.grids.io.cgns_nodes import add_node
 from bspline_mdao.grids.io.meshes.foam_lists import FoamFile
+from bspline_mdao.riding import MixedMesh
+from bspline_mdao.splines import curved_grid
 
 
 @pytest.fixture

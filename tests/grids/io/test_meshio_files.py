@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from riding_cases import mesh
 
-from bspline_mdao import InputError, read_mesh
+from bspline_mdao import InputError
+from bspline_mdao.files import read_mesh
 
 meshio = pytest.importorskip("meshio", reason="meshio is not installed")
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, read_mesh
+from bspline_mdao import InputError
+from bspline_mdao.files import read_mesh
 
 POINTS = np.random.default_rng(9).standard_normal((5, 3))
 LINES = [" ".join(map(repr, row)) for row in POINTS.tolist()]

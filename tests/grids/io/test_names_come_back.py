@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bspline_mdao import FittedModel, ball_grid, family_member, fit_grid, read_grid, read_mesh, write_grid
+from bspline_mdao import FittedModel, family_member, fit_grid, read_grid, write_grid
+from bspline_mdao.files import read_mesh
+from bspline_mdao.generators import ball_grid
 from bspline_mdao.grids.io.cgns import CgnsDialect
 from bspline_mdao.grids.io.patch_guess import draft_patches
 from bspline_mdao.grids.io.patches import read_patches

@@ -11,18 +11,9 @@ import numpy as np
 import pytest
 from topology_cases import box, c_grid, grid_of, o_grid, patch, smooth_box, sphere_octants, split, turned_and_shuffled
 
-from bspline_mdao import (
-    CaseField,
-    InputError,
-    ball_grid,
-    find_topology,
-    fit_grid,
-    flat_plate_grid,
-    onera_m6_grid,
-    write_case,
-    write_grid,
-    write_polymesh,
-)
+from bspline_mdao import InputError, find_topology, fit_grid, write_grid
+from bspline_mdao.files import CaseField, write_case, write_polymesh
+from bspline_mdao.generators import ball_grid, flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.cells.hexahedron import cell_quality
 from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.studio.cli.main import run

@@ -4,7 +4,8 @@ import sqlite3
 
 import pytest
 
-from bspline_mdao import InputError, brick_grid, open_grid, read_grid, write_grid
+from bspline_mdao import InputError, open_grid, read_grid, write_grid
+from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.io.other_files import head_of_grid
 
 HEADS = {

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import InputError, find_topology, lift_plane_grid, read_grid, write_grid
+from bspline_mdao import InputError, find_topology, read_grid, write_grid
+from bspline_mdao.files import lift_plane_grid
 from bspline_mdao.grids.io.patch_guess import guess_faces
 from bspline_mdao.grids.io.plane_grids import flattened
 from bspline_mdao.grids.io.plot3d_dialect import Plot3dDialect

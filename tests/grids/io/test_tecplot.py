@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from grid_cases import smooth_grid
 
-from bspline_mdao import InputError, onera_m6_grid, write_grid, write_tecplot
+from bspline_mdao import InputError, write_grid
+from bspline_mdao.files import write_tecplot
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.cell_fields import cell_fields
 
 

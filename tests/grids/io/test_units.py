@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from grid_cases import smooth_grid
 
-from bspline_mdao import FittedModel, ball_grid, fit_grid, write_grid
+from bspline_mdao import FittedModel, fit_grid, write_grid
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import ball_grid
 from bspline_mdao.grids.io.cgns import open_cgns, read_cgns, write_cgns
 from bspline_mdao.grids.io.cgns_nodes import add_node
 from bspline_mdao.grids.topology.length_unit import LENGTH_UNITS, in_unit

@@ -8,7 +8,8 @@ import zlib
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, read_mesh
+from bspline_mdao import InputError
+from bspline_mdao.files import read_mesh
 
 POINTS = np.random.default_rng(7).standard_normal((9, 3))
 TETRA, HEXAHEDRON = [0, 1, 2, 8], [0, 1, 2, 3, 4, 5, 6, 7]

@@ -12,29 +12,17 @@ import numpy as np
 import pytest
 from component_cases import two_blocks
 
-from bspline_mdao import (
-    FittedModel,
-    FixedInterior,
-    Grid,
-    InputError,
-    LinearElasticity,
-    SurfaceGrid,
-    Transfinite,
-    find_topology,
-    fit_grid,
-    moving_grid,
-    moving_mesh,
-    read_grid,
-    write_grid,
-    write_vtk,
-)
+from bspline_mdao import FittedModel, Grid, InputError, find_topology, fit_grid, read_grid, write_grid
 from bspline_mdao.core.model.model_file import VERSION, checksum_of
+from bspline_mdao.files import write_vtk
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.io.formats import MODEL_FORMAT
 from bspline_mdao.grids.io.plot3d import write_plot3d
 from bspline_mdao.grids.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.grids.topology.grid import Block, Patch
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import FixedInterior, LinearElasticity, Transfinite, moving_grid, moving_mesh
 from bspline_mdao.studio.cli.main import run
 
 CUBE = np.stack(np.meshgrid(*map(np.arange, (3.0, 4.0, 5.0)), indexing="ij"), axis=-1)

@@ -8,12 +8,12 @@ import pytest
 from click.testing import CliRunner
 from topology_cases import are_same_partition, box, c_grid, grid_of, labels_of_rows, patch, smooth_box, split
 
-from bspline_mdao import Spacing, ball_grid, flat_plate_grid, onera_m6_grid
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.core.mesh.boundary import moving_mesh
 from bspline_mdao.core.movement.elasticity import LinearElasticity
 from bspline_mdao.errors import FitWarning
+from bspline_mdao.generators import Spacing, ball_grid, flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.io.patch_guess import draft_patches
 from bspline_mdao.grids.io.plot3d import read_plot3d, write_plot3d
 from bspline_mdao.grids.io.plot3d_dialect import Plot3dDialect

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import ball_grid, brick_grid
+from bspline_mdao.generators import ball_grid, brick_grid
 from bspline_mdao.grids.io.files import read_grid
 from bspline_mdao.grids.io.patch_guess import guess_patches
 from bspline_mdao.grids.topology.detection import find_topology

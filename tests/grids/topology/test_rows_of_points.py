@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from component_cases import two_blocks
 
-from bspline_mdao import InputError, find_topology, flat_plate_grid, onera_m6_grid
+from bspline_mdao import InputError, find_topology
+from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.topology.sharing import node_sharing, numbers_of_points, rows_of_points
 from bspline_mdao.grids.topology.stored_grid import StoredBlock, StoredGrid
 

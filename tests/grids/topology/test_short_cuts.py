@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from topology_cases import grid_of, smooth_box, split, twelve_block_plate
 
-from bspline_mdao import onera_m6_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.cell_faces import CellFaces
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.edge_cut import SLACK, faces_between, with_short_cuts

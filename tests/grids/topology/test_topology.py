@@ -23,7 +23,8 @@ from topology_cases import (
     two_block_plate,
 )
 
-from bspline_mdao import (
+from bspline_mdao.errors import InputError
+from bspline_mdao.generators import (
     Spacing,
     ball_grid,
     brick_grid,
@@ -32,7 +33,6 @@ from bspline_mdao import (
     naca_section,
     onera_m6_grid,
 )
-from bspline_mdao.errors import InputError
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.grid import Patch
 from bspline_mdao.grids.topology.index_space import Window

@@ -6,22 +6,15 @@ from mphys import Multipoint
 from mphys.scenarios import ScenarioAeroStructural
 from mpi4py import MPI
 
-from bspline_mdao import (
-    BeamBuilder,
-    EulerBuilder,
-    Parametrization,
-    ReferenceAxis,
-    RigidLinkBuilder,
-    RigidLinks,
-    SurfaceGeometry,
-    SurfaceGrid,
-    Twist,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import fit_grid
 from bspline_mdao.base.numerics.processes import world
+from bspline_mdao.design import Parametrization, ReferenceAxis, Twist
+from bspline_mdao.flow import RigidLinks
 from bspline_mdao.flow.om.aerostructure import Spar
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import moving_mesh
+from bspline_mdao.mphys import BeamBuilder, EulerBuilder, RigidLinkBuilder, SurfaceGeometry
 
 comm, model = world(), fit_grid(onera_m6_grid((7, 6, 5)))
 BEAM = np.linspace([0.95, 0.0, 1.4], [0.3, 0.0, 0.0], 5)

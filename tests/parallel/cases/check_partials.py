@@ -9,7 +9,7 @@ import bspline_mdao as bm
 from bspline_mdao.base.numerics.processes import world
 
 np.random.seed(1)  # noqa: NPY002 - where OpenMDAO draws the directions of checks: products may be small along some
-model = bm.fit_grid(bm.flat_plate_grid((5, 6, 5)), n_control=(4, 5, 4))
+model = bm.fit_grid(bm.generators.flat_plate_grid((5, 6, 5)), n_control=(4, 5, 4))
 problem = om.Problem()
 problem.model.add_subsystem("chain", bm.GridMovement(model=model, fit=False), promotes=["*"])
 problem.setup()

@@ -9,10 +9,11 @@ import openmdao.api as om
 from mover_cases import MOVERS, bent_surface, channel, made, random_changes
 from parallel_checks import assert_same_everywhere, raised_everywhere
 
-from bspline_mdao import ControlMeshMove, LinearElasticity, PetscMultigrid
+from bspline_mdao import ControlMeshMove
 from bspline_mdao.base.numerics.processes import world
 from bspline_mdao.core.movement import shared
 from bspline_mdao.core.movement.equilibrium import EquilibriumMover
+from bspline_mdao.movers import LinearElasticity, PetscMultigrid
 from bspline_mdao.names import CONTROL_CORNER_KS, CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 
 comm, mesh = world(), channel()

@@ -10,7 +10,8 @@ import numpy as np
 import openmdao.api as om
 from mpi4py import MPI
 
-from bspline_mdao import EulerFlow, fit_grid, onera_m6_grid
+from bspline_mdao import EulerFlow, fit_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.partition import Partition
 
 COEFFICIENTS = ("CL", "CD", "CM", "CD_induced")

@@ -4,8 +4,9 @@ import numpy as np
 import openmdao.api as om
 from mpi4py import MPI
 
-from bspline_mdao import EulerFlow, GridEvaluate, InputError, fit_grid, onera_m6_grid
+from bspline_mdao import EulerFlow, GridEvaluate, InputError, fit_grid
 from bspline_mdao.flow.om.flow_run import run_flow
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.partition import Partition, Share
 
 COMM = MPI.COMM_WORLD

@@ -8,7 +8,9 @@ import openmdao.api as om
 from mpi4py import MPI
 from parallel_checks import raised_everywhere
 
-from bspline_mdao import EulerFlow, GridEvaluate, HingeMoment, InputError, fit_grid, onera_m6_grid
+from bspline_mdao import EulerFlow, GridEvaluate, InputError, fit_grid
+from bspline_mdao.flow import HingeMoment
+from bspline_mdao.generators import onera_m6_grid
 
 COMM, MODEL = MPI.COMM_WORLD, fit_grid(onera_m6_grid((5, 5, 5)))
 OUTPUTS = ("CM_bending", "CM_flap", "strip_cl", "strip_cd", "strip_cm", "strip_chord")

@@ -11,10 +11,11 @@ import numpy as np
 import topology_cases
 from mpi4py import MPI
 
-from bspline_mdao import FitWarning, InputError, fit_blocks, fit_grid, open_grid, write_grid
+from bspline_mdao import FitWarning, InputError, fit_grid, open_grid, write_grid
 from bspline_mdao.core.model.fitted_model import FittedModel
 from bspline_mdao.core.model.model_share import ModelShare
 from bspline_mdao.grids.topology.partition import Partition
+from bspline_mdao.splines import fit_blocks
 
 comm = MPI.COMM_WORLD
 GRIDS = {

@@ -9,9 +9,12 @@ import openmdao.api as om
 from mpi4py import MPI
 from openmdao.utils.assert_utils import assert_check_partials
 
-from bspline_mdao import GridEvaluate, Partition, Share, SurfaceGrid, fit_grid, onera_m6_grid
+from bspline_mdao import GridEvaluate, fit_grid
 from bspline_mdao.core.generators.hh_wing import Spacing
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.grid import Block, Grid
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.parallel import Partition, Share
 
 warnings.simplefilter("ignore", om.DerivativesWarning)
 comm = MPI.COMM_WORLD

@@ -7,7 +7,8 @@ from mphys_cases import DESIGN, ScenarioAerodynamic, Wing
 from mpi4py import MPI
 
 from bspline_mdao.base.numerics.processes import summed
-from bspline_mdao.flow.om.mphys.builders import FlowBuilder, GeometryBuilder
+from bspline_mdao.core.om.mphys.geometry import GeometryBuilder
+from bspline_mdao.flow.om.mphys.builders import FlowBuilder
 from bspline_mdao.grids.topology.partition import Partition
 from bspline_mdao.grids.topology.sharing import node_sharing
 

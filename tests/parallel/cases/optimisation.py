@@ -11,19 +11,11 @@ import openmdao.api as om
 import pytest
 from parametrization_cases import wing_model
 
-from bspline_mdao import (
-    Chord,
-    GridMovement,
-    LinearElasticity,
-    NLoptDriver,
-    Parametrization,
-    ReferenceAxis,
-    SurfaceArea,
-    SurfaceGrid,
-    Twist,
-    moving_mesh,
-)
+from bspline_mdao import GridMovement, NLoptDriver
 from bspline_mdao.base.numerics.processes import together, world
+from bspline_mdao.design import Chord, Parametrization, ReferenceAxis, Twist
+from bspline_mdao.measures import SurfaceArea, SurfaceGrid
+from bspline_mdao.movers import LinearElasticity, moving_mesh
 
 name, cases = sys.argv[1:]
 comm = world()

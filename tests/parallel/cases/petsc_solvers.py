@@ -6,10 +6,10 @@ import numpy as np
 from mover_cases import assert_derivative_is_transposed, bent_surface, oblique_channel, random_changes, wing
 from parallel_checks import assert_same_everywhere, raised_everywhere
 
-from bspline_mdao import LinealSprings, LinearElasticity, PetscCholesky, PetscMultigrid
 from bspline_mdao.base.numerics.processes import world
 from bspline_mdao.base.sparse.blocks import BlockMatrix
 from bspline_mdao.core.movement.equilibrium import Unknowns
+from bspline_mdao.movers import LinealSprings, LinearElasticity, PetscCholesky, PetscMultigrid
 
 comm = world()
 

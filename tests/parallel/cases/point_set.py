@@ -4,20 +4,12 @@ import numpy as np
 import openmdao.api as om
 from mpi4py import MPI
 
-from bspline_mdao import (
-    InputError,
-    Parametrization,
-    PointSet,
-    ReferenceAxis,
-    SurfaceControl,
-    SurfaceEvaluate,
-    SurfaceGrid,
-    Twist,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import InputError, PointSet, SurfaceControl, SurfaceEvaluate, fit_grid
 from bspline_mdao.base.numerics.processes import world
+from bspline_mdao.design import Parametrization, ReferenceAxis, Twist
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import moving_mesh
 
 comm, model = world(), fit_grid(onera_m6_grid((9, 8, 7)))
 SPAR = np.linspace([0.3, 0.0, 0.0], [0.9, 0.0, 1.3], 9)

@@ -6,16 +6,10 @@ from mpi4py import MPI
 from openmdao.utils.assert_utils import assert_check_partials
 from parallel_checks import assert_same_everywhere
 
-from bspline_mdao import (
-    SurfaceArea,
-    SurfaceControlFit,
-    SurfaceEvaluate,
-    SurfaceGrid,
-    SurfaceMeasure,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import SurfaceControlFit, SurfaceEvaluate, SurfaceMeasure, fit_grid
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.measures import SurfaceArea, SurfaceGrid
+from bspline_mdao.movers import moving_mesh
 
 comm = MPI.COMM_WORLD
 model = fit_grid(onera_m6_grid((9, 9, 9)), n_control=5)

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from component_cases import two_blocks
 
-from bspline_mdao import FittedModel, Grid, __version__, onera_m6_grid, read_grid, write_grid
+from bspline_mdao import FittedModel, Grid, __version__, read_grid, write_grid
 from bspline_mdao.core.fit.options import EXPONENTS, METHODS
 from bspline_mdao.core.generators.built_in import BUILT_IN
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.aggregates import AGGREGATES
 from bspline_mdao.grids.topology.grid import Block
 from bspline_mdao.studio.cli.commands import bspline_mdao as program

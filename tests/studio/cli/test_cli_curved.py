@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from test_cli import fails_as_expected, numbers
 
-from bspline_mdao import ball_grid, curved_grid, fit_grid, write_curved_grid
+from bspline_mdao import fit_grid
+from bspline_mdao.files import write_curved_grid
+from bspline_mdao.generators import ball_grid
+from bspline_mdao.splines import curved_grid
 from bspline_mdao.studio.cli.main import run
 
 

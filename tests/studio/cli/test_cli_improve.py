@@ -5,7 +5,8 @@ import pytest
 from adaptation_cases import skewed_grid, skewed_model
 from test_cli import fails_as_expected, numbers
 
-from bspline_mdao import brick_grid, fit_grid, read_grid, write_grid
+from bspline_mdao import fit_grid, read_grid, write_grid
+from bspline_mdao.generators import brick_grid
 from bspline_mdao.studio.cli.main import run
 
 FEW = ["--iterations", "8"]

@@ -13,16 +13,7 @@ from mover_cases import flare_grid
 from test_cli import fails_as_expected, numbers
 from topology_cases import box, c_grid, grid_of
 
-from bspline_mdao import (
-    FittedModel,
-    GridMovement,
-    Rotations,
-    SurfaceGrid,
-    fit_grid,
-    flat_plate_grid,
-    parse_deformation,
-    read_grid,
-)
+from bspline_mdao import FittedModel, GridMovement, fit_grid, read_grid
 from bspline_mdao.base.numerics import progress
 from bspline_mdao.core.evaluation.evaluator import Evaluator
 from bspline_mdao.core.fit.surface_fit import SurfaceFollower
@@ -31,10 +22,14 @@ from bspline_mdao.core.movement.elasticity import LinearElasticity
 from bspline_mdao.core.movement.transfinite import Transfinite
 from bspline_mdao.core.movement.young_modulus import ConstantLaw
 from bspline_mdao.core.walls.wall_correction import WallCorrection
+from bspline_mdao.design import parse_deformation
+from bspline_mdao.generators import flat_plate_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import inverted_cells, report_quality
 from bspline_mdao.grids.topology.grid import Patch
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import Rotations
 from bspline_mdao.studio.cli.cures import Trial
 from bspline_mdao.studio.cli.main import run
 from bspline_mdao.studio.cli.move import complaint

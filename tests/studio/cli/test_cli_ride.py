@@ -6,7 +6,8 @@ import pytest
 from riding_cases import mesh, model, plane_mesh, plane_su2_text, section, su2_text, twisted, write_plane_cgns
 from test_cli import fails_as_expected, numbers
 
-from bspline_mdao import GridEvaluate, read_mesh
+from bspline_mdao import GridEvaluate
+from bspline_mdao.files import read_mesh
 from bspline_mdao.studio.cli.main import run
 
 TWIST = ["--deform", "twist=10deg", "--mover", "elasticity", "--increments", "1"]

@@ -5,7 +5,9 @@ import pytest
 from seam_cases import globe_grid
 from test_cli import fails_as_expected, numbers
 
-from bspline_mdao import ball_grid, fit_grid, moving_mesh
+from bspline_mdao import fit_grid
+from bspline_mdao.generators import ball_grid
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.studio.cli.main import run
 
 

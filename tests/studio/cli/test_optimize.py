@@ -11,8 +11,9 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import ball_grid, fit_grid, onera_m6_grid, read_grid, write_grid
+from bspline_mdao import fit_grid, read_grid, write_grid
 from bspline_mdao.core.om.drivers import nlopt_driver
+from bspline_mdao.generators import ball_grid, onera_m6_grid
 from bspline_mdao.grids.io.run_folder import MANIFEST
 from bspline_mdao.studio.cli import optimize
 from bspline_mdao.studio.cli.main import run

@@ -17,9 +17,10 @@ import pytest
 from test_optimize import LEAST_AREA, RESULTS, names_in, summary
 
 import bspline_mdao
-from bspline_mdao import InputError, ScipyDriver, fit_grid, onera_m6_grid, write_grid
+from bspline_mdao import InputError, ScipyDriver, fit_grid, write_grid
 from bspline_mdao.core.om.drivers import nlopt_driver
 from bspline_mdao.core.om.drivers.case_file import count_cases
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.io import run_folder
 from bspline_mdao.grids.io.run_folder import MANIFEST, PREFIX, RunFolder
 from bspline_mdao.studio.cli.main import run

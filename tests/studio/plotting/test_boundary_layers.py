@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import Spacing, infinite_wing_grid, naca_section
+from bspline_mdao.generators import Spacing, infinite_wing_grid, naca_section
 from bspline_mdao.plotting import RED, draw_first_heights, draw_wall_cells
 from bspline_mdao.studio.plotting import boundary_layers
 

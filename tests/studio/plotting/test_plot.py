@@ -6,21 +6,15 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import (
-    EulerFlow,
-    GridMovement,
-    InputError,
-    SurfaceGrid,
-    brick_grid,
-    fit_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import EulerFlow, GridMovement, InputError, fit_grid
+from bspline_mdao.flow import Snapshot
+from bspline_mdao.generators import brick_grid, onera_m6_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import report_quality
 from bspline_mdao.grids.topology.grid import Grid
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.plotting import (
-    Snapshot,
     flow_sheets,
     grid_sheets,
     has_renderer,

@@ -5,7 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from bspline_mdao import fit_grid, onera_m6_grid
+from bspline_mdao import fit_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.plotting import Camera, Paint, Scene, draw_scene, figure, has_renderer, patch_faces
 from bspline_mdao.studio.plotting import scenes
 

@@ -3,22 +3,12 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import (
-    EulerFlow,
-    GridMovement,
-    LatticeFlow,
-    LinearElasticity,
-    Planform,
-    Spacing,
-    Twist,
-    Wing,
-    fit_grid,
-    hh_wing_grid,
-    moving_mesh,
-    naca_section,
-)
+from bspline_mdao import EulerFlow, GridMovement, LatticeFlow, fit_grid
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.design.reference_axis import ReferenceAxis
+from bspline_mdao.design import Twist
+from bspline_mdao.generators import Planform, Spacing, Wing, hh_wing_grid, naca_section
+from bspline_mdao.movers import LinearElasticity, moving_mesh
 from bspline_mdao.plotting import (
     draw_ellipse,
     draw_planform,

@@ -8,10 +8,12 @@ import openmdao.api as om
 import pytest
 from report_cases import small_model
 
-from bspline_mdao import DesignSurface, FittedModel, Twist, fit_grid, onera_m6_grid, write_report
+from bspline_mdao import DesignSurface, FittedModel, fit_grid, write_report
 from bspline_mdao.core.model.model_file import checksum_in
 from bspline_mdao.core.om.drivers.case_history import read_history
 from bspline_mdao.core.om.model_option import named_model
+from bspline_mdao.design import Twist
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import report_quality
 from bspline_mdao.studio.cli.main import run

@@ -10,10 +10,11 @@ import openmdao.api as om
 import pytest
 from report_cases import recorded_wing, small_model, twisted_wing
 
-from bspline_mdao import FittedModel, fit_grid, onera_m6_grid, optimality_of, write_report
+from bspline_mdao import FittedModel, fit_grid, optimality_of, write_report
 from bspline_mdao.core.om.drivers.case_history import read_history
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.error_estimate import ErrorEstimate
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.studio.cli.main import run
 from bspline_mdao.studio.report import openmdao_report
 from bspline_mdao.studio.report.walls import DrawnWalls, cut

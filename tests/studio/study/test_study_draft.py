@@ -4,7 +4,8 @@ import openmdao.api as om
 import pytest
 from study_cases import study_of
 
-from bspline_mdao import DesignSurface, InputError, LatticeFlow, fit_grid, onera_m6_grid
+from bspline_mdao import DesignSurface, InputError, LatticeFlow, fit_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.studio.study import draft
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from study_cases import STUDY, study_of
 
-from bspline_mdao import NLoptDriver, onera_m6_grid
+from bspline_mdao import NLoptDriver
 from bspline_mdao.core.design.reference_axis import StationSpline
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.studio.study import keys
 from bspline_mdao.studio.study.draft import study_draft
@@ -147,7 +148,7 @@ def test_the_script_makes_a_plane_grid_one_cell_deep_before_its_patches_are_read
     (tmp_path / "section.toml").write_text("")
     text = STUDY.replace('"@onera_m6"', '"section.xyz"\npatches = "section.toml"')
     script = study_script(study_of(tmp_path, text), tmp_path, is_plane=True)
-    assert 'read_patches(HERE / "section.toml", bm.lift_plane_grid(bm.read_grid(HERE / "section.xyz")))' in script
+    assert 'read_patches(HERE / "section.toml", bm.files.lift_plane_grid(bm.read_grid(HERE / "section.xyz")))' in script
     compile(script, "script", "exec")
 
 
@@ -164,23 +165,23 @@ def test_the_script_chooses_increments_at_the_bounds_of_what_moves(tmp_path, mor
     text += '\n[movement]\nmover = "elasticity"\n'
     script = study_script(study_of(tmp_path, text), tmp_path)
     assert f'bounds = {{\n    "twist": {bounds},\n}}\n' in script
-    assert "n_increments = bm.increments_for(bm.LinearElasticity(wing.mesh), designs)\n" in script
-    assert "mover = bm.LinearElasticity(wing.mesh, n_increments=n_increments)\n" in script
+    assert "n_increments = bm.movers.increments_for(bm.movers.LinearElasticity(wing.mesh), designs)\n" in script
+    assert "mover = bm.movers.LinearElasticity(wing.mesh, n_increments=n_increments)\n" in script
     compile(script, "script", "exec")
 
 
 def test_the_script_takes_the_increments_and_the_ratio_of_the_study(tmp_path):
     movement = '[movement]\nmover = "elasticity"\nincrements = 3\npoisson_ratio = 0.1\n'
     script = study_script(study_of(tmp_path, f"{STUDY}\n{movement}"), tmp_path)
-    assert "mover = bm.LinearElasticity(wing.mesh, n_increments=3, poisson_ratio=0.1)\n" in script
+    assert "mover = bm.movers.LinearElasticity(wing.mesh, n_increments=3, poisson_ratio=0.1)\n" in script
     assert "increments_for" not in script
     script = study_script(study_of(tmp_path, f"{STUDY}\n{movement.replace('increments = 3', '')}"), tmp_path)
-    assert "increments_for(bm.LinearElasticity(wing.mesh, poisson_ratio=0.1), designs)\n" in script
+    assert "increments_for(bm.movers.LinearElasticity(wing.mesh, poisson_ratio=0.1), designs)\n" in script
 
 
 def test_the_script_moves_by_rotations_and_lets_the_far_field_go_along_if_it_is_told_to(tmp_path):
     script = study_script(study_of(tmp_path, STUDY), tmp_path)
-    assert "mover = bm.Rotations(wing.mesh)\n" in script
+    assert "mover = bm.movers.Rotations(wing.mesh)\n" in script
     assert "comoving" not in script
     script = study_script(study_of(tmp_path, f"{STUDY}\n[movement]\ncomoving = true\n"), tmp_path)
     assert ", mover=mover, comoving=True, quality=" in script

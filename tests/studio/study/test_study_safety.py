@@ -22,7 +22,7 @@ from bspline_mdao.studio.study.names import FUNCTIONS, fault_of_name
 from bspline_mdao.studio.study.script import study_script
 
 CALLED = re.compile(
-    r"""bm\.(\w+(\.(of|at|grid|integral|box|load))?)
+    r"""bm\.((design\.|files\.|generators\.|measures\.|movers\.)?\w+(\.(of|at|grid|integral|box|load))?)
     | om\.(ExecComp|Problem|SqliteRecorder)
     | wing\.(axis_at|grid_movement|parametrization)
     | top\.(add_\w+|connect|set_input_defaults) | driver\.add_recorder | problem\.(setup|set_val|get_val|run_\w+)

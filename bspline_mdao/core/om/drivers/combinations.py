@@ -100,7 +100,10 @@ def even_pressures(
 
     Examples
     --------
-    >>> from bspline_mdao import DesignSurface, EulerFlow, Twist, even_pressures, fit_grid, onera_m6_grid
+    >>> from bspline_mdao import DesignSurface, EulerFlow, fit_grid
+    >>> from bspline_mdao.design import Twist
+    >>> from bspline_mdao.drivers import even_pressures
+    >>> from bspline_mdao.generators import onera_m6_grid
     >>> wing = DesignSurface.of(fit_grid(onera_m6_grid((5, 5, 5))))
     >>> problem = om.Problem(reports=None)
     >>> shape = wing.grid_movement([Twist("twist", wing.axis, stations=2)])
@@ -148,7 +151,7 @@ def combine(name: str, combinations: np.ndarray, units: str | None = None) -> om
     --------
     >>> import numpy as np
     >>> import openmdao.api as om
-    >>> from bspline_mdao import combine
+    >>> from bspline_mdao.drivers import combine
     >>> problem = om.Problem(reports=None)
     >>> component = combine("y", np.array([[1.0, 0.0], [0.0, 2.0], [1.0, 0.0]]))
     >>> _ = problem.model.add_subsystem("body", component, promotes=["*"])

@@ -52,8 +52,10 @@ def unused_gradient(problem: om.Problem, net: CoarseNet, surface: str = SURFACE_
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import CoarseNet, DesignLevel, Local, OnPatch, SurfaceControl, fit_grid, moving_mesh
-    >>> from bspline_mdao import Parametrization, onera_m6_grid, unused_gradient
+    >>> from bspline_mdao import SurfaceControl, fit_grid
+    >>> from bspline_mdao.design import CoarseNet, DesignLevel, Local, OnPatch, Parametrization, unused_gradient
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> model = fit_grid(onera_m6_grid((9, 9, 7)), n_control=(7, 5, 6))
     >>> mesh = moving_mesh(model)
     >>> net = CoarseNet.of(model, mesh, Local("bumps", OnPatch(model, "wing_upper"), "y"), n=4)
@@ -97,7 +99,10 @@ class DesignLevel(OneLine):
 
     Examples
     --------
-    >>> from bspline_mdao import CoarseNet, DesignLevel, Local, OnPatch, fit_grid, moving_mesh, onera_m6_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import CoarseNet, DesignLevel, Local, OnPatch
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.movers import moving_mesh
     >>> model = fit_grid(onera_m6_grid((9, 9, 7)), n_control=(7, 5, 6))
     >>> mesh = moving_mesh(model)
     >>> net = CoarseNet.of(model, mesh, Local("bumps", OnPatch(model, "wing_upper"), "y"), n=4)

@@ -51,7 +51,7 @@ def short_records(driver):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import short_records
+    >>> from bspline_mdao.drivers import short_records
     >>> problem = om.Problem(driver=short_records(om.ScipyOptimizeDriver(optimizer="SLSQP")), reports=None)
     """
     if not isinstance(driver, ShortRecords) and not isinstance(driver._get_vars_to_record, _Shortened):

@@ -70,7 +70,10 @@ class SurfaceGeometry(Copied, om.Group):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import DesignSurface, SurfaceGeometry, Twist, fit_grid, flat_plate_grid
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.design import Twist
+    >>> from bspline_mdao.generators import flat_plate_grid
+    >>> from bspline_mdao.mphys import SurfaceGeometry
     >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
     >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
     >>> problem = om.Problem(SurfaceGeometry(model=wing.model, parametrization=shape, generation=2), reports=None)
@@ -162,7 +165,10 @@ class GeometryBuilder(Builder):
 
     Examples
     --------
-    >>> from bspline_mdao import DesignSurface, GeometryBuilder, Twist, fit_grid, flat_plate_grid
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.design import Twist
+    >>> from bspline_mdao.generators import flat_plate_grid
+    >>> from bspline_mdao.mphys import GeometryBuilder
     >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
     >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
     >>> builder = GeometryBuilder(model=wing.model, parametrization=shape, generation=2)

@@ -86,7 +86,10 @@ class VolumeWarper(Copied, om.Group):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import SurfaceGrid, VolumeWarper, brick_grid, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import SurfaceGrid
+    >>> from bspline_mdao.mphys import VolumeWarper
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> problem = om.Problem(VolumeWarper(model=model), reports=None)
     >>> _ = problem.setup()

@@ -44,7 +44,7 @@ class BeamBuilder(Builder):
     --------
     >>> import numpy as np
     >>> import openmdao.api as om
-    >>> from bspline_mdao import BeamBuilder
+    >>> from bspline_mdao.mphys import BeamBuilder
     >>> from bspline_mdao.flow.om.aerostructure import Spar
     >>> builder = BeamBuilder(np.array([[0.3, 0.0, 1.0], [0.3, 0.0, 0.0]]), Spar((0.004,)), radius=(0.04,))
     >>> builder.get_number_of_nodes(), builder.get_ndof()

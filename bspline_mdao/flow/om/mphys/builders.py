@@ -67,7 +67,8 @@ class FlowBuilder(Builder):
 
     Examples
     --------
-    >>> from bspline_mdao import fit_grid, flat_plate_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import flat_plate_grid
     >>> builder = FlowBuilder(fit_grid(flat_plate_grid((5, 5, 5))), om.Group, results={})
     >>> builder.get_number_of_nodes()
     37
@@ -155,8 +156,10 @@ class EulerBuilder(FlowBuilder):
 
     Examples
     --------
-    >>> from bspline_mdao import EulerBuilder, EulerFlow, SurfaceGrid
-    >>> from bspline_mdao import fit_grid, infinite_wing_grid, naca_section
+    >>> from bspline_mdao import EulerFlow, fit_grid
+    >>> from bspline_mdao.generators import infinite_wing_grid, naca_section
+    >>> from bspline_mdao.measures import SurfaceGrid
+    >>> from bspline_mdao.mphys import EulerBuilder
     >>> model = fit_grid(infinite_wing_grid(naca_section(0.12), (17, 9)))
     >>> builder = EulerBuilder(model, reference_area=1.0, iprint=0)  # options of EulerFlow
     >>> builder.get_number_of_nodes() == SurfaceGrid.of(model).n_points

@@ -32,7 +32,8 @@ class RigidLinkBuilder(Builder):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao import RigidLinkBuilder, RigidLinks
+    >>> from bspline_mdao.flow import RigidLinks
+    >>> from bspline_mdao.mphys import RigidLinkBuilder
     >>> beam = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     >>> builder = RigidLinkBuilder(RigidLinks.to_beam(np.array([[0.0, 0.1, 0.5]]), beam))
     >>> [type(part).__name__ for part in builder.get_coupling_group_subsystem()]

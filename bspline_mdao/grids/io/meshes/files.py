@@ -78,7 +78,7 @@ def read_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> MeshF
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from bspline_mdao import read_mesh
+    >>> from bspline_mdao.files import read_mesh
     >>> nodes = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder, "cell.su2")

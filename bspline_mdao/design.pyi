@@ -1,0 +1,31 @@
+"""Public names: each is imported when it is first asked for, from the module that is written here."""
+
+from .core.design.coarse_net import CoarseNet as CoarseNet
+from .core.design.displacement import Local as Local
+from .core.design.free_form import FreeForm as FreeForm
+from .core.design.interior_points import InteriorPoints as InteriorPoints
+from .core.design.lattice import Lattice as Lattice
+from .core.design.motion import UnsteadyGrid as UnsteadyGrid
+from .core.design.motion import flapping as flapping
+from .core.design.motion import pitching as pitching
+from .core.design.named_deformations import parse_deformation as parse_deformation
+from .core.design.parametrization import Parametrization as Parametrization
+from .core.design.planform import Camber as Camber
+from .core.design.planform import Chord as Chord
+from .core.design.planform import Dihedral as Dihedral
+from .core.design.planform import Span as Span
+from .core.design.planform import Sweep as Sweep
+from .core.design.planform import Taper as Taper
+from .core.design.planform import ThicknessFactor as ThicknessFactor
+from .core.design.planform import Twist as Twist
+from .core.design.reference_axis import ReferenceAxis as ReferenceAxis
+from .core.design.selection import InBlock as InBlock
+from .core.design.selection import InBox as InBox
+from .core.design.selection import Nearest as Nearest
+from .core.design.selection import NearPlane as NearPlane
+from .core.design.selection import OnPatch as OnPatch
+from .core.design.selection import OnSideOfPlane as OnSideOfPlane
+from .core.design.selection import SurfaceRows as SurfaceRows
+from .core.design.user_defined import UserVariable as UserVariable
+from .core.om.drivers.design_level import DesignLevel as DesignLevel
+from .core.om.drivers.design_level import unused_gradient as unused_gradient

@@ -1,0 +1,5 @@
+"""Generated grids: wings, sections, bodies and other shapes."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub("bspline_mdao", __file__)

@@ -1,0 +1,5 @@
+"""Measures of the surface, which geometry is constrained by."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub("bspline_mdao", __file__)

@@ -1,0 +1,5 @@
+"""Builders and components of MPhys."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub("bspline_mdao", __file__)
