@@ -6,6 +6,7 @@ import inspect
 import os
 import pkgutil
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -253,6 +254,32 @@ print(len(dispatchers), sum(len(d.stats.cache_hits) for d in dispatchers.values(
     assert int(n_kernels) > 10
     assert int(hits) > 5
     assert misses == "{}"
+
+
+def test_kernels_are_restored_for_the_sources_that_they_were_compiled_from_alone(tmp_path):
+    sources = {
+        "kernel.py": "from numba import njit\nfrom .constants import TWO",
+        "constants.py": "TWO = 2",
+        "rest.py": "",
+    }
+    program, package = tmp_path / ".ci" / "kernels", tmp_path / "bspline_mdao"
+    for path in (program, package / "__pycache__" / "kernel.nbi"):
+        path.parent.mkdir(parents=True)
+    shutil.copy(ROOT / ".ci" / "kernels", program)
+    for name, text in sources.items():
+        (package / name).write_text(text)
+    (package / "__pycache__" / "kernel.nbi").write_text("compiled")
+
+    def are_restored():
+        shutil.rmtree(package / "__pycache__")
+        subprocess.run([sys.executable, program, "restore", tmp_path / "kept"], check=True)
+        return (package / "__pycache__").is_dir()
+
+    subprocess.run([sys.executable, program, "save", tmp_path / "kept"], check=True)
+    (package / "rest.py").write_text("changed")
+    assert are_restored()
+    (package / "constants.py").write_text("TWO = 3")  # numba itself would not know
+    assert not are_restored()
 
 
 @pytest.mark.slow
