@@ -28,9 +28,9 @@ from bspline_mdao.core.generators.hh_wing import Spacing, hh_wing_grid
 from bspline_mdao.core.generators.section_o_grid import section_o_grid
 from bspline_mdao.core.generators.wing import Planform, Wing, naca_section
 from bspline_mdao.flow.euler.cold_start import cold_solutions
-from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.flow.euler.residual import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.sequencing import coarse_levels, useful_levels
 from bspline_mdao.flow.loads.stream import RADIAN
 from bspline_mdao.flow.om.euler_state import LARGEST_RESIDUAL

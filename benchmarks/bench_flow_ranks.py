@@ -24,11 +24,11 @@ from bench_parallel import start_ranks
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao.base.numerics.processes import gathered, world
+from bspline_mdao.flow.euler.adjoint import FlowTangent
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse, useful_levels
-from bspline_mdao.flow.euler.tangent import FlowTangent
 from bspline_mdao.generators import FarField, Spacing, hh_wing_grid, rectangular_wing
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.partition import Partition

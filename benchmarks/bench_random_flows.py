@@ -20,9 +20,9 @@ import bspline_mdao as bm
 from bspline_mdao.core.generators.hh_wing import hh_wing_grid, infinite_wing_grid
 from bspline_mdao.core.generators.section_o_grid import section_o_grid
 from bspline_mdao.core.generators.wing import Planform, Section, Wing, cambered_section
-from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
+from bspline_mdao.flow.euler.residual import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.sequencing import coarse_levels, useful_levels
 from bspline_mdao.flow.om.euler_state import EulerState
 from bspline_mdao.grids.topology.detection import find_topology

@@ -14,7 +14,7 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
+from bspline_mdao.flow.euler.residual import SHOCK_THRESHOLD
 from bspline_mdao.flow.om.flow_run import run_flow
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import BLUE, RED, faces_around, figure, wall_quads

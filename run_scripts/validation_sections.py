@@ -15,7 +15,7 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
+from bspline_mdao.flow.euler.residual import SHOCK_THRESHOLD
 from bspline_mdao.flow.om.flow_run import run_flow
 from bspline_mdao.grids.io.patch_guess import guess_patches
 from bspline_mdao.grids.topology.grid import Block, Grid

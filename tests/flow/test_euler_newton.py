@@ -13,7 +13,6 @@ from bspline_mdao.core.generators.wing import cambered_section
 from bspline_mdao.flow.euler import factor_pattern as pattern_module
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.block_factor import BLOCK, BlockFactor
-from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD, Discretization
 from bspline_mdao.flow.euler.factor_pattern import FactorPattern, factor_pattern
 from bspline_mdao.flow.euler.flux import ROUNDING
 from bspline_mdao.flow.euler.gas import GAMMA
@@ -30,6 +29,7 @@ from bspline_mdao.flow.euler.preconditioner import (
     time_terms,
 )
 from bspline_mdao.flow.euler.reconstruction import FIRST, INNER
+from bspline_mdao.flow.euler.residual import SHOCK_THRESHOLD, Discretization
 from bspline_mdao.generators import Spacing, flat_plate_grid, infinite_wing_grid
 
 SINGLE = float(np.finfo(np.float32).eps)

@@ -12,6 +12,7 @@ from rank_cases import on_ranks
 from bspline_mdao import InputError
 from bspline_mdao.base.numerics.halo import Halo
 from bspline_mdao.flow.euler import factor_pattern
+from bspline_mdao.flow.euler.adjoint import FlowTangent
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
@@ -19,7 +20,6 @@ from bspline_mdao.flow.euler.krylov import solve_refined
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor, time_terms
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
-from bspline_mdao.flow.euler.tangent import FlowTangent
 from bspline_mdao.flow.euler.wall_forces import WallForces
 from bspline_mdao.generators import FarField, Spacing, hh_wing_grid, onera_m6_grid, rectangular_wing
 from bspline_mdao.grids.topology.detection import find_topology

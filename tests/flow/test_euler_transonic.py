@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from euler_cases import AXES, case_of
 
-from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flux import face_flux
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream, free_stream_partials
 from bspline_mdao.flow.euler.krylov import solve_refined
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor
+from bspline_mdao.flow.euler.residual import SHOCK_THRESHOLD
 from bspline_mdao.flow.loads.stream import stream_axes
 from bspline_mdao.flow.om.euler_state import EulerState
 from bspline_mdao.generators import FarField, Spacing, infinite_wing_grid, naca_section

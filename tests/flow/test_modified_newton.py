@@ -8,12 +8,12 @@ import pytest
 from euler_cases import case_of, sphere_quarters
 
 from bspline_mdao.flow.euler import newton
+from bspline_mdao.flow.euler.adjoint import FlowTangent
 from bspline_mdao.flow.euler.block_factor import BlockFactor
-from bspline_mdao.flow.euler.discretization import Discretization
 from bspline_mdao.flow.euler.flow_grid import area_vectors
 from bspline_mdao.flow.euler.modified_newton import solve_nearby
 from bspline_mdao.flow.euler.preconditioner import compact_factor
-from bspline_mdao.flow.euler.tangent import FlowTangent
+from bspline_mdao.flow.euler.residual import Discretization
 
 
 @dataclass(frozen=True, eq=False)

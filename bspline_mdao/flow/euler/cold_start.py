@@ -11,11 +11,11 @@ from functools import cache
 import numpy as np
 
 from ...base.numerics.processes import summed
-from .discretization import Discretization
 from .flow_grid import FlowGrid
 from .newton import FlowSolution, solve_flow
 from .preconditioner import time_terms
 from .reconstruction import SLIP
+from .residual import Discretization
 from .sequencing import CoarseLevel, coarse_flows, spread_from
 
 __all__ = ["cold_solutions"]

@@ -11,9 +11,9 @@ import numpy as np
 
 from ...base.numerics.processes import summed_number
 from ...base.numerics.vectors import dots
-from .discretization import Discretization
 from .entropy_drag import entropy_flux, entropy_scale, relative_entropy
 from .gas import GAMMA
+from .residual import Discretization
 
 __all__ = ["DragSources", "wave_drag"]
 

@@ -31,12 +31,12 @@ import numpy as np
 from ...base.numerics.halo import Halo
 from ...base.numerics.processes import summed, summed_number
 from ...base.numerics.vectors import dots
-from .discretization import Discretization
-from .far_vortex import FarVortex
+from .far_field import FarVortex
 from .flow_grid import FlowGrid, area_vectors, area_vectors_jvp, area_vectors_vjp
 from .flux import ROUNDING
 from .gas import GAMMA, N_STATES, free_stream, free_stream_partials
 from .reconstruction import SLIP
+from .residual import Discretization
 
 __all__ = ["EntropyCoefficient", "EntropyDrag", "entropy_flux", "entropy_scale", "relative_entropy"]
 

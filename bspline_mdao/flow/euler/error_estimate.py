@@ -19,10 +19,10 @@ from ...base.numerics.vectors import dots
 from ...core.evaluation.family import refined_topology
 from ...core.evaluation.transfer import CellTransfer, NodeTransfer
 from ...grids.topology.topology import Topology
+from .adjoint import FlowTangent
 from .flow_grid import FlowGrid
 from .forces import FlowForces
 from .newton import Field, advance
-from .tangent import FlowTangent
 
 __all__ = ["ErrorEstimate", "FinerMember", "FinerStates"]
 

@@ -21,9 +21,9 @@ from ...base.sparse.blocks import Graph
 from ...base.sparse.incomplete import IncompletePattern, narrow_order
 from ...grids.cells.cell_faces import NONE
 from .block_factor import Schedule, levels_of
-from .discretization import Discretization
 from .interface_schur import Border
 from .reconstruction import FARFIELD
+from .residual import Discretization
 
 __all__ = ["FactorPattern", "factor_pattern"]
 

@@ -18,12 +18,12 @@ from ...grids.cells.cell_faces import CellFaces
 from ...grids.cells.share_faces import faces_of_share
 from ...grids.topology.partition import Partition
 from ...grids.topology.topology import Topology
-from .discretization import Discretization
 from .factor_pattern import FactorPattern, factor_pattern
-from .far_vortex import FarVortex
+from .far_field import FarVortex
 from .kinks import Kinks
 from .linearization import Linearization
 from .mean_weights import mean_jvp, mean_vjp
+from .residual import Discretization
 from .walls import Walls
 
 __all__ = ["FlowGrid"]

@@ -18,7 +18,7 @@ from numba import njit
 from ...base.numerics.processes import summed
 from .cell_sums import visit
 from .face_jacobians import FaceJacobians
-from .far_vortex import VortexTangent
+from .far_field import VortexTangent
 from .flux import STILL, area_jacobian, face_flux_jvp, state_jacobian
 from .gas import N_STATES
 from .reconstruction import FARFIELD, INNER, SLIP, face_state, face_weights, shock_sensor

@@ -9,12 +9,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .discretization import Discretization
+from .adjoint import FlowTangent
 from .krylov import solve_roughly
 from .newton import LARGEST_CFL, Field, FlowSolution, advance
 from .newton_step import NewtonStep
 from .preconditioner import by_surface
-from .tangent import FlowTangent
+from .residual import Discretization
 
 __all__ = ["solve_nearby"]
 

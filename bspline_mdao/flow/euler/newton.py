@@ -12,12 +12,12 @@ from functools import cached_property
 import numpy as np
 
 from ...base.numerics.processes import largest
-from .discretization import Discretization
 from .factor_pattern import FactorPattern
 from .krylov import solve_roughly
 from .linearization import Linearization
 from .newton_step import UNKNOWN, Course, NewtonStep
 from .preconditioner import Factor, add_blocks, by_surface, compact_factor, time_terms
+from .residual import Discretization
 from .stagnation import course_of, hovering_cfl, lowest_before, since_it_hovers
 
 __all__ = [

@@ -31,13 +31,13 @@ from ...base.numerics.vec5 import (
 )
 from .block_factor import BlockFactor
 from .cell_sums import visit
-from .discretization import Discretization
 from .factor_pattern import FactorPattern
 from .flux import ROUNDING
 from .gas import GAMMA
 from .interface_schur import BorderedFactor
 from .linearization import Linearization
 from .reconstruction import FARFIELD, INNER
+from .residual import Discretization
 
 COMPACT_DISSIPATION = 0.75
 """Part of the first difference, at least, that is dissipated in place of the third: with half of it the factor is

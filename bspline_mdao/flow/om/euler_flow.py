@@ -15,10 +15,10 @@ from ...core.om.shares import declare_partition, part_of_model
 from ...errors import InputError
 from ...grids.topology.partition import Partition, Share
 from ...names import GRID
-from ..euler.discretization import SHOCK_THRESHOLD
 from ..euler.flow_grid import FlowGrid
 from ..euler.forces import FlowForces
 from ..euler.gas import N_STATES
+from ..euler.residual import SHOCK_THRESHOLD
 from ..euler.sequencing import coarse_levels, useful_levels
 from ..functionals import FUNCTIONALS
 from ..loads.hinges import HingeMoment

@@ -26,15 +26,15 @@ from ...core.om.component import (
 )
 from ...errors import InputError
 from ...names import GRID
+from ..euler.adjoint import FlowTangent
 from ..euler.cold_start import cold_solutions
-from ..euler.discretization import Discretization
 from ..euler.flow_grid import FlowGrid
 from ..euler.forces import FlowForces
 from ..euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
 from ..euler.krylov import KrylovSolution
 from ..euler.modified_newton import solve_nearby
 from ..euler.newton import FlowSolution, relative_residual, solve_flow
-from ..euler.tangent import FlowTangent
+from ..euler.residual import Discretization
 from ..loads.stream import RADIAN
 from .derivative_mode import warn_of_derivative_mode
 from .mach_range import EULER, warn_of_mach_number

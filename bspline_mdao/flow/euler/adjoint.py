@@ -1,4 +1,6 @@
-"""Derivatives of the residual at a point, and the linear systems that have them for a matrix.
+"""The adjoint of the flow, and its tangent: linear systems with the Jacobian of the residual, transposed and as it is.
+
+Products with the Jacobian are those of `.linearization`, the preconditioner is in `.preconditioner`.
 
 Theory: ``docs/theory/euler.rst``, "Derivatives".
 """
@@ -10,12 +12,12 @@ from functools import cached_property
 
 import numpy as np
 
-from .discretization import Discretization
 from .factor_pattern import FactorPattern
 from .gas import N_STATES
 from .krylov import KrylovSolution, solve_refined
 from .linearization import Linearization
 from .preconditioner import Factor, by_surface, compact_factor
+from .residual import Discretization
 
 __all__ = ["FlowTangent"]
 

@@ -19,7 +19,7 @@ from ...base.numerics.halo import ALONE, Halo
 from ...base.numerics.processes import norm
 from ...grids.cells.cell_faces import CellFaces
 from .cell_sums import CellSums, visit
-from .far_vortex import FarVortex
+from .far_field import FarVortex
 from .flux import face_flux
 from .gas import N_STATES
 from .linearization import Linearization
