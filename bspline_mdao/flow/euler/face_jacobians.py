@@ -18,7 +18,8 @@ from numba import njit
 from ...base.numerics.processes import summed_number
 from ...base.numerics.vec5 import add_product, add_scaled, lane_sums, load, prefetch, store, zeros
 from .cell_sums import visit
-from .flux import STILL, face_flux_jvp, state_jacobian
+from .flux import STILL
+from .flux_derivatives import face_flux_jvp, face_flux_vjp
 from .gas import N_STATES
 from .reconstruction import INNER, SLIP, face_state, face_weights, shock_sensor
 
@@ -175,6 +176,28 @@ def face_jacobians(
                 row[1 + k], row[5 + k], row[9 + k] = face_weight[0, k], face_weight[1, k], by_pressure[k]
             for n in range(5):
                 row[13 + n], row[18 + n], row[23 + n] = by_first[n], by_last[n], column[n]
+
+
+_UNIT = tuple(tuple(float(n == m) for n in range(N_STATES)) for m in range(N_STATES))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def state_jacobian(mean, jump, s, sigma, jacobian):
+    """Fill in the derivatives of the flux with respect to mean state and jump, shape (5, 10).
+
+    One after the other, and written out: what is multiplied by zero is not compiled.
+    """
+    _put(jacobian[0], face_flux_vjp(mean, jump, s, sigma, _UNIT[0]))
+    _put(jacobian[1], face_flux_vjp(mean, jump, s, sigma, _UNIT[1]))
+    _put(jacobian[2], face_flux_vjp(mean, jump, s, sigma, _UNIT[2]))
+    _put(jacobian[3], face_flux_vjp(mean, jump, s, sigma, _UNIT[3]))
+    _put(jacobian[4], face_flux_vjp(mean, jump, s, sigma, _UNIT[4]))
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _put(row, bars):
+    for m in range(N_STATES):
+        row[m], row[N_STATES + m] = bars[0][m], bars[1][m]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

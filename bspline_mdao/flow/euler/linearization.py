@@ -19,11 +19,11 @@ from ...base.numerics.processes import summed
 from .cell_sums import visit
 from .face_jacobians import FaceJacobians
 from .far_field import VortexTangent
-from .flux import STILL, area_jacobian, face_flux_jvp, state_jacobian
+from .flux_derivatives import face_flux_jvp, face_flux_vjp
 from .gas import N_STATES
 from .reconstruction import FARFIELD, INNER, SLIP, face_state, face_weights, shock_sensor
 
-__all__ = ["Linearization"]
+__all__ = ["Linearization", "through_face"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,43 +190,48 @@ def _moved(a, factor, b):
     )
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def through_face(bar, near, role):
+    """What the flux of a face gets of rows of the residual."""
+    b, c, inner = near[1], near[2], 1.0 if role == INNER else 0.0
+    return (
+        bar[b, 0] - inner * bar[c, 0],
+        bar[b, 1] - inner * bar[c, 1],
+        bar[b, 2] - inner * bar[c, 2],
+        bar[b, 3] - inner * bar[c, 3],
+        bar[b, 4] - inner * bar[c, 4],
+    )
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def state_shares(
     cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, bar, out
 ):
     """What the four cells at each face, shape (n_faces, 4, 5), get of rows of the residual."""
-    jacobian, through, mean_bar, jump_bar = np.zeros((5, 10)), np.zeros(5), np.zeros(5), np.zeros(5)
     face_weight = np.zeros((2, 4))
     for f in range(len(cells)):
         s = (areas[f, 0], areas[f, 1], areas[f, 2])
         if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
             continue
         near, role, w, d = cells[f], roles[f], means[classes[f]], differences[lines[f]]
-        for n in range(5):
-            through[n] = bar[near[1], n] - (bar[near[2], n] if role == INNER else 0.0)
-            mean_bar[n] = 0.0
-            jump_bar[n] = 0.0
+        through = through_face(bar, near, role)
         has_sensor, sigma = role == INNER and threshold > 0.0, 0.0
         if has_sensor:
             sigma, by_pressure, by_first, by_last = shock_sensor(states, near, threshold)
         face_weights(w, d, role, dissipation, sigma, face_weight)
         if role == SLIP:
-            mean_bar[4] = through[1] * s[0] + through[2] * s[1] + through[3] * s[2]
-        else:
-            mean, jump, mean_slope, jump_slope = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
-            state_jacobian(mean, jump, s, sigma, jacobian)
-            for n in range(5):
-                for m in range(5):
-                    mean_bar[m] += jacobian[n, m] * through[n]
-                    jump_bar[m] += jacobian[n, 5 + m] * through[n]
+            push = through[1] * s[0] + through[2] * s[1] + through[3] * s[2]
+            for k in range(4):
+                out[f, k, 4] = face_weight[0, k] * push
+            continue
+        mean, jump, mean_slope, jump_slope = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
+        mean_bar, jump_bar, _, sense = face_flux_vjp(mean, jump, s, sigma, through)
         for k in range(4):
             for n in range(5):
                 out[f, k, n] = face_weight[0, k] * mean_bar[n] + face_weight[1, k] * jump_bar[n]
         if has_sensor:
-            column = face_flux_jvp(mean, jump, s, sigma, mean_slope, jump_slope, STILL, 1.0)
-            sense = 0.0
             for n in range(5):
-                sense += column[n] * through[n]
+                sense += mean_bar[n] * mean_slope[n] + jump_bar[n] * jump_slope[n]
             for k in range(4):
                 out[f, k, 4] += by_pressure[k] * sense
             for n in range(5):
@@ -239,14 +244,12 @@ def area_bars(
     cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, bar, out
 ):
     """What the area vectors, shape (n_faces, 3), get of rows of the residual."""
-    jacobian, through = np.zeros((5, 3)), np.zeros(5)
     for f in range(len(cells)):
         s = (areas[f, 0], areas[f, 1], areas[f, 2])
         if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
             continue
         near, role, w, d = cells[f], roles[f], means[classes[f]], differences[lines[f]]
-        for n in range(5):
-            through[n] = bar[near[1], n] - (bar[near[2], n] if role == INNER else 0.0)
+        through = through_face(bar, near, role)
         sigma = 0.0
         if role == INNER and threshold > 0.0:
             sigma = shock_sensor(states, near, threshold)[0]
@@ -255,10 +258,9 @@ def area_bars(
             for n in range(3):
                 out[f, n] = mean[4] * through[1 + n]
             continue
-        area_jacobian(mean, jump, s, sigma, jacobian)
-        for m in range(3):
-            for n in range(5):
-                out[f, m] += jacobian[n, m] * through[n]
+        _, _, area_bar, _ = face_flux_vjp(mean, jump, s, sigma, through)
+        for n in range(3):
+            out[f, n] = area_bar[n]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -266,16 +268,14 @@ def outside_bars(
     cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, bar, out
 ):
     """What the free stream gets of rows of the residual through faces of the far field, shape (n_faces, 5)."""
-    jacobian = np.zeros((5, 10))
     for f in range(len(cells)):
         s = (areas[f, 0], areas[f, 1], areas[f, 2])
         if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
             continue
-        near = cells[f]
+        near, role = cells[f], roles[f]
         mean, jump, _, _ = face_state(
-            states, near, means[classes[f]], differences[lines[f]], roles[f], outside[f], dissipation, 0.0
+            states, near, means[classes[f]], differences[lines[f]], role, outside[f], dissipation, 0.0
         )
-        state_jacobian(mean, jump, s, 0.0, jacobian)
+        mean_bar, jump_bar, _, _ = face_flux_vjp(mean, jump, s, 0.0, through_face(bar, near, role))
         for n in range(5):
-            for m in range(5):
-                out[f, m] += (0.5 * jacobian[n, m] + jacobian[n, 5 + m]) * bar[near[1], n]
+            out[f, n] = 0.5 * mean_bar[n] + jump_bar[n]

@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .flux import STILL, ZERO, face_flux_jvp
+from .flux import STILL, ZERO
+from .flux_derivatives import face_flux_jvp, face_flux_vjp
 from .gas import N_STATES
-from .linearization import Linearization
+from .linearization import Linearization, through_face
 from .reconstruction import face_state, shock_sensor
 
 __all__ = ["mean_jvp", "mean_vjp"]
@@ -83,17 +84,10 @@ def mean_bars(cells, means, classes, differences, lines, roles, areas, states, d
         near = cells[f]
         weights = means[classes[f]], differences[lines[f]]
         mean, jump, sigma = _states(states, near, *weights, roles[f], dissipation, threshold)
+        mean_bar, _, _, _ = face_flux_vjp(mean, jump, s, sigma, through_face(bar, near, roles[f]))
         for k in range(4):
-            own = (
-                (1.0 - sigma) * states[near[k], 0],
-                (1.0 - sigma) * states[near[k], 1],
-                (1.0 - sigma) * states[near[k], 2],
-                (1.0 - sigma) * states[near[k], 3],
-                (1.0 - sigma) * states[near[k], 4],
-            )
-            flux = face_flux_jvp(mean, jump, s, sigma, own, ZERO, STILL, 0.0)
             for n in range(5):
-                out[f, k] += flux[n] * (bar[near[1], n] - bar[near[2], n])
+                out[f, k] += (1.0 - sigma) * states[near[k], n] * mean_bar[n]
     return out
 
 
