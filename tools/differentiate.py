@@ -38,6 +38,9 @@ FILES: dict[str, tuple[tuple[str, str, dict], ...]] = {
     "bspline_mdao/flow/euler/flux_derivatives.py": (
         ("bspline_mdao.flow.euler.flux", "face_flux", {"w": 5, "j": 5, "s": 3, "shock": 0}),
     ),
+    "bspline_mdao/flow/euler/face_centre_derivatives.py": (
+        ("bspline_mdao.flow.euler.face_centre", "face_centre", {"a": 3, "b": 3, "c": 3, "d": 3}),
+    ),
 }
 """Files that are written: modules and names of the kernels, and shapes of the arguments by which they are
 differentiated; the others are constants."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from euler_cases import AXES, GRIDS, mach_of_cases, section_grid, with_guessed_patches
 
-from bspline_mdao.flow.euler.cell_shapes import cell_shapes, face_centres
+from bspline_mdao.flow.euler.cell_shapes import cell_shapes, face_centres, face_centres_jvp, face_centres_vjp
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.kinks import LARGEST
@@ -112,3 +112,17 @@ def test_centres_and_edges_of_a_sheared_box_are_those_of_its_corners():
     middles, spreads = cell_shapes(centres, areas, np.zeros(6, int), np.zeros(0, int), 1)
     np.testing.assert_allclose(middles[0], origin + 0.5 * edges.sum(axis=0), rtol=1e-12)
     np.testing.assert_allclose(spreads[0], edges.T @ edges, rtol=1e-12, atol=1e-12)
+
+
+def test_centres_and_areas_of_faces_have_exact_derivatives_where_corners_coincide():
+    rng = np.random.default_rng(17)
+    nodes, corners = rng.standard_normal((40, 3)), rng.integers(0, 40, (60, 4))
+    corners[:5, 1] = corners[:5, 0]
+    corners[5:10, 2:] = corners[5:10, :2]  # no diagonal, and no area
+    corners[10:12] = corners[10:12, :1]
+    d_nodes, bars = rng.standard_normal((40, 3)), rng.standard_normal((2, 60, 3))
+    exact = [part.imag / 1e-30 for part in face_centres(nodes + 1e-30j * d_nodes, corners)]
+    changes = face_centres_jvp(nodes, corners, d_nodes)
+    np.testing.assert_allclose(changes, exact, rtol=1e-12, atol=1e-13)
+    back = np.vdot(face_centres_vjp(nodes, corners, *bars), d_nodes)
+    assert back == pytest.approx(np.vdot(bars, changes), rel=1e-12)

@@ -16,6 +16,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...base.numerics.vectors import add, add_to, dot, less, row, scaled
+from .face_centre import face_centre, has_diagonal
+from .face_centre_derivatives import face_centre_jvp, face_centre_vjp
+
 __all__ = [
     "cell_shapes",
     "cell_shapes_jvp",
@@ -25,14 +29,8 @@ __all__ = [
     "face_centres_vjp",
 ]
 
-FLAT = 1e-8
-"""Area of a triangle by the squares of its face's diagonals from which on it counts: roots are smooth at none."""
-
 SOLID = 1e-3
 """Volume of a cell by those of its pyramids from which on it has a centre of volume."""
-
-TRIANGLES = ((0, 1, 2), (0, 2, 3), (0, 1, 3), (1, 2, 3))
-"""Corners of the triangles of both ways to halve a face; the first two have its area vector."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -43,27 +41,13 @@ def face_centres(nodes, corners):
     """
     centres, areas = np.zeros((len(corners), 3), nodes.dtype), np.zeros((len(corners), 3), nodes.dtype)
     for f in range(len(corners)):
-        square, _ = _diagonals(nodes, nodes, corners[f])
-        total = 0.0 * square
-        for t in range(4):
-            a, b, c = corners[f, TRIANGLES[t][0]], corners[f, TRIANGLES[t][1]], corners[f, TRIANGLES[t][2]]
-            n = _normal(_less(nodes[b], nodes[a]), _less(nodes[c], nodes[a]))
-            p = np.sqrt(_dot(n, n) + FLAT**2 * square * square)
-            total += p
-            for d in range(3):
-                centres[f, d] += p * (nodes[a, d] + nodes[b, d] + nodes[c, d])
-                if t < 2:
-                    areas[f, d] += n[d]
-        for d in range(3):
-            if total.real > 0.0:
-                centres[f, d] /= 3.0 * total
-            else:
-                centres[f, d] = 0.25 * (
-                    nodes[corners[f, 0], d]
-                    + nodes[corners[f, 1], d]
-                    + nodes[corners[f, 2], d]
-                    + nodes[corners[f, 3], d]
-                )
+        a, b, c, d = _at(nodes, corners[f])
+        if has_diagonal(a, b, c, d):
+            centre, area = face_centre(a, b, c, d)
+            add_to(centres, f, centre)
+            add_to(areas, f, area)
+        else:
+            add_to(centres, f, _mean(a, b, c, d))
     return centres, areas
 
 
@@ -71,83 +55,43 @@ def face_centres(nodes, corners):
 def face_centres_jvp(nodes, corners, d_nodes):
     """Change of the centres and area vectors with the nodes."""
     d_centres, d_areas = np.zeros((len(corners), 3)), np.zeros((len(corners), 3))
-    first, change = np.zeros(3), np.zeros(3)
     for f in range(len(corners)):
-        square, d_square = _diagonals(nodes, d_nodes, corners[f])
-        total = d_total = 0.0
-        first[:], change[:] = 0.0, 0.0
-        for t in range(4):
-            a, b, c = corners[f, TRIANGLES[t][0]], corners[f, TRIANGLES[t][1]], corners[f, TRIANGLES[t][2]]
-            u, v = _less(nodes[b], nodes[a]), _less(nodes[c], nodes[a])
-            du, dv = _less(d_nodes[b], d_nodes[a]), _less(d_nodes[c], d_nodes[a])
-            n, one, other = _normal(u, v), _normal(du, v), _normal(u, dv)
-            p = np.sqrt(_dot(n, n) + FLAT**2 * square * square)
-            dp = 0.0
-            if p > 0.0:
-                dp = (_dot(n, one) + _dot(n, other) + FLAT**2 * square * d_square) / p
-            total += p
-            d_total += dp
-            for d in range(3):
-                reach = nodes[a, d] + nodes[b, d] + nodes[c, d]
-                first[d] += p * reach
-                change[d] += dp * reach + p * (d_nodes[a, d] + d_nodes[b, d] + d_nodes[c, d])
-                if t < 2:
-                    d_areas[f, d] += one[d] + other[d]
-        for d in range(3):
-            if total > 0.0:
-                d_centres[f, d] = (change[d] - first[d] * d_total / total) / (3.0 * total)
-            else:
-                for k in range(4):
-                    d_centres[f, d] += 0.25 * d_nodes[corners[f, k], d]
+        a, b, c, d = _at(nodes, corners[f])
+        d_a, d_b, d_c, d_d = _at(d_nodes, corners[f])
+        if has_diagonal(a, b, c, d):
+            d_centre, d_area = face_centre_jvp(a, b, c, d, d_a, d_b, d_c, d_d)
+            add_to(d_centres, f, d_centre)
+            add_to(d_areas, f, d_area)
+        else:
+            add_to(d_centres, f, _mean(d_a, d_b, d_c, d_d))
     return d_centres, d_areas
 
 
 @njit(cache=True, error_model="numpy")
-def face_centres_vjp(nodes, corners, centres, centres_bar, areas_bar):
+def face_centres_vjp(nodes, corners, centres_bar, areas_bar):
     """Transposed product of `face_centres_jvp`, shape (n_nodes, 3)."""
-    out, n_bar = np.zeros_like(nodes), np.zeros(3)
+    out = np.zeros_like(nodes)
     for f in range(len(corners)):
-        square, _ = _diagonals(nodes, nodes, corners[f])
-        total = 0.0
-        for t in range(4):
-            a, b, c = corners[f, TRIANGLES[t][0]], corners[f, TRIANGLES[t][1]], corners[f, TRIANGLES[t][2]]
-            n = _normal(_less(nodes[b], nodes[a]), _less(nodes[c], nodes[a]))
-            total += np.sqrt(_dot(n, n) + FLAT**2 * square * square)
-        if not total > 0.0:
+        a, b, c, d = _at(nodes, corners[f])
+        if has_diagonal(a, b, c, d):
+            bars = face_centre_vjp(a, b, c, d, (row(centres_bar, f), row(areas_bar, f)))
             for k in range(4):
-                for d in range(3):
-                    out[corners[f, k], d] += 0.25 * centres_bar[f, d]
-        square_bar = 0.0
-        for t in range(4):
-            a, b, c = corners[f, TRIANGLES[t][0]], corners[f, TRIANGLES[t][1]], corners[f, TRIANGLES[t][2]]
-            u, v = _less(nodes[b], nodes[a]), _less(nodes[c], nodes[a])
-            n = _normal(u, v)
-            p = np.sqrt(_dot(n, n) + FLAT**2 * square * square)
-            p_bar = 0.0
-            for d in range(3):
-                n_bar[d] = areas_bar[f, d] if t < 2 else 0.0
-                if p > 0.0:
-                    weight = centres_bar[f, d] / (3.0 * total)
-                    p_bar += weight * (nodes[a, d] + nodes[b, d] + nodes[c, d] - 3.0 * centres[f, d])
-                    out[a, d] += p * weight
-                    out[b, d] += p * weight
-                    out[c, d] += p * weight
-            if p > 0.0:
-                square_bar += p_bar * FLAT**2 * square / p
-                for d in range(3):
-                    n_bar[d] += p_bar * n[d] / p
-            u_bar, v_bar = _normal(v, n_bar), _normal(n_bar, u)
-            for d in range(3):
-                out[b, d] += u_bar[d]
-                out[c, d] += v_bar[d]
-                out[a, d] -= u_bar[d] + v_bar[d]
-        for k in range(2):
-            a, c = corners[f, k], corners[f, k + 2]
-            for d in range(3):
-                push = 2.0 * square_bar * (nodes[c, d] - nodes[a, d])
-                out[c, d] += push
-                out[a, d] -= push
+                add_to(out, corners[f, k], bars[k])
+        else:
+            for k in range(4):
+                add_to(out, corners[f, k], scaled(0.25, row(centres_bar, f)))
     return out
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _at(nodes, corners):
+    """Four nodes."""
+    return row(nodes, corners[0]), row(nodes, corners[1]), row(nodes, corners[2]), row(nodes, corners[3])
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _mean(a, b, c, d):
+    return scaled(0.25, add(add(a, b), add(c, d)))
 
 
 @njit(cache=True, error_model="numpy")
@@ -165,7 +109,7 @@ def cell_shapes(centres, areas, left, right, n_cells):
     for f in range(len(left)):
         for side in range(2 if f < len(right) else 1):
             cell = left[f] if side == 0 else right[f]
-            arm = _less(centres[f], means[cell])
+            arm = less(row(centres, f), row(means, cell))
             for n in range(3):
                 for m in range(3):
                     spreads[cell, n, m] += 2.0 * arm[n] * arm[m]
@@ -188,9 +132,9 @@ def cell_shapes_jvp(centres, areas, left, right, n_cells, d_centres, d_areas):
     for f in range(len(left)):
         for side in range(2 if f < len(right) else 1):
             cell, out = (left[f], 1.0) if side == 0 else (right[f], -1.0)
-            arm, d_arm = _less(centres[f], means[cell]), _less(d_centres[f], d_means[cell])
-            volume = out * _dot(areas[f], arm) / 3.0
-            d_volume = out * (_dot(d_areas[f], arm) + _dot(areas[f], d_arm)) / 3.0
+            arm, d_arm = less(row(centres, f), row(means, cell)), less(row(d_centres, f), row(d_means, cell))
+            volume = out * dot(row(areas, f), arm) / 3.0
+            d_volume = out * (dot(row(d_areas, f), arm) + dot(row(areas, f), d_arm)) / 3.0
             d_volumes[cell] += d_volume
             for d in range(3):
                 d_moments[cell, d] += 0.75 * (d_volume * arm[d] + volume * d_arm[d])
@@ -204,7 +148,7 @@ def cell_shapes_jvp(centres, areas, left, right, n_cells, d_centres, d_areas):
     for f in range(len(left)):
         for side in range(2 if f < len(right) else 1):
             cell = left[f] if side == 0 else right[f]
-            arm, d_arm = _less(centres[f], means[cell]), _less(d_centres[f], d_means[cell])
+            arm, d_arm = less(row(centres, f), row(means, cell)), less(row(d_centres, f), row(d_means, cell))
             for n in range(3):
                 for m in range(3):
                     d_spreads[cell, n, m] += 2.0 * (d_arm[n] * arm[m] + arm[n] * d_arm[m])
@@ -239,9 +183,9 @@ def cell_shapes_vjp(centres, areas, left, right, places_bar, spreads_bar):
     for f in range(len(left)):
         for side in range(2 if f < len(right) else 1):
             cell, out = (left[f], 1.0) if side == 0 else (right[f], -1.0)
-            arm = _less(centres[f], means[cell])
-            volume = out * _dot(areas[f], arm) / 3.0
-            volume_bar = volumes_bar[cell] + 0.75 * _dot(moments_bar[cell], arm)
+            arm = less(row(centres, f), row(means, cell))
+            volume = out * dot(row(areas, f), arm) / 3.0
+            volume_bar = volumes_bar[cell] + 0.75 * dot(row(moments_bar, cell), arm)
             for d in range(3):
                 arm_bar = 0.75 * volume * moments_bar[cell, d] + volume_bar * out * areas[f, d] / 3.0
                 areas_bar[f, d] += volume_bar * out * arm[d] / 3.0
@@ -273,8 +217,8 @@ def _pyramids(centres, areas, left, right, n_cells):
     for f in range(len(left)):
         for side in range(2 if f < len(right) else 1):
             cell, out = (left[f], 1.0) if side == 0 else (right[f], -1.0)
-            arm = _less(centres[f], means[cell])
-            volume = out * _dot(areas[f], arm) / 3.0
+            arm = less(row(centres, f), row(means, cell))
+            volume = out * dot(row(areas, f), arm) / 3.0
             volumes[cell] += volume
             sizes[cell] += abs(volume.real)
             for d in range(3):
@@ -283,35 +227,3 @@ def _pyramids(centres, areas, left, right, n_cells):
         if not volumes[cell].real > SOLID * sizes[cell]:
             volumes[cell] = 0.0
     return means, moments, volumes
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _diagonals(nodes, d_nodes, corners):
-    """Sum of the squares of the diagonals of a face, and its change."""
-    square, change = 0.0 * nodes[0, 0], 0.0 * d_nodes[0, 0]
-    for k in range(2):
-        for d in range(3):
-            side = nodes[corners[k + 2], d] - nodes[corners[k], d]
-            square += side * side
-            change += 2.0 * side * (d_nodes[corners[k + 2], d] - d_nodes[corners[k], d])
-    return square, change
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _less(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _normal(u, v):
-    """Half the cross product."""
-    return (
-        0.5 * (u[1] * v[2] - u[2] * v[1]),
-        0.5 * (u[2] * v[0] - u[0] * v[2]),
-        0.5 * (u[0] * v[1] - u[1] * v[0]),
-    )

@@ -135,7 +135,7 @@ class Kinks:
         sides = self.faces.left, self.faces.right
         middles_bar, areas_bar = cell_shapes_vjp(middles, areas, *sides, centres_bar, spreads_bar)
         middles_bar[self.ids] += found[0]
-        return face_centres_vjp(nodes, self.faces.corners, middles, middles_bar, areas_bar)
+        return face_centres_vjp(nodes, self.faces.corners, middles_bar, areas_bar)
 
     @property
     def _index(self):
