@@ -7,7 +7,7 @@ from euler_cases import AXES, GRIDS, mach_of_cases, section_grid, with_guessed_p
 from bspline_mdao.flow.euler.cell_shapes import cell_shapes, face_centres, face_centres_jvp, face_centres_vjp
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.euler.kinks import LARGEST
+from bspline_mdao.flow.euler.kink_weights import LARGEST
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 

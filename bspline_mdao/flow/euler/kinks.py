@@ -26,6 +26,7 @@ from numba import njit
 
 from ...base.numerics.halo import Halo
 from ...base.numerics.processes import summed_number
+from ...base.numerics.vectors import add, add_to, row
 from ...grids.cells.cell_faces import CellFaces
 from .cell_shapes import (
     cell_shapes,
@@ -35,26 +36,19 @@ from .cell_shapes import (
     face_centres_jvp,
     face_centres_vjp,
 )
+from .kink_bounds_derivatives import bounded_changes_jvp, bounded_changes_vjp
+from .kink_weights import bounded_changes, free_changes
+from .kink_weights_derivatives import free_changes_jvp, free_changes_vjp
 from .reconstruction import Stencil
 
 __all__ = ["Kinks"]
 
-WORTH = 100.0
-"""Weight of the square of a distance in cells, mu: one tenth is worth a change of the weights by one."""
-
-SMALLEST, LARGEST = 0.01, 0.5
-"""Changes of a weight: smaller ones are not worth a class of faces of their own, larger ones are kept below this."""
-
-OUTER = 0.25
-"""Most that the two outer cells weigh together. With more, the mean of what alternates along the line has the wrong
-sign, cos(x) (1 - 4 OUTER sin(x)^2) < 0 at some phase x from a face to the next cells, and such waves run backwards."""
+SMALLEST = 0.01
+"""Changes of a weight that are smaller are not worth a class of faces of their own."""
 
 STRETCHED = 10.0
 """Second length of a cell by its least: a grid with more at most of its walls keeps the weights of smooth lines, since
 with others Newton's steps do not converge on the spacing of boundary layers."""
-
-ROUNDED = 1e-12
-"""What is added to the diagonal of the matrix of a face, by its trace, so that it has an inverse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,54 +166,26 @@ def weight_changes(cells, weights, middles, centres, spreads):
         Centres (m) and sums of the squares of the edges (m^2) of the cells.
     """
     out = np.zeros((len(cells), 4), centres.dtype)
-    places, steps = np.zeros((4, 3), centres.dtype), np.zeros((4, 3), centres.dtype)
-    inverse, miss, by = np.zeros((3, 3), centres.dtype), np.zeros(3, centres.dtype), np.zeros(4, centres.dtype)
     for f in range(len(cells)):
-        _place(cells[f], weights[f], middles[f], centres, places, steps, miss)
-        if not _invert(cells[f], steps, spreads, inverse):
-            continue
-        for k in range(4):
-            for n in range(3):
-                for m in range(3):
-                    out[f, k] -= steps[k, n] * inverse[n, m] * miss[m]
-        factor = _cut(out[f], weights[f], by)
-        for k in range(4):
-            out[f, k] *= factor
+        own = _four(weights, f)
+        free, determinant = free_changes(_face(f, cells[f], middles, centres, spreads), own, *_are_there(cells[f]))
+        if determinant.real > 0.0:
+            _put(out, f, bounded_changes(free, own, _is_more(free)))
     return out
 
 
 @njit(cache=True, error_model="numpy")
 def weight_changes_jvp(cells, weights, middles, centres, spreads, d_middles, d_centres, d_spreads):
     """Change of `weight_changes` with the places and sizes."""
-    out, free, d_free, by = np.zeros((len(cells), 4)), np.zeros(4), np.zeros(4), np.zeros(4)
-    places, steps, d_places, d_steps = (np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)))
-    inverse, miss, d_miss, matrix = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    out = np.zeros((len(cells), 4))
     for f in range(len(cells)):
-        near = cells[f]
-        _place(near, weights[f], middles[f], centres, places, steps, miss)
-        _place(near, weights[f], d_middles[f], d_centres, d_places, d_steps, d_miss)
-        if not _invert(near, steps, spreads, inverse):
-            continue
-        matrix[:] = 0.5 / WORTH * (d_spreads[near[1]] + d_spreads[near[2]])
-        for k in range(4):
-            for n in range(3):
-                for m in range(3):
-                    matrix[n, m] += d_steps[k, n] * steps[k, m] + steps[k, n] * d_steps[k, m]
-        rounding = ROUNDED * (matrix[0, 0] + matrix[1, 1] + matrix[2, 2])
-        push = _product(inverse, miss)
-        of_push = _product(matrix, push)
-        d_miss[0] -= of_push[0] + rounding * push[0]
-        d_miss[1] -= of_push[1] + rounding * push[1]
-        d_miss[2] -= of_push[2] + rounding * push[2]
-        d_push = _product(inverse, d_miss)
-        for k in range(4):
-            free[k] = -_dot(steps[k], push)
-            d_free[k] = -_dot(d_steps[k], push) - _dot(steps[k], d_push)
-        factor, change = _cut(free, weights[f], by), 0.0
-        for k in range(4):
-            change += by[k] * d_free[k]
-        for k in range(4):
-            out[f, k] = factor * (d_free[k] - change * free[k])
+        own, (has_first, has_last) = _four(weights, f), _are_there(cells[f])
+        face = _face(f, cells[f], middles, centres, spreads)
+        free, determinant = free_changes(face, own, has_first, has_last)
+        if determinant > 0.0:
+            d_face = _face(f, cells[f], d_middles, d_centres, d_spreads)
+            d_free, _ = free_changes_jvp(face, own, has_first, has_last, d_face)
+            _put(out, f, bounded_changes_jvp(free, own, _is_more(free), d_free))
     return out
 
 
@@ -227,135 +193,55 @@ def weight_changes_jvp(cells, weights, middles, centres, spreads, d_middles, d_c
 def weight_changes_vjp(cells, weights, middles, centres, spreads, bar):
     """Transposed product of `weight_changes_jvp`: what middles, centres and spreads get."""
     middles_bar, centres_bar, spreads_bar = np.zeros_like(middles), np.zeros_like(centres), np.zeros_like(spreads)
-    places, steps, steps_bar = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
-    inverse, miss, matrix_bar = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
-    free, free_bar, by, push_bar, mean_bar = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3), np.zeros(3)
     for f in range(len(cells)):
-        near = cells[f]
-        _place(near, weights[f], middles[f], centres, places, steps, miss)
-        if not _invert(near, steps, spreads, inverse):
-            continue
-        push = _product(inverse, miss)
-        for k in range(4):
-            free[k] = -_dot(steps[k], push)
-        factor, along = _cut(free, weights[f], by), 0.0
-        for k in range(4):
-            along += free[k] * bar[f, k]
-        push_bar[:] = 0.0
-        for k in range(4):
-            free_bar[k] = factor * (bar[f, k] - along * by[k])
+        near, own, (has_first, has_last) = cells[f], _four(weights, f), _are_there(cells[f])
+        face = _face(f, near, middles, centres, spreads)
+        free, determinant = free_changes(face, own, has_first, has_last)
+        if determinant > 0.0:
+            free_bar = bounded_changes_vjp(free, own, _is_more(free), _four(bar, f))
+            bars = free_changes_vjp(face, own, has_first, has_last, (free_bar, 0.0))
+            add_to(middles_bar, f, bars[0])
+            add_to(centres_bar, near[0], bars[1])
+            add_to(centres_bar, near[1], bars[2])
+            add_to(centres_bar, near[2], bars[3])
+            add_to(centres_bar, near[3], bars[4])
             for n in range(3):
-                push_bar[n] -= free_bar[k] * steps[k, n]
-        miss_bar = _product(inverse, push_bar)
-        for n in range(3):
-            for m in range(3):
-                matrix_bar[n, m] = -0.5 * (miss_bar[n] * push[m] + push[n] * miss_bar[m])
-        rounding = ROUNDED * (matrix_bar[0, 0] + matrix_bar[1, 1] + matrix_bar[2, 2])
-        for n in range(3):
-            matrix_bar[n, n] += rounding
-            mean_bar[n] = 0.0
-        for n in range(3):
-            for m in range(3):
-                spreads_bar[near[1], n, m] += 0.5 / WORTH * matrix_bar[n, m]
-                spreads_bar[near[2], n, m] += 0.5 / WORTH * matrix_bar[n, m]
-        n_there = 0
-        for k in range(4):
-            is_there = _is_there(near, k)
-            n_there += is_there
-            of_step = _product(matrix_bar, steps[k])
-            for n in range(3):
-                steps_bar[k, n] = 2.0 * of_step[n] - free_bar[k] * push[n] if is_there else 0.0
-                mean_bar[n] -= steps_bar[k, n]
-        for k in range(4):
-            for n in range(3):
-                place_bar = weights[f, k] * miss_bar[n] + steps_bar[k, n]
-                if _is_there(near, k):
-                    place_bar += mean_bar[n] / n_there
-                centres_bar[near[k], n] += place_bar
-                middles_bar[f, n] -= place_bar
+                add_to(spreads_bar[near[1]], n, bars[5][n])
+                add_to(spreads_bar[near[2]], n, bars[5][n])
     return middles_bar, centres_bar, spreads_bar
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _face(f, near, middles, centres, spreads):
+    """What `free_changes` takes of a face."""
+    one, other = spreads[near[1]], spreads[near[2]]
+    spread = (
+        add(row(one, 0), row(other, 0)),
+        add(row(one, 1), row(other, 1)),
+        add(row(one, 2), row(other, 2)),
+    )
+    places = row(centres, near[0]), row(centres, near[1]), row(centres, near[2]), row(centres, near[3])
+    return row(middles, f), *places, spread
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _product(matrix, vector):
-    """Product of a matrix and a vector, as three numbers."""
-    return _dot(matrix[0], vector), _dot(matrix[1], vector), _dot(matrix[2], vector)
+def _are_there(near):
+    """Whether the first and the last of four cells are no stand-ins for missing ones, as numbers."""
+    return (1.0 if near[0] != near[1] else 0.0), (1.0 if near[3] != near[2] else 0.0)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _is_there(near, k):
-    """Whether one of the four cells is no stand-in for a missing one."""
-    return not ((k == 0 and near[0] == near[1]) or (k == 3 and near[3] == near[2]))
-
-
-@njit(cache=True, error_model="numpy")
-def _place(near, weights, middle, centres, places, steps, miss):
-    """Fill in the places of the cells from the face, their steps from the middle of these, and where the mean is.
-
-    It is linear in the middle and the centres; steps of missing cells are zero.
-    """
-    mean, n_there = np.zeros_like(miss), 0
-    miss[:] = 0.0
-    for k in range(4):
-        for d in range(3):
-            places[k, d] = centres[near[k], d] - middle[d]
-            miss[d] += weights[k] * places[k, d]
-        if _is_there(near, k):
-            n_there += 1
-            mean += places[k]
-    for k in range(4):
-        for d in range(3):
-            steps[k, d] = places[k, d] - mean[d] / n_there if _is_there(near, k) else 0.0
-
-
-@njit(cache=True, error_model="numpy")
-def _invert(near, steps, spreads, inverse):
-    """Fill in the inverse of the matrix of a face, ``sum_k steps steps^T + M / mu``; False where it has none."""
-    m = 0.5 / WORTH * (spreads[near[1]] + spreads[near[2]])
-    for k in range(4):
-        for n in range(3):
-            for j in range(3):
-                m[n, j] += steps[k, n] * steps[k, j]
-    rounding = ROUNDED * (m[0, 0] + m[1, 1] + m[2, 2])
-    for n in range(3):
-        m[n, n] += rounding
-    for n in range(3):
-        a, b = (n + 1) % 3, (n + 2) % 3
-        for j in range(3):
-            c, d = (j + 1) % 3, (j + 2) % 3
-            inverse[j, n] = m[a, c] * m[b, d] - m[a, d] * m[b, c]
-    determinant = m[0, 0] * inverse[0, 0] + m[0, 1] * inverse[1, 0] + m[0, 2] * inverse[2, 0]
-    if not determinant.real > 0.0:
-        return False
-    inverse /= determinant
-    return True
-
-
-@njit(cache=True, error_model="numpy")
-def _cut(changes, weights, by):
-    """Factor that keeps changes of weights below what is allowed; ``by`` receives minus the gradient of its logarithm.
-
-    It is ``(1 + sum_k (changes_k / LARGEST)^8 + (outer / room)^8)^(-1/8)``, smooth, and 1 to 0.05 % up to half of both.
-    """
-    outer, room = changes[0] + changes[3], OUTER - weights[0] - weights[3]
-    total, beyond = 1.0 + 0.0 * outer, 0.0 * outer
-    if outer.real > 0.0:
-        beyond = _seventh(outer / room) / room
-        total += beyond * outer
-    for k in range(4):
-        by[k] = _seventh(changes[k] / LARGEST) / LARGEST
-        total += by[k] * changes[k]
-    for k in range(4):
-        by[k] = (by[k] + beyond) / total if k == 0 or k == 3 else by[k] / total
-    return 1.0 / np.sqrt(np.sqrt(np.sqrt(total)))
+def _is_more(changes):
+    """Whether the two outer cells gain weight, as a number."""
+    return 1.0 if (changes[0] + changes[3]).real > 0.0 else 0.0
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _seventh(x):
-    """Seventh power; that of a complex number keeps a small imaginary part, as ``**`` does not."""
-    return x * x * x * x * x * x * x
+def _four(values, f):
+    return values[f, 0], values[f, 1], values[f, 2], values[f, 3]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _put(values, f, four):
+    for k in range(4):
+        values[f, k] = four[k]
