@@ -18,8 +18,6 @@ on Scientific Computing* 16(5), 1995.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from scipy.optimize import minimize
 
@@ -227,7 +225,7 @@ class Search:
         """Whether each cell has one of the nodes."""
         parts = []
         for block in self.quality.blocks:
-            inside = is_node[block.first_node :][: math.prod(block.shape)].reshape(block.shape)
+            inside = block.nodes_of(is_node)
             for d in range(3):
                 if inside.shape[d] > 1:
                     before, after = (np.take(inside, range(n, inside.shape[d] - 1 + n), axis=d) for n in (0, 1))
@@ -245,7 +243,7 @@ class Search:
                     ends = ([(n, 1 - n) if e == d else (0, 0) for e in range(3)] for n in (0, 1))
                     before, after = (np.pad(own, widths) for widths in ends)
                     own = before | after
-            is_node[block.first_node : block.first_node + own.size] = own.ravel()
+            block.nodes_of(is_node)[...] = own
         return is_node
 
     def result(self, seconds: float) -> Improvement:

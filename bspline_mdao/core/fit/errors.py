@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from ...base.numerics.processes import ONE, summed
+from ...grids.topology.block_layout import BlockLayout
 from ..model.records import CANDIDATES, BlockError, Fallback, FitReport, InvalidElement, WorstNode
 from ..splines.volume import Volume
 from .control_counts import LONG, sound_order
@@ -105,11 +106,10 @@ def mean_edge(
     comm=ONE,  # communicator, processes that have some blocks each
 ) -> float:  # 0 where no edge has a length
     """Mean length of the cell edges of a grid that have a length."""
-    total, count, start = 0.0, 0, 0
-    for shape in shapes:
-        size = int(np.prod(shape))
-        length, n_edges = _edge_sum(nodes[start : start + size].reshape(*shape, 3))
-        total, count, start = total + length, count + n_edges, start + size
+    total, count = 0.0, 0
+    for block in BlockLayout.of(shapes).split(nodes):
+        length, n_edges = _edge_sum(block)
+        total, count = total + length, count + n_edges
     total, count = summed(comm, np.array([total, count], dtype=float)).tolist()
     return total / count if count else 0.0
 

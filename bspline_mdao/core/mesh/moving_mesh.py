@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.cells.hexahedron import cell_quality, collapsed_corners
+from ...grids.topology.block_layout import BlockLayout
 from ..splines.volume import Volume
 
 __all__ = ["MovingMesh", "Tangling", "require_mesh"]
@@ -197,12 +198,8 @@ class MovingMesh(OneLine):
 
     def place(self, element: int) -> str:
         """Name an element for a message."""
-        for name, ids in zip(self.names, self.blocks):
-            shape = [n - 1 for n in ids.shape]
-            if element < np.prod(shape):
-                return _place("element", np.unravel_index(element, shape), name)
-            element -= int(np.prod(shape))
-        raise IndexError(element)
+        (block,), (index,) = BlockLayout.of(map(np.shape, self.blocks)).cells.unravel(np.array([element]))
+        return _place("element", index, self.names[block])
 
     def place_of_point(self, point: int) -> str:
         """Name a point for a message, by the first block that holds it."""

@@ -8,6 +8,7 @@ Theory: ``docs/theory/quality.rst``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -114,9 +115,9 @@ class BlockCells:
         return slice(self.first_cell, self.first_cell + self.n_cells)
 
     def nodes_of(self, grid_nodes: np.ndarray) -> np.ndarray:
-        """View the block's part of nodes (n, 3) of a grid as (ni, nj, nk, 3)."""
-        size = int(np.prod(self.shape))
-        return grid_nodes[self.first_node : self.first_node + size].reshape(*self.shape, 3)
+        """View the block's part of values (n, ...) of all nodes, such as their places, as (ni, nj, nk, ...)."""
+        stop = self.first_node + math.prod(self.shape)
+        return grid_nodes[self.first_node : stop].reshape(*self.shape, *grid_nodes.shape[1:])
 
     def chunks(self) -> Iterator[Chunk]:
         """Cut the block along its first direction, and return the chunks in order."""
@@ -133,13 +134,12 @@ def block_cells(
 ) -> tuple[BlockCells, ...]:  # one for each piece of this process that has cells
     """Decide about the cells of all pieces of a process on the baseline; all processes call it."""
     blocks: list[BlockCells] = []
+    first_nodes, first_cells = (layout.starts.tolist() for layout in (pieces.layout, pieces.layout.cells))
     signs = _handedness(pieces, nodes, frames) if pieces.split else {}
     with together(pieces.comm):
-        for piece, x, first_node, frame in zip(
-            pieces.own, pieces.nodes_of(nodes), pieces.layout.starts.tolist(), frames
-        ):
+        parts = zip(pieces.own, pieces.nodes_of(nodes), first_nodes, first_cells, frames)
+        for piece, x, first_node, first_cell, frame in parts:
             if has_cells(piece.shape):
-                first_cell = blocks[-1].cells.stop if blocks else 0
                 place, sign = (piece, x, first_node, first_cell), signs.get(piece.block)
                 blocks.append(BlockCells.of_baseline(pieces.names[piece.block], *place, frame, sign))
     return tuple(blocks)
