@@ -52,6 +52,10 @@ def test_cells_are_those_between_nodes_and_a_plane_has_a_layer_of_them():
     assert layout.cells.starts.tolist() == [0, 6, 10, 10, 10, 11]
 
 
+def test_shapes_of_a_damaged_file_have_a_size():
+    assert BlockLayout.of([(2**31 - 1,) * 3, (2, 2, 2)]).size == (2**31 - 1) ** 3 + 8
+
+
 def test_blocks_of_other_shapes_are_not_joined():
     layout = BlockLayout.of([(3, 4, 2), (2, 2, 2)])
     with pytest.raises(ValueError):
