@@ -6,9 +6,12 @@ import os
 import sqlite3
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 import openmdao.api as om
+from openmdao.core.driver import Driver
+from openmdao.solvers.solver import Solver
 
 from ...base.numerics.processes import ONE, together
 from ...errors import InputError
@@ -69,11 +72,11 @@ class CaseRecorder(om.SqliteRecorder):
 
     def __init__(
         self,
-        filepath,
+        filepath: str | os.PathLike,
         longest: int = LONGEST,
         keep: Sequence[str] = (),
         earlier: str | os.PathLike | None = None,
-        **options,
+        **options: Any,
     ):
         super().__init__(filepath, **options)
         self.longest, self.keep = longest, (keep,) if isinstance(keep, str) else tuple(keep)
@@ -81,7 +84,7 @@ class CaseRecorder(om.SqliteRecorder):
         self._earlier, self._is_failing, self._is_alone = earlier, False, True
         self._n_cases = self._n_iterations = 0  # of the earlier file
 
-    def startup(self, recording_requester, comm=None):
+    def startup(self, recording_requester: Any, comm: Any = None) -> None:
         """Begin a file, or go on behind the cases of the earlier one; called by OpenMDAO."""
         is_new, self._is_alone = not self._database_initialized, comm is None or comm.size == 1
         self._begin(super().startup, recording_requester, comm)
@@ -91,43 +94,43 @@ class CaseRecorder(om.SqliteRecorder):
                     self._n_cases, self._n_iterations = take_over(self.connection, self._earlier)
         self._counter = self._n_cases
 
-    def _initialize_database(self, comm):
+    def _initialize_database(self, comm: Any) -> None:
         """Make the file, in whose place the earlier one is not; called by OpenMDAO, which removes what is there."""
         if self._earlier is not None and os.path.realpath(self._earlier) == os.path.realpath(self._filepath):
             raise InputError(f"{self._filepath}: is the file of the earlier run; record into another one")
         super()._initialize_database(comm)
 
-    def record_viewer_data(self, model_viewer_data, key="Driver"):
+    def record_viewer_data(self, model_viewer_data: dict[str, Any], key: str = "Driver") -> None:
         """Record the diagram of the model."""
         self._begin(super().record_viewer_data, model_viewer_data, key)
 
-    def record_metadata_system(self, system, run_number=None):
+    def record_metadata_system(self, system: om.System, run_number: int | None = None) -> None:
         """Record the options of a system."""
         self._begin(super().record_metadata_system, system, run_number)
 
-    def record_metadata_solver(self, solver, run_number=None):
+    def record_metadata_solver(self, solver: Solver, run_number: int | None = None) -> None:
         """Record the options of a solver."""
         self._begin(super().record_metadata_solver, solver, run_number)
 
-    def record_iteration_driver(self, driver, data, metadata):
+    def record_iteration_driver(self, driver: Driver, data: dict, metadata: dict[str, Any]) -> None:
         """Record an iteration of a driver: its design variables and responses, and what else is short."""
         self._number_on()
         self._write(super().record_iteration_driver, driver, self._short(data, sources_of(driver)), metadata)
 
-    def record_derivatives_driver(self, recording_requester, data, metadata):
+    def record_derivatives_driver(self, recording_requester: Driver, data: dict, metadata: dict[str, Any]) -> None:
         """Record the derivatives of a driver."""
         self._number_on()
         self._write(super().record_derivatives_driver, recording_requester, data, metadata)
 
-    def record_iteration_problem(self, problem, data, metadata):
+    def record_iteration_problem(self, problem: om.Problem, data: dict, metadata: dict[str, Any]) -> None:
         """Record a case of a problem: its design variables and responses, and what else is short."""
         self._write(super().record_iteration_problem, problem, self._short(data, sources_of(problem.driver)), metadata)
 
-    def record_iteration_system(self, system, data, metadata):
+    def record_iteration_system(self, system: om.System, data: dict, metadata: dict[str, Any]) -> None:
         """Record a run of a system, as far as it is short."""
         self._write(super().record_iteration_system, system, self._short(data), metadata)
 
-    def record_iteration_solver(self, solver, data, metadata):
+    def record_iteration_solver(self, solver: Solver, data: dict, metadata: dict[str, Any]) -> None:
         """Record an iteration of a solver, as far as it is short."""
         self._write(super().record_iteration_solver, solver, self._short(data), metadata)
 
@@ -136,7 +139,7 @@ class CaseRecorder(om.SqliteRecorder):
         head, _, number = self._iteration_coordinate.rpartition("|")
         self._iteration_coordinate = f"{head}|{int(number) + self._n_iterations}"
 
-    def _begin(self, record: Callable, *what) -> None:
+    def _begin(self, record: Callable, *what: Any) -> None:
         """Write what a file begins with, without which nobody can read it."""
         try:
             record(*what)
@@ -145,7 +148,7 @@ class CaseRecorder(om.SqliteRecorder):
                 raise
             raise InputError(f"{self._filepath}: cannot be written ({error}); choose another place") from error
 
-    def _write(self, record: Callable, *case) -> None:
+    def _write(self, record: Callable, *case: Any) -> None:
         """Write a case; the first of some that cannot be written is a warning."""
         try:
             record(*case)
@@ -165,7 +168,7 @@ class CaseRecorder(om.SqliteRecorder):
         self.left_out |= {name for kind, of in kinds.items() for name in of.keys() - short[kind].keys()}
         return {**data, **short}
 
-    def _is_kept(self, name: str, value, wanted: frozenset[str]) -> bool:
+    def _is_kept(self, name: str, value: Any, wanted: frozenset[str]) -> bool:
         names = name, name.rpartition(".")[2]
         is_asked = any(fnmatchcase(each, pattern) for pattern in self.keep for each in names)
         return np.size(value) <= self.longest or name in wanted or is_asked

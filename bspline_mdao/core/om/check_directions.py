@@ -7,26 +7,19 @@ import openmdao.api as om
 __all__ = ["check_along_directions"]
 
 
-def check_along_directions(component: om.Component, step: float, wrt: str = "*", is_complex: bool = False) -> None:
-    """Make ``check_partials`` compare products along one random direction in each input with central differences.
-
-    OpenMDAO's default runs the component once for every number in the inputs, and holds all of the Jacobian. Call it in
-    ``setup``; what a user sets on the component after ``Problem.setup`` comes before it.
-
-    A component whose processes depend on each other also is a `bspline_mdao.core.om.component.CheckedOnProcesses`.
-
-    Parameters
-    ----------
-    component : Component
-        The component.
-    step : float
-        Step of the differences, in the units of the inputs.
-    wrt : str
-        Inputs, by name or pattern.
-    is_complex : bool
-        Take complex steps in the place of differences where the problem has room for them, after
-        ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them.
-    """
+def check_along_directions(
+    component: om.Component,  # the component
+    step: float,  # step of the differences, in the units of the inputs
+    wrt: str = "*",  # inputs, by name or pattern
+    # take complex steps in the place of differences where the problem has room for them, after
+    # ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them
+    is_complex: bool = False,
+) -> None:
+    """Make ``check_partials`` compare products along one random direction in each input with central differences."""
+    # OpenMDAO's default runs the component once for every number in the inputs, and holds all of the Jacobian. Call it
+    # in ``setup``; what a user sets on the component after ``Problem.setup`` comes before it.
+    #
+    # A component whose processes depend on each other also is a `bspline_mdao.core.om.component.CheckedOnProcesses`.
     if is_complex and component._force_alloc_complex:  # OpenMDAO has no public name for it
         component.set_check_partial_options(wrt, method="cs", directional=True)
     else:

@@ -19,10 +19,12 @@ The products are the component's own, and so are the values that are differenced
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from openmdao.core.component import Component
 
 from ...grids.cells.hexahedron import COLLAPSE_TOLERANCE
 from ...grids.topology.block_layout import BlockLayout
@@ -47,49 +49,34 @@ ROUNDING = 1e-7
 
 
 def check_along_edges(
-    component: CheckedAlongEdges,
-    wrt: str,
+    component: CheckedAlongEdges,  # the component
+    wrt: str,  # the input, points with x, y and z interleaved (m)
+    # of int, numbers of its points in blocks, faces or lines; neighbours along any direction are joined by edges.
+    # Points that the input does not have are -1. One without edges moves by `REACH` times the size of all; one with a
+    # collapsed edge stays, since lines of no length are a case of their own, from which functions jump.
     lines: Sequence[np.ndarray],
-    sharpness: float = 1.0,
-    digits: float = 1.0,
+    sharpness: float = 1.0,  # lengths of the edges divided by those over which the function changes
+    digits: float = 1.0,  # how many last digits of coordinates are lost to rounding in the function
+    # take complex steps in the place of differences where the problem has room for them, after
+    # ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them
     is_complex: bool = False,
 ) -> None:
-    """Make ``check_partials`` move the points of an input by parts of their shortest edges; call it in ``setup``.
-
-    What a user sets on the component after ``Problem.setup`` comes before it.
-
-    Parameters
-    ----------
-    component : CheckedAlongEdges
-        The component.
-    wrt : str
-        The input, points with x, y and z interleaved (m).
-    lines : sequence of ndarray of int, each of 1 to 3 dimensions
-        Numbers of its points in blocks, faces or lines; neighbours along any direction are joined by edges. Points that
-        the input does not have are -1. One without edges moves by `REACH` times the size of all; one with a collapsed
-        edge stays, since lines of no length are a case of their own, from which functions jump.
-    sharpness : float
-        Lengths of the edges divided by those over which the function changes.
-    digits : float
-        How many last digits of coordinates are lost to rounding in the function.
-    is_complex : bool
-        Take complex steps in the place of differences where the problem has room for them, after
-        ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them.
-    """
+    """Make ``check_partials`` move the points of an input by parts of their shortest edges; call it in ``setup``."""
+    # What a user sets on the component after ``Problem.setup`` comes before it.
     step = PART / sharpness
     check_along_directions(component, step, wrt, is_complex)
     component._edges[wrt] = tuple(lines), step, digits / ROUNDING
 
 
-class CheckedAlongEdges(Copied):
+class CheckedAlongEdges(Copied, Component):
     """Part of a component whose inputs are points of grids, see `check_along_edges`."""
 
-    def __init__(self, **options):
+    def __init__(self, **options: Any):
         super().__init__(**options)
         self._edges: dict[str, tuple[tuple[np.ndarray, ...], float, float]] = {}
         self._stretches: dict[str, _Stretch] = {}
 
-    def check_partials(self, *arguments, **options):
+    def check_partials(self, *arguments: Any, **options: Any) -> Any:
         """Check the partial derivatives, see ``om.ExplicitComponent.check_partials``."""
         asked = self._get_check_partial_options()
         for name, (lines, step, digits) in self._edges.items():
@@ -100,7 +87,9 @@ class CheckedAlongEdges(Copied):
         finally:
             self._stretches.clear()
 
-    def run_apply_linear(self, mode, scope_out=None, scope_in=None):
+    def run_apply_linear(
+        self, mode: str, scope_out: Container[str] | None = None, scope_in: Container[str] | None = None
+    ) -> None:
         """Apply the Jacobian, in a check that of g."""
         if mode == "fwd":
             for name, stretch in self._stretches.items():
@@ -111,7 +100,7 @@ class CheckedAlongEdges(Copied):
             for name in self._stretches:
                 self._stretch(name)
 
-    def run_apply_nonlinear(self):
+    def run_apply_nonlinear(self) -> None:
         """Compute residuals, in a check those of g."""
         for name, stretch in self._stretches.items():
             side = np.sign((self._inputs[name].ravel() - stretch.start) @ stretch.moves)
@@ -120,12 +109,12 @@ class CheckedAlongEdges(Copied):
                 return
         super().run_apply_nonlinear()
 
-    def _stretch(self, name):
+    def _stretch(self, name: str) -> None:
         """Multiply the linear vector of an input by e / u."""
         vector, stretch = self._dinputs[name], self._stretches[name]
         self._dinputs[name] = vector * (stretch.edges / stretch.unit).reshape(vector.shape)
 
-    def _difference(self, name, moves):
+    def _difference(self, name: str, moves: np.ndarray) -> None:
         """Put the residuals of g in the place of those of f."""
         outputs, shape, total = self._outputs.asarray(copy=True), self._inputs[name].shape, 0.0
         for times, weight in FIVE_POINT:
@@ -138,27 +127,13 @@ class CheckedAlongEdges(Copied):
 
 @dataclass
 class _Stretch:
-    """Variables in which a check sees an input.
+    """Variables in which a check sees an input."""
 
-    Parameters
-    ----------
-    start : ndarray, shape (3 n,)
-        The input, x0.
-    step : float
-        Step of the differences.
-    unit : float
-        u (m).
-    edges : ndarray, shape (3 n,)
-        Diagonal of e (m).
-    moves : ndarray, shape (3 n,)
-        ``e v`` (m).
-    """
-
-    start: np.ndarray
-    step: float
-    unit: float
-    edges: np.ndarray
-    moves: np.ndarray
+    start: np.ndarray  # (3 n,), the input, x0
+    step: float  # step of the differences
+    unit: float  # u (m)
+    edges: np.ndarray  # (3 n,), diagonal of e (m)
+    moves: np.ndarray  # (3 n,), ``e v`` (m)
 
     @classmethod
     def of(cls, points: np.ndarray, lines: Sequence[np.ndarray], step: float, digits: float) -> _Stretch:
@@ -169,10 +144,8 @@ class _Stretch:
         return cls(points.ravel().copy(), step, unit, np.repeat(edges, 3), np.zeros(points.size))
 
     def along(self, direction: np.ndarray) -> None:
-        """Adjust the edges so that the way along a direction (3 n,), and twice that, ends at numbers that exist.
-
-        A number just below a power of two has a digit that those beyond do not have. Where that counts, it stays.
-        """
+        """Adjust the edges so that the way along a direction (3 n,), and twice that, ends at numbers that exist."""
+        # A number just below a power of two has a digit that those beyond do not have. Where that counts, it stays.
         if direction.any():
             way = self.step * direction
             last_digit = np.spacing(np.abs(self.start) + 2.0 * np.abs(self.edges * way))

@@ -27,11 +27,12 @@ import functools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import openmdao.api as om
 from openmdao.utils.om_warnings import issue_warning
+from openmdao.vectors.vector import Vector
 from scipy.sparse import coo_array, csr_array
 
 from ...base.numerics.processes import ONE, together
@@ -50,25 +51,12 @@ OWN, SAME, LEFT_OUT = "own", "same", "left out"
 """Ways to check derivatives on several processes, see `CheckedOnProcesses`."""
 
 
-def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
-    """View a flat input as points, after a look for numbers that are not finite.
-
-    Parameters
-    ----------
-    vector : ndarray, shape (3 n,)
-        Coordinates, xyz interleaved (m).
-    name, pathname : str
-        Variable and component, for the message.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-
-    Raises
-    ------
-    om.AnalysisError
-        If a coordinate is not finite: a driver can back off from the step that led there.
-    """
+def finite_points(
+    vector: np.ndarray,  # (3 n,), coordinates, xyz interleaved (m)
+    name: str,  # name, pathname: variable and component, for the message
+    pathname: str,
+) -> np.ndarray:  # (n, 3)
+    """View a flat input as points, after a look for numbers that are not finite."""
     points = vector.reshape(-1, 3)
     if not np.isfinite(vector).all():
         row, axis = np.argwhere(~np.isfinite(points))[0]
@@ -79,39 +67,20 @@ def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
     return points
 
 
-def as_node_numbers(numbers, n: int, name: str, pathname: str) -> np.ndarray:
-    """Return the numbers of nodes that a user gives, as an array; all ``n`` of them for None.
-
-    Raises
-    ------
-    InputError
-        If one of them does not exist.
-    """
+def as_node_numbers(numbers: Sequence[int] | np.ndarray | None, n: int, name: str, pathname: str) -> np.ndarray:
+    """Return the numbers of nodes that a user gives, as an array; all ``n`` of them for None."""
     numbers = np.arange(n) if numbers is None else np.asarray(numbers)
     if numbers.ndim != 1 or numbers.dtype.kind != "i" or not len(numbers) or numbers.min() < 0 or numbers.max() >= n:
         raise InputError(f"{pathname}: '{name}' are not numbers of nodes; give a list of integers from 0 to {n - 1}")
     return numbers
 
 
-def finite_values(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
-    """Return an input after a look for numbers that are not finite.
-
-    Parameters
-    ----------
-    vector : ndarray
-        Values.
-    name, pathname : str
-        Variable and component, for the message.
-
-    Returns
-    -------
-    ndarray
-
-    Raises
-    ------
-    om.AnalysisError
-        If a value is not finite.
-    """
+def finite_values(
+    vector: np.ndarray,  # values
+    name: str,  # name, pathname: variable and component, for the message
+    pathname: str,
+) -> np.ndarray:
+    """Return an input after a look for numbers that are not finite."""
     if not np.isfinite(vector).all():
         entry = int(np.argmin(np.isfinite(vector).ravel()))
         value = value_name(name, entry, vector.size)
@@ -121,19 +90,12 @@ def finite_values(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class SparsePattern:
-    """Entries of a sparse Jacobian that may differ from zero, in the order in which they are declared to OpenMDAO.
+    """Entries of a sparse Jacobian that may differ from zero, in the order in which they are declared to OpenMDAO."""
 
-    Parameters
-    ----------
-    rows, cols : ndarray of int, shape (n,)
-        Row and column of every entry, row by row.
-    n_cols : int
-        Number of columns.
-    """
-
+    # rows, cols: (n,) of int, row and column of every entry, row by row
     rows: np.ndarray
     cols: np.ndarray
-    n_cols: int
+    n_cols: int  # number of columns
 
     @classmethod
     def of(cls, matrix: csr_array) -> SparsePattern:
@@ -142,13 +104,7 @@ class SparsePattern:
         return cls(*np.divmod(keys, matrix.shape[1]), matrix.shape[1])
 
     def data(self, matrix: csr_array, name: str) -> np.ndarray:
-        """Entries, shape (n,), of a matrix within the pattern.
-
-        Raises
-        ------
-        InputError
-            If the matrix has others; ``name`` says whose they are.
-        """
+        """Entries, shape (n,), of a matrix within the pattern."""
         declared, keys = self.rows * self.n_cols + self.cols, _keys(matrix)
         at = np.minimum(np.searchsorted(declared, keys), len(declared) - 1)
         is_new = declared[at] != keys if len(declared) else np.ones(len(keys), dtype=bool)
@@ -170,32 +126,23 @@ def _keys(matrix: csr_array) -> np.ndarray:
 
 
 class LastState:
-    """The state that was made last, which is made again only for other inputs.
+    """The state that was made last, which is made again only for other inputs."""
 
-    OpenMDAO runs a component and asks for products at the same inputs, many times over; a line search and finite
-    differences come back to inputs, too.
-    """
+    # OpenMDAO runs a component and asks for products at the same inputs, many times over; a line search and finite
+    # differences come back to inputs, too.
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.points: list[np.ndarray] | None = None
-        self.state = None
+        self.state: Any = None
 
-    def at(self, points: Sequence[np.ndarray], make: Callable):
-        """Return the state at inputs: the last one if it was made for them.
-
-        Parameters
-        ----------
-        points : sequence of ndarray
-            The inputs.
-        make : callable
-            Makes the state of these, as separate arguments: copies, which it may keep. If it raises, the last state
-            stays.
-
-        Returns
-        -------
-        object
-            What ``make`` returned.
-        """
+    def at(
+        self,
+        points: Sequence[np.ndarray],  # the inputs
+        # makes the state of these, as separate arguments: copies, which it may keep. If it raises, the last state
+        # stays.
+        make: Callable,
+    ) -> Any:  # what ``make`` returned
+        """Return the state at inputs: the last one if it was made for them."""
         if self.points is None or not all(map(np.array_equal, points, self.points)):
             copies = [array.copy() for array in points]
             self.state, self.points = make(*copies), copies
@@ -203,26 +150,22 @@ class LastState:
 
 
 def add_product(
-    inputs, d_inputs, d_outputs, mode: str, *, jvp: Callable, vjp: Callable, of: str, wrt: str | Sequence[str]
+    # inputs, d_inputs, d_outputs: OpenMDAO's inputs and linear vectors, which leave out what plays no part
+    inputs: Vector,
+    d_inputs: Vector,
+    d_outputs: Vector,
+    mode: str,  # ``"fwd"`` or ``"rev"``
+    *,
+    # takes a direction in every input, of shape (n, 3), and returns the change of the output, of shape (m, 3)
+    jvp: Callable,
+    # takes the derivative with respect to the output, of shape (m, 3), and returns those with respect to every input,
+    # of shape (n, 3), or None for zero: a sequence of them, unless ``wrt`` is one name
+    vjp: Callable,
+    of: str,  # name of the output
+    # names of the inputs, in the order of ``jvp``. One that the component does not have gets the direction 0.
+    wrt: str | Sequence[str],
 ) -> None:
-    """Add the product of a Jacobian, or of its transpose, to the vectors of ``compute_jacvec_product``.
-
-    Parameters
-    ----------
-    inputs, d_inputs, d_outputs : Vector
-        OpenMDAO's inputs and linear vectors, which leave out what plays no part.
-    mode : str
-        ``"fwd"`` or ``"rev"``.
-    jvp : callable
-        Takes a direction in every input, of shape (n, 3), and returns the change of the output, of shape (m, 3).
-    vjp : callable
-        Takes the derivative with respect to the output, of shape (m, 3), and returns those with respect to every input,
-        of shape (n, 3), or None for zero: a sequence of them, unless ``wrt`` is one name.
-    of : str
-        Name of the output.
-    wrt : str or sequence of str
-        Names of the inputs, in the order of ``jvp``. One that the component does not have gets the direction 0.
-    """
+    """Add the product of a Jacobian, or of its transpose, to the vectors of ``compute_jacvec_product``."""
     names = (wrt,) if isinstance(wrt, str) else wrt
     if of not in d_outputs or not any(name in d_inputs for name in names):
         return
@@ -237,80 +180,60 @@ def add_product(
                 add_bar(d_inputs, name, bar if unit == 1.0 else unit * bar)
 
 
-def direction_in(d_inputs, inputs, name: str) -> np.ndarray | float:
-    """Return the direction in an input of ``compute_jacvec_product``.
-
-    Parameters
-    ----------
-    d_inputs, inputs : Vector
-        OpenMDAO's linear vector, which leaves out what plays no part, and the inputs.
-    name : str
-        The input.
-
-    Returns
-    -------
-    ndarray, shape (n, 3), or float
-        Zeros where OpenMDAO leaves it out; the number 0 where the component has no such input.
-    """
+def direction_in(
+    d_inputs: Vector,  # d_inputs, inputs: OpenMDAO's linear vector, which leaves out what plays no part, and the inputs
+    inputs: Vector,
+    name: str,  # the input
+) -> np.ndarray | float:
+    """Return the direction in an input of ``compute_jacvec_product``."""
+    # Returns (n, 3), zeros where OpenMDAO leaves it out; the number 0 where the component has no such input.
     if name in d_inputs:
         return d_inputs[name].reshape(-1, 3)
     return np.zeros((inputs[name].size // 3, 3)) if name in inputs else 0.0
 
 
-def add_bar(d_inputs, name: str, bar: np.ndarray) -> None:
+def add_bar(d_inputs: Vector, name: str, bar: np.ndarray) -> None:
     """Add a derivative, shape (n, 3), to the linear vector of an input, unless OpenMDAO leaves it out."""
     if name in d_inputs:
         d_inputs[name] += bar.reshape(d_inputs[name].shape)
 
 
-def difference_step(net: np.ndarray) -> float:
-    """Find the step (m) at which central differences with respect to all points of a net are most accurate.
-
-    See `central_step`; the length is that of the shortest edge.
-
-    Parameters
-    ----------
-    net : ndarray, shape (..., 3)
-        Points (m); neighbours along any direction are joined by edges.
-    """
+def difference_step(
+    net: np.ndarray,  # (..., 3), points (m); neighbours along any direction are joined by edges
+) -> float:
+    """Find the step (m) at which central differences with respect to all points of a net are most accurate."""
+    # See `central_step`; the length is that of the shortest edge.
     points = net.reshape(-1, 3)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     edges = shortest_edges(points, [np.arange(len(points)).reshape(net.shape[:-1])], COLLAPSE_TOLERANCE * size)
     return central_step(size, float(edges.min(where=edges > 0.0, initial=size)))
 
 
-def central_step(size: float, length: float) -> float:
-    """Find the step at which central differences are most accurate.
-
-    Central differences lose ``eps size / step`` to rounding and ``(step / length)^2`` to truncation. Both are of the
-    same size where the step is the cube root of ``eps size length^2``.
-
-    Parameters
-    ----------
-    size : float
-        Size of the numbers that are rounded.
-    length : float
-        Length over which the function changes.
-    """
+def central_step(
+    size: float,  # size of the numbers that are rounded
+    length: float,  # length over which the function changes
+) -> float:
+    """Find the step at which central differences are most accurate."""
+    # Central differences lose ``eps size / step`` to rounding and ``(step / length)^2`` to truncation. Both are of the
+    # same size where the step is the cube root of ``eps size length^2``.
     return float(np.cbrt(np.finfo(float).eps * size * length**2))
 
 
 class CheckedOnProcesses(CheckedAlongEdges):
-    """Part of a component whose processes depend on each other, for ``check_partials`` on several of them.
+    """Part of a component whose processes depend on each other, for ``check_partials`` on several of them."""
 
-    OpenMDAO draws the directions of a check on every process by itself, and takes its dot products there. That is right
-    for components of which every process has all, and for those here in one of three ways, `way_of_check`:
-
-    - ``OWN``: from inputs that all processes have to outputs that they share. Each checks its own part, without the sum
-      over all processes that the reverse product is otherwise.
-    - ``SAME``: all variables are the same on all processes, which work together. They take the same directions.
-    - ``LEFT_OUT``: whatever needs sums over all processes. The check says so, and is left to one process, where the
-      derivatives are the same.
-    """
+    # OpenMDAO draws the directions of a check on every process by itself, and takes its dot products there. That is
+    # right for components of which every process has all, and for those here in one of three ways, `way_of_check`:
+    #
+    # - ``OWN``: from inputs that all processes have to outputs that they share. Each checks its own part, without the
+    #   sum over all processes that the reverse product is otherwise.
+    # - ``SAME``: all variables are the same on all processes, which work together. They take the same directions.
+    # - ``LEFT_OUT``: whatever needs sums over all processes. The check says so, and is left to one process, where the
+    #   derivatives are the same.
 
     way_of_check = LEFT_OUT
 
-    def check_partials(self, *arguments, **options):
+    def check_partials(self, *arguments: Any, **options: Any) -> Any:
         """Check the partial derivatives, see ``om.ExplicitComponent.check_partials``."""
         if self.comm.size > 1 and self.way_of_check == LEFT_OUT:
             if self.comm.rank == 0:
@@ -328,20 +251,19 @@ class CheckedOnProcesses(CheckedAlongEdges):
 
 
 class SparseComponent(CheckedOnProcesses, om.ExplicitComponent):
-    """Component with sparse partials, which ``check_partials`` checks along directions, as the matrix-free ones.
+    """Component with sparse partials, which ``check_partials`` checks along directions, as the matrix-free ones."""
 
-    OpenMDAO cannot check along a direction where a pattern is declared: it takes one column after another. So the check
-    sees products with the very entries that are declared, in the place of the declaration.
-    """
+    # OpenMDAO cannot check along a direction where a pattern is declared: it takes one column after another. So the
+    # check sees products with the very entries that are declared, in the place of the declaration.
 
     way_of_check = OWN
 
-    def __init__(self, **options):
+    def __init__(self, **options: Any):
         super().__init__(**options)
         self.matrix_free = False  # OpenMDAO takes a component with products for one without entries
-        self._entries = {}
+        self._entries: dict[tuple[str, str], tuple[np.ndarray, np.ndarray, np.ndarray | float | None]] = {}
 
-    def check_partials(self, *arguments, **options):
+    def check_partials(self, *arguments: Any, **options: Any) -> Any:
         """Check the partial derivatives, see ``om.ExplicitComponent.check_partials``."""
         declared, is_matrix_free = self._subjacs_info, self.matrix_free
         self._subjacs_info, self.matrix_free = {}, True
@@ -350,14 +272,16 @@ class SparseComponent(CheckedOnProcesses, om.ExplicitComponent):
         finally:
             self._subjacs_info, self.matrix_free = declared, is_matrix_free
 
-    def declare_sparse(self, of: str, wrt: str, rows: np.ndarray, cols: np.ndarray, val=None) -> None:
+    def declare_sparse(
+        self, of: str, wrt: str, rows: np.ndarray, cols: np.ndarray, val: np.ndarray | float | None = None
+    ) -> None:
         """Declare entries that may differ from zero, in ``setup_partials``; where values are given, constant ones."""
         self.declare_partials(of, wrt, rows=rows, cols=cols, val=val)
         self._entries[of, wrt] = rows, cols, val
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the declared Jacobian or its transpose, for the check alone."""
-        partials = {}
+        partials: dict[tuple[str, str], np.ndarray] = {}
         self.compute_partials(inputs, partials)
         for (of, wrt), (rows, cols, constant) in self._entries.items():
             if of in d_outputs and wrt in d_inputs:
@@ -370,13 +294,7 @@ class SparseComponent(CheckedOnProcesses, om.ExplicitComponent):
 
 
 def refuse_complex_step(component: om.ExplicitComponent | om.ImplicitComponent) -> None:
-    """Refuse the complex steps of OpenMDAO, in a component whose kernels are real.
-
-    Raises
-    ------
-    InputError
-        Under complex step.
-    """
+    """Refuse the complex steps of OpenMDAO, in a component whose kernels are real."""
     if component.under_complex_step:
         raise InputError(
             f"{component.msginfo}: there is no complex step through it; its own derivatives are exact, or take "
@@ -388,11 +306,9 @@ def refuse_complex_step(component: om.ExplicitComponent | om.ImplicitComponent) 
 def failures_as_analysis_errors(
     component: om.ExplicitComponent | om.ImplicitComponent, kinds: tuple[type[Exception], ...] = (MovementError,)
 ) -> Iterator[None]:
-    """Raise errors of some kinds within as ``om.AnalysisError`` with the name of the component.
-
-    All processes of the component come here, make no collective call within, and raise together, see
-    `bspline_mdao.base.numerics.processes.together`.
-    """
+    """Raise errors of some kinds within as ``om.AnalysisError`` with the name of the component."""
+    # All processes of the component come here, make no collective call within, and raise together, see
+    # `bspline_mdao.base.numerics.processes.together`.
     with together(component.comm), as_analysis_errors(component, kinds):
         yield
 
@@ -426,14 +342,14 @@ def fails_together(method: Method) -> Method:
     """Decorate a method of a component or group that makes no collective call: all processes raise what one raises."""
 
     @functools.wraps(method)
-    def run(self, *arguments, **options):
+    def run(self: Any, *arguments: Any, **options: Any) -> Any:
         with together(self.comm):
             return method(self, *arguments, **options)
 
     return cast(Method, run)
 
 
-def by_parts(apply: Callable, *directions: np.ndarray | float):
+def by_parts(apply: Callable, *directions: np.ndarray | float) -> Any:
     """Apply a linear map of real arrays to arrays that may be complex, under complex step: to both parts of them."""
     if any(map(np.iscomplexobj, directions)):
         real, imaginary = ([np.ascontiguousarray(part(x)) for x in directions] for part in (np.real, np.imag))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ...base.numerics.processes import on_first
 from ...errors import InputError
@@ -119,7 +120,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     is_linear = False
     """False: the outputs depend on the inputs through the stiffness as well."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("mover", recordable=False, desc="moves the control mesh behind its surface")
         self.options.declare("rho", default=100.0, desc="sharpness of the bound of the control mesh's corners")
@@ -137,7 +138,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         return None if self._last is None else self._last.movement.report
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables, of the sizes of the mover's mesh."""
         mesh = mesh_of(self.options["mover"], self.msginfo)
         self._mover = differentiable(self.options["mover"]) if self._use_derivatives else self.options["mover"]
@@ -156,13 +157,13 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         lines, sharpness = lines_among(mesh.surface_ids, mesh.blocks), 10.0 * self.options["rho"]
         check_along_edges(self, SURFACE_CONTROL_POINTS, lines, sharpness, digits=100.0)
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Move the control mesh, unless that was done for these inputs."""
         last = self._move_at(inputs)
         outputs[CONTROL_POINTS] = last.movement.points.ravel()
         outputs[CONTROL_CORNER_KS] = last.corners.value(last.movement.points)
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose at the inputs."""
         if not any(name in d_outputs for name in OUTPUTS) or not any(name in d_inputs for name in INPUTS):
             return
@@ -173,10 +174,10 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
                 last.add_change(d_outputs, by_parts(last.movement.jvp, *directions))
             else:
                 bar = {CONTROL_POINTS: last.points_bar(d_outputs)}
-                products = {"jvp": last.movement.jvp, "vjp": last.movement.vjp}
-                add_product(inputs, d_inputs, bar, mode, **products, of=CONTROL_POINTS, wrt=INPUTS)
+                jvp, vjp = last.movement.jvp, last.movement.vjp
+                add_product(inputs, d_inputs, bar, mode, jvp=jvp, vjp=vjp, of=CONTROL_POINTS, wrt=INPUTS)
 
-    def _move_at(self, inputs) -> _Move:
+    def _move_at(self, inputs: Vector) -> _Move:
         """Move for these inputs: the last one if it was made for them."""
         with failures_as_analysis_errors(self):
             refuse_complex_step(self)
@@ -247,14 +248,14 @@ class _Move:
     def is_for(self, initial: np.ndarray, surface: np.ndarray) -> bool:
         return np.array_equal(initial, self.initial) and np.array_equal(surface, self.surface)
 
-    def add_change(self, d_outputs, d_points: np.ndarray) -> None:
+    def add_change(self, d_outputs: Vector, d_points: np.ndarray) -> None:
         """Add the changes of the outputs with that of the moved points, shape (n_points, 3)."""
         if CONTROL_POINTS in d_outputs:
             d_outputs[CONTROL_POINTS] += d_points.ravel()
         if CONTROL_CORNER_KS in d_outputs:
             d_outputs[CONTROL_CORNER_KS] += (self.gradient * d_points).sum()
 
-    def points_bar(self, d_outputs) -> np.ndarray:
+    def points_bar(self, d_outputs: Vector) -> np.ndarray:
         """Derivative with respect to the moved points, flat, from those with respect to the outputs."""
         bar = d_outputs[CONTROL_POINTS] if CONTROL_POINTS in d_outputs else np.zeros(self.movement.points.size)
         if CONTROL_CORNER_KS in d_outputs and d_outputs[CONTROL_CORNER_KS].any():

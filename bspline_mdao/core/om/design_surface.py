@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -112,7 +113,7 @@ class DesignSurface(OneLine):
         """The quarter chord from the root to the tip, one object for all variables."""
         return self.axis_at(0.25)
 
-    def axis_at(self, part: float, **options) -> ReferenceAxis:
+    def axis_at(self, part: float, **options: Any) -> ReferenceAxis:
         """Find the axis at another part of the chord: 0 is the leading edge, 1 the trailing edge.
 
         Parameters
@@ -174,7 +175,11 @@ class DesignSurface(OneLine):
         return Parametrization(self.mesh, variables, constraints)
 
     def grid_movement(
-        self, variables: Sequence[Variable], constraints: Sequence = (), measures: Sequence[Measure] = (), **options
+        self,
+        variables: Sequence[Variable],
+        constraints: Sequence = (),
+        measures: Sequence[Measure] = (),
+        **options: Any,
     ) -> GridMovement:
         """Make the group that carries the grid along with design variables.
 

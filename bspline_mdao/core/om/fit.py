@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ...base.numerics.processes import together
 from ...errors import InputError
@@ -90,7 +93,7 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
     True
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self, FittedModel, desc="fit of the baseline grid")
         declare_partition(self)
@@ -101,7 +104,7 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
         """Whether the outputs depend linearly on the inputs."""
         return not self.options["live"]
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables, of the sizes of the model."""
         model, comm = self.options["model"], self.comm
         with together(comm):
@@ -137,7 +140,7 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
         parameters = [x if s in here else nothing for s, x in enumerate(model.parameters)]
         return SharedFitOperator.of(problem, parameters, model.candidate_weights)
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Solve the least squares."""
         with failures_as_analysis_errors(self):
             nodes = finite_points(inputs[GRID_INITIAL], GRID_INITIAL, self.msginfo)
@@ -145,20 +148,21 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
         control_points = self._live_at(nodes).control_points if is_live else by_parts(self._frozen.forward, nodes)
         outputs[CONTROL_POINTS_INITIAL] = control_points.ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         if self.options["live"]:
             fit, whole = self._live_at(inputs[GRID_INITIAL]), self._whole
 
-            def jvp(d_nodes):
+            def jvp(d_nodes: np.ndarray) -> np.ndarray:
                 return fit.jvp(whole.gather(d_nodes))
 
-            def vjp(bar):
+            def vjp(bar: np.ndarray) -> np.ndarray:
                 return whole.own(fit.vjp(bar))
+
+            products: dict[str, Callable[[np.ndarray], np.ndarray]] = {"jvp": jvp, "vjp": vjp}
         else:
-            jvp, vjp = self._frozen.forward, self._frozen.adjoint
-        names = {"of": CONTROL_POINTS_INITIAL, "wrt": GRID_INITIAL}
-        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, **names)
+            products = {"jvp": self._frozen.forward, "vjp": self._frozen.adjoint}
+        add_product(inputs, d_inputs, d_outputs, mode, **products, of=CONTROL_POINTS_INITIAL, wrt=GRID_INITIAL)
 
     def _fit(self, nodes: np.ndarray) -> LiveFit:
         return live_fit(self.options["model"], nodes)

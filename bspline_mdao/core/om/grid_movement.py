@@ -115,7 +115,7 @@ class GridMovement(Copied, om.Group):
     ((4500,), (1,))
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self)
         types = (Parametrization, type(None))
@@ -135,7 +135,7 @@ class GridMovement(Copied, om.Group):
         self.options.declare("quality", default=True, desc="measure the cells of the grid, or which bounds of them")
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Add the components in the order of the chain."""
         model, is_live, mover = self.options["model"], self.options["live"], self._mover()
         surface = self.options["surface"]
@@ -185,10 +185,10 @@ class GridMovement(Copied, om.Group):
         if self.options["measures"] and self.options["numbers"] is not None:
             raise InputError(f"{self.msginfo}: measures need all nodes of the surface; leave out 'numbers'")
 
-    def _add(self, name: str, component: om.ExplicitComponent):
+    def _add(self, name: str, component: om.ExplicitComponent) -> None:
         self.add_subsystem(name, component, promotes=["*"])
 
-    def _add_measures(self, mesh: MovingMesh):
+    def _add_measures(self, mesh: MovingMesh) -> None:
         """Regenerate the surface and measure it."""
         measures = require_list(self.options["measures"], "measure", MEMBERS, self.msginfo)
         surface = measures[0].surface
@@ -205,7 +205,7 @@ class GridMovement(Copied, om.Group):
         for measure in measures:
             self._add(f"measure_{measure.name}", SurfaceMeasure(measure=measure))
 
-    def _require_names(self, names: list[str]):
+    def _require_names(self, names: list[str]) -> None:
         """Refuse names of measures that are taken."""
         parametrization = self.options["parametrization"]
         variables = [] if parametrization is None else [variable.name for variable in parametrization.variables]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from openmdao.vectors.vector import Vector
 
 from ...base.checks import require_list
 from ...errors import InputError
@@ -66,14 +67,14 @@ class InteriorControl(SparseComponent):
     is_linear = True
     """Whether the outputs depend linearly (affinely) on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self, FittedModel)
         self.options.declare("variables", recordable=False, desc="interior control points that move")
         self.shifts: dict[str, InteriorShift] = {}
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables, of the sizes of the model."""
         model, points = self.options["model"], self.options["model"].control_points
         variables = require_list(self.options["variables"], "variable", ("name", "bind"), self.msginfo)
@@ -88,7 +89,7 @@ class InteriorControl(SparseComponent):
         check_along_directions(self, LINEAR_STEP)
 
     @fails_together
-    def setup_partials(self):
+    def setup_partials(self) -> None:
         """Declare the Jacobian once and for all."""
         diagonal = np.arange(self.options["model"].control_points.size)
         self.declare_sparse(CONTROL_POINTS, CONTROL_POINTS_INITIAL, diagonal, diagonal, 1.0)
@@ -97,7 +98,7 @@ class InteriorControl(SparseComponent):
             self.declare_sparse(CONTROL_POINTS, name, entries.row, entries.col, entries.data)
 
     @fails_together
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Move the points."""
         points = finite_points(inputs[CONTROL_POINTS_INITIAL], CONTROL_POINTS_INITIAL, self.msginfo)
         for name, shift in self.shifts.items():

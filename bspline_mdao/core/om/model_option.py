@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import deepcopy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import openmdao.api as om
 from openmdao.utils.options_dictionary import OptionsDictionary
@@ -19,24 +19,16 @@ IN_RECORDS = "model_in_records"
 
 
 class NamedModel(NamedTuple):
-    """What a case file says of the model that was optimised.
+    """What a case file says of the model that was optimised."""
 
-    Parameters
-    ----------
-    checksum : str
-        Checksum of the model.
-    file : str
-        File that it was saved to or loaded from before the run; empty where it was neither.
-    """
-
-    checksum: str
-    file: str
+    checksum: str  # checksum of the model
+    file: str  # file that it was saved to or loaded from before the run; empty where it was neither
 
 
 class _InRecords:
     """Text that names the model of a system, made when a recorder asks for it: saved by then, it has a file."""
 
-    def __init__(self, options):
+    def __init__(self, options: OptionsDictionary):
         self._options = options
 
     def __str__(self) -> str:
@@ -48,18 +40,17 @@ class _InRecords:
 
     __repr__ = __str__
 
-    def __deepcopy__(self, memo):
+    def __deepcopy__(self, memo: dict[int, Any]) -> _InRecords:
         return _InRecords(deepcopy(self._options, memo))
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[type[str], tuple[str]]:
         return str, (str(self),)  # a case file is read without this package
 
 
 class Copied:
-    """Part of systems that are copied and pickled with all of their options, before ``Problem.setup``.
+    """Part of systems that are copied and pickled with all of their options, before ``Problem.setup``."""
 
-    OpenMDAO leaves out those that are not for recorders, such as models and meshes, which no system can do without.
-    """
+    # OpenMDAO leaves out those that are not for recorders, such as models and meshes, which no system can do without.
 
     options: OptionsDictionary
 
@@ -80,20 +71,13 @@ class Copied:
             _name_in_records(self.options)
 
 
-def declare_model(system: om.System, types=Model, desc: str = "the fitted grid") -> None:
-    """Declare the option ``model``, in ``initialize``, and one that names the model in case files.
-
-    The model itself is too large for them. OpenMDAO's recorders keep the other options of all systems.
-
-    Parameters
-    ----------
-    system : openmdao.api.System
-        The system.
-    types : type or tuple of types
-        What it takes for a model.
-    desc : str
-        What the model is.
-    """
+def declare_model(
+    system: om.System,  # the system
+    types: type | tuple[type, ...] = Model,  # what it takes for a model
+    desc: str = "the fitted grid",  # what the model is
+) -> None:
+    """Declare the option ``model``, in ``initialize``, and one that names the model in case files."""
+    # The model itself is too large for them. OpenMDAO's recorders keep the other options of all systems.
     system.options.declare("model", types=types, recordable=False, desc=desc)
     _name_in_records(system.options)
 
@@ -103,18 +87,10 @@ def _name_in_records(options: OptionsDictionary) -> None:
     options.declare(IN_RECORDS, default=_InRecords(options), desc="made by itself: names the model in case files")
 
 
-def named_model(options: Mapping[str, Mapping[str, object]]) -> NamedModel | None:
-    """Find what the options of systems, as a case file has them, say of their model.
-
-    Parameters
-    ----------
-    options : mapping of str to mapping
-        Options of the systems by their names.
-
-    Returns
-    -------
-    NamedModel or None
-        Of the first system that has a model; None where none has, or each process has a share of it alone.
-    """
+def named_model(
+    options: Mapping[str, Mapping[str, object]],  # options of the systems by their names
+) -> NamedModel | None:
+    """Find what the options of systems, as a case file has them, say of their model."""
+    # Returns of the first system that has a model; None where none has, or each process has a share of it alone.
     texts = (str(of_system.get(IN_RECORDS) or "") for of_system in options.values())
     return next((NamedModel(*text.partition(" ")[::2]) for text in texts if text), None)

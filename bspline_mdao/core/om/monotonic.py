@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from openmdao.vectors.vector import Vector
 
 from ..measures.monotonic import neighbour_differences
 from .check_directions import check_along_directions
@@ -57,7 +58,7 @@ class Monotonic(SparseComponent):
     is_linear = True
     """Whether the outputs depend linearly (affinely) on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("variable", types=str, desc="name of the input")
         self.options.declare("size", types=int, desc="number of its values")
@@ -70,7 +71,7 @@ class Monotonic(SparseComponent):
         return f"{self.options['variable']}_differences"
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         size, units = self.options["size"], self.options["units"]
         self._differences = neighbour_differences(size, self.options["decreasing"])
@@ -79,13 +80,13 @@ class Monotonic(SparseComponent):
         check_along_directions(self, LINEAR_STEP)
 
     @fails_together
-    def setup_partials(self):
+    def setup_partials(self) -> None:
         """Declare the Jacobian once and for all."""
         rows, cols, values = self._differences
         self.declare_sparse(self.output, self.options["variable"], rows, cols, values)
 
     @fails_together
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Subtract neighbours."""
         name = self.options["variable"]
         outputs[self.output] = self._differences.apply(finite_values(inputs[name], name, self.msginfo))

@@ -95,7 +95,7 @@ class PointSet(MovedPoints, om.ExplicitComponent):
     array([2.2, 0. , 0. ])
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self, FittedModel)
         self.options.declare("points", types=np.ndarray, recordable=False, desc="the points on the baseline, m")
@@ -108,7 +108,7 @@ class PointSet(MovedPoints, om.ExplicitComponent):
         return self._embedded.layer is None
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Find what the points are embedded in, and declare the variables."""
         model = self.options["model"]
         self._embedded = model.embed_points(self.options["points"], self.options["tolerance"])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ...base.numerics.processes import from_all, together
 from ...errors import InputError
@@ -93,7 +95,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self)
         declare_partition(self)
@@ -106,7 +108,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         self.options.declare("n_bins", types=int, default=50, desc="bins of the distribution of Q")
         self.options.declare("require_valid", types=bool, default=False, desc="refuse inverted cells")
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables, of the sizes of the model."""
         pieces, nodes = self._baseline()
         settings = {name: self.options[name] for name in ("rho", "p", "rho_height")}
@@ -127,7 +129,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
             sharpness = max(sharpness, 10.0 * self.options["rho_height"])
         check_along_edges(self, GRID, numbered_blocks(piece.shape for piece in pieces.own), sharpness)
 
-    def _baseline(self):
+    def _baseline(self) -> tuple[Pieces, np.ndarray]:
         """Pieces of the grid that the processes hold, and the nodes (n, 3) of those of this one on the baseline."""
         model = self.options["model"]
         with together(self.comm):
@@ -145,7 +147,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         partition = Partition(share.shapes_of_grid, tuple(from_all(self.comm, windows)))
         return Pieces(partition, model.header.names, model.header.patches, model.header.source, self.comm), nodes
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Measure the cells."""
         with failures_as_analysis_errors(self):
             refuse_complex_step(self)
@@ -158,7 +160,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         if values.q is not None:
             outputs[CELL_QUALITY] = values.q
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         if GRID not in d_inputs:
             return
@@ -181,10 +183,10 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         """
         return report_quality(self._quality, self.get_val(GRID).reshape(-1, 3), self.options["n_bins"])
 
-    def _values(self, nodes):
+    def _values(self, nodes: np.ndarray) -> GridValues:
         return self._quality.evaluate(nodes, self.options["aggregates"], self.options["cells"])
 
-    def _refuse_inverted(self, nodes):
+    def _refuse_inverted(self, nodes: np.ndarray) -> None:
         inverted = inverted_cells(self._quality, self._quality.cells_in_turn(nodes), newly=True)
         if inverted:
             beside = ", ".join(f"'{name}'" for name in patches_of(inverted))

@@ -79,7 +79,7 @@ class Ride(MovedPoints, om.ExplicitComponent):
     array([2.2, 0. , 0. ])
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self, FittedModel)
         self.options.declare("mesh", types=MixedMesh, recordable=False, desc="the mesh on the baseline")
@@ -100,7 +100,7 @@ class Ride(MovedPoints, om.ExplicitComponent):
         return np.zeros(0, dtype=int) if self._riding.walls is None else self._riding.walls.rows
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Look for the nodes in the volumes, and declare the variables."""
         options = self.options
         model, mesh = options["model"], options["mesh"]

@@ -54,10 +54,10 @@ class SeamMeasure(SurfaceMeasure):
 
     wrt = SURFACE_CONTROL_POINTS
 
-    def _baseline(self):
+    def _baseline(self) -> np.ndarray:
         measure = self.options["measure"]
         require_kind(measure, SeamSmoothness, f"{self.msginfo}: the measure", "make it with SeamSmoothness.kinks(...)")
         return measure.points
 
-    def _lines(self):
+    def _lines(self) -> list[np.ndarray]:
         return [np.arange(len(self._baseline()))]

@@ -26,19 +26,10 @@ def declare_partition(component: om.ExplicitComponent) -> None:
     )
 
 
-def share_of(component: om.ExplicitComponent) -> Share | None:
-    """Take the nodes that this process holds, by the option ``partition`` or else by the option ``model``.
-
-    Returns
-    -------
-    Share or None
-        None where one process has all of the grid, in its order.
-
-    Raises
-    ------
-    InputError
-        If the partition is one of another number of processes, or the model is a share of other nodes.
-    """
+def share_of(
+    component: om.ExplicitComponent,
+) -> Share | None:  # none where one process has all of the grid, in its order
+    """Take the nodes that this process holds, by the option ``partition`` or else by the option ``model``."""
     model, partition, n_ranks = component.options["model"], component.options["partition"], component.comm.size
     if partition is None:
         if model.ownership is not None:
@@ -55,25 +46,13 @@ def share_of(component: om.ExplicitComponent) -> Share | None:
 
 
 def part_of_model(component: om.ExplicitComponent) -> Model:
-    """Take what this process holds of the option ``model``: all of it where `share_of` gives none.
-
-    Raises
-    ------
-    InputError
-        As `share_of`; also if the partition is of another grid, or the model is a share of other nodes.
-    """
+    """Take what this process holds of the option ``model``: all of it where `share_of` gives none."""
     model, share = component.options["model"], share_of(component)
     return model if share is None else model.part(share)
 
 
 def blocks_of(component: om.ExplicitComponent) -> Partition:
-    """Take the partition of a component that needs whole blocks: its option, or one that cuts none.
-
-    Raises
-    ------
-    InputError
-        If the option is a share, is one of another number of processes, or cuts a block.
-    """
+    """Take the partition of a component that needs whole blocks: its option, or one that cuts none."""
     topology, partition, n_ranks = (
         component.options["model"].topology,
         component.options["partition"],
@@ -92,18 +71,10 @@ def blocks_of(component: om.ExplicitComponent) -> Partition:
 
 @dataclass(frozen=True, eq=False)
 class WholeNodes:
-    """Nodes of a whole grid on every process, from those that each holds: for maps that need all of them.
+    """Nodes of a whole grid on every process, from those that each holds: for maps that need all of them."""
 
-    Parameters
-    ----------
-    comm : communicator
-        The processes.
-    rows : tuple of ndarray of int
-        Rows in the grid vector of the nodes of each process.
-    """
-
-    comm: Any
-    rows: tuple[np.ndarray, ...]
+    comm: Any  # the processes
+    rows: tuple[np.ndarray, ...]  # of int, rows in the grid vector of the nodes of each process
 
     @classmethod
     def of(cls, comm: Any, partition: Partition) -> WholeNodes:

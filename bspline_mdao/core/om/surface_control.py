@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+from openmdao.jacobians.jacobian import Jacobian
+from openmdao.vectors.vector import Vector
+
 from ...names import CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 from ..design.parametrization import Parametrization
 from .check_directions import check_along_directions
@@ -62,14 +66,14 @@ class SurfaceControl(SparseComponent):
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare(
             "parametrization", types=Parametrization, recordable=False, desc="variables and constraints"
         )
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables, of the sizes of the parametrization."""
         parametrization = self.options["parametrization"]
         mesh = parametrization.mesh
@@ -80,7 +84,7 @@ class SurfaceControl(SparseComponent):
         check_along_directions(self, SMOOTH_STEP)
 
     @fails_together
-    def setup_partials(self):
+    def setup_partials(self) -> None:
         """Declare what may differ from zero."""
         pattern, ids = self.options["parametrization"].pattern, self.options["parametrization"].mesh.surface_ids
         columns = (3 * ids[:, None] + [0, 1, 2]).ravel()
@@ -91,19 +95,19 @@ class SurfaceControl(SparseComponent):
             self.declare_sparse(SURFACE_CONTROL_POINTS, name, sparse.rows, cols)
 
     @fails_together
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Move the points."""
         outputs[SURFACE_CONTROL_POINTS] = self.options["parametrization"].apply(*self._at(inputs)).ravel()
 
     @fails_together
-    def compute_partials(self, inputs, partials):
+    def compute_partials(self, inputs: Vector, partials: Jacobian) -> None:
         """Differentiate the move."""
         refuse_complex_step(self)
         found = self.options["parametrization"].partials(*self._at(inputs))
         for name, matrix in {CONTROL_POINTS_INITIAL: found.initial, **found.values}.items():
             partials[SURFACE_CONTROL_POINTS, name] = self._sparse[name].data(matrix, f"{self.msginfo}: '{name}'")
 
-    def _at(self, inputs):
+    def _at(self, inputs: Vector) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Surface control points of the baseline and the values of all variables."""
         parametrization = self.options["parametrization"]
         initial = finite_points(inputs[CONTROL_POINTS_INITIAL], CONTROL_POINTS_INITIAL, self.msginfo)

@@ -6,6 +6,7 @@ import logging
 
 import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ...grids.topology.sharing import node_sharing
 from ...names import SURFACE, SURFACE_CONTROL_POINTS
@@ -83,7 +84,7 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
     is_linear = False
     """Whether the outputs depend linearly (affinely) on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self, FittedModel)
         self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
@@ -101,7 +102,7 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
         return SurfaceMiss.of(topology, source, rows, fitted, nodes)
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables, of the sizes of the mesh and the surface."""
         model, mesh, surface = (self.options[name] for name in ("model", "mesh", "surface"))
         self._numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
@@ -115,7 +116,7 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
         check_along_edges(self, SURFACE, lines_among(self._numbers, surface.faces))
 
     @fails_together
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Let the control points follow, and log what they miss, for those who ask for information."""
         followed = self._followed(inputs)
         outputs[SURFACE_CONTROL_POINTS] = followed.control_points.ravel()
@@ -125,13 +126,13 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
             LOGGER.info("%s: of control points alone, %s", self.msginfo, self.miss)
 
     @fails_together
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose at the inputs."""
         followed = self._followed(inputs)
         products = {"jvp": followed.jvp, "vjp": followed.vjp}
         add_product(inputs, d_inputs, d_outputs, mode, **products, of=SURFACE_CONTROL_POINTS, wrt=SURFACE)
 
-    def _followed(self, inputs) -> FollowedSurface:
+    def _followed(self, inputs: Vector) -> FollowedSurface:
         nodes = finite_points(inputs[SURFACE], SURFACE, self.msginfo).real
         with failures_as_analysis_errors(self):
             return self._last.at([nodes], self._follow)

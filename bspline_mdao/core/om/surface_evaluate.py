@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ...names import SURFACE, SURFACE_CONTROL_POINTS
 from ..mesh.moving_mesh import MovingMesh
@@ -61,7 +62,7 @@ class SurfaceEvaluate(CheckedAlongEdges, om.ExplicitComponent):
     (294,)
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self)
         self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
@@ -74,7 +75,7 @@ class SurfaceEvaluate(CheckedAlongEdges, om.ExplicitComponent):
         return model.residual is None or not model.settings.wall_layer
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         mesh, surface = self.options["mesh"], self.options["surface"]
         self._map, self._last = SurfaceMap.of(self.options["model"], mesh, surface), LastState()
@@ -86,7 +87,7 @@ class SurfaceEvaluate(CheckedAlongEdges, om.ExplicitComponent):
             check_along_edges(self, SURFACE_CONTROL_POINTS, lines_among(mesh.surface_ids, mesh.blocks))
 
     @fails_together
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Evaluate the volumes at the nodes."""
         state = self._state_at(inputs)
         outputs[SURFACE] = state.nodes.ravel()
@@ -94,13 +95,13 @@ class SurfaceEvaluate(CheckedAlongEdges, om.ExplicitComponent):
             outputs[SURFACE] += 1j * state.jvp(inputs[SURFACE_CONTROL_POINTS].imag.reshape(-1, 3)).ravel()
 
     @fails_together
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose at the inputs."""
         state = self._state_at(inputs)
         products = {"jvp": state.jvp, "vjp": state.vjp}
         add_product(inputs, d_inputs, d_outputs, mode, **products, of=SURFACE, wrt=SURFACE_CONTROL_POINTS)
 
-    def _state_at(self, inputs) -> SurfaceState:
+    def _state_at(self, inputs: Vector) -> SurfaceState:
         points = finite_points(inputs[SURFACE_CONTROL_POINTS], SURFACE_CONTROL_POINTS, self.msginfo).real
         with failures_as_analysis_errors(self):
             return self._last.at([points], self._map.at)

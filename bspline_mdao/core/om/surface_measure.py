@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+from openmdao.jacobians.jacobian import Jacobian
+from openmdao.vectors.vector import Vector
+
 from ...names import SURFACE
 from .checked_along_edges import check_along_edges
 from .component import (
@@ -57,12 +61,12 @@ class SurfaceMeasure(SparseComponent):
     wrt = SURFACE
     """Name of the input."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("measure", recordable=False, desc="what is measured")
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         measure = self.options["measure"]
         self.add_input(self.wrt, val=self._baseline().ravel(), units="m")
@@ -70,32 +74,32 @@ class SurfaceMeasure(SparseComponent):
         check_along_edges(self, self.wrt, self._lines(), is_complex=True)
 
     @fails_together
-    def setup_partials(self):
+    def setup_partials(self) -> None:
         """Declare what may differ from zero."""
         measure = self.options["measure"]
         self._sparse = SparsePattern.of(measure.partials(self._baseline()))
         self.declare_sparse(measure.name, self.wrt, self._sparse.rows, self._sparse.cols)
 
     @fails_together
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Measure the points."""
         measure = self.options["measure"]
         outputs[measure.name] = measure.evaluate(self._points(inputs)).reshape(measure.shape)
 
     @fails_together
-    def compute_partials(self, inputs, partials):
+    def compute_partials(self, inputs: Vector, partials: Jacobian) -> None:
         """Differentiate the measure."""
         refuse_complex_step(self)
         measure = self.options["measure"]
         found = measure.partials(self._points(inputs))
         partials[measure.name, self.wrt] = self._sparse.data(found, f"{self.msginfo}: '{measure.name}'")
 
-    def _points(self, inputs):
+    def _points(self, inputs: Vector) -> np.ndarray:
         return finite_points(inputs[self.wrt], self.wrt, self.msginfo)
 
-    def _baseline(self):
+    def _baseline(self) -> np.ndarray:
         return self.options["measure"].surface.points
 
-    def _lines(self):
+    def _lines(self) -> list[np.ndarray]:
         """Numbers of the points in faces or lines, for checks."""
         return self.options["measure"].surface.faces

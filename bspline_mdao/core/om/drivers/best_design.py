@@ -92,7 +92,7 @@ def _best(points: list[tuple[int, Point]], tolerance: float) -> tuple[int, Point
     return found
 
 
-def _check_same(cases, kind: str, there: Mapping[str, int], here: Mapping[str, int]) -> None:
+def _check_same(cases: str | os.PathLike, kind: str, there: Mapping[str, int], here: Mapping[str, int]) -> None:
     """Refuse cases of other quantities, or of other numbers of values."""
     for name in [*here, *there]:
         if there.get(name) != here.get(name):

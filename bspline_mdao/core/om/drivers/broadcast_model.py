@@ -18,17 +18,13 @@ __all__ = ["LedModel", "led"]
 
 
 class LedModel:
-    """A model of several processes as the first one sees it: what it does, all do.
+    """A model of several processes as the first one sees it: what it does, all do."""
 
-    Parameters
-    ----------
-    model : ScaledModel
-        The model.
-    comm : communicator
-        Its processes.
-    """
-
-    def __init__(self, model: ScaledModel, comm):
+    def __init__(
+        self,
+        model: ScaledModel,  # the model
+        comm: Any,  # its processes
+    ):
         self._model, self._comm = model, comm
 
     def start(self) -> tuple[np.ndarray, float, np.ndarray]:
@@ -68,11 +64,11 @@ class LedModel:
         """Let the others go."""
         self._comm.bcast((END, ()), root=0)
 
-    def _lead(self, name: str, *arguments) -> Any:
+    def _lead(self, name: str, *arguments: Any) -> Any:
         self._comm.bcast((name, arguments), root=0)
         return self._do(name, *arguments)
 
-    def _do(self, name: str, *arguments) -> Any:
+    def _do(self, name: str, *arguments: Any) -> Any:
         """Result of a method of the model, or what any process raised in it."""
         result = failure = None
         try:
@@ -89,23 +85,12 @@ END = "end"
 """What the first process says when it is done."""
 
 
-def led(comm, model: ScaledModel, task: Callable[[Any], Any]) -> Any:
-    """Result of a task that the first process does with the model of all.
-
-    Parameters
-    ----------
-    comm : communicator
-        The processes of the model.
-    model : ScaledModel
-        The model.
-    task : callable
-        Takes the model.
-
-    Returns
-    -------
-    object
-        What the task returned, on all processes; what it raises, all raise.
-    """
+def led(
+    comm: Any,  # the processes of the model
+    model: ScaledModel,  # the model
+    task: Callable[[Any], Any],  # takes the model
+) -> Any:  # what the task returned, on all processes; what it raises, all raise
+    """Result of a task that the first process does with the model of all."""
     if comm.size == 1:
         return task(model)
     everywhere = LedModel(model, comm)

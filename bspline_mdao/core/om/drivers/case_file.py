@@ -33,19 +33,10 @@ _COMPUTED = re.compile(r"\b(AS|CHECK|DEFAULT|WHERE)\b", re.IGNORECASE)
 
 
 @contextmanager
-def opened_cases(file: str | os.PathLike) -> Iterator[sqlite3.Connection]:
-    """Open a case file that is whole, and in which nothing is computed: it has tables and indices alone.
-
-    Yields
-    ------
-    sqlite3.Connection
-        The file, as it is; what a run that was killed has begun to write is taken back.
-
-    Raises
-    ------
-    InputError
-        If it is missing, damaged, no database, or has a view, a trigger or a column that is computed.
-    """
+def opened_cases(
+    file: str | os.PathLike,
+) -> Iterator[sqlite3.Connection]:  # the file, as it is; what a run that was killed has begun to write is taken back
+    """Open a case file that is whole, and in which nothing is computed: it has tables and indices alone."""
     if not os.path.isfile(file):
         raise InputError(f"{file}: there is no such case file")
     try:
@@ -71,13 +62,7 @@ def columns_of(connection: sqlite3.Connection, table: str) -> set[str]:
 
 
 def count_cases(file: str | os.PathLike) -> int:
-    """Count the cases of a driver in a case file; there are none where a recorder had not begun, or is no file.
-
-    Raises
-    ------
-    InputError
-        If it is damaged, or no case file.
-    """
+    """Count the cases of a driver in a case file; there are none where a recorder had not begun, or is no file."""
     if not os.path.isfile(file):
         return 0
     (table, *_) = COLUMNS
@@ -87,28 +72,11 @@ def count_cases(file: str | os.PathLike) -> int:
         return int(connection.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
 
 
-def take_over(connection: sqlite3.Connection, earlier: str | os.PathLike) -> tuple[int, int]:
-    """Put the cases of another file into a new one, with times as if they had ended just now.
-
-    Parameters
-    ----------
-    connection : sqlite3.Connection
-        A case file without cases.
-    earlier : path-like
-        The other file.
-
-    Returns
-    -------
-    int
-        Number of cases.
-    int
-        Number with which iterations of the driver go on: cases may be missing.
-
-    Raises
-    ------
-    InputError
-        If the other file cannot be read, or is of another version of OpenMDAO.
-    """
+def take_over(
+    connection: sqlite3.Connection,  # A case file without cases
+    earlier: str | os.PathLike,  # the other file
+) -> tuple[int, int]:  # number of cases; number with which iterations of the driver go on: cases may be missing
+    """Put the cases of another file into a new one, with times as if they had ended just now."""
     with opened_cases(earlier):
         pass
     try:
@@ -138,10 +106,8 @@ def take_over(connection: sqlite3.Connection, earlier: str | os.PathLike) -> tup
 
 
 def names_with_runs(cases: list[Moment], gradients: list[Moment]) -> tuple[list[str], list[str]]:
-    """Names of cases and of gradients that tell the runs apart, each in its order.
-
-    Every run of a driver numbers its cases from 0, and of equal names OpenMDAO reads the first case alone.
-    """
+    """Names of cases and of gradients that tell the runs apart, each in its order."""
+    # Every run of a driver numbers its cases from 0, and of equal names OpenMDAO reads the first case alone.
     runs: list[int] = []
     seen: set[str] = set()
     for _, name in cases:

@@ -11,11 +11,12 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import openmdao.api as om
 from openmdao.recorders.base_case_reader import BaseCaseReader
+from openmdao.recorders.case import Case
 
 from ....base.text import value_names
 from ....errors import InputError
@@ -37,58 +38,33 @@ TAKEN_BY = {"variable": "get_design_vars", "objective": "get_objectives", "const
 
 
 class Convergence(NamedTuple):
-    """Residuals and violations of the points of an optimisation, in units of the driver.
+    """Residuals and violations of the points of an optimisation, in units of the driver."""
 
-    Parameters
-    ----------
-    violations : ndarray, shape (n,)
-        Largest violation of the constraints at every evaluation.
-    differentiated : ndarray of int, shape (m,)
-        Evaluations that had a gradient, from 0.
-    residuals : ndarray, shape (m,)
-        Residuals of the first-order conditions there.
-    totals : ndarray, shape (m, 1 + n_constraints, n_variables)
-        Totals of objective and constraints there; empty where there are none.
-    """
-
-    violations: np.ndarray
-    differentiated: np.ndarray
-    residuals: np.ndarray
+    violations: np.ndarray  # (n,), largest violation of the constraints at every evaluation
+    differentiated: np.ndarray  # (m,) of int, evaluations that had a gradient, from 0
+    residuals: np.ndarray  # (m,), residuals of the first-order conditions there
+    # (m, 1 + n_constraints, n_variables), totals of objective and constraints there; empty where there are none
     totals: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """A design variable, an objective or a constraint.
+    """A design variable, an objective or a constraint."""
 
-    Parameters
-    ----------
-    name : str
-        Its name in the driver.
-    kind : {"variable", "objective", "constraint"}
-        Which of them it is.
-    units, text : str
-        Units and description of the variable of the model; empty where there are none.
-    lower, upper, equals : ndarray, shape (size,)
-        Limits in units of the model; infinite, and NaN for ``equals``, where there is none.
-    scaler, adder : ndarray, shape (size,)
-        The driver sees ``(value + adder) scaler``.
-    values : ndarray, shape (n, size)
-        Values of all evaluations in units of the model.
-    value_names : tuple of str
-        Names of the values, such as ``twist[2]``: places are those in the variable of the model.
-    """
-
-    name: str
-    kind: str
+    name: str  # its name in the driver
+    kind: str  # which of them it is
+    # units, text: units and description of the variable of the model; empty where there are none
     units: str
     text: str
+    # lower, upper, equals: (size,), limits in units of the model; infinite, and NaN for ``equals``, where there is none
     lower: np.ndarray
     upper: np.ndarray
     equals: np.ndarray
+    # scaler, adder: (size,), the driver sees ``(value + adder) scaler``
     scaler: np.ndarray
     adder: np.ndarray
-    values: np.ndarray
+    values: np.ndarray  # (n, size), values of all evaluations in units of the model
+    # names of the values, such as ``twist[2]``: places are those in the variable of the model
     value_names: tuple[str, ...]
 
     def scaled(self, values: np.ndarray) -> np.ndarray:
@@ -109,40 +85,23 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class CaseHistory:
-    """All evaluations of a driver that a case file holds.
+    """All evaluations of a driver that a case file holds."""
 
-    Parameters
-    ----------
-    driver : str
-        Name of the driver.
-    quantities : tuple of Quantity
-        Design variables, objectives and constraints, in this order.
-    seconds : ndarray, shape (n,)
-        Wall time since the first evaluation (s).
-    convergence : Convergence or None
-        Violations and first-order residuals; None where there is no single objective.
-    has_run : ndarray of bool, shape (n,)
-        Whether the model could be run, with finite variables and objectives, and constraints that are numbers.
-    best : int
-        The feasible evaluation with the lowest objective, or that with the least violation where none is feasible; the
-        last one where there is no single objective.
-    outputs : mapping of str to dict
-        Other recorded outputs of the model that are numbers: for each name, the values by evaluation.
-    options : mapping of str to mapping
-        Options of the systems of the model by their names, in the last run that is recorded.
-    n_others : int
-        Evaluations of earlier runs that had other variables or responses, which are left out.
-    """
-
-    driver: str
-    quantities: tuple[Quantity, ...]
-    seconds: np.ndarray
-    convergence: Convergence | None
+    driver: str  # name of the driver
+    quantities: tuple[Quantity, ...]  # design variables, objectives and constraints, in this order
+    seconds: np.ndarray  # (n,), wall time since the first evaluation (s)
+    convergence: Convergence | None  # violations and first-order residuals; None where there is no single objective
+    # (n,) of bool, whether the model could be run, with finite variables and objectives, and constraints that are
+    # numbers
     has_run: np.ndarray
+    # the feasible evaluation with the lowest objective, or that with the least violation where none is feasible; the
+    # last one where there is no single objective
     best: int
+    # other recorded outputs of the model that are numbers: for each name, the values by evaluation
     outputs: Mapping[str, Mapping[int, np.ndarray]]
+    # options of the systems of the model by their names, in the last run that is recorded
     options: Mapping[str, Mapping[str, object]]
-    n_others: int
+    n_others: int  # evaluations of earlier runs that had other variables or responses, which are left out
 
     @property
     def n_evaluations(self) -> int:
@@ -166,25 +125,11 @@ class CaseHistory:
         return _points(self.quantities, self.n_evaluations)
 
 
-def read_history(file) -> CaseHistory:
-    """Read what a case file holds of an optimisation: all runs of drivers, one after the other.
-
-    Runs of other variables or responses than the last one are left out.
-
-    Parameters
-    ----------
-    file : path-like
-        Case file of ``om.SqliteRecorder``, attached to a driver.
-
-    Returns
-    -------
-    CaseHistory
-
-    Raises
-    ------
-    InputError
-        If it is missing, no case file, or has no case of a driver.
-    """
+def read_history(
+    file: str | os.PathLike,  # case file of ``om.SqliteRecorder``, attached to a driver
+) -> CaseHistory:
+    """Read what a case file holds of an optimisation: all runs of drivers, one after the other."""
+    # Runs of other variables or responses than the last one are left out.
     if not os.path.isfile(file):
         raise InputError(f"{file}: there is no such case file; a recorder writes into the problem's folder of outputs")
     try:
@@ -240,7 +185,7 @@ def _n_others(rows: list[dict[str, dict]]) -> int:
 
 
 def _quantities(
-    case, rows: list[dict[str, dict]], settings: Mapping[str, dict], outputs: Mapping[str, dict], is_scaled: bool
+    case: Case, rows: list[dict[str, dict]], settings: Mapping[str, dict], outputs: Mapping[str, dict], is_scaled: bool
 ) -> tuple[Quantity, ...]:
     """Design variables, objectives and constraints; limits are scaled in files of older versions of OpenMDAO."""
     metas = case.list_outputs(explicit=True, implicit=True, val=False, units=True, desc=True, out_stream=None)
@@ -258,11 +203,19 @@ def _quantities(
     return tuple(found)
 
 
-def _quantity(name, kind, values, names, meta, about, is_scaled) -> Quantity:
+def _quantity(
+    name: str,
+    kind: str,
+    values: np.ndarray,
+    names: tuple[str, ...],
+    meta: Mapping[str, Any],
+    about: Mapping[str, Any],
+    is_scaled: bool,
+) -> Quantity:
     """One quantity from its values and what the file says about it."""
     size = values.shape[1]
 
-    def numbers(key, absent):
+    def numbers(key: str, absent: float) -> np.ndarray:
         value = meta.get(key)
         array = np.array(np.broadcast_to(absent if value is None else np.ravel(value), (size,)), dtype=float)
         array[np.abs(array) >= NO_LIMIT] = absent
@@ -277,7 +230,7 @@ def _quantity(name, kind, values, names, meta, about, is_scaled) -> Quantity:
     return Quantity(name, kind, units, text, lower, upper, equals, scaler, adder, values, names)
 
 
-def _convergence(quantities: tuple[Quantity, ...], cases) -> Convergence | None:
+def _convergence(quantities: tuple[Quantity, ...], cases: list[Case]) -> Convergence | None:
     """Violations of all points, and residuals of the first-order conditions where there are derivatives."""
     designs, objectives, constraints = (
         [q for q in quantities if q.kind == kind] for kind in ("variable", "objective", "constraint")
@@ -330,7 +283,7 @@ def _best(quantities: tuple[Quantity, ...], convergence: Convergence | None, has
     return int(np.argmin(np.where(has_run, violations, np.inf)))
 
 
-def _others(cases, taken: set[str]) -> dict[str, dict[int, np.ndarray]]:
+def _others(cases: list[Case], taken: set[str]) -> dict[str, dict[int, np.ndarray]]:
     """Other recorded outputs that are numbers."""
     found: dict[str, dict[int, np.ndarray]] = {}
     for n, case in enumerate(cases):

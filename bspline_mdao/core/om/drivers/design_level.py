@@ -7,10 +7,12 @@ then what the one before ended with. Theory: ``docs/theory/progressive.rst``.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 
 import numpy as np
 import openmdao.api as om
+from numpy.typing import ArrayLike
 
 from ....base.display import OneLine
 from ....errors import InputError
@@ -119,7 +121,14 @@ class DesignLevel(OneLine):
     metric: np.ndarray | None = None
 
     @classmethod
-    def first(cls, net: CoarseNet, lower=-np.inf, upper=np.inf, unit: float = 1.0, metric=None) -> DesignLevel:
+    def first(
+        cls,
+        net: CoarseNet,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        unit: float = 1.0,
+        metric: np.ndarray | None = None,
+    ) -> DesignLevel:
         """Make the first level, which starts at the baseline.
 
         Parameters
@@ -159,7 +168,7 @@ class DesignLevel(OneLine):
         if np.isfinite([self.lower, self.upper]).any():
             model.add_constraint(name, lower=self.lower, upper=self.upper)
 
-    def refined(self, problem: om.Problem, knots: list[Knot], cases=None) -> DesignLevel:
+    def refined(self, problem: om.Problem, knots: list[Knot], cases: str | os.PathLike | None = None) -> DesignLevel:
         """Make the level that goes on from here with more knots.
 
         Parameters
@@ -208,7 +217,7 @@ def _carried(coarse: np.ndarray, refinement: np.ndarray, mass: np.ndarray) -> np
     return to_coarse.T @ coarse @ to_coarse + mean * (mass - on_coarse.T @ to_coarse)
 
 
-def _curvature_of(cases, n: int) -> np.ndarray:
+def _curvature_of(cases: str | os.PathLike, n: int) -> np.ndarray:
     """Second derivatives of the Lagrangian in the combinations, in units of the driver, (n, n), from a run's gradients.
 
     Updates of Broyden, Fletcher, Goldfarb and Shanno with Powell's damping, in the order of the run, with the

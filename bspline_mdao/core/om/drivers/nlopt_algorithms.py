@@ -3,8 +3,10 @@
 Theory: ``docs/theory/drivers.rst``.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 from ....errors import InputError
 
@@ -17,47 +19,23 @@ Recovery = Literal["nan", "uphill", "worst"]
 
 @dataclass(frozen=True)
 class Algorithm:
-    """Capabilities of one algorithm.
+    """Capabilities of one algorithm."""
 
-    Parameters
-    ----------
-    name : str
-        Its name in NLopt, for example ``"LD_SLSQP"``.
-    title : str
-        Its method in a few words.
-    gradients : bool
-        It asks for gradients.
-    is_global : bool
-        It searches the whole box and ends only when its budget (evaluations, time or ``stopval``) is spent, unless it
-        is multi-start.
-    inequality, equality : bool
-        It takes inequality, equality constraints.
-    bounds : {"taken", "needed", "ignored"}
-        Whether it takes bounds, needs finite ones on every variable, or knows none.
-    local_optimizer : {"none", "optional", "needed"}
-        Whether it runs another algorithm inside.
-    is_stochastic : bool
-        It draws random numbers (option ``seed``).
-    recovery : {"nan", "uphill", "worst"}
-        Value that it is given where the model cannot be analysed, see `nlopt_rules`.
-    min_variables : int
-        The fewest variables it works with.
-    is_compiled : bool
-        False for names that NLopt lists and cannot run.
-    """
-
-    name: str
-    title: str
-    gradients: bool
+    name: str  # its name in NLopt, for example ``"LD_SLSQP"``
+    title: str  # its method in a few words
+    gradients: bool  # it asks for gradients
+    # it searches the whole box and ends only when its budget (evaluations, time or ``stopval``) is spent, unless it is
+    # multi-start
     is_global: bool
+    # inequality, equality: it takes inequality, equality constraints
     inequality: bool = False
     equality: bool = False
-    bounds: BoundsUse = "taken"
-    local_optimizer: Subsidiary = "none"
-    is_stochastic: bool = False
-    recovery: Recovery = "worst"
-    min_variables: int = 1
-    is_compiled: bool = True
+    bounds: BoundsUse = "taken"  # whether it takes bounds, needs finite ones on every variable, or knows none
+    local_optimizer: Subsidiary = "none"  # whether it runs another algorithm inside
+    is_stochastic: bool = False  # it draws random numbers (option ``seed``)
+    recovery: Recovery = "worst"  # value that it is given where the model cannot be analysed, see `nlopt_rules`
+    min_variables: int = 1  # the fewest variables it works with
+    is_compiled: bool = True  # false for names that NLopt lists and cannot run
 
     @property
     def hands_on_inequality(self) -> bool:
@@ -67,41 +45,28 @@ class Algorithm:
 
 @dataclass(frozen=True)
 class Needs:
-    """Requirements of a problem on an algorithm.
+    """Requirements of a problem on an algorithm."""
 
-    Parameters
-    ----------
-    n_variables : int
-        Number of design variables.
-    inequality, equality : tuple of str
-        Names of its inequality and equality constraints.
-    bounded : tuple of str
-        Names of the design variables with a finite bound.
-    unbounded : tuple of str
-        Names of the design variables without a finite bound on both sides.
-    has_derivatives : bool
-        Whether the model was set up with derivatives.
-    """
-
-    n_variables: int
+    n_variables: int  # number of design variables
+    # inequality, equality: names of its inequality and equality constraints
     inequality: tuple[str, ...] = ()
     equality: tuple[str, ...] = ()
-    bounded: tuple[str, ...] = ()
-    unbounded: tuple[str, ...] = ()
-    has_derivatives: bool = True
+    bounded: tuple[str, ...] = ()  # names of the design variables with a finite bound
+    unbounded: tuple[str, ...] = ()  # names of the design variables without a finite bound on both sides
+    has_derivatives: bool = True  # whether the model was set up with derivatives
 
-    def of_subsidiary(self, algorithm: Algorithm) -> "Needs":
+    def of_subsidiary(self, algorithm: Algorithm) -> Needs:
         """Requirements on the algorithm that runs inside another one."""
         inequality = self.inequality if algorithm.hands_on_inequality else ()
         return replace(self, inequality=inequality, equality=())
 
 
-def _local(name: str, title: str, **capabilities) -> Algorithm:
+def _local(name: str, title: str, **capabilities: Any) -> Algorithm:
     """A local algorithm; its prefix tells whether it uses gradients."""
     return Algorithm(name, title, name.startswith("LD"), is_global=False, **capabilities)
 
 
-def _global(name: str, title: str, **capabilities) -> Algorithm:
+def _global(name: str, title: str, **capabilities: Any) -> Algorithm:
     """A global algorithm; all of them need a finite box."""
     return Algorithm(name, title, name.startswith("GD"), is_global=True, bounds="needed", **capabilities)
 
@@ -195,14 +160,10 @@ def missing(algorithm: Algorithm, needs: Needs) -> str | None:
     return next((text for text, is_true in complaints.items() if is_true), None)
 
 
-def suitable(needs: Needs) -> tuple[Algorithm, ...]:
-    """Algorithms that would do for a problem, those for many variables and constraints first.
-
-    Parameters
-    ----------
-    needs : Needs
-        Requirements of the problem.
-    """
+def suitable(
+    needs: Needs,  # requirements of the problem
+) -> tuple[Algorithm, ...]:
+    """Algorithms that would do for a problem, those for many variables and constraints first."""
     return tuple(algorithm for algorithm in _TABLE if missing(algorithm, needs) is None)
 
 
@@ -215,13 +176,7 @@ def _alternatives(algorithm: Algorithm, needs: Needs, is_subsidiary: bool) -> st
 
 
 def find_algorithm(name: str, needs: Needs, *, is_subsidiary: bool = False) -> Algorithm:
-    """Find an algorithm by name, and see that it can do what a problem asks.
-
-    Raises
-    ------
-    InputError
-        The algorithm lacks something; the message names those that would do.
-    """
+    """Find an algorithm by name, and see that it can do what a problem asks."""
     algorithm = ALGORITHMS[name]
     lack = missing(algorithm, needs)
     if lack is not None:

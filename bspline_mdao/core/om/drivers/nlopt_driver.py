@@ -3,9 +3,12 @@
 Theory: ``docs/theory/drivers.rst``.
 """
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import openmdao.api as om
@@ -88,7 +91,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
     6.67 -7.33
     """
 
-    def __init__(self, **kwargs):
+    def __init__(self, **kwargs: Any):
         super().__init__(**kwargs)
         for feature in ("optimization", "two_sided_constraints", "linear_constraints", "simultaneous_derivatives"):
             self.supports[feature] = True
@@ -102,7 +105,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         self._last_failure = ""
         self.cite = CITATION
 
-    def _declare_options(self):
+    def _declare_options(self) -> None:
         """Declare the options of this driver."""
         declare_options(self.options)
 
@@ -110,7 +113,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         """Name of the driver in records and reports."""
         return f"NLopt_{self.options['optimizer']}"
 
-    def _setup_driver(self, problem):
+    def _setup_driver(self, problem: om.Problem) -> None:
         """Declare the capabilities of the algorithm before OpenMDAO checks them."""
         super()._setup_driver(problem)
         algorithm = ALGORITHMS[self.options["optimizer"]]
@@ -143,7 +146,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         settings = make_settings(self.options, _needs(model, designs, constraints))
         statement = Statement.of(designs, constraints, self.options["constraint_tolerance"])
 
-        def optimise(model):
+        def optimise(model: ScaledModel | LedModel) -> tuple[Outcome, Point, int, int, str]:
             with shown(self._get_name()) as tell:
                 return self._optimise(model, statement, settings, tell)
 
@@ -194,7 +197,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         log.add(start, start, None)
         self.best = start
 
-        def watch(functions: Functions, totals: np.ndarray | None):
+        def watch(functions: Functions, totals: np.ndarray | None) -> None:
             self.best, self.n_failed_analyses = functions.best, functions.n_failed
             self.n_failed_gradients, self._last_failure = functions.n_failed_gradients, functions.last_failure
             residual = None if totals is None else partial(functions.residual, functions.last, totals)
@@ -283,19 +286,15 @@ def _minimise(settings: Settings, functions: Functions) -> Outcome:
 
 
 class IterationLog:
-    """Table of a run, printed line by line while it goes on.
+    """Table of a run, printed line by line while it goes on."""
 
-    A line is a point at which totals were computed or, without gradients, one that is better than all before it.
+    # A line is a point at which totals were computed or, without gradients, one that is better than all before it.
 
-    Parameters
-    ----------
-    has_gradients : bool
-        Whether the algorithm uses gradients.
-    is_shown : bool
-        Whether to print anything.
-    """
-
-    def __init__(self, has_gradients: bool, is_shown: bool):
+    def __init__(
+        self,
+        has_gradients: bool,  # whether the algorithm uses gradients
+        is_shown: bool,  # whether to print anything
+    ):
         self._has_gradients, self._is_shown = has_gradients, is_shown
         self._n_lines, self._n_runs = 0, 0
         self._best: Point | None = None
@@ -315,26 +314,11 @@ class IterationLog:
         print(line.rstrip(), flush=True)
 
 
-def make_settings(options, needs: Needs) -> Settings:
-    """Make the settings of a run from the options.
-
-    Parameters
-    ----------
-    options : mapping
-        Options by name, as declared by `declare_options`.
-    needs : Needs
-        Requirements of the problem.
-
-    Returns
-    -------
-    Settings
-        The algorithms and when they stop.
-
-    Raises
-    ------
-    InputError
-        The algorithm or its local optimizer cannot do what the problem asks, or an option does not fit.
-    """
+def make_settings(
+    options: Mapping[str, Any],  # options by name, as declared by `declare_options`
+    needs: Needs,  # requirements of the problem
+) -> Settings:  # the algorithms and when they stop
+    """Make the settings of a run from the options."""
     if needs.n_variables == 0:
         raise InputError("NLoptDriver: the problem has no design variables; add some to its model")
     algorithm = find_algorithm(options["optimizer"], needs)
@@ -362,7 +346,7 @@ def make_settings(options, needs: Needs) -> Settings:
     )
 
 
-def _criteria(options, prefix: str = "") -> Criteria:
+def _criteria(options: Mapping[str, Any], prefix: str = "") -> Criteria:
     """Stopping criteria of the algorithm, or of the local one."""
     names = ("ftol_rel", "ftol_abs", "xtol_rel", "xtol_abs", "maxeval")
     criteria = Criteria(**{name: options[prefix + name] for name in names})
@@ -370,13 +354,13 @@ def _criteria(options, prefix: str = "") -> Criteria:
     return replace(criteria, ftol_abs=options["tol"], ftol_rel=0.0) if is_told else criteria
 
 
-def _require_end(algorithm: Algorithm, options) -> None:
+def _require_end(algorithm: Algorithm, options: Mapping[str, Any]) -> None:
     """A global search needs something that ends it."""
     if algorithm.is_global and not (options["maxeval"] or options["maxtime"] or options["stopval"] is not None):
         raise InputError(f"NLoptDriver: {algorithm.name} never ends by itself; set maxeval, maxtime or stopval")
 
 
-def _require_gradients(algorithm: Algorithm, options) -> None:
+def _require_gradients(algorithm: Algorithm, options: Mapping[str, Any]) -> None:
     """Iterations are counted by gradients."""
     local = ALGORITHMS.get(options["local_optimizer"], algorithm)
     if options["maxiter"] is not None and not (algorithm.gradients or local.gradients):
@@ -386,7 +370,7 @@ def _require_gradients(algorithm: Algorithm, options) -> None:
         )
 
 
-def _require_length(options, name: str, n_variables: int) -> None:
+def _require_length(options: Mapping[str, Any], name: str, n_variables: int) -> None:
     """An option may be one number or one for every variable."""
     if options[name] is not None and np.size(options[name]) not in (1, n_variables):
         raise InputError(
@@ -395,7 +379,7 @@ def _require_length(options, name: str, n_variables: int) -> None:
         )
 
 
-def _local_optimizer(algorithm: Algorithm, options, needs: Needs) -> Algorithm | None:
+def _local_optimizer(algorithm: Algorithm, options: Mapping[str, Any], needs: Needs) -> Algorithm | None:
     """The algorithm to run inside, or None for NLopt's choice or where there is none."""
     name = options["local_optimizer"]
     if algorithm.local_optimizer == "none" and name is not None:

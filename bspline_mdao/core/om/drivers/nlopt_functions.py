@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import wraps
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ def _remembering(callback: Callable) -> Callable:
     """Remember what a callback raises: some algorithms lose it and call on."""
 
     @wraps(callback)
-    def remembered(self, *arguments):
+    def remembered(self: Functions, *arguments: Any) -> Any:
         if self.exception is not None:
             raise self.exception
         try:
@@ -36,48 +37,24 @@ def _remembering(callback: Callable) -> Callable:
 
 @dataclass
 class Functions:
-    """Objective and constraints of a model as callbacks.
+    """Objective and constraints of a model as callbacks."""
 
-    Parameters
-    ----------
-    model : Model
-        The model, run at `start`.
-    statement : Statement
-        Bounds and constraints.
-    recover : callable
-        Makes the values for the algorithm where the analysis fails, one of `nlopt_rules.RECOVERIES`.
-    make_rules : callable
-        Makes the `AlgorithmRules` of the algorithm.
-    start : Point
-        The first point.
-    watch : callable
-        Called after every run of the model, with None, and after every computation of totals, with these.
-    maxiter : int or None
-        Computations of totals after the first one; the next ends the search.
-    last : Point
-        The point where the model was last run.
-    n_failed, n_failed_gradients : int
-        Number of failed analyses, and how many of them failed in the computation of totals.
-    n_substituted : int
-        Points that have substitutes for what failed.
-    last_failure : str
-        What the last failed analysis said.
-    exception : BaseException or None
-        What the model, or an interrupt from the keyboard, raised.
-    """
-
-    model: Model
-    statement: Statement
+    model: Model  # the model, run at `start`
+    statement: Statement  # bounds and constraints
+    # makes the values for the algorithm where the analysis fails, one of `nlopt_rules.RECOVERIES`
     recover: Callable[[SearchRecord, np.ndarray], Substitute]
-    make_rules: Callable[[], AlgorithmRules]
-    start: Point
+    make_rules: Callable[[], AlgorithmRules]  # makes the `AlgorithmRules` of the algorithm
+    start: Point  # the first point
+    # called after every run of the model, with None, and after every computation of totals, with these
     watch: Callable[[Functions, np.ndarray | None], None] = lambda functions, totals: None
-    maxiter: int | None = None
-    last: Point = field(init=False)
+    maxiter: int | None = None  # computations of totals after the first one; the next ends the search
+    last: Point = field(init=False)  # the point where the model was last run
+    # n_failed, n_failed_gradients: number of failed analyses, and how many of them failed in the computation of totals
     n_failed: int = field(init=False, default=0)
     n_failed_gradients: int = field(init=False, default=0)
-    n_substituted: int = field(init=False, default=0)
-    last_failure: str = field(init=False, default="")
+    n_substituted: int = field(init=False, default=0)  # points that have substitutes for what failed
+    last_failure: str = field(init=False, default="")  # what the last failed analysis said
+    # what the model, or an interrupt from the keyboard, raised
     exception: BaseException | None = field(init=False, default=None)
     _n_gradients: int = field(init=False, default=0)
     _totals: np.ndarray | None = field(init=False, default=None)
@@ -88,7 +65,7 @@ class Functions:
     _record_before: SearchRecord = field(init=False)
     _largest_gradient: float = field(init=False, default=np.finfo(float).tiny)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.last = self.start
         self._rules = self.make_rules()
         self._record = self._record_before = SearchRecord.at(self.start)

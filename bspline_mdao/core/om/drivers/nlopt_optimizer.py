@@ -53,25 +53,14 @@ _SPENT = ("MAXEVAL_REACHED", "MAXITER_REACHED", "MAXTIME_REACHED")
 
 @dataclass(frozen=True)
 class Criteria:
-    """Stopping criteria; zero switches one off.
+    """Stopping criteria; zero switches one off."""
 
-    Parameters
-    ----------
-    ftol_rel, ftol_abs : float
-        Change of the objective, relative and absolute.
-    xtol_rel : float
-        Change of the design variables, relative.
-    xtol_abs : float or ndarray, shape (n,)
-        Change of each design variable.
-    maxeval : int
-        Number of evaluations as NLopt counts them.
-    """
-
+    # ftol_rel, ftol_abs: change of the objective, relative and absolute
     ftol_rel: float
     ftol_abs: float
-    xtol_rel: float
-    xtol_abs: float | np.ndarray
-    maxeval: int
+    xtol_rel: float  # change of the design variables, relative
+    xtol_abs: float | np.ndarray  # float or ndarray, shape (n,), change of each design variable
+    maxeval: int  # number of evaluations as NLopt counts them
 
     def apply(self, optimizer: nlopt.opt) -> None:
         """Set the criteria of an optimizer of NLopt."""
@@ -84,47 +73,24 @@ class Criteria:
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything about a run that is not the problem.
+    """Everything about a run that is not the problem."""
 
-    Parameters
-    ----------
-    algorithm, local_optimizer : Algorithm, Algorithm or None
-        The algorithm, and the one it runs inside.
-    criteria, local_criteria : Criteria
-        When they stop.
-    stopval : float or None
-        Objective that is good enough.
-    maxiter : int or None
-        Gradients after the first one; None for no limit.
-    maxtime : float
-        Seconds; zero for no limit.
-    initial_step : float, ndarray, shape (n,) or None
-        First step of algorithms without gradients; None for NLopt's choice.
-    population : int
-        Initial population of stochastic algorithms; zero for NLopt's choice.
-    vector_storage : int
-        Number of gradients that limited-memory algorithms store; zero for NLopt's choice.
-    seed : int or None
-        Of the random numbers; None for a different one every time.
-    parameters : dict of str to float
-        Parameters that one algorithm alone knows (``nlopt.opt.set_param``).
-    restarts : int
-        How often at most to start again from the best point after analyses failed.
-    """
-
+    # algorithm, local_optimizer: the algorithm, and the one it runs inside
     algorithm: Algorithm
     local_optimizer: Algorithm | None
+    # criteria, local_criteria: when they stop
     criteria: Criteria
     local_criteria: Criteria
-    stopval: float | None
-    maxiter: int | None
-    maxtime: float
+    stopval: float | None  # objective that is good enough
+    maxiter: int | None  # gradients after the first one; None for no limit
+    maxtime: float  # seconds; zero for no limit
+    # float, ndarray, shape (n,) or None, first step of algorithms without gradients; None for NLopt's choice
     initial_step: float | np.ndarray | None
-    population: int
-    vector_storage: int
-    seed: int | None
-    parameters: dict[str, float]
-    restarts: int
+    population: int  # initial population of stochastic algorithms; zero for NLopt's choice
+    vector_storage: int  # number of gradients that limited-memory algorithms store; zero for NLopt's choice
+    seed: int | None  # of the random numbers; None for a different one every time
+    parameters: dict[str, float]  # parameters that one algorithm alone knows (``nlopt.opt.set_param``)
+    restarts: int  # how often at most to start again from the best point after analyses failed
 
     @property
     def uses_gradients(self) -> bool:
@@ -134,21 +100,12 @@ class Settings:
 
 @dataclass(frozen=True)
 class Outcome:
-    """End of a run.
+    """End of a run."""
 
-    Parameters
-    ----------
-    end : str
-        Key of `ENDS`.
-    n_restarts : int
-        How often it was started again.
-    optimality : float or None
-        Residual of the first-order conditions at the best point, relative to the largest gradient of the objective,
-        where it was asked for.
-    """
-
-    end: str
-    n_restarts: int = 0
+    end: str  # key of `ENDS`
+    n_restarts: int = 0  # how often it was started again
+    # residual of the first-order conditions at the best point, relative to the largest gradient of the objective, where
+    # it was asked for
     optimality: float | None = None
 
     @property
@@ -277,23 +234,12 @@ def _coarseness(settings: Settings, best: Point) -> float:
     return max(criteria.ftol_rel, criteria.ftol_abs / max(abs(best.objective), criteria.ftol_abs, TINY))
 
 
-def minimise(settings: Settings, functions: Functions) -> Outcome:
-    """Minimise, starting again from the best point where a local search has ended too early.
-
-    Failed analyses may be the reason, or, for MMA and CCSAQ, a start outside of the constraints.
-
-    Parameters
-    ----------
-    settings : Settings
-        The algorithm and when it stops.
-    functions : Functions
-        The problem; its ``best`` is the result.
-
-    Returns
-    -------
-    Outcome
-        The end of the run.
-    """
+def minimise(
+    settings: Settings,  # the algorithm and when it stops
+    functions: Functions,  # the problem; its ``best`` is the result
+) -> Outcome:  # the end of the run
+    """Minimise, starting again from the best point where a local search has ended too early."""
+    # Failed analyses may be the reason, or, for MMA and CCSAQ, a start outside of the constraints.
     nlopt.srand_time() if settings.seed is None else nlopt.srand(settings.seed)
     began, x = time.perf_counter(), functions.start.x.copy()
     n_evaluations = n_restarts = 0

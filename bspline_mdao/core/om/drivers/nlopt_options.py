@@ -5,6 +5,7 @@ from __future__ import annotations
 from numbers import Integral, Real
 
 import numpy as np
+from openmdao.utils.options_dictionary import OptionsDictionary
 
 from .nlopt_algorithms import ALGORITHMS
 
@@ -19,14 +20,10 @@ MOST_POINTS = 10**6
 LOCAL_NAMES = tuple(a.name for a in ALGORITHMS.values() if not a.is_global and a.local_optimizer == "none")
 
 
-def declare_options(options) -> None:
-    """Declare all options of the driver.
-
-    Parameters
-    ----------
-    options : openmdao.utils.options_dictionary.OptionsDictionary
-        Where to declare them.
-    """
+def declare_options(
+    options: OptionsDictionary,  # where to declare them
+) -> None:
+    """Declare all options of the driver."""
     options.declare("optimizer", "LD_SLSQP", values=tuple(ALGORITHMS), desc="Name of the algorithm in NLopt.")
     options.declare(
         "local_optimizer", None, values=(*LOCAL_NAMES, None), desc="Algorithm that AUGLAG and MLSL run inside."
@@ -44,7 +41,7 @@ def declare_options(options) -> None:
     options.declare("singular_jac_tol", 1e-16, lower=0.0, desc="What counts as zero there.")
 
 
-def _declare_criteria(options) -> None:
+def _declare_criteria(options: OptionsDictionary) -> None:
     """Declare the stopping criteria."""
     options.declare("ftol_rel", 1e-9, types=Real, lower=0.0, desc="Stop at this relative change of the objective.")
     options.declare("ftol_abs", 0.0, types=Real, lower=0.0, desc="Stop at this change of the objective.")
@@ -88,7 +85,7 @@ def _declare_criteria(options) -> None:
     )
 
 
-def _declare_local_criteria(options) -> None:
+def _declare_local_criteria(options: OptionsDictionary) -> None:
     """Declare the stopping criteria of the local optimizer."""
     for name in ("ftol_rel", "xtol_rel"):
         options.declare(f"local_{name}", 1e-9, types=Real, lower=0.0, desc=f"{name} of the local optimizer.")
@@ -99,7 +96,7 @@ def _declare_local_criteria(options) -> None:
     )
 
 
-def _declare_search(options) -> None:
+def _declare_search(options: OptionsDictionary) -> None:
     """Declare what steers the search."""
     options.declare(
         "initial_step",
@@ -153,13 +150,13 @@ def _check_parameters(name: str, value: dict) -> None:
             raise ValueError(f"Value ({value!r}) of option '{name}' is no table of numbers by name.")
 
 
-def _check_change(name: str, value) -> None:
+def _check_change(name: str, value: dict) -> None:
     """Refuse changes below zero."""
     if not np.all(np.asarray(value) >= 0.0):
         raise ValueError(f"Value ({value!r}) of option '{name}' is negative.")
 
 
-def _check_step(name: str, value) -> None:
+def _check_step(name: str, value: dict) -> None:
     """Refuse first steps of zero, and backwards."""
     if value is not None and not np.all(np.asarray(value) > 0.0):
         raise ValueError(f"Value ({value!r}) of option '{name}' is not positive.")

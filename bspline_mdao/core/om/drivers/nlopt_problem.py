@@ -39,41 +39,22 @@ class Model(Protocol):
 
 @dataclass(frozen=True)
 class Limits:
-    """Scaled limits of one design variable or constraint.
+    """Scaled limits of one design variable or constraint."""
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    lower, upper : ndarray, shape (size,)
-        Limits, infinite where there is none.
-    equals : ndarray, shape (size,)
-        Values demanded, NaN for anything but equality constraints.
-    """
-
-    name: str
+    name: str  # its name
+    # lower, upper: (size,), limits, infinite where there is none
     lower: np.ndarray
     upper: np.ndarray
-    equals: np.ndarray
+    equals: np.ndarray  # (size,), values demanded, NaN for anything but equality constraints
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Constraints in the form NLopt takes: ``signs (c[ids] - limits)`` is at most zero, or zero.
+    """Constraints in the form NLopt takes: ``signs (c[ids] - limits)`` is at most zero, or zero."""
 
-    Parameters
-    ----------
-    ids : ndarray of int, shape (m,)
-        Which constraint each row is made of.
-    signs : ndarray, shape (m,)
-        +1 for an upper limit or an equality, -1 for a lower limit.
-    limits : ndarray, shape (m,)
-        The limit of each row.
-    """
-
-    ids: np.ndarray
-    signs: np.ndarray
-    limits: np.ndarray
+    ids: np.ndarray  # (m,) of int, which constraint each row is made of
+    signs: np.ndarray  # (m,), +1 for an upper limit or an equality, -1 for a lower limit
+    limits: np.ndarray  # (m,), the limit of each row
 
     def values(self, constraints: np.ndarray) -> np.ndarray:
         """Values (m,) of the rows."""
@@ -84,23 +65,12 @@ class Rows:
         return self.signs[:, None] * jacobian[self.ids]
 
 
-def split_constraints(lower: np.ndarray, upper: np.ndarray, equals: np.ndarray) -> tuple[Rows, Rows]:
-    """Split constraints with limits on both sides into rows.
-
-    Parameters
-    ----------
-    lower, upper : ndarray, shape (m,)
-        Limits, infinite where there is none.
-    equals : ndarray, shape (m,)
-        Values demanded, NaN for inequalities.
-
-    Returns
-    -------
-    Rows
-        Inequalities: the upper limits, then the lower ones.
-    Rows
-        Equalities.
-    """
+def split_constraints(
+    lower: np.ndarray,  # lower, upper: (m,), limits, infinite where there is none
+    upper: np.ndarray,
+    equals: np.ndarray,  # (m,), values demanded, NaN for inequalities
+) -> tuple[Rows, Rows]:  # inequalities: the upper limits, then the lower ones; equalities
+    """Split constraints with limits on both sides into rows."""
     is_equality = ~np.isnan(equals)
     above, below = (np.flatnonzero(np.isfinite(limit) & ~is_equality) for limit in (upper, lower))
     same = np.flatnonzero(is_equality)
@@ -111,27 +81,13 @@ def split_constraints(lower: np.ndarray, upper: np.ndarray, equals: np.ndarray) 
 
 @dataclass(frozen=True)
 class Point(OneLine):
-    """A point with the results of the model there, or with substitutes where the analysis failed.
+    """A point with the results of the model there, or with substitutes where the analysis failed."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Design variables.
-    objective : float
-        The objective.
-    constraints : ndarray, shape (m,)
-        The constraints.
-    violations : ndarray, shape (n_rows,)
-        Violation of each row.
-    is_analysed : bool
-        False where the analysis failed.
-    """
-
-    x: np.ndarray
-    objective: float
-    constraints: np.ndarray
-    violations: np.ndarray
-    is_analysed: bool = True
+    x: np.ndarray  # (n,), design variables
+    objective: float  # the objective
+    constraints: np.ndarray  # (m,), the constraints
+    violations: np.ndarray  # (n_rows,), violation of each row
+    is_analysed: bool = True  # false where the analysis failed
 
     @property
     def violation(self) -> float:
@@ -147,23 +103,15 @@ class Point(OneLine):
 
 @dataclass(frozen=True)
 class Statement:
-    """Bounds and constraints of a problem.
+    """Bounds and constraints of a problem."""
 
-    Parameters
-    ----------
-    lower, upper : ndarray, shape (n,)
-        Bounds of the variables, infinite where there is none.
-    inequalities, equalities : Rows
-        The constraints.
-    tolerance : float
-        Violation up to which a constraint counts as satisfied.
-    """
-
+    # lower, upper: (n,), bounds of the variables, infinite where there is none
     lower: np.ndarray
     upper: np.ndarray
+    # inequalities, equalities: the constraints
     inequalities: Rows
     equalities: Rows
-    tolerance: float
+    tolerance: float  # violation up to which a constraint counts as satisfied
 
     @classmethod
     def of(cls, designs: tuple[Limits, ...], constraints: tuple[Limits, ...], tolerance: float) -> "Statement":

@@ -69,12 +69,11 @@ class NoRules:
 
 
 class ConservativeRules(NoRules):
-    """Rules of conservative approximations [Svanberg, SIAM J. Optim. 12 (2002)].
+    """Rules of conservative approximations [Svanberg, SIAM J. Optim. 12 (2002)]."""
 
-    Once a point was feasible, only a lower objective is accepted.
-    """
+    # Once a point was feasible, only a lower objective is accepted.
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._lowest = np.inf
 
     def is_rejected(self, point: Point) -> bool:
@@ -88,23 +87,20 @@ class ConservativeRules(NoRules):
 
 
 class LineSearchRules(NoRules):
-    """Rules of sequential quadratic programming with line searches [Kraft, DFVLR-FB 88-28, 1988].
+    """Rules of sequential quadratic programming with line searches [Kraft, DFVLR-FB 88-28, 1988]."""
 
-    Every line search starts from the last point whose gradient was given. A trial must lower the merit function
-    ``f + sum(mu |violations|)``: one with a higher objective and no smaller violation does not, whatever the weights
-    mu >= 0. The first trial is the solution of the quadratic problem: where it promises less than ftol, a feasible base
-    is the optimum, by the criterion of Kraft's original code, which NLopt leaves out: there a line search among
-    rounding errors would follow.
+    # Every line search starts from the last point whose gradient was given. A trial must lower the merit function ``f +
+    # sum(mu |violations|)``: one with a higher objective and no smaller violation does not, whatever the weights mu >=
+    # 0. The first trial is the solution of the quadratic problem: where it promises less than ftol, a feasible base is
+    # the optimum, by the criterion of Kraft's original code, which NLopt leaves out: there a line search among rounding
+    # errors would follow.
 
-    Parameters
-    ----------
-    ftol_rel, ftol_abs : float
-        Change of the objective that counts as none.
-    tolerance : float
-        Violation that counts as none.
-    """
-
-    def __init__(self, ftol_rel: float, ftol_abs: float, tolerance: float):
+    def __init__(
+        self,
+        ftol_rel: float,  # ftol_rel, ftol_abs: change of the objective that counts as none
+        ftol_abs: float,
+        tolerance: float,  # violation that counts as none
+    ):
         self._ftol_rel, self._ftol_abs, self._tolerance = ftol_rel, ftol_abs, tolerance
         self._base: tuple[Point, np.ndarray] | None = None
         self._is_first_trial = False
@@ -141,24 +137,12 @@ takes fewer runs in the open, but fails along the edge of a narrow corridor."""
 
 @dataclass(frozen=True)
 class SearchRecord:
-    """Extreme points of a run so far, from which values for failed analyses are made.
+    """Extreme points of a run so far, from which values for failed analyses are made."""
 
-    Parameters
-    ----------
-    base : Point
-        The best point so far.
-    totals : ndarray, shape (1 + m, n)
-        Totals of objective and constraints there; zero if none were computed.
-    worst_objective : float
-        The highest objective so far.
-    most_violating : Point
-        The point of largest violation so far.
-    """
-
-    base: Point
-    totals: np.ndarray
-    worst_objective: float
-    most_violating: Point
+    base: Point  # the best point so far
+    totals: np.ndarray  # (1 + m, n), totals of objective and constraints there; zero if none were computed
+    worst_objective: float  # the highest objective so far
+    most_violating: Point  # the point of largest violation so far
 
     @classmethod
     def at(cls, point: Point) -> "SearchRecord":
@@ -187,21 +171,11 @@ class SearchRecord:
 
 @dataclass(frozen=True)
 class Substitute:
-    """Values in place of those of a failed analysis.
+    """Values in place of those of a failed analysis."""
 
-    Parameters
-    ----------
-    objective : float
-        The objective.
-    constraints : ndarray, shape (m,)
-        The constraints.
-    totals : ndarray, shape (1 + m, n)
-        Totals of objective and constraints.
-    """
-
-    objective: float
-    constraints: np.ndarray
-    totals: np.ndarray
+    objective: float  # the objective
+    constraints: np.ndarray  # (m,), the constraints
+    totals: np.ndarray  # (1 + m, n), totals of objective and constraints
 
 
 def not_a_number(record: SearchRecord, x: np.ndarray) -> Substitute:
@@ -216,11 +190,9 @@ def worst(record: SearchRecord, x: np.ndarray) -> Substitute:
 
 
 def uphill(record: SearchRecord, x: np.ndarray) -> Substitute:
-    """Give a value and a slope as if the way from the base point had turned uphill.
-
-    With the step d = x - base and the slope s along it (downwards), the parabola ``f + s t + s / (2 TURN) t^2`` of
-    t in [0, 1] has its minimum at t = TURN; its value and gradient at t = 1 are returned.
-    """
+    """Give a value and a slope as if the way from the base point had turned uphill."""
+    # With the step d = x - base and the slope s along it (downwards), the parabola ``f + s t + s / (2 TURN) t^2`` of t
+    # in [0, 1] has its minimum at t = TURN; its value and gradient at t = 1 are returned.
     step = x - record.base.x
     length2 = max(float(step @ step), np.finfo(float).tiny)
     # without totals, or along a limit, the true slope may be zero: the parabola still has to turn uphill

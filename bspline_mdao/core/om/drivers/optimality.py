@@ -34,44 +34,28 @@ def _outward(statement: Statement, point: Point, totals: np.ndarray) -> np.ndarr
     return np.vstack(fixing).T
 
 
-def optimality(statement: Statement, point: Point, totals: np.ndarray) -> float:
-    """Norm of the gradient of the Lagrangian with the best multipliers.
-
-    Parameters
-    ----------
-    statement : Statement
-        Bounds and constraints.
-    point : Point
-        The point.
-    totals : ndarray, shape (1 + m, n)
-        Totals of objective and constraints there.
-
-    Returns
-    -------
-    float
-        ``min |grad f + sum(y_i grad c_i)|`` over multipliers y_i >= 0 of the limits that may hold the point: what is
-        left of the gradient that no limit holds back. Zero at an optimum.
-    """
+def optimality(
+    statement: Statement,  # bounds and constraints
+    point: Point,  # the point
+    totals: np.ndarray,  # (1 + m, n), totals of objective and constraints there
+) -> float:
+    """Norm of the gradient of the Lagrangian with the best multipliers."""
+    # Returns ``min |grad f + sum(y_i grad c_i)|`` over multipliers y_i >= 0 of the limits that may hold the point: what
+    # is left of the gradient that no limit holds back. Zero at an optimum.
     outward = _outward(statement, point, totals)
     if outward.shape[1] == 0:
         return float(np.linalg.norm(totals[0]))
     return float(nnls(outward, -totals[0], maxiter=10 * outward.shape[1])[1])
 
 
-def multipliers(statement: Statement, point: Point, totals: np.ndarray) -> np.ndarray:
-    """Best multipliers of the constraints, see `optimality`.
-
-    Parameters
-    ----------
-    statement, point, totals
-        As for `optimality`.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        With them ``grad f + sum(y_i grad c_i)`` is the gradient of the Lagrangian but for bounds; of either sign, zero
-        where no limit may hold the point.
-    """
+def multipliers(
+    statement: Statement,  # statement, point, totals: as for `optimality`
+    point: Point,
+    totals: np.ndarray,
+) -> np.ndarray:
+    """Best multipliers of the constraints, see `optimality`."""
+    # Returns (m,), with them ``grad f + sum(y_i grad c_i)`` is the gradient of the Lagrangian but for bounds; of either
+    # sign, zero where no limit may hold the point.
     outward = _outward(statement, point, totals)
     if outward.shape[1] == 0:
         return np.zeros(len(totals) - 1)

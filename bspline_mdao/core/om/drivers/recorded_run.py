@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openmdao.api as om
@@ -41,20 +43,11 @@ QUIET = {"disp": False, "singular_jac_behavior": "ignore"}
 """Options of all drivers. Symmetry makes some derivatives zero at the start; idle variables are refused elsewhere."""
 
 
-def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
-    """Make SciPy's SLSQP, which ends where the objective changes by less than the tolerance; failures shorten steps.
-
-    Parameters
-    ----------
-    tolerance : float
-        Of the objective, in units of the driver.
-    max_iterations : int
-        Largest number of iterations.
-
-    Returns
-    -------
-    ScipyDriver
-    """
+def scipy_slsqp(
+    tolerance: float,  # of the objective, in units of the driver
+    max_iterations: int,  # largest number of iterations
+) -> Driver:
+    """Make SciPy's SLSQP, which ends where the objective changes by less than the tolerance; failures shorten steps."""
     return ScipyDriver(optimizer="SLSQP", tol=tolerance, maxiter=max_iterations, **QUIET)
 
 
@@ -81,43 +74,22 @@ def nlopt(tolerance: float, max_iterations: int, algorithm: str = "LD_SLSQP") ->
 
 @dataclass(frozen=True, eq=False)
 class RecordedRun:
-    """An optimisation that has ended.
+    """An optimisation that has ended."""
 
-    Parameters
-    ----------
-    problem : openmdao.api.Problem
-        The problem at the optimum.
-    history : dict of ndarray
-        Objective and constraints by name, one row per evaluation, as the model gives them.
-    seconds : dict of float
-        Wall time by component, and of the ``rest``: OpenMDAO and the optimizer.
-    initial_gradient : float
-        Norm of the objective's gradient at the start, as the driver sees it.
-    convergence : Convergence
-        Optimality and violations on the way.
-    """
+    problem: om.Problem  # the problem at the optimum
+    history: dict[str, np.ndarray]  # objective and constraints by name, one row per evaluation, as the model gives them
+    seconds: dict[str, float]  # wall time by component, and of the ``rest``: OpenMDAO and the optimizer
+    initial_gradient: float  # norm of the objective's gradient at the start, as the driver sees it
+    convergence: Convergence  # optimality and violations on the way
 
-    problem: om.Problem
-    history: dict[str, np.ndarray]
-    seconds: dict[str, float]
-    initial_gradient: float
-    convergence: Convergence
-
-    def numbers(self, flow: str | None = None) -> dict:
-        """Summarise the optimisation.
-
-        Parameters
-        ----------
-        flow : str, optional
-            Name of a group of the model whose components count as one in ``shares``.
-
-        Returns
-        -------
-        dict
-            ``success``, ``exit_status``, ``evaluations``, ``gradients``, the ``objective`` as the model gives it,
-            ``optimality``, the residual of the first-order conditions relative to the first gradient of the objective,
-            the largest ``violation`` in units of the driver, ``seconds`` of wall time and the ``shares`` of components.
-        """
+    def numbers(
+        self,
+        flow: str | None = None,  # name of a group of the model whose components count as one in ``shares``
+    ) -> dict:
+        """Summarise the optimisation."""
+        # Returns ``success``, ``exit_status``, ``evaluations``, ``gradients``, the ``objective`` as the model gives it,
+        # ``optimality``, the residual of the first-order conditions relative to the first gradient of the objective,
+        # the largest ``violation`` in units of the driver, ``seconds`` of wall time and the ``shares`` of components.
         result, total = self.problem.driver.result, sum(self.seconds.values())
         counts = {"evaluations": result.model_evals, "gradients": result.deriv_evals}  # before one more gradient
         residual, violation = optimality_of(self.problem)
@@ -138,22 +110,12 @@ class RecordedRun:
         }
 
 
-def optimise(make_problem: Callable[[], om.Problem], driver: Driver, cases=None) -> RecordedRun:
-    """Run a problem with a driver, with reverse derivatives, and record every evaluation and every gradient.
-
-    Parameters
-    ----------
-    make_problem : callable
-        Makes the problem, not yet set up.
-    driver : openmdao.core.driver.Driver
-        The driver.
-    cases : path-like, optional
-        File of the recorded cases, which is kept; a temporary one by default.
-
-    Returns
-    -------
-    RecordedRun
-    """
+def optimise(
+    make_problem: Callable[[], om.Problem],  # makes the problem, not yet set up
+    driver: Driver,  # the driver
+    cases: str | os.PathLike | None = None,  # file of the recorded cases, which is kept; a temporary one by default
+) -> RecordedRun:
+    """Run a problem with a driver, with reverse derivatives, and record every evaluation and every gradient."""
     problem = make_problem()
     problem.driver = driver
     problem.options["group_by_pre_opt_post"] = True  # what no design variable reaches runs once
@@ -176,35 +138,15 @@ def optimise(make_problem: Callable[[], om.Problem], driver: Driver, cases=None)
 
 
 def optimise_with(
+    # makers of drivers by name, such as `scipy_slsqp` and `nlopt`, called with the next two arguments
     drivers: Mapping[str, Callable[[float, int], Driver]],
-    make_problem: Callable[[], om.Problem],
-    tolerance: float,
-    max_iterations: int,
-    folder=None,
-    name: str = "cases",
-) -> dict[str, RecordedRun]:
-    """Solve a problem with several drivers, one after another.
-
-    Parameters
-    ----------
-    drivers : mapping of str to callable
-        Makers of drivers by name, such as `scipy_slsqp` and `nlopt`, called with the next two arguments.
-    make_problem : callable
-        Makes the problem, not yet set up.
-    tolerance : float
-        Of the objective, in units of the driver.
-    max_iterations : int
-        Largest number of iterations.
-    folder : path-like, optional
-        Folder for the recorded cases, ``<name>_<driver>.sql``.
-    name : str
-        Beginning of their names.
-
-    Returns
-    -------
-    dict of RecordedRun
-        By the names of the drivers.
-    """
+    make_problem: Callable[[], om.Problem],  # makes the problem, not yet set up
+    tolerance: float,  # of the objective, in units of the driver
+    max_iterations: int,  # largest number of iterations
+    folder: str | os.PathLike | None = None,  # folder for the recorded cases, ``<name>_<driver>.sql``
+    name: str = "cases",  # beginning of their names
+) -> dict[str, RecordedRun]:  # by the names of the drivers
+    """Solve a problem with several drivers, one after another."""
     files = {key: folder and Path(folder) / f"{name}_{key.lower().replace(' ', '_')}.sql" for key in drivers}
     return {key: optimise(make_problem, make(tolerance, max_iterations), files[key]) for key, make in drivers.items()}
 
@@ -231,39 +173,22 @@ def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
     return problem
 
 
-def disagreement(runs: Mapping[str, RecordedRun]) -> dict[str, float]:
-    """Tell by how much drivers differ that have solved the same problem.
-
-    Parameters
-    ----------
-    runs : mapping of str to RecordedRun
-        Optimisations by the names of their drivers.
-
-    Returns
-    -------
-    dict
-        ``objective``, the range of the objectives relative to the largest, and ``design``, the largest range of a
-        design variable in units of the driver.
-    """
+def disagreement(
+    runs: Mapping[str, RecordedRun],  # optimisations by the names of their drivers
+) -> dict[str, float]:
+    """Tell by how much drivers differ that have solved the same problem."""
+    # Returns ``objective``, the range of the objectives relative to the largest, and ``design``, the largest range of a
+    # design variable in units of the driver.
     drivers = [run.problem.driver for run in runs.values()]
     values = np.array([driver.get_objective_values().popitem()[1].item() for driver in drivers])
     designs = np.array([ScaledModel(driver).present()[0] for driver in drivers])
     return {"objective": np.ptp(values) / np.abs(values).max(), "design": np.ptp(designs, axis=0).max()}
 
 
-def time_components(problem: om.Problem) -> dict[str, float]:
-    """Measure the time that is spent in every component from now on.
-
-    Parameters
-    ----------
-    problem : openmdao.api.Problem
-        The problem, set up.
-
-    Returns
-    -------
-    dict of float
-        Wall time by the name of the component (s); it grows as the problem runs.
-    """
+def time_components(
+    problem: om.Problem,  # the problem, set up
+) -> dict[str, float]:  # wall time by the name of the component (s); it grows as the problem runs
+    """Measure the time that is spent in every component from now on."""
     seconds = {}
     for component in problem.model.system_iter(recurse=True, typ=(om.ExplicitComponent, om.ImplicitComponent)):
         if not component.name.startswith("_auto_ivc"):
@@ -281,11 +206,11 @@ def _read(file: Path) -> tuple[dict[str, np.ndarray], Convergence]:
     return {q.name: q.values for q in found.quantities if q.kind != "variable"}, found.convergence
 
 
-def _timed(method, seconds: dict[str, float], name: str):
+def _timed(method: Callable, seconds: dict[str, float], name: str) -> Callable:
     """Wrap a method so that its time is added up."""
 
     @functools.wraps(method)
-    def run(*args, **kwargs):
+    def run(*args: Any, **kwargs: Any) -> Any:
         start = time.perf_counter()
         try:
             return method(*args, **kwargs)

@@ -7,10 +7,14 @@ are declared, from 3.44 on an autoscaler scales vectors, and its ``get_bounds_sc
 Theory: ``docs/theory/drivers.rst``.
 """
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import openmdao.api as om
+from numpy.typing import ArrayLike
 from openmdao.core.component import Component
 from openmdao.core.driver import Driver, RecordingDebugging
 from openmdao.core.group import Group
@@ -26,7 +30,7 @@ NO_LIMIT = 1e16
 """Scaled limits beyond this are none: OpenMDAO writes 1e30 for infinity, which scaling may reduce."""
 
 
-def _as_limit(value, size: int, absent: float) -> np.ndarray:
+def _as_limit(value: ArrayLike | None, size: int, absent: float) -> np.ndarray:
     """A limit as an array, `absent` where there is none."""
     array = np.array(np.broadcast_to(absent if value is None else value, (size,)), dtype=float)
     array[np.abs(array) >= NO_LIMIT] = absent
@@ -68,7 +72,7 @@ def _limits(driver: Driver, kind: str, name: str, meta: dict, size: int) -> Limi
     return Limits(name, lower, upper, np.array(np.broadcast_to(np.nan if equals is None else equals, (size,)), float))
 
 
-def _flat(values) -> np.ndarray:
+def _flat(values: Iterable[np.ndarray]) -> np.ndarray:
     """Values of all variables in one vector."""
     return np.concatenate([np.zeros(0), *(np.ravel(value) for value in values)])
 
@@ -93,7 +97,7 @@ def derivative_at_fault(driver: Driver, responses: Sequence[str], totals: np.nda
     return f"d {_owner(responses, driver._responses, of)} / d {_owner(variables, driver._designvars, wrt)}"
 
 
-def _numbers(value) -> np.ndarray:
+def _numbers(value: Any) -> np.ndarray:
     """Entries of a partial, dense or sparse."""
     return np.asarray(value.data if issparse(value) else value, dtype=float)
 
@@ -112,17 +116,14 @@ def unusable_derivatives(what: str) -> InputError:
 
 
 class ScaledModel:
-    """The model of a driver's problem as a function of one scaled vector of all design variables.
+    """The model of a driver's problem as a function of one scaled vector of all design variables."""
 
-    Constraints come nonlinear ones first, each kind in the order of the driver.
+    # Constraints come nonlinear ones first, each kind in the order of the driver.
 
-    Parameters
-    ----------
-    driver : openmdao.core.driver.Driver
-        A driver that has been set up.
-    """
-
-    def __init__(self, driver: Driver):
+    def __init__(
+        self,
+        driver: Driver,  # A driver that has been set up
+    ):
         self._driver = driver
         self._model = driver._problem().model
         self._designs = dict(driver._designvars)
@@ -138,13 +139,7 @@ class ScaledModel:
         return bool(self._model._use_derivatives)
 
     def start(self) -> tuple[np.ndarray, float, np.ndarray]:
-        """Run at the present design variables; returns these (n,), the objective and the constraints (m,).
-
-        Raises
-        ------
-        openmdao.api.AnalysisError
-            The model cannot be analysed there, so that no optimisation can start.
-        """
+        """Run at the present design variables; returns these (n,), the objective and the constraints (m,)."""
         self._driver._check_for_missing_objective()
         self._driver._check_for_invalid_desvar_values()
         self._solve()
@@ -160,14 +155,7 @@ class ScaledModel:
         return _flat(self._driver.get_design_var_values().values()), *self._responses()
 
     def run(self, x: np.ndarray) -> tuple[float, np.ndarray]:
-        """Run at a point (n,); returns the objective and the constraints (m,).
-
-        Raises
-        ------
-        AnalysisFailed
-            A component raised ``om.AnalysisError``, or the objective or a constraint is not a finite number. The model
-            is left in the states of the last good point, from which its next analysis starts.
-        """
+        """Run at a point (n,); returns the objective and the constraints (m,)."""
         self.set(x)
         try:
             self._solve()

@@ -5,6 +5,8 @@ Theory: ``docs/theory/drivers.rst``, "Failed analyses".
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import openmdao.api as om
 
@@ -70,7 +72,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
     3.000
     """
 
-    def __init__(self, **kwargs):
+    def __init__(self, **kwargs: Any):
         super().__init__(**kwargs)
         self.n_failed_analyses = 0
         self._tell: Progress | None = None
@@ -130,7 +132,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         """Describe the end of the last run in words."""
         return "INTERRUPTED" if self.is_interrupted else super().get_exit_status()
 
-    def _objfunc(self, x_new):
+    def _objfunc(self, x_new: np.ndarray) -> float:
         """Objective at a point, or what makes the optimizer turn back where the analysis fails."""
         if self._record is None:
             self._begin()
@@ -147,7 +149,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
             self._tell(-1.0, f"run {self.iter_count}, best objective {self._record.base.objective:.6g}")
         return objective
 
-    def _gradfunc(self, x_new):
+    def _gradfunc(self, x_new: np.ndarray) -> np.ndarray:
         """Gradient where the analysis did not fail."""
         if self._substitute is not None:
             return self._substitute.totals[0]
@@ -235,10 +237,8 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         return self._problem().model._outputs.asarray()
 
     def _end_at_the_result(self, fail: bool) -> bool:
-        """Run the model where the optimizer says that it ended, or at the best point if it failed; whether it did.
-
-        A search whose every step failed ends beside the last good point, whatever it says.
-        """
+        """Run the model where the optimizer says that it ended, or at the best point if it failed; whether it did."""
+        # A search whose every step failed ends beside the last good point, whatever it says.
         found = np.asarray(getattr(self._scipy_optimize_result, "x", self._last), dtype=float)
         if self._record is None:
             return fail

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
+from openmdao.core.driver import Driver
 
 __all__ = ["ALL", "LONGEST", "ShortRecords", "short_records", "sources_of"]
 
@@ -25,13 +26,13 @@ class ShortRecords:
     ``recording_options["includes"]``, design variables and responses are taken, however long they are.
     """
 
-    def _get_vars_to_record(self, obj=None) -> dict[str, Any]:
+    def _get_vars_to_record(self, obj: Any = None) -> dict[str, Any]:
         """Names of what is recorded by ``"input"``, ``"output"`` and ``"residual"``; called by OpenMDAO."""
         found = super()._get_vars_to_record(obj)  # type: ignore[misc]
         return _without_long(self, found, obj or self)
 
 
-def short_records(driver):
+def short_records(driver: Driver) -> Driver:
     """Let a driver of OpenMDAO leave grids and states out of what ``"*"`` asks for, as our drivers do.
 
     It holds for recorders of the driver and of its problem. Variables that are named otherwise in
@@ -66,11 +67,11 @@ class _Shortened:
     driver: Any
     own: Callable[..., dict[str, Any]]
 
-    def __call__(self, obj=None) -> dict[str, Any]:
+    def __call__(self, obj: Any = None) -> dict[str, Any]:
         return _without_long(self.driver, self.own(obj), obj or self.driver)
 
 
-def _without_long(driver, found: dict[str, Any], recorded) -> dict[str, Any]:
+def _without_long(driver: Driver, found: dict[str, Any], recorded: Any) -> dict[str, Any]:
     """Leave long variables out that are neither named in the options of what is recorded nor a variable or response."""
     asked = [pattern for pattern in recorded.recording_options["includes"] if pattern != ALL]
     model, sources = driver._problem().model, sources_of(driver)
@@ -86,10 +87,10 @@ def _without_long(driver, found: dict[str, Any], recorded) -> dict[str, Any]:
     return {kind: [name for name in names if is_taken(name)] for kind, names in found.items()}
 
 
-def sources_of(driver) -> frozenset[str]:
+def sources_of(driver: Driver) -> frozenset[str]:
     """Absolute names of the outputs that are design variables or responses of a driver."""
     return frozenset(_sources(driver))
 
 
-def _sources(driver) -> Iterable[str]:
+def _sources(driver: Driver) -> Iterable[str]:
     return (meta["source"] for found in (driver._designvars, driver._responses) for meta in found.values())

@@ -47,38 +47,19 @@ _METADATA = ("abs2prom", "prom2abs", "abs2meta", "var_settings", "conns")
 
 
 class SoundCases(NamedTuple):
-    """Cases of a driver and what belongs to them.
+    """Cases of a driver and what belongs to them."""
 
-    Parameters
-    ----------
-    file : Path
-        A case file for OpenMDAO's reader, with the cases of the driver alone.
-    options : mapping of str to mapping
-        Recorded options of the systems of the model, by their names; those of the last run.
-    """
-
-    file: Path
+    file: Path  # A case file for OpenMDAO's reader, with the cases of the driver alone
+    # recorded options of the systems of the model, by their names; those of the last run
     options: Mapping[str, Mapping[str, object]]
 
 
 @contextmanager
-def sound_cases(file: str | os.PathLike) -> Iterator[SoundCases]:
-    """Copy the cases of a driver into a file that is there until the block ends.
-
-    Parameters
-    ----------
-    file : path-like
-        Case file of ``om.SqliteRecorder``; of one of several processes, what they share is in the file ``..._meta``.
-
-    Yields
-    ------
-    SoundCases
-
-    Raises
-    ------
-    InputError
-        If the file is no case file, damaged, or of a version before `OLDEST`.
-    """
+def sound_cases(
+    # case file of ``om.SqliteRecorder``; of one of several processes, what they share is in the file ``..._meta``
+    file: str | os.PathLike,
+) -> Iterator[SoundCases]:
+    """Copy the cases of a driver into a file that is there until the block ends."""
     with tempfile.TemporaryDirectory() as folder, opened_cases(file) as source:
         copy = Path(folder) / "cases.sql"
         with closing(sqlite3.connect(copy)) as target, target:
@@ -140,7 +121,9 @@ def _check_array(stored: bytes) -> None:
     np.lib.format.read_array(io.BytesIO(stored), allow_pickle=False, max_header_size=len(stored))
 
 
-def _copy_metadata(file, source: sqlite3.Connection, target: sqlite3.Connection) -> dict[str, dict[str, object]]:
+def _copy_metadata(
+    file: str | os.PathLike, source: sqlite3.Connection, target: sqlite3.Connection
+) -> dict[str, dict[str, object]]:
     """Copy what is said of the variables and of the diagram of the model; return the options of its systems."""
     names = ("format_version", "openmdao_version", *_METADATA)
     target.execute(f"CREATE TABLE metadata ({', '.join(names)})")
@@ -193,13 +176,13 @@ def _decompressed(stored: bytes) -> bytes:
 class _Inert:
     """Stands for all that a pickle names: takes what it is given, and does nothing."""
 
-    def __init__(self, *arguments, **settings):
+    def __init__(self, *arguments: Any, **settings: Any):
         self.state: Any = None
 
-    def __setstate__(self, state):
+    def __setstate__(self, state: Any) -> None:
         self.state = state
 
-    def _ignore(self, *what):
+    def _ignore(self, *what: Any) -> None:
         """Take members of what would be a list, a set or a mapping."""
 
     append = extend = add = __setitem__ = _ignore
@@ -208,7 +191,7 @@ class _Inert:
 class _InertText(_Inert):
     """Text that an object was made to for case files: see `bspline_mdao.core.om.model_option`."""
 
-    def __init__(self, *arguments, **settings):
+    def __init__(self, *arguments: Any, **settings: Any):
         super().__init__()
         self.text = arguments[0] if arguments and isinstance(arguments[0], str) else ""
 

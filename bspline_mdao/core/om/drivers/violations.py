@@ -21,27 +21,13 @@ MOST_NAMED = 3
 
 
 class Violation(NamedTuple):
-    """A value beyond its limit.
+    """A value beyond its limit."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the value, such as ``thickness[4]``.
-    excess : float
-        Distance from the limit; not a number where the value is none.
-    side : str
-        ``"below"`` or ``"above"``.
-    limit : float
-        The limit.
-    tolerated : float
-        Distance up to which it counts as met.
-    """
-
-    name: str
-    excess: float
-    side: str
-    limit: float
-    tolerated: float
+    name: str  # name of the value, such as ``thickness[4]``
+    excess: float  # distance from the limit; not a number where the value is none
+    side: str  # ``"below"`` or ``"above"``
+    limit: float  # the limit
+    tolerated: float  # distance up to which it counts as met
 
     def __str__(self) -> str:
         """Say how far beyond which limit it is."""
@@ -56,19 +42,13 @@ class Violation(NamedTuple):
 
 
 def violations_of(
-    names: Sequence[str], values: np.ndarray, lower: np.ndarray, upper: np.ndarray, unit: np.ndarray | float
+    names: Sequence[str],  # names of the values
+    values: np.ndarray,  # values, lower, upper: (n,), values and limits, infinite or not a number where there is none
+    lower: np.ndarray,
+    upper: np.ndarray,
+    unit: np.ndarray | float,  # what the driver sees as 1
 ) -> list[Violation]:
-    """Find the values, shape (n,), that are beyond their limits.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the values.
-    values, lower, upper : ndarray, shape (n,)
-        Values and limits, infinite or not a number where there is none.
-    unit : ndarray or float
-        What the driver sees as 1.
-    """
+    """Find the values, shape (n,), that are beyond their limits."""
     found = []
     for side, excess, limits in (("below", lower - values, lower), ("above", values - upper, upper)):
         sizes = np.where(limits == 0.0, unit, np.abs(limits))

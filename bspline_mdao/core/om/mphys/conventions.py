@@ -31,29 +31,19 @@ X_STRUCT, U_STRUCT = "x_struct0", "u_struct"
 
 @dataclass(frozen=True)
 class Names:
-    """Names of variables that are others in each generation of MPhys.
+    """Names of variables that are others in each generation of MPhys."""
 
-    Parameters
-    ----------
-    mesh : str
-        Surface nodes as a solver read them.
-    geometry_input, geometry_output : str
-        The same before and after the geometry.
-    input_tags : tuple of str
-        Tags of ``geometry_input``: MPhys connects it either where its groups promote it, or in the geometry itself.
-    angle_of_attack, mach_number, dynamic_pressure : str
-        Conditions of a flow.
-    struct_mesh, struct_loads : str
-        Nodes of a structure as its solver read them, and the loads on them.
-    """
-
-    mesh: str
+    mesh: str  # surface nodes as a solver read them
+    # geometry_input, geometry_output: the same before and after the geometry
     geometry_input: str
     geometry_output: str
+    # tags of ``geometry_input``: MPhys connects it either where its groups promote it, or in the geometry itself
     input_tags: tuple[str, ...]
+    # angle_of_attack, mach_number, dynamic_pressure: conditions of a flow
     angle_of_attack: str
     mach_number: str
     dynamic_pressure: str
+    # struct_mesh, struct_loads: nodes of a structure as its solver read them, and the loads on them
     struct_mesh: str
     struct_loads: str
 
@@ -95,13 +85,7 @@ INSTALLED = generation_of(mphys)
 
 
 def names_of(generation: int | None, pathname: str) -> Names:
-    """Names of a generation of MPhys; of the installed one for None.
-
-    Raises
-    ------
-    InputError
-        If there is none of this number.
-    """
+    """Names of a generation of MPhys; of the installed one for None."""
     if generation is None:
         generation = INSTALLED
     if generation not in GENERATIONS:

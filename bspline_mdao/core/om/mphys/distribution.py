@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from ....base.numerics.processes import summed, together
@@ -11,30 +14,16 @@ from ..component import as_node_numbers
 __all__ = ["nodes_of_rank"]
 
 
-def nodes_of_rank(numbers, n: int, name: str, comm, pathname: str) -> np.ndarray:
-    """Numbers of the nodes that this process holds.
-
-    Parameters
-    ----------
-    numbers : sequence of int, optional
-        As a user gives them, on every process its own, or none of them. By default all nodes are dealt out in their
-        order, as many to each process.
-    n : int
-        Number of nodes there are.
-    name, pathname : str
-        Option and component, for messages.
-    comm : communicator
-        The processes.
-
-    Returns
-    -------
-    ndarray of int
-
-    Raises
-    ------
-    InputError
-        On all processes, if one of them gives a number that does not exist, or if none gives any.
-    """
+def nodes_of_rank(
+    # as a user gives them, on every process its own, or none of them. By default all nodes are dealt out in their
+    # order, as many to each process.
+    numbers: Sequence[int] | np.ndarray | None,
+    n: int,  # number of nodes there are
+    name: str,  # name, pathname: option and component, for messages
+    comm: Any,  # the processes
+    pathname: str,
+) -> np.ndarray:  # of int
+    """Numbers of the nodes that this process holds."""
     if comm.size == 1:
         return as_node_numbers(numbers, n, name, pathname)
     with together(comm):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import openmdao.api as om
 from mphys import Builder
+from openmdao.vectors.vector import Vector
 
 from ....base.numerics.processes import summed
 from ....names import SURFACE
@@ -85,7 +88,7 @@ class SurfaceGeometry(Copied, om.Group):
     True
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self, FittedModel)
         self.options.declare(
@@ -97,7 +100,7 @@ class SurfaceGeometry(Copied, om.Group):
         self.options.declare("point_sets", default={}, recordable=False, desc="points that ride on the surface")
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
-    def setup(self):
+    def setup(self) -> None:
         """Add the components in the order of the chain."""
         model, parametrization = self.options["model"], self.options["parametrization"]
         surface = self.options["surface"] or SurfaceGrid.of(model)
@@ -116,12 +119,12 @@ class SurfaceGeometry(Copied, om.Group):
 class _Displaced(CheckedOnProcesses, om.ExplicitComponent):
     """Add the displacement of the surface to a solver's nodes."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         self.options.declare("surface", types=SurfaceGrid, recordable=False)
         self.options.declare("numbers", default=None, recordable=False)
         self.options.declare("generation", default=None)
 
-    def setup(self):
+    def setup(self) -> None:
         surface, is_distributed = self.options["surface"], self.comm.size > 1
         self._names = names_of(self.options["generation"], self.msginfo)
         self._numbers = nodes_of_rank(self.options["numbers"], surface.n_points, "numbers", self.comm, self.msginfo)
@@ -131,11 +134,11 @@ class _Displaced(CheckedOnProcesses, om.ExplicitComponent):
         self.add_output(self._names.geometry_output, **nodes, tags=COORDINATES)
         check_along_directions(self, LINEAR_STEP)
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         displacement = inputs[SURFACE].reshape(-1, 3) - self.options["surface"].points
         outputs[self._names.geometry_output] = inputs[self._names.geometry_input] + displacement[self._numbers].ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         of, wrt = self._names.geometry_output, self._names.geometry_input
         if of not in d_outputs:
             return
@@ -176,7 +179,7 @@ class GeometryBuilder(Builder):
     'SurfaceGeometry'
     """
 
-    def __init__(self, **options):
+    def __init__(self, **options: Any):
         self._options = options
 
     def get_mesh_coordinate_subsystem(self, scenario_name: str | None = None) -> SurfaceGeometry:

@@ -6,6 +6,7 @@ Theory: ``docs/theory/body_points.rst``.
 from __future__ import annotations
 
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ....names import SURFACE
 from ...mesh.surface import SurfaceGrid
@@ -51,14 +52,14 @@ class RidingPoints(Copied, om.ExplicitComponent):
         In a run, if an input is not finite.
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("name", types=str, desc="name of the set")
         self.options.declare("points", recordable=False, desc="the points on the baseline, m")
         self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="what they ride on")
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
-    def setup(self):
+    def setup(self) -> None:
         """Find what the points ride on, and declare the variables."""
         surface, name, points = (self.options[option] for option in ("surface", "name", "points"))
         body, tags = Body(surface.points, surface.quads), names_of(self.options["generation"], self.msginfo).input_tags
@@ -71,13 +72,13 @@ class RidingPoints(Copied, om.ExplicitComponent):
         check_along_directions(self, LINEAR_STEP)
 
     @fails_together
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Add the displacement."""
         nodes = finite_points(inputs[SURFACE], SURFACE, self.msginfo)
         points = finite_points(inputs[self._wrt], self._wrt, self.msginfo)
         outputs[self._of] = (points + self._ride.jvp(nodes - self.options["surface"].points)).ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         if self._of not in d_outputs:
             return

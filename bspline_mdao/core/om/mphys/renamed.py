@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ..check_directions import check_along_directions
 from ..component import LINEAR_STEP
@@ -32,23 +33,23 @@ class Renamed(om.ExplicitComponent):
         The variables.
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("pairs", types=Sequence, recordable=False, desc="the variables")
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         for pair in self.options["pairs"]:
             self.add_input(pair.source, **pair.as_input)
             self.add_output(pair.target, **pair.as_output)
         check_along_directions(self, LINEAR_STEP)
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Copy them."""
         for pair in self.options["pairs"]:
             outputs[pair.target] = inputs[pair.source].reshape(outputs[pair.target].shape)
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         for pair in self.options["pairs"]:
             if pair.target in d_outputs and pair.source in d_inputs:

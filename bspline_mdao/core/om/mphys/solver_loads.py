@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ....base.numerics.processes import summed
 from ..check_directions import check_along_directions
@@ -33,11 +34,11 @@ class SolverLoads(CheckedOnProcesses, om.ExplicitComponent):
         Nodes of the surface.
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("n_points", types=int, desc="nodes of the surface")
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         n_points = self.options["n_points"]
         self._numbers = nodes_of_rank(None, n_points, "numbers", self.comm, self.msginfo)
@@ -46,11 +47,11 @@ class SolverLoads(CheckedOnProcesses, om.ExplicitComponent):
         self.add_output(F_AERO, val=nothing, distributed=is_shared, tags=COUPLING)
         check_along_directions(self, LINEAR_STEP)
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Take the nodes of this process."""
         outputs[F_AERO] = inputs[WALL_FORCES].reshape(-1, 3)[self._numbers].ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         if F_AERO not in d_outputs or WALL_FORCES not in d_inputs:
             return

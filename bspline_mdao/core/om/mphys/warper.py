@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ....base.numerics.processes import summed, together
 from ....grids.topology.partition import Partition, Share
@@ -99,7 +100,7 @@ class VolumeWarper(Copied, om.Group):
     (2250,)
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self, FittedModel)
         self.options.declare("mover", default=None, recordable=False, desc="moves the control mesh of the model")
@@ -110,7 +111,7 @@ class VolumeWarper(Copied, om.Group):
         self.options.declare("require_valid", types=bool, default=True, desc="refuse inverted cells of the grid")
         self.options.declare("comoving", types=bool, default=False, desc="outer boundaries go along")
 
-    def setup(self):
+    def setup(self) -> None:
         """Add the components in the order of the chain."""
         model, comm = self.options["model"], self.comm
         surface = self.options["surface"] or SurfaceGrid.of(model)
@@ -147,17 +148,16 @@ _FIRST = {"src_indices": [0], "flat_src_indices": True, "src_shape": (1,)}
 
 
 class _SolverSurface(CheckedOnProcesses, om.ExplicitComponent):
-    """Take the nodes of the surface from a solver, each once: the mean of those that are given more than once.
+    """Take the nodes of the surface from a solver, each once: the mean of those that are given more than once."""
 
-    The solver's nodes are distributed, the surface is the same on all processes: the sum of their parts.
-    """
+    # The solver's nodes are distributed, the surface is the same on all processes: the sum of their parts.
 
-    def initialize(self):
+    def initialize(self) -> None:
         self.options.declare("surface", types=SurfaceGrid, recordable=False)
         self.options.declare("numbers", recordable=False)
         self.options.declare("counts", recordable=False)
 
-    def setup(self):
+    def setup(self) -> None:
         numbers, counts = self.options["numbers"], self.options["counts"]
         points, given = self.options["surface"].points, np.flatnonzero(counts)
         self._places = np.searchsorted(given, numbers)
@@ -173,7 +173,7 @@ class _SolverSurface(CheckedOnProcesses, om.ExplicitComponent):
         np.add.at(means, self._places, nodes * self._weights)
         return summed(self.comm, means)
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         with together(self.comm):
             if not self._is_wired:
                 require_source_before(self, X_AERO, INSIDE)
@@ -181,7 +181,7 @@ class _SolverSurface(CheckedOnProcesses, om.ExplicitComponent):
         self._is_wired = True
         outputs[SURFACE] = self._means(nodes).ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         if SURFACE in d_outputs and X_AERO in d_inputs:
             if mode == "fwd":
                 d_outputs[SURFACE] += self._means(d_inputs[X_AERO].reshape(-1, 3)).ravel()

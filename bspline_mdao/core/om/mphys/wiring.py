@@ -9,23 +9,12 @@ from ....errors import InputError
 __all__ = ["require_source_before"]
 
 
-def require_source_before(component: om.ExplicitComponent, name: str, advice: str) -> None:
-    """Refuse an input whose source runs later in a group that does not iterate: it would be where the source begins.
-
-    Parameters
-    ----------
-    component : Component
-        The component, of a problem that is set up.
-    name : str
-        Its input.
-    advice : str
-        What to do about it.
-
-    Raises
-    ------
-    InputError
-        If the source runs later.
-    """
+def require_source_before(
+    component: om.ExplicitComponent,  # the component, of a problem that is set up
+    name: str,  # its input
+    advice: str,  # what to do about it
+) -> None:
+    """Refuse an input whose source runs later in a group that does not iterate: it would be where the source begins."""
     source = component.get_source(f"{component.pathname}.{name}")
     ours, theirs = component.pathname.split("."), source.split(".")
     n_common = next(k for k, (a, b) in enumerate(zip(ours, theirs)) if a != b)
