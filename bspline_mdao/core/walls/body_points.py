@@ -61,18 +61,10 @@ N_CORRECTIONS = 3
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The surface of a body on the baseline.
+    """The surface of a body on the baseline."""
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Its nodes (m).
-    quads : ndarray of int, shape (n_quads, 4)
-        Corners of its quads, around the normal out of the body.
-    """
-
-    points: np.ndarray
-    quads: np.ndarray
+    points: np.ndarray  # (n, 3), its nodes (m)
+    quads: np.ndarray  # (n_quads, 4) of int, corners of its quads, around the normal out of the body
 
     @cached_property
     def _edges(self) -> np.ndarray:
@@ -154,38 +146,20 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class BodyPoints:
-    """The map from the nodes of a surface to points that ride on it. Made by `BodyPoints.of`.
+    """The map from the nodes of a surface to points that ride on it. Made by `BodyPoints.of`."""
 
-    Parameters
-    ----------
-    weights : csr_array, shape (n, n_nodes + n_means)
-        Weights of the nodes, and of means of those on edges of the surface, in the points.
-    means : csr_array, shape (n_means, n_nodes)
-        These means.
-    offsets : ndarray, shape (n, 3)
-        What is left of the points on the baseline, round-off (m).
-    """
-
+    # (n, n_nodes + n_means), weights of the nodes, and of means of those on edges of the surface, in the points
     weights: csr_array
-    means: csr_array
-    offsets: np.ndarray
+    means: csr_array  # (n_means, n_nodes), these means
+    offsets: np.ndarray  # (n, 3), what is left of the points on the baseline, round-off (m)
 
     @classmethod
-    def of(cls, body: Body, points: np.ndarray) -> BodyPoints:
-        """Find the weights of points inside a body, or on its surface.
-
-        Parameters
-        ----------
-        body : Body
-            Its surface on the baseline.
-        points : ndarray, shape (n, 3)
-            The points on the baseline (m).
-
-        Raises
-        ------
-        InputError
-            If the points cannot be used.
-        """
+    def of(
+        cls,
+        body: Body,  # its surface on the baseline
+        points: np.ndarray,  # (n, 3), the points on the baseline (m)
+    ) -> BodyPoints:
+        """Find the weights of points inside a body, or on its surface."""
         points = as_finite_points(points, len(points), "points of a body")
         parts = [csr_array((0, len(body.corners)))]
         for numbers, weights, _ in body.seen_from(points):
@@ -208,13 +182,7 @@ class BodyPoints:
 
 
 def require_contained(body: Body, points: np.ndarray, what: str) -> np.ndarray:
-    """Return points, shape (n, 3), all of which are inside a body or on its surface.
-
-    Raises
-    ------
-    InputError
-        If the points cannot be used, or with the number of the first that is outside, from 1.
-    """
+    """Return points, shape (n, 3), all of which are inside a body or on its surface."""
     points = as_finite_points(points, len(points), what)
     outside = np.flatnonzero(~body.contains(points))
     if len(outside):

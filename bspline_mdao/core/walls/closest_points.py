@@ -36,65 +36,33 @@ CHUNK_POINTS = 2**12
 
 @dataclass(frozen=True, eq=False)
 class ClosestPoints:
-    """Closest points of some points on a surface; points far from it have none.
+    """Closest points of some points on a surface; points far from it have none."""
 
-    Parameters
-    ----------
-    points : ndarray of int, shape (n,)
-        Numbers of the points that have closest points.
-    starts : ndarray of int, shape (n + 1,)
-        First closest point of each.
-    triangles : ndarray of int32, shape (m,)
-        Triangle that each closest point is in, the nearest one of a point first.
-    barycentric : ndarray, shape (m, 3)
-        Weights of the triangle's corners there, which sum to one.
-    weights : ndarray, shape (m,)
-        How much the point follows the surface at each: those of a point sum to one on the surface, and to zero from the
-        surface's reach on.
-    """
-
-    points: np.ndarray
-    starts: np.ndarray
-    triangles: np.ndarray
-    barycentric: np.ndarray
+    points: np.ndarray  # (n,) of int, numbers of the points that have closest points
+    starts: np.ndarray  # (n + 1,) of int, first closest point of each
+    triangles: np.ndarray  # (m,) of int, triangle that each closest point is in, the nearest one of a point first
+    barycentric: np.ndarray  # (m, 3), weights of the triangle's corners there, which sum to one
+    # (m,), how much the point follows the surface at each: those of a point sum to one on the surface, and to zero from
+    # the surface's reach on
     weights: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class TriangleTree:
-    """Triangles of a surface, sorted for searches. Made by `TriangleTree.of`.
+    """Triangles of a surface, sorted for searches. Made by `TriangleTree.of`."""
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Corners (m).
-    triangles : ndarray of int32, shape (n_triangles, 3)
-        Corners of every triangle, in the order of the tree, around the normal into the fluid.
-    reach : ndarray, shape (n,)
-        Distance (m) up to which points follow the surface, at its corners.
-    boxes : ndarray, shape (2 n_leaves, 6)
-        Lower and upper corner of every box; box k holds boxes 2 k and 2 k + 1, the first of all is number 1.
-    far : ndarray, shape (2 n_leaves,)
-        Largest reach in every box.
-    cones : ndarray, shape (2 n_leaves, 5)
-        Cones of normals in every box, see `.normal_cones`.
-    leaf_starts : ndarray of int, shape (n_leaves + 1,)
-        First triangle of every leaf.
-    around_starts : ndarray of int, shape (n + 1,)
-        First triangle around every corner.
-    around : ndarray of int32, shape (3 n_triangles,)
-        Triangles around corners.
-    """
-
-    points: np.ndarray
+    points: np.ndarray  # (n, 3), corners (m)
+    # (n_triangles, 3) of int, corners of every triangle, in the order of the tree, around the normal into the fluid
     triangles: np.ndarray
-    reach: np.ndarray
+    reach: np.ndarray  # (n,), distance (m) up to which points follow the surface, at its corners
+    # (2 n_leaves, 6), lower and upper corner of every box; box k holds boxes 2 k and 2 k + 1, the first of all is
+    # number 1
     boxes: np.ndarray
-    far: np.ndarray
-    cones: np.ndarray
-    leaf_starts: np.ndarray
-    around_starts: np.ndarray
-    around: np.ndarray
+    far: np.ndarray  # (2 n_leaves,), largest reach in every box
+    cones: np.ndarray  # (2 n_leaves, 5), cones of normals in every box, see `.normal_cones`
+    leaf_starts: np.ndarray  # (n_leaves + 1,) of int, first triangle of every leaf
+    around_starts: np.ndarray  # (n + 1,) of int, first triangle around every corner
+    around: np.ndarray  # (3 n_triangles,) of int, triangles around corners
 
     @classmethod
     def of(cls, points: np.ndarray, quads: np.ndarray, reach: np.ndarray) -> TriangleTree:
@@ -129,27 +97,20 @@ class TriangleTree:
         boxes, cones = boxes * np.repeat([1.0, -1.0], 3), cones_of_boxes(points, triangles, starts)
         return cls(points, triangles, reach, boxes, far, cones, starts, around_starts, around)
 
-    def closest_points(self, points: np.ndarray, n_threads: int | None = None) -> ClosestPoints:
-        """Find the closest points of points.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n, 3)
-            The points (m).
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``. Results do not depend on it.
-
-        Returns
-        -------
-        ClosestPoints
-        """
+    def closest_points(
+        self,
+        points: np.ndarray,  # (n, 3), the points (m)
+        # number of threads; by default ``NUMBA_NUM_THREADS``. Results do not depend on it.
+        n_threads: int | None = None,
+    ) -> ClosestPoints:
+        """Find the closest points of points."""
         cuts = list(range(0, len(points), CHUNK_POINTS)) + [len(points)]
         tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.cones, self.leaf_starts
         around = self.around_starts, self.around
         size = float(np.linalg.norm(np.ptp(self.points, axis=0)))
         found: list = [None] * (len(cuts) - 1)
 
-        def search(number: int):
+        def search(number: int) -> None:
             part = points[cuts[number] : cuts[number + 1]]
             counts, triangles = np.zeros(len(part), dtype=np.int64), np.empty((len(part), MAX_CLOSEST), dtype=np.int32)
             barycentric, weights = np.empty((len(part), MAX_CLOSEST, 3)), np.empty((len(part), MAX_CLOSEST))
@@ -165,7 +126,7 @@ class TriangleTree:
         return ClosestPoints(ids, np.concatenate([[0], np.cumsum(counts)]), triangles, barycentric, weights)
 
 
-def _halves(points, quads):
+def _halves(points: np.ndarray, quads: np.ndarray):
     """Triangles of quads, those with area, shape (n_triangles, 3)."""
     x = points[quads]
     is_first_shorter = np.linalg.norm(x[:, 2] - x[:, 0], axis=1) <= np.linalg.norm(x[:, 3] - x[:, 1], axis=1)

@@ -139,11 +139,9 @@ def _collect(
     barycentric,
     squares,
 ):
-    """Triangles that p is within the reach of and that are local minima, or no farther than ``same``; their number.
-
-    They are at a squared distance up to ``bound``. Where there is no more room, the number says how many there would
-    be. Of a thousand triangles about a smooth wall all but a few have a nearer neighbour: these are not kept.
-    """
+    """Triangles that p is within the reach of and that are local minima, or no farther than ``same``; their number."""
+    # They are at a squared distance up to ``bound``. Where there is no more room, the number says how many there would
+    # be. Of a thousand triangles about a smooth wall all but a few have a nearer neighbour: these are not kept.
     n_leaves = len(leaf_starts) - 1
     stack, place, other = np.empty(64, dtype=np.int64), np.empty(3), np.empty(3)
     stack[0], n_left, n_found = 1, 1, 0
@@ -312,10 +310,8 @@ def _is_another_minimum(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _is_minimum(p, t, distance, barycentric, points, triangles, around_starts, around, round_off, place):
-    """Whether the closest place of a triangle is a local minimum of the distance to all, seen from the fluid.
-
-    ``place`` is overwritten.
-    """
+    """Whether the closest place of a triangle is a local minimum of the distance to all, seen from the fluid."""
+    # ``place`` is overwritten.
     if not distance > round_off or not _is_on_fluid_side(p, t, barycentric, points, triangles):
         return False
     if min(barycentric[0], barycentric[1], barycentric[2]) > 0.0:
@@ -352,12 +348,10 @@ def _is_on_fluid_side(p, t, barycentric, points, triangles):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _set_weights(n_closest, nearest, closest, away, found, squares, barycentric, triangles, reach, weights):
-    """Set the weights of the closest points; return the number of those that have one.
-
-    1. A weight fades with the distance relative to the reach, and with that relative to the nearest place's.
-    2. Points in nearly the same direction, as beside the edge between two facets, get the weight of one.
-    3. The weights sum to one on the surface, and fade with the reach.
-    """
+    """Set the weights of the closest points; return the number of those that have one."""
+    # 1. A weight fades with the distance relative to the reach, and with that relative to the nearest place's.
+    # 2. Points in nearly the same direction, as beside the edge between two facets, get the weight of one.
+    # 3. The weights sum to one on the surface, and fade with the reach.
     total, n_weighted = 0.0, 0
     fades, sizes = np.empty(MAX_CLOSEST), np.empty(MAX_CLOSEST)
     for k in range(n_closest):  # step 1

@@ -56,7 +56,9 @@ class CornerGroup:
         self._smooth(matrices, np.eye(3).ravel())
         return rotations
 
-    def jvp(self, rotations: Rotations, d_initial: np.ndarray | None, d_moved: np.ndarray, d_matrices: np.ndarray):
+    def jvp(
+        self, rotations: Rotations, d_initial: np.ndarray | None, d_moved: np.ndarray, d_matrices: np.ndarray
+    ) -> None:
         """Write the change of the rotations, with changes of all corners at first, or None, and now."""
         ids = self.ids
         change = rotations.jvp(None if d_initial is None else d_initial[ids], d_moved[ids])
@@ -69,14 +71,13 @@ class CornerGroup:
             free, given = self.ids[self.filter.free], self.ids[self.filter.given]
             matrices[free] = rest + self.filter.forward(matrices[free] - rest, matrices[given] - rest)
 
-    def pull(self, bar: np.ndarray) -> np.ndarray:
-        """Derivatives with respect to the rotations of the group before smoothing, from those with respect to all.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n_corners, 9)
-            Groups come in reverse order; what smoothing hands on to corners of groups before this is added.
-        """
+    def pull(
+        self,
+        # (n_corners, 9), groups come in reverse order; what smoothing hands on to corners of groups before this is
+        # added
+        bar: np.ndarray,
+    ) -> np.ndarray:
+        """Derivatives with respect to the rotations of the group before smoothing, from those with respect to all."""
         if self.filter is not None:
             free, given = self.ids[self.filter.free], self.ids[self.filter.given]
             bar[free], given_bar = self.filter.transpose(bar[free])

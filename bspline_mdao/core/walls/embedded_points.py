@@ -46,76 +46,31 @@ class HasNodes(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedPoints(OneLine):
-    """The map from control points to embedded points. Made by `EmbeddedPoints.of`, or by `FittedModel.embed_points`.
+    """The map from control points to embedded points. Made by `EmbeddedPoints.of`, or by `FittedModel.embed_points`."""
 
-    Parameters
-    ----------
-    grid_map : GridMap
-        Map to the grid, whose walls they follow.
-    evaluator : Evaluator
-        A of the points.
-    points : ndarray, shape (n, 3)
-        The points on the baseline (m).
-    in_volume : ndarray of int, shape (n_in_volume,)
-        Numbers of those in the volumes.
-    offsets : ndarray, shape (n_in_volume, 3)
-        Their offsets from the mesh there (m).
-    layer : WallLayer or None
-        Those of them that follow walls.
-    in_body : ndarray of int, shape (n_in_body,)
-        Numbers of the others, inside the body.
-    body : BodyPoints or None
-        What these ride on.
-    wall_rows : ndarray of int, shape (n_wall,)
-        Rows of the nodes of the walls in the grid.
-    """
-
-    grid_map: GridMap
-    evaluator: Evaluator
-    points: np.ndarray
-    in_volume: np.ndarray
-    offsets: np.ndarray
-    layer: WallLayer | None
-    in_body: np.ndarray
-    body: BodyPoints | None
-    wall_rows: np.ndarray
+    grid_map: GridMap  # map to the grid, whose walls they follow
+    evaluator: Evaluator  # A of the points
+    points: np.ndarray  # (n, 3), the points on the baseline (m)
+    in_volume: np.ndarray  # (n_in_volume,) of int, numbers of those in the volumes
+    offsets: np.ndarray  # (n_in_volume, 3), their offsets from the mesh there (m)
+    layer: WallLayer | None  # those of them that follow walls
+    in_body: np.ndarray  # (n_in_body,) of int, numbers of the others, inside the body
+    body: BodyPoints | None  # what these ride on
+    wall_rows: np.ndarray  # (n_wall,) of int, rows of the nodes of the walls in the grid
 
     @classmethod
     def of(
         cls,
-        grid_map: GridMap,
-        mesh: BSplineMesh,
-        control_points: np.ndarray,
-        points: np.ndarray,
+        grid_map: GridMap,  # map to the grid
+        mesh: BSplineMesh,  # its volumes
+        control_points: np.ndarray,  # (n_control_points, 3), control points of the baseline (m)
+        points: np.ndarray,  # (n, 3), the points on the baseline (m)
+        # distance (m) up to which a point counts as inside the volumes, see `.inversion.invert_points`
         tolerance: float | None = None,
+        # of int, the walls of the grid on the baseline, and the rows of their nodes
         walls: tuple[Body, np.ndarray] | None = None,
     ) -> EmbeddedPoints:
-        """Find volumes and parameters of points, and the weights of those inside the body.
-
-        Parameters
-        ----------
-        grid_map : GridMap
-            Map to the grid.
-        mesh : BSplineMesh
-            Its volumes.
-        control_points : ndarray, shape (n_control_points, 3)
-            Control points of the baseline (m).
-        points : ndarray, shape (n, 3)
-            The points on the baseline (m).
-        tolerance : float, optional
-            Distance (m) up to which a point counts as inside the volumes, see `.inversion.invert_points`.
-        walls : tuple of (Body, ndarray of int), optional
-            The walls of the grid on the baseline, and the rows of their nodes.
-
-        Returns
-        -------
-        EmbeddedPoints
-
-        Raises
-        ------
-        InputError
-            If an array cannot be used, or a point is outside all volumes and not inside the body.
-        """
+        """Find volumes and parameters of points, and the weights of those inside the body."""
         points = as_finite_points(points, len(points), "embedded points")
         inversion, in_body = invert_points(mesh, control_points, points, tolerance), np.zeros(len(points), dtype=bool)
         if walls is not None:
@@ -134,20 +89,13 @@ class EmbeddedPoints(OneLine):
             body, rows = BodyPoints.of(walls[0], points[in_body]), walls[1]
         return cls(grid_map, evaluator, points, in_volume, offsets, layer, np.flatnonzero(in_body), body, rows)
 
-    def at(self, control_points: np.ndarray, state: HasNodes) -> EmbeddedState:
-        """Return the points beside a grid.
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, 3)
-            Control points (m).
-        state : GridState, or what has its ``nodes``
-            The grid of these control points, by `GridMap.at` of ``grid_map``; places of wall nodes may have been given.
-
-        Returns
-        -------
-        EmbeddedState
-        """
+    def at(
+        self,
+        control_points: np.ndarray,  # (n_control_points, 3), control points (m)
+        # the grid of these control points, by `GridMap.at` of ``grid_map``; places of wall nodes may have been given
+        state: HasNodes,
+    ) -> EmbeddedState:
+        """Return the points beside a grid."""
         places, layered, of = self.evaluator.forward(control_points) + self.offsets, None, self.grid_map
         if self.layer is not None:
             wall, normals = state.nodes[of.wall_rows], of.normals(state.nodes[of.plane_rows])
@@ -161,35 +109,19 @@ class EmbeddedPoints(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedState:
-    """Embedded points beside a grid, and their derivative.
+    """Embedded points beside a grid, and their derivative."""
 
-    Parameters
-    ----------
-    of : EmbeddedPoints
-        The map.
-    grid : GridState, or what has its ``nodes``
-        The grid.
-    points : ndarray, shape (n, 3)
-        The points (m).
-    layered : Layered or None
-        Those that followed walls.
-    """
+    of: EmbeddedPoints  # the map
+    grid: HasNodes  # the grid
+    points: np.ndarray  # (n, 3), the points (m)
+    layered: Layered | None  # those that followed walls
 
-    of: EmbeddedPoints
-    grid: HasNodes
-    points: np.ndarray
-    layered: Layered | None
-
-    def jvp(self, d_control_points: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
-        """Change of the embedded points, shape (n, 3).
-
-        Parameters
-        ----------
-        d_control_points : ndarray, shape (n_control_points, 3)
-            Change of the control points.
-        d_nodes : ndarray, shape (n_nodes, 3)
-            That of the grid with them, by `GridState.jvp`.
-        """
+    def jvp(
+        self,
+        d_control_points: np.ndarray,  # (n_control_points, 3), change of the control points
+        d_nodes: np.ndarray,  # (n_nodes, 3), that of the grid with them, by `GridState.jvp`
+    ) -> np.ndarray:
+        """Change of the embedded points, shape (n, 3)."""
         places, of = self.of.evaluator.forward(d_control_points), self.of.grid_map
         if self.layered is not None:
             d_normals = of.normals_jvp(self.grid.nodes[of.plane_rows], d_nodes[of.plane_rows])
@@ -200,20 +132,13 @@ class EmbeddedState:
             change[self.of.in_body] = self.of.body.jvp(d_nodes[self.of.wall_rows])
         return change
 
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Transpose of `jvp`.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n, 3)
-            Derivative of a scalar with respect to the points.
-
-        Returns
-        -------
-        control_points_bar : ndarray, shape (n_control_points, 3)
-        nodes_bar : ndarray, shape (n_nodes, 3)
-            With respect to the nodes of the grid: `GridState.vjp` takes it to the control points.
-        """
+    def vjp(
+        self,
+        bar: np.ndarray,  # (n, 3), derivative of a scalar with respect to the points
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`."""
+        # Returns control_points_bar: (n_control_points, 3); nodes_bar: (n_nodes, 3), with respect to the nodes of the
+        # grid: `GridState.vjp` takes it to the control points.
         of, nodes_bar = self.of.grid_map, np.zeros_like(self.grid.nodes)
         if self.of.body is not None:
             nodes_bar[self.of.wall_rows] += self.of.body.vjp(bar[self.of.in_body])

@@ -35,77 +35,34 @@ __all__ = ["GridMap", "GridState"]
 
 @dataclass(frozen=True, eq=False)
 class GridMap(OneLine):
-    """The map from control points to the nodes of a grid. Made by `GridMap.of`.
+    """The map from control points to the nodes of a grid. Made by `GridMap.of`."""
 
-    Parameters
-    ----------
-    evaluator : Evaluator
-        A.
-    nodes : ndarray, shape (n, 3)
-        The nodes on the baseline (m): those asked for, and after them what they need.
-    turning : Turning or None
-        How the residual turns; None where there is none, or where it stays as it is.
-    residual : Vectors, ndarray of shape (n, 3) or None
-        The residual of the fit, ready to be turned, or to be added.
-    layer : WallLayer or None
-        Nodes that follow walls.
-    wall_rows : ndarray of int, shape (n_wall,)
-        Numbers of the nodes of all walls, each shared one once.
-    plane_rows : ndarray of int, shape (n_plane,)
-        Numbers of the nodes on the outlines of planes that walls end on.
-    planes : tuple of PlaneNormal
-        Normals of these planes, as functions of those nodes.
-    held : HeldNodes
-        Which nodes of the grid they are; in the map of all of it every number is that of its row.
-    """
-
-    evaluator: Evaluator
-    nodes: np.ndarray
-    turning: Turning | None
+    evaluator: Evaluator  # A
+    nodes: np.ndarray  # (n, 3), the nodes on the baseline (m): those asked for, and after them what they need
+    turning: Turning | None  # how the residual turns; None where there is none, or where it stays as it is
+    # Vectors, ndarray of shape (n, 3) or None, the residual of the fit, ready to be turned, or to be added
     residual: Vectors | np.ndarray | None
-    layer: WallLayer | None
-    wall_rows: np.ndarray
-    plane_rows: np.ndarray
-    planes: tuple[PlaneNormal, ...]
-    held: HeldNodes
+    layer: WallLayer | None  # nodes that follow walls
+    wall_rows: np.ndarray  # (n_wall,) of int, numbers of the nodes of all walls, each shared one once
+    plane_rows: np.ndarray  # (n_plane,) of int, numbers of the nodes on the outlines of planes that walls end on
+    planes: tuple[PlaneNormal, ...]  # normals of these planes, as functions of those nodes
+    held: HeldNodes  # which nodes of the grid they are; in the map of all of it every number is that of its row
 
     @classmethod
     def of(
         cls,
-        topology: Topology,
-        mesh: BSplineMesh,
+        topology: Topology,  # topology of the grid; faces of kind "wall" are walls
+        mesh: BSplineMesh,  # one volume per segment
+        # sequence of ndarray, each of shape (L0, L1, L2, 3), parameters of the nodes of every segment
         parameters: Sequence[np.ndarray],
-        control_points: np.ndarray,
-        residual: np.ndarray | None,
+        control_points: np.ndarray,  # (n_control_points, 3), fitted control points (m)
+        residual: np.ndarray | None,  # (n_nodes, 3), baseline minus fitted points (m)
+        # (n_corners,), how long it is around every corner of the spans (m), see `.residual_lengths`
         residual_lengths: np.ndarray | None,
-        wall_layer: bool,
-        evaluator: Evaluator,
+        wall_layer: bool,  # whether nodes follow walls and the residual turns; without, the map is ``A b + r``
+        evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_grid`
     ) -> GridMap:
-        """Prepare the map of a fitted grid.
-
-        Parameters
-        ----------
-        topology : Topology
-            Topology of the grid; faces of kind "wall" are walls.
-        mesh : BSplineMesh
-            One volume per segment.
-        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-            Parameters of the nodes of every segment.
-        control_points : ndarray, shape (n_control_points, 3)
-            Fitted control points (m).
-        residual : ndarray, shape (n_nodes, 3), or None
-            Baseline minus fitted points (m).
-        residual_lengths : ndarray, shape (n_corners,), or None
-            How long it is around every corner of the spans (m), see `.residual_lengths`.
-        wall_layer : bool
-            Whether nodes follow walls and the residual turns; without, the map is ``A b + r``.
-        evaluator : Evaluator
-            Evaluation of the nodes, by `Evaluator.of_grid`.
-
-        Returns
-        -------
-        GridMap
-        """
+        """Prepare the map of a fitted grid."""
         nodes = _baseline(evaluator, control_points, residual)
         walls = GridWalls.of(topology, nodes, evaluator.n_threads) if wall_layer else None
         held = HeldNodes.of_grid(topology)
@@ -115,37 +72,20 @@ class GridMap(OneLine):
     @classmethod
     def of_nodes(
         cls,
-        held: HeldNodes,
-        mesh: BSplineMesh,
+        held: HeldNodes,  # the nodes, with those that walls need
+        mesh: BSplineMesh,  # one volume per segment
+        # sequence of ndarray, each of shape (n_v, 3), parameters of the nodes that each segment evaluates
         parameters: Sequence[np.ndarray],
+        # control_points, residual, residual_lengths, wall_layer: as of `of`, the residual of the nodes alone, shape (n,
+        # 3)
         control_points: np.ndarray,
         residual: np.ndarray | None,
         residual_lengths: np.ndarray | None,
         wall_layer: bool,
-        walls: GridWalls | None,
-        evaluator: Evaluator,
+        walls: GridWalls | None,  # the walls of the grid; None where there are none, or nothing follows them
+        evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_nodes`
     ) -> GridMap:
-        """Prepare the map to some nodes of a fitted grid: they get the bits that they have in all of it.
-
-        Parameters
-        ----------
-        held : HeldNodes
-            The nodes, with those that walls need.
-        mesh : BSplineMesh
-            One volume per segment.
-        parameters : sequence of ndarray, each of shape (n_v, 3)
-            Parameters of the nodes that each segment evaluates.
-        control_points, residual, residual_lengths, wall_layer
-            As of `of`, the residual of the nodes alone, shape (n, 3).
-        walls : GridWalls or None
-            The walls of the grid; None where there are none, or nothing follows them.
-        evaluator : Evaluator
-            Evaluation of the nodes, by `Evaluator.of_nodes`.
-
-        Returns
-        -------
-        GridMap
-        """
+        """Prepare the map to some nodes of a fitted grid: they get the bits that they have in all of it."""
         nodes = _baseline(evaluator, control_points, residual)
         turning, layer = None, None
         vectors: Vectors | np.ndarray | None = residual
@@ -182,24 +122,13 @@ class GridMap(OneLine):
         return packed + sum(part.n_bytes for part in (self.turning, self.layer) if part is not None) + self.nodes.nbytes
 
     def at(
-        self, control_points: np.ndarray, correction: WallCorrection | None = None, wall: np.ndarray | None = None
+        self,
+        control_points: np.ndarray,  # (n_control_points, 3), control points (m)
+        # correction of the nodes whose places are given, made for the baseline `nodes`
+        correction: WallCorrection | None = None,
+        wall: np.ndarray | None = None,  # (n_wall, 3), where these nodes are to be (m)
     ) -> GridState:
-        """Nodes and their derivative.
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, 3)
-            Control points (m).
-        correction : WallCorrection, optional
-            Correction of the nodes whose places are given, made for the baseline `nodes`.
-        wall : ndarray, shape (n_wall, 3), optional
-            Where these nodes are to be (m).
-
-        Raises
-        ------
-        MovementError
-            If the surroundings of a point are turned inside out.
-        """
+        """Nodes and their derivative."""
         turn = layered = None
         if self.turning is not None and isinstance(self.residual, Vectors):
             turn = self.turning.at(control_points)
@@ -233,48 +162,22 @@ class GridMap(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class GridState:
-    """A grid and its derivative.
+    """A grid and its derivative."""
 
-    Parameters
-    ----------
-    of : GridMap
-        The map.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
-    turn : Turn or None
-        Rotations of the residual.
-    layered : Layered or None
-        Nodes that followed walls.
-    plane_points : ndarray, shape (n_plane, 3)
-        Nodes on the outlines of planes before that (m).
-    correction : WallCorrection or None
-        Correction of the nodes whose places were given.
-    mismatch : ndarray, shape (n_wall, 3), or None
-        Given places minus those of the control points alone (m).
-    """
+    of: GridMap  # the map
+    nodes: np.ndarray  # (n_nodes, 3), the grid (m)
+    turn: Turn | None  # rotations of the residual
+    layered: Layered | None  # nodes that followed walls
+    plane_points: np.ndarray  # (n_plane, 3), nodes on the outlines of planes before that (m)
+    correction: WallCorrection | None = None  # correction of the nodes whose places were given
+    mismatch: np.ndarray | None = None  # (n_wall, 3), given places minus those of the control points alone (m)
 
-    of: GridMap
-    nodes: np.ndarray
-    turn: Turn | None
-    layered: Layered | None
-    plane_points: np.ndarray
-    correction: WallCorrection | None = None
-    mismatch: np.ndarray | None = None
-
-    def jvp(self, d_control_points: np.ndarray, d_wall: np.ndarray | None = None) -> np.ndarray:
-        """Change of the nodes.
-
-        Parameters
-        ----------
-        d_control_points : ndarray, shape (n_control_points, 3)
-            Change of the control points.
-        d_wall : ndarray, shape (n_wall, 3), optional
-            Change of the given places; needed where there are any.
-
-        Returns
-        -------
-        ndarray, shape (n_nodes, 3)
-        """
+    def jvp(
+        self,
+        d_control_points: np.ndarray,  # (n_control_points, 3), change of the control points
+        d_wall: np.ndarray | None = None,  # (n_wall, 3), change of the given places; needed where there are any
+    ) -> np.ndarray:  # (n_nodes, 3)
+        """Change of the nodes."""
         of = self.of
         if self.turn is not None and isinstance(of.residual, Vectors):
             change = self.turn.jvp(d_control_points, self.turn.change(d_control_points), of.residual)
@@ -291,20 +194,13 @@ class GridState:
         """Transpose of `jvp` where no places are given: (n_nodes, 3) to (n_control_points, 3)."""
         return self.full_vjp(bar)[0]
 
-    def full_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Transpose of `jvp`.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n_nodes, 3)
-            Derivative of a scalar with respect to the nodes.
-
-        Returns
-        -------
-        control_points_bar : ndarray, shape (n_control_points, 3)
-        wall_bar : ndarray, shape (n_wall, 3), or None
-            With respect to the given places; None where there are none.
-        """
+    def full_vjp(
+        self,
+        bar: np.ndarray,  # (n_nodes, 3), derivative of a scalar with respect to the nodes
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Transpose of `jvp`."""
+        # Returns control_points_bar: (n_control_points, 3); wall_bar: (n_wall, 3), with respect to the given places;
+        # None where there are none.
         of = self.of
         if self.layered is not None:
             bar, wall_bar, normals_bar = self.layered.frozen_vjp(bar.copy())

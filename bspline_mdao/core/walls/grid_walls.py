@@ -36,62 +36,35 @@ __all__ = ["GridWalls"]
 
 @dataclass(frozen=True, eq=False)
 class GridWalls:
-    """The walls of a grid. Made by `GridWalls.of`.
+    """The walls of a grid. Made by `GridWalls.of`."""
 
-    Parameters
-    ----------
-    wall : Wall
-        All walls as one.
-    rows : ndarray of int, shape (n_wall,)
-        Rows of their nodes in the grid vector, each shared one once.
-    plane_rows : ndarray of int, shape (n_plane,)
-        Rows of the nodes on the outlines of planes that walls end on.
-    normals : tuple of PlaneNormal
-        Normals of these planes, as functions of those nodes.
-    planes : tuple of (ndarray of int, ndarray of shape (3,))
-        Rows of the nodes in planes, and the planes' normals on the baseline.
-    fixed : ndarray of int
-        Rows of the nodes on other boundary faces, which do not follow walls.
-    """
-
-    wall: Wall
-    rows: np.ndarray
-    plane_rows: np.ndarray
-    normals: tuple[PlaneNormal, ...]
+    wall: Wall  # all walls as one
+    rows: np.ndarray  # (n_wall,) of int, rows of their nodes in the grid vector, each shared one once
+    plane_rows: np.ndarray  # (n_plane,) of int, rows of the nodes on the outlines of planes that walls end on
+    normals: tuple[PlaneNormal, ...]  # normals of these planes, as functions of those nodes
+    # tuple of (ndarray of int, ndarray of shape (3,)) of int, rows of the nodes in planes, and the planes' normals on
+    # the baseline
     planes: tuple[tuple[np.ndarray, np.ndarray], ...]
-    fixed: np.ndarray
+    fixed: np.ndarray  # of int, rows of the nodes on other boundary faces, which do not follow walls
 
     @staticmethod
     def rows_seen(topology: Topology) -> np.ndarray:
-        """Rows of the nodes that `of` looks at, ascending.
-
-        They are those of the boundary and of the layer next to walls, and those that these are copies of.
-        """
+        """Rows of the nodes that `of` looks at, ascending."""
+        # They are those of the boundary and of the layer next to walls, and those that these are copies of.
         beside = [face_layer_rows(topology, f.window)[1].ravel() for f in topology.boundary if f.kind == "wall"]
         rows = np.unique(np.concatenate([boundary_rows(topology, topology.boundary), *beside]))
         return np.union1d(rows, source_rows(node_copies(topology), rows))
 
     @classmethod
-    def of(cls, topology: Topology, nodes: np.ndarray | NodesByRow, n_threads: int | None = None) -> GridWalls | None:
-        """Find the walls of a grid, and the planar faces of its boundary.
-
-        Planes are told apart to five digits of their normals and places: faces of one plane, whose corners leave it by
-        round-off of the file, are one.
-
-        Parameters
-        ----------
-        topology : Topology
-            Topology of the grid; faces of kind "wall" are walls.
-        nodes : ndarray, shape (n_nodes, 3), or NodesByRow
-            The baseline (m), or those nodes of it that are in `rows_seen`.
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``.
-
-        Returns
-        -------
-        GridWalls or None
-            None where there is no wall.
-        """
+    def of(
+        cls,
+        topology: Topology,  # topology of the grid; faces of kind "wall" are walls
+        nodes: np.ndarray | NodesByRow,  # (n_nodes, 3), the baseline (m), or those nodes of it that are in `rows_seen`
+        n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
+    ) -> GridWalls | None:  # none where there is no wall
+        """Find the walls of a grid, and the planar faces of its boundary."""
+        # Planes are told apart to five digits of their normals and places: faces of one plane, whose corners leave it
+        # by round-off of the file, are one.
         walls = [face for face in topology.boundary if face.kind == "wall"]
         if not walls:
             return None
@@ -125,18 +98,13 @@ class GridWalls:
         """Rows of the nodes that every part of the grid depends on."""
         return self.rows, self.plane_rows
 
-    def layer(self, held: HeldNodes, nodes: np.ndarray, n_threads: int | None = None) -> WallLayer:
-        """Find which nodes follow the walls.
-
-        Parameters
-        ----------
-        held : HeldNodes
-            Nodes of the grid, `needed` ones among them.
-        nodes : ndarray, shape (n, 3)
-            Their places on the baseline (m).
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``.
-        """
+    def layer(
+        self,
+        held: HeldNodes,  # nodes of the grid, `needed` ones among them
+        nodes: np.ndarray,  # (n, 3), their places on the baseline (m)
+        n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
+    ) -> WallLayer:
+        """Find which nodes follow the walls."""
         planes = [(numbers[numbers >= 0], n) for numbers, n in ((held.numbers_of(rows), n) for rows, n in self.planes)]
         fixed = held.numbers_of(self.fixed)
         rows = held.numbers_of(self.rows)

@@ -26,21 +26,13 @@ ON_TRIANGLE = 1e-11
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_weights(points, corners, triangles, weights, windings):  # pragma: no cover
-    """Find the weights of the corners in each point, up to a factor, and how often the surface surrounds it.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        The points (m).
-    corners : ndarray, shape (m, 3)
-        Corners of the triangles (m).
-    triangles : ndarray of int, shape (n_triangles, 3)
-        Their numbers in each triangle, which has an area, around the normal out of the body.
-    weights : ndarray, shape (n, m)
-        Zeros, replaced by the weights.
-    windings : ndarray, shape (n,)
-        Replaced by the part of all directions in which the surface is seen from inside.
-    """
+    """Find the weights of the corners in each point, up to a factor, and how often the surface surrounds it."""
+    # points: (n, 3), the points (m)
+    # corners: (m, 3), corners of the triangles (m)
+    # triangles: (n_triangles, 3) of int, their numbers in each triangle, which has an area, around the normal out of
+    # the body
+    # weights: (n, m), zeros, replaced by the weights
+    # windings: (n,), replaced by the part of all directions in which the surface is seen from inside
     for p in range(len(points)):
         x, y, z = points[p]
         row, angle, on = weights[p], 0.0, -1

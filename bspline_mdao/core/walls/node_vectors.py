@@ -30,20 +30,14 @@ _CHUNK = 4096  # nodes at a time whose knots are evaluated: their arrays fit the
 
 @dataclass(frozen=True, eq=False)
 class SpanNodes:
-    """The nodes of one volume in their spans, sorted by them.
+    """The nodes of one volume in their spans, sorted by them."""
 
-    Parameters
-    ----------
-    nodes : NodesBySpan
-        The nodes.
-    corners : ndarray of int32, shape (n_spans, 8)
-        Corners of the span of each run; bits 0, 1, 2 of the column say which end of directions 0, 1, 2.
-    fractions : ndarray of float32, shape (3 n_nodes + LANES,)
-        Places of the nodes between the ends, in groups, see `bspline_mdao.core.evaluation.simd_contraction`.
-    """
-
-    nodes: NodesBySpan
+    nodes: NodesBySpan  # the nodes
+    # (n_spans, 8) of int, corners of the span of each run; bits 0, 1, 2 of the column say which end of directions 0, 1,
+    # 2
     corners: np.ndarray
+    # (3 n_nodes + LANES,), places of the nodes between the ends, in groups, see
+    # `bspline_mdao.core.evaluation.simd_contraction`
     fractions: np.ndarray
 
     @classmethod
@@ -85,45 +79,34 @@ class SpanNodes:
 
 @dataclass(frozen=True, eq=False)
 class FaceNodes:
-    """Nodes on boundary faces with the weights of their corners, and the planes that their vectors keep to.
+    """Nodes on boundary faces with the weights of their corners, and the planes that their vectors keep to."""
 
-    Parameters
-    ----------
-    rows : ndarray of int, shape (n,)
-        Rows of the nodes, ascending.
-    corners, weights : ndarray, shape (n, 4)
-        Corners of spans, and their weights.
-    planes : ndarray of int, shape (n, 3)
-        Planes whose normals parts of the vectors follow, one after the other; -1 for none.
-    """
-
-    rows: np.ndarray
+    rows: np.ndarray  # (n,) of int, rows of the nodes, ascending
+    # corners, weights: (n, 4), corners of spans, and their weights
     corners: np.ndarray
     weights: np.ndarray
+    # (n, 3) of int, planes whose normals parts of the vectors follow, one after the other; -1 for none
     planes: np.ndarray
 
     def part(self, which: np.ndarray) -> FaceNodes:
         """Some of the nodes."""
         return FaceNodes(self.rows[which], self.corners[which], self.weights[which], self.planes[which])
 
-    def turned(self, matrices: np.ndarray, normals: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """Turn the vectors, shape (n, 3), of these nodes.
-
-        Parameters
-        ----------
-        matrices : ndarray, shape (n_corners, 9)
-            Rotations of all corners.
-        normals : ndarray, shape (2, n_planes, 3)
-            Normals of all planes, now and at first.
-        vectors : ndarray, shape (n, 3)
-            The vectors.
-        """
+    def turned(
+        self,
+        matrices: np.ndarray,  # (n_corners, 9), rotations of all corners
+        normals: np.ndarray,  # (2, n_planes, 3), normals of all planes, now and at first
+        vectors: np.ndarray,  # (n, 3), the vectors
+    ) -> np.ndarray:
+        """Turn the vectors, shape (n, 3), of these nodes."""
         out = vectors.copy()
         _add_products(self.corners, self.weights, matrices - np.eye(3).ravel(), vectors, out)  # exact where all are one
         _put_along(self.planes, normals, vectors, out)
         return out
 
-    def jvp(self, matrices, normals, vectors, d_matrices, d_normals, d_vectors) -> np.ndarray:
+    def jvp(
+        self, matrices: np.ndarray, normals: np.ndarray, vectors: np.ndarray, d_matrices, d_normals, d_vectors
+    ) -> np.ndarray:
         """Change of the turned vectors."""
         turned, change = np.zeros_like(vectors), np.zeros_like(vectors)
         _add_products(self.corners, self.weights, matrices, vectors, turned)
@@ -133,7 +116,7 @@ class FaceNodes:
         _put_along_jvp(self.planes, normals, vectors, turned, d_normals, d_vectors, change)
         return change
 
-    def vjp(self, matrices, normals, vectors, bar, matrices_bar):
+    def vjp(self, matrices: np.ndarray, normals: np.ndarray, vectors: np.ndarray, bar: np.ndarray, matrices_bar):
         """Transpose of `jvp`: adds to ``matrices_bar``; returns derivatives with respect to normals and vectors."""
         turned, bar = np.zeros_like(vectors), bar.copy()
         vectors_bar, normals_bar = np.zeros_like(vectors), np.zeros_like(normals)
@@ -163,11 +146,9 @@ def transposed(matrices: np.ndarray) -> np.ndarray:
 
 
 def _spans(volume: Volume, nodes: NodesBySpan) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Spans of the nodes, each once: places among those of the volume, numbers, and whether they count from the end.
-
-    As for the control points (see `bspline_mdao.core.evaluation.nodes_by_span`), nodes of a face depend on the corners
-    of that face alone, to the last bit.
-    """
+    """Spans of the nodes, each once: places among those of the volume, numbers, and whether they count from the end."""
+    # As for the control points (see `bspline_mdao.core.evaluation.nodes_by_span`), nodes of a face depend on the
+    # corners of that face alone, to the last bit.
     anchors = np.unravel_index(nodes.anchors, volume.n_control)
     is_high = [a == k.n_control - 1 for a, k in zip(anchors, volume.knots)]
     spans = [np.where(high, a, a + k.order - 1) for a, high, k in zip(anchors, is_high, volume.knots)]

@@ -30,25 +30,15 @@ def unit_normals(corners: np.ndarray) -> np.ndarray:
     return normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
-def cones_of_boxes(points: np.ndarray, triangles: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Find the cones of a binary tree of boxes.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Corners (m).
-    triangles : ndarray of int, shape (n_triangles, 3)
-        Corners of triangles in the order of the tree.
-    starts : ndarray of int, shape (n_leaves + 1,)
-        First triangle of every leaf.
-
-    Returns
-    -------
-    ndarray, shape (2 n_leaves, 5)
-        Axis of each box, and cosine and sine of the half angle about it that holds the normals of its triangles and of
-        those that share corners with them; zeros where that is wider than `WIDEST`, or a corner has no triangles all
-        around. Box k holds boxes 2 k and 2 k + 1; the first of all is number 1.
-    """
+def cones_of_boxes(
+    points: np.ndarray,  # (n, 3), corners (m)
+    triangles: np.ndarray,  # (n_triangles, 3) of int, corners of triangles in the order of the tree
+    starts: np.ndarray,  # (n_leaves + 1,) of int, first triangle of every leaf
+) -> np.ndarray:
+    """Find the cones of a binary tree of boxes."""
+    # Returns (2 n_leaves, 5), axis of each box, and cosine and sine of the half angle about it that holds the normals
+    # of its triangles and of those that share corners with them; zeros where that is wider than `WIDEST`, or a corner
+    # has no triangles all around. Box k holds boxes 2 k and 2 k + 1; the first of all is number 1.
     cones, n_leaves = np.zeros((2 * (len(starts) - 1), 5)), len(starts) - 1
     if not len(triangles):
         return cones

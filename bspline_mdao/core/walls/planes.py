@@ -23,14 +23,9 @@ __all__ = ["MirrorMeans", "PlaneNormal"]
 
 @dataclass(frozen=True, eq=False)
 class PlaneNormal:
-    """Mean unit normal of a planar part of the boundary. Made by `of_quads` or `of_outline`.
+    """Mean unit normal of a planar part of the boundary. Made by `of_quads` or `of_outline`."""
 
-    Parameters
-    ----------
-    first, second : ndarray of int, shape (2, n)
-        Numbers of the points at which the two arms of every pair start and end.
-    """
-
+    # first, second: (2, n) of int, numbers of the points at which the two arms of every pair start and end
     first: np.ndarray
     second: np.ndarray
 
@@ -96,23 +91,15 @@ class PlaneNormal:
 
 @dataclass(frozen=True, eq=False)
 class MirrorMeans:
-    """Means of matrices and their mirror images, for points in planes of symmetry: M <- (M + H' M H) / 2.
+    """Means of matrices and their mirror images, for points in planes of symmetry: M <- (M + H' M H) / 2."""
 
-    H = I - 2 n (x) n mirrors in a plane at rest, H' in the plane as it is.
+    # H = I - 2 n (x) n mirrors in a plane at rest, H' in the plane as it is.
 
-    Parameters
-    ----------
-    planes : tuple of (ndarray of int, ndarray of shape (3,))
-        Points in planes, and the normals at rest. Planes that share points are at right angles.
-    normals : ndarray, shape (n_planes, 3)
-        Normals now.
-    seen : tuple of ndarray, each of shape (n, 3, 3)
-        M of the points of each plane, before.
-    """
-
+    # tuple of (ndarray of int, ndarray of shape (3,)) of int, points in planes, and the normals at rest. Planes that
+    # share points are at right angles.
     planes: tuple[tuple[np.ndarray, np.ndarray], ...]
-    normals: np.ndarray
-    seen: tuple[np.ndarray, ...]
+    normals: np.ndarray  # (n_planes, 3), normals now
+    seen: tuple[np.ndarray, ...]  # tuple of ndarray, each of shape (n, 3, 3), M of the points of each plane, before
 
     @classmethod
     def of(cls, planes, normals: np.ndarray | None, matrices: np.ndarray) -> MirrorMeans:

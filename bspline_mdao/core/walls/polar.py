@@ -19,18 +19,15 @@ __all__ = ["cofactors", "nearest_rotations", "rotation_changes"]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def nearest_rotations(first, last, matrices, stiffness, is_fine):
-    """Put the nearest rotation in the place of every matrix, and ``tr(S) I - S`` beside it.
-
-    M + cof(M) / norm(M) has the same rotation: both factors of cof(M) = R cof(S) belong to those of M. But it has full
-    rank where all edges lie in a plane, and a positive determinant somewhat beyond. Newton's iteration
-    X <- (X + X^-T) / 2 then converges to the rotation, in the end quadratically (Higham 1986), for complex parts a step
-    later.
-
-    1. Start from M + cof(M) / norm(M), divided by norm(M).
-    2. Take the cofactors of X, which are det(X) X^-T. Where the determinant is not positive, there is no rotation.
-    3. Scale X so that it and X^-T are of the same size (the scaling in the Frobenius norm of Higham 1986).
-    4. Replace X by the mean of both. After a step of less than 1e-5 one more is exact to round-off.
-    """
+    """Put the nearest rotation in the place of every matrix, and ``tr(S) I - S`` beside it."""
+    # M + cof(M) / norm(M) has the same rotation: both factors of cof(M) = R cof(S) belong to those of M. But it has
+    # full rank where all edges lie in a plane, and a positive determinant somewhat beyond. Newton's iteration X <- (X +
+    # X^-T) / 2 then converges to the rotation, in the end quadratically (Higham 1986), for complex parts a step later.
+    #
+    # 1. Start from M + cof(M) / norm(M), divided by norm(M).
+    # 2. Take the cofactors of X, which are det(X) X^-T. Where the determinant is not positive, there is no rotation.
+    # 3. Scale X so that it and X^-T are of the same size (the scaling in the Frobenius norm of Higham 1986).
+    # 4. Replace X by the mean of both. After a step of less than 1e-5 one more is exact to round-off.
     r, c = np.empty_like(matrices[0]), np.empty_like(matrices[0])
     for i in range(first, last):
         m = matrices[i]

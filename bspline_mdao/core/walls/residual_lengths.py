@@ -22,47 +22,25 @@ __all__ = ["corner_numbers", "residual_lengths"]
 
 
 def corner_numbers(topology: Topology, mesh: BSplineMesh) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Number the corners of the spans of all volumes, each shared one once.
-
-    Returns
-    -------
-    places : list of ndarray, each of shape (M0, M1, M2, 3)
-        Parameters of the corners of every volume.
-    numbers : list of ndarray, each of shape (M0, M1, M2)
-        Their numbers.
-    """
+    """Number the corners of the spans of all volumes, each shared one once."""
+    # Returns places: list of ndarray, each of shape (M0, M1, M2, 3), parameters of the corners of every volume;
+    # numbers: list of ndarray, each of shape (M0, M1, M2), their numbers.
     places = [span_corners(volume) for volume in mesh.volumes]
     shapes = [x.shape[:3] for x in places]
     return places, shared_ids(shapes, topology.links, topology.collapses, topology.segment_names)
 
 
 def residual_lengths(
-    topology: Topology,
-    mesh: BSplineMesh,
+    topology: Topology,  # segments and links
+    mesh: BSplineMesh,  # one volume per segment
+    # sequence or mapping of ndarray, each of shape (L0, L1, L2, 3), parameters of the nodes of the segments
     parameters: Sequence[np.ndarray] | Mapping[int, np.ndarray],
+    # mapping of int to ndarray, each of shape (n_nodes_of_block, 3) of int, residual of the nodes of the blocks of this
+    # process (m)
     residuals: Mapping[int, np.ndarray],
-    comm: Any = ONE,
-) -> np.ndarray:
-    """Largest residual of the nodes in the spans around every corner.
-
-    Parameters
-    ----------
-    topology : Topology
-        Segments and links.
-    mesh : BSplineMesh
-        One volume per segment.
-    parameters : sequence or mapping of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of the segments.
-    residuals : mapping of int to ndarray, each of shape (n_nodes_of_block, 3)
-        Residual of the nodes of the blocks of this process (m).
-    comm : communicator
-        The processes, all of which call this.
-
-    Returns
-    -------
-    ndarray, shape (n_corners,)
-        On all processes (m).
-    """
+    comm: Any = ONE,  # the processes, all of which call this
+) -> np.ndarray:  # (n_corners,), on all processes (m)
+    """Largest residual of the nodes in the spans around every corner."""
     numbers = corner_numbers(topology, mesh)[1]
     lengths = np.zeros(1 + max(int(ids.max()) for ids in numbers))
     for segment, (window, volume, ids) in enumerate(zip(topology.segments, mesh.volumes, numbers)):

@@ -41,39 +41,28 @@ ROUND_OFF = 3e-15
 
 @dataclass(frozen=True, eq=False)
 class RotationFilter:
-    """The filter for some corners, others being given. Made by `RotationFilter.of`.
+    """The filter for some corners, others being given. Made by `RotationFilter.of`."""
 
-    Parameters
-    ----------
-    free, given : ndarray of int
-        Numbers of the corners that are smoothed, and of those that are known and enter.
-    of_free, of_given : csr_array, shapes (n_edges, n_free) and (n_edges, n_given)
-        Differences along the edges.
-    weights : ndarray, shape (n_edges,)
-        Squared ratios of residual to edge.
-    """
-
+    # free, given: of int, numbers of the corners that are smoothed, and of those that are known and enter
     free: np.ndarray
     given: np.ndarray
+    # of_free, of_given: (n_edges, n_free) and (n_edges, n_given), differences along the edges
     of_free: csr_array
     of_given: csr_array
-    weights: np.ndarray
+    weights: np.ndarray  # (n_edges,), squared ratios of residual to edge
 
     @classmethod
     def of(
-        cls, starts: np.ndarray, neighbours: np.ndarray, scales: np.ndarray, lengths: np.ndarray, free: np.ndarray
+        cls,
+        # starts, neighbours, scales: first neighbour of every corner, the neighbours, and 1 / squared lengths of these
+        # edges
+        starts: np.ndarray,
+        neighbours: np.ndarray,
+        scales: np.ndarray,
+        lengths: np.ndarray,  # (n,), residual around every corner (m)
+        free: np.ndarray,  # (n,) of bool, corners that are smoothed
     ) -> RotationFilter | None:
-        """Choose the edges that the residual is not short beside; None where there are none.
-
-        Parameters
-        ----------
-        starts, neighbours, scales : ndarray
-            First neighbour of every corner, the neighbours, and 1 / squared lengths of these edges.
-        lengths : ndarray, shape (n,)
-            Residual around every corner (m).
-        free : ndarray of bool, shape (n,)
-            Corners that are smoothed.
-        """
+        """Choose the edges that the residual is not short beside; None where there are none."""
         ends = np.repeat(np.arange(len(free)), np.diff(starts))
         weights = np.minimum(np.maximum(lengths[ends], lengths[neighbours]) ** 2 * scales, MOST_WEIGHT)
         is_first = free[ends] & ((ends < neighbours) | ~free[neighbours])  # an edge between free ones is there twice
@@ -108,20 +97,12 @@ class RotationFilter:
         lost = 10.0 * np.finfo(float).eps * max(float(self.weights.max()), 1.0)
         return int(np.ceil(np.log(ROUND_OFF) / np.log(lost)))
 
-    def forward(self, rotations: np.ndarray, given: np.ndarray) -> np.ndarray:
-        """Smooth rotations less the identity, or changes of rotations.
-
-        Parameters
-        ----------
-        rotations : ndarray, shape (n_free, 9)
-            Those of the corners that are smoothed.
-        given : ndarray, shape (n_given, 9)
-            Those that are known.
-
-        Returns
-        -------
-        ndarray, shape (n_free, 9)
-        """
+    def forward(
+        self,
+        rotations: np.ndarray,  # (n_free, 9), those of the corners that are smoothed
+        given: np.ndarray,  # (n_given, 9), those that are known
+    ) -> np.ndarray:  # (n_free, 9)
+        """Smooth rotations less the identity, or changes of rotations."""
         jumps = self.of_given @ given
         return self._solved(rotations, rotations.copy(), lambda x: self.of_free @ x + jumps)
 

@@ -94,41 +94,20 @@ class LocalRotations:
     @classmethod
     def of(
         cls,
-        points: np.ndarray,
+        points: np.ndarray,  # (n, 3), the points on the baseline (m)
+        # (n_edges, 2) of int, pairs of neighbours, in any order; edges without length do not count, nor does the second
+        # of two same ones
         edges: np.ndarray | None = None,
+        # (n_quads, 4) of int, corners of quads in turn; their sides are edges. Points may stand for several corners.
         quads: np.ndarray | None = None,
+        # sequence of (ndarray of int, ndarray of shape (3,)) of int, points in a plane of symmetry, and its normal;
+        # they see the mirror image of what they see. Planes that share points must be at right angles. Where a plane
+        # itself moves, tell `at` its normal.
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        fixed: np.ndarray | None = None,
-        n_threads: int | None = None,
-    ) -> LocalRotations:
-        """Find the neighbours and the quads of every point.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n, 3)
-            The points on the baseline (m).
-        edges : ndarray of int, shape (n_edges, 2), optional
-            Pairs of neighbours, in any order; edges without length do not count, nor does the second of two same ones.
-        quads : ndarray of int, shape (n_quads, 4), optional
-            Corners of quads in turn; their sides are edges. Points may stand for several corners.
-        planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
-            Points in a plane of symmetry, and its normal; they see the mirror image of what they see. Planes that share
-            points must be at right angles. Where a plane itself moves, tell `at` its normal.
-        fixed : ndarray of int, optional
-            Points that are not to turn.
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``.
-
-        Returns
-        -------
-        LocalRotations
-            Points without neighbours and quads never turn.
-
-        Raises
-        ------
-        InputError
-            If an array has the wrong shape or numbers a point that is not there.
-        """
+        fixed: np.ndarray | None = None,  # of int, points that are not to turn
+        n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
+    ) -> LocalRotations:  # points without neighbours and quads never turn
+        """Find the neighbours and the quads of every point."""
         points = np.ascontiguousarray(points, dtype=float)
         n = len(points)
         quads = _numbers(quads, 4, n, "quads")
@@ -159,25 +138,14 @@ class LocalRotations:
         """Number of points."""
         return len(self.starts) - 1
 
-    def at(self, initial: np.ndarray, moved: np.ndarray, normals: np.ndarray | None = None) -> Rotations:
-        """Rotations of a move.
-
-        Parameters
-        ----------
-        initial, moved : ndarray, shape (n, 3)
-            Points before and after it (m); real or complex.
-        normals : ndarray, shape (n_planes, 3), optional
-            Unit normals of the planes of symmetry after it; by default they stay.
-
-        Returns
-        -------
-        Rotations
-
-        Raises
-        ------
-        MovementError
-            If the surroundings of a point are turned inside out, so that no rotation is nearest.
-        """
+    def at(
+        self,
+        initial: np.ndarray,  # initial, moved: (n, 3), points before and after it (m); real or complex
+        moved: np.ndarray,
+        # (n_planes, 3), unit normals of the planes of symmetry after it; by default they stay
+        normals: np.ndarray | None = None,
+    ) -> Rotations:
+        """Rotations of a move."""
         initial, moved = self._checked(initial, "points before the move"), self._checked(moved, "points after the move")
         areas = self.areas(initial), self.areas(moved)
         matrices = self._moments(initial, moved, *areas)
@@ -193,7 +161,7 @@ class LocalRotations:
             )
         return Rotations(self, initial, moved, areas, matrices, stiffness, mirrored)
 
-    def _checked(self, points, what: str) -> np.ndarray:
+    def _checked(self, points: np.ndarray, what: str) -> np.ndarray:
         points = np.asarray(points)
         if points.shape != (self.n_points, 3):
             raise InputError(f"rotations: {what} of shape {points.shape}; give shape ({self.n_points}, 3)")
@@ -215,27 +183,22 @@ class LocalRotations:
         """Add the transpose of `areas_jvp` to ``points_bar``, shape (n, 3)."""
         _add_area_vjp(points, self.quads, areas_bar, points_bar)
 
-    def _moments(self, initial, moved, initial_areas, moved_areas) -> np.ndarray:
+    def _moments(self, initial: np.ndarray, moved: np.ndarray, initial_areas, moved_areas) -> np.ndarray:
         """Sum up M of every point, shape (n, 3, 3): linear in the points before, and in those after the move."""
         sums = np.empty((self.n_points, 3, 3), dtype=np.result_type(initial, moved))
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners, self.quad_scales
         self.over_points(lambda part: _moments(*part, *graph, initial, moved, initial_areas, moved_areas, sums))
         return self._with_neighbours(sums, self.mix)
 
-    def _moments_transposed(self, bar, points, areas, own, transposed: bool) -> np.ndarray:
-        """Derivative of ``sum(bar M)`` with respect to the points after the move, or before it, shape (n, 3).
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n, 3, 3)
-            One matrix per point.
-        points, areas : ndarray, shapes (n, 3) and (n_quads, 3)
-            Points and areas of the other side.
-        own : ndarray, shape (n, 3)
-            Points of the side asked.
-        transposed : bool
-            Whether the side asked is the one before the move.
-        """
+    def _moments_transposed(
+        self,
+        bar: np.ndarray,  # (n, 3, 3), one matrix per point
+        points: np.ndarray,  # points, areas: (n, 3) and (n_quads, 3), points and areas of the other side
+        areas: np.ndarray,
+        own: np.ndarray,  # (n, 3), points of the side asked
+        transposed: bool,  # whether the side asked is the one before the move
+    ) -> np.ndarray:
+        """Derivative of ``sum(bar M)`` with respect to the points after the move, or before it, shape (n, 3)."""
         bar = self._with_neighbours(bar, None if self.mix is None else self.mix.T)
         bar = np.ascontiguousarray(bar.transpose(0, 2, 1) if transposed else bar)
         pulls = np.empty((len(self.quads), 2, 3), dtype=np.result_type(bar, own, points))
@@ -265,7 +228,7 @@ class LocalRotations:
         MirrorMeans.of(self.planes, None, seen)
         return mix, np.flatnonzero(_is_alone(seen))
 
-    def over_points(self, task):
+    def over_points(self, task) -> None:
         """Call a kernel with ``(first, last)`` for pieces of the points."""
         cuts = list(range(0, self.n_points, CHUNK_POINTS)) + [self.n_points]
         run_tasks(lambda k: task((cuts[k], cuts[k + 1])), len(cuts) - 1, thread_count(self.n_threads))
@@ -344,7 +307,7 @@ class Rotations:
         """Derivatives with respect to the normals of the planes after the move, shape (n_planes, 3)."""
         return self._back(bar)[1]
 
-    def _back(self, bar) -> tuple[np.ndarray, np.ndarray]:
+    def _back(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the scalar with respect to M, shape (n, 3, 3), and to the normals."""
         bar = np.array(bar, dtype=np.result_type(bar, self.matrices), order="C")
         if bar.shape != self.matrices.shape:
@@ -364,7 +327,7 @@ def _numbers(ids, n_columns: int, n: int, what: str) -> np.ndarray:
     return ids.astype(np.int64)
 
 
-def _neighbours(points, edges):
+def _neighbours(points: np.ndarray, edges: np.ndarray | None):
     """First neighbour of every point, the numbers of the neighbours, each once, and the scales of the edges."""
     n = len(points)
     ends = np.concatenate([edges, edges[:, ::-1]])
@@ -376,13 +339,13 @@ def _neighbours(points, edges):
     return starts, ends[:, 1].astype(np.int32), scales
 
 
-def _corners(quads, n):
+def _corners(quads: np.ndarray | None, n: int):
     """First corner at every point, and the corners: four times the number of the quad plus that of the corner."""
     order = np.argsort(quads.ravel(), kind="stable")
     return np.searchsorted(quads.ravel()[order], np.arange(n + 1)), order
 
 
-def _quad_scales(points, quads):
+def _quad_scales(points: np.ndarray, quads: np.ndarray | None):
     """1 / squared areas; 0 for quads that have none."""
     x = points[quads]
     diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
@@ -392,12 +355,12 @@ def _quad_scales(points, quads):
     return np.divide(1.0, area**2, out=np.zeros(len(quads)), where=area > least)
 
 
-def _size(points) -> float:
+def _size(points: np.ndarray) -> float:
     """Diagonal of the box."""
     return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
 
 
-def _is_alone(matrices) -> np.ndarray:
+def _is_alone(matrices: np.ndarray) -> np.ndarray:
     """Whether a matrix at rest has one direction, or none, so that no rotation is nearest."""
     second, first = np.linalg.eigvalsh(matrices)[:, 1:].T
     return ~(second > NO_SPREAD * np.maximum(first, 1.0))

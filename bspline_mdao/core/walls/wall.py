@@ -35,58 +35,27 @@ layer ends smoothly."""
 
 @dataclass(frozen=True, eq=False)
 class Wall:
-    """A wall on the baseline. Made by `Wall.of`.
+    """A wall on the baseline. Made by `Wall.of`."""
 
-    Parameters
-    ----------
-    tree : TriangleTree
-        Its triangles and its reach.
-    frames : WallFrames
-        How the layer above it turns.
-    """
-
-    tree: TriangleTree
-    frames: WallFrames
+    tree: TriangleTree  # its triangles and its reach
+    frames: WallFrames  # how the layer above it turns
 
     @classmethod
     def of(
         cls,
-        points: np.ndarray,
-        quads: np.ndarray,
-        heights: np.ndarray,
+        points: np.ndarray,  # (n, 3), its nodes on the baseline (m), each once
+        quads: np.ndarray,  # (n_quads, 4) of int, corners of its quads in turn, around the normal into the fluid
+        heights: np.ndarray,  # (n,), heights of the first cells at the nodes (m); 0 where there is none
+        # sequence of (ndarray of int, ndarray of shape (3,)) of int, nodes in planes that they must stay in, and the
+        # planes' normals: their rotation keeps the plane
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        fixed: np.ndarray | None = None,
+        fixed: np.ndarray | None = None,  # of int, nodes that never turn, such as those on a fixed boundary
+        # (n_quads,) of int, face that each quad belongs to. Heights are kept above each face by itself, where several
+        # meet in a node.
         faces: np.ndarray | None = None,
-        n_threads: int | None = None,
+        n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
     ) -> Wall:
-        """Sort the triangles of a wall, and find its reach and the neighbours of its nodes.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n, 3)
-            Its nodes on the baseline (m), each once.
-        quads : ndarray of int, shape (n_quads, 4)
-            Corners of its quads in turn, around the normal into the fluid.
-        heights : ndarray, shape (n,)
-            Heights of the first cells at the nodes (m); 0 where there is none.
-        planes : sequence of (ndarray of int, ndarray of shape (3,))
-            Nodes in planes that they must stay in, and the planes' normals: their rotation keeps the plane.
-        fixed : ndarray of int, optional
-            Nodes that never turn, such as those on a fixed boundary.
-        faces : ndarray of int, shape (n_quads,), optional
-            Face that each quad belongs to. Heights are kept above each face by itself, where several meet in a node.
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``.
-
-        Returns
-        -------
-        Wall
-
-        Raises
-        ------
-        InputError
-            If an array has the wrong shape.
-        """
+        """Sort the triangles of a wall, and find its reach and the neighbours of its nodes."""
         points = np.ascontiguousarray(points, dtype=float)
         frames = WallFrames.of(points, quads, planes, fixed, faces, n_threads)
         heights = np.asarray(heights, dtype=float)
@@ -100,7 +69,7 @@ class Wall:
         return len(self.tree.points)
 
 
-def _reach(points, quads, heights) -> np.ndarray:
+def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray) -> np.ndarray:
     """Distance up to which points follow a wall, at its nodes, shape (n,): see `REACH`."""
     x = points[quads]
     diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
@@ -117,7 +86,7 @@ def _reach(points, quads, heights) -> np.ndarray:
     return reach * _viscosity(spacing, heights)
 
 
-def _viscosity(spacing, heights) -> float:
+def _viscosity(spacing, heights: np.ndarray) -> float:
     """Fraction of its reach that a wall has: where cells are as high as wide, a layer is useless and costs quality."""
     has_height = heights > 0.0
     if not has_height.any():
