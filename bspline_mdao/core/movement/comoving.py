@@ -79,24 +79,12 @@ class ComovingFrame(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class ComovingMovement(OneLine):
-    """A move in a frame that goes along.
+    """A move in a frame that goes along."""
 
-    Parameters
-    ----------
-    surface_ids : ndarray of int, shape (n_surface,)
-        Points on the surface.
-    surface : ndarray, shape (n_surface, 3)
-        Where they go (m).
-    motion : RigidMotion
-        Motion of the frame.
-    inner : Movement
-        Move within it.
-    """
-
-    surface_ids: np.ndarray
-    surface: np.ndarray
-    motion: RigidMotion
-    inner: Movement
+    surface_ids: np.ndarray  # (n_surface,) of int, points on the surface
+    surface: np.ndarray  # (n_surface, 3), where they go (m)
+    motion: RigidMotion  # motion of the frame
+    inner: Movement  # move within it
 
     @property
     def points(self) -> np.ndarray:

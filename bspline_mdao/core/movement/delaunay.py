@@ -129,20 +129,11 @@ class _Linear:
 
 @dataclass(frozen=True, eq=False)
 class Tetrahedra:
-    """Tetrahedra that are not flat.
+    """Tetrahedra that are not flat."""
 
-    Parameters
-    ----------
-    corners : ndarray of int, shape (n, 4)
-        Points at their corners, in the order of positive volume.
-    origins : ndarray, shape (n, 3)
-        First corners (m).
-    inverses : ndarray, shape (n, 3, 3)
-        Inverses of the matrices whose columns are the edges from the first corner to the others (1/m).
-    """
-
-    corners: np.ndarray
-    origins: np.ndarray
+    corners: np.ndarray  # (n, 4) of int, points at their corners, in the order of positive volume
+    origins: np.ndarray  # (n, 3), first corners (m)
+    # (n, 3, 3), inverses of the matrices whose columns are the edges from the first corner to the others (1/m)
     inverses: np.ndarray
 
     def coordinates(self, which: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -157,28 +148,13 @@ def signed_volumes(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return np.einsum("ni,ni->n", np.cross(edges[:, 0], edges[:, 1]), edges[:, 2])
 
 
-def tetrahedra(points: np.ndarray, targets: np.ndarray) -> tuple[Tetrahedra, np.ndarray]:
-    """Connect points by the Delaunay criterion, and find the tetrahedron that each target is in.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n_points, 3)
-        Points of the graph (m).
-    targets : ndarray, shape (n_targets, 3)
-        Points to be found (m).
-
-    Returns
-    -------
-    tetrahedra : Tetrahedra
-        Those that are not flat.
-    which : ndarray of int, shape (n_targets,)
-        For each target, the one that it is in, or nearest to being in.
-
-    Raises
-    ------
-    MovementError
-        If the points are all in one plane.
-    """
+def tetrahedra(
+    points: np.ndarray,  # (n_points, 3), points of the graph (m)
+    targets: np.ndarray,  # (n_targets, 3), points to be found (m)
+) -> tuple[Tetrahedra, np.ndarray]:
+    """Connect points by the Delaunay criterion, and find the tetrahedron that each target is in."""
+    # Returns tetrahedra: those that are not flat; which: (n_targets,) of int, for each target, the one that it is in,
+    # or nearest to being in.
     try:
         graph = Delaunay(points)
     except QhullError as error:

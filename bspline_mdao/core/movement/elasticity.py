@@ -103,7 +103,7 @@ class LinearElasticity(EquilibriumMover):
     solver: object = field(default_factory=Cholesky)
     keep_factors: bool | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if not -1.0 < self.poisson_ratio < 0.5:
             raise InputError(f"elasticity: Poisson's ratio {self.poisson_ratio}; give a number between -1 and 0.5")
@@ -133,20 +133,20 @@ class ElasticElements:
         mesh = self.mesh
         return self.points, mesh.elements[ids], mesh.handedness[ids], self.modulus[ids], self.lame
 
-    def add_stiffness(self, element_rows, slots, data, element_ids=ALL):
+    def add_stiffness(self, element_rows, slots, data, element_ids=ALL) -> None:
         """Add the stiffness of all elements, or of some, to blocks."""
         add_stiffness(*self._arguments_of(element_ids), element_rows, slots, data)
 
-    def force(self, displacement):
+    def force(self, displacement: np.ndarray):
         """Force on all points."""
         return force(*self._arguments, displacement)
 
-    def force_jvp(self, displacement, d_initial, d_points):
+    def force_jvp(self, displacement: np.ndarray, d_initial, d_points: np.ndarray):
         """Change of the force of a given displacement."""
         d_modulus = self.law.modulus_jvp(self.mesh, self.initial, self.points, d_initial, d_points)
         return force_jvp(*self._arguments, displacement, d_points, d_modulus)
 
-    def force_vjp(self, displacement, bar):
+    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray):
         """Transpose of `force_jvp` and of `force`."""
         points_bar, modulus_bar, displacement_bar = force_vjp(*self._arguments, displacement, bar)
         initial_bar, law_bar = self.law.modulus_vjp(self.mesh, self.initial, self.points, modulus_bar)
@@ -254,30 +254,18 @@ def _element_force_vjp(f_s, u_s, v_s, sign, weight, lame, f_bar, u_bar):
 
 
 @njit(cache=True)
-def force(points, elements, signs, modulus, lame, displacement):
-    """Compute the force K u on every point, matrix-free.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n_points, 3)
-        Coordinates (m).
-    elements : ndarray of int32, shape (n_elements, 8)
-        Points at the corners, see `bspline_mdao.core.mesh.moving_mesh.MovingMesh.elements`.
-    signs : ndarray of int8, shape (n_elements,)
-        Handedness.
-    modulus : ndarray, shape (n_elements,)
-        Young's modulus, positive.
-    lame : tuple of float
-        From `lame_constants`.
-    displacement : ndarray, shape (n_parts, n_points, 3)
-        The field u as a sum of parts (m). Two are what an element needs whose corners lie closer together than the
-        digits of one can tell: the second holds what rounding left of the first.
-
-    Returns
-    -------
-    ndarray, shape (n_parts, n_points, 3)
-        As a sum of as many parts.
-    """
+def force(
+    points: np.ndarray,  # (n_points, 3), coordinates (m)
+    # (n_elements, 8) of int, points at the corners, see `bspline_mdao.core.mesh.moving_mesh.MovingMesh.elements`
+    elements: np.ndarray,
+    signs: np.ndarray,  # (n_elements,) of int, handedness
+    modulus: np.ndarray,  # (n_elements,), young's modulus, positive
+    lame,  # from `lame_constants`
+    # (n_parts, n_points, 3), the field u as a sum of parts (m). Two are what an element needs whose corners lie closer
+    # together than the digits of one can tell: the second holds what rounding left of the first.
+    displacement: np.ndarray,
+):  # (n_parts, n_points, 3), as a sum of as many parts
+    """Compute the force K u on every point, matrix-free."""
     total = np.zeros_like(displacement)
     x, u, fluxes = (
         np.empty((3, 3, 8), points.dtype),
@@ -295,10 +283,8 @@ def force(points, elements, signs, modulus, lame, displacement):
 
 @njit(cache=True)
 def force_jvp(points, elements, signs, modulus, lame, displacement, d_points, d_modulus):
-    """Change of `force` for changes of the points and the modulus; in the displacement, `force` is linear.
-
-    It is a sum of as many parts as the displacement.
-    """
+    """Change of `force` for changes of the points and the modulus; in the displacement, `force` is linear."""
+    # It is a sum of as many parts as the displacement.
     total = np.zeros_like(displacement)
     x, u, fluxes = (
         np.empty((3, 3, 8), points.dtype),
@@ -318,25 +304,18 @@ def force_jvp(points, elements, signs, modulus, lame, displacement, d_points, d_
 
 
 @njit(cache=True)
-def force_vjp(points, elements, signs, modulus, lame, displacement, bar):
-    """Transpose of `force_jvp` and of `force`.
-
-    Parameters
-    ----------
-    points, elements, signs, modulus, lame, displacement
-        As for `force`.
-    bar : ndarray, shape (n_parts, n_points, 3)
-        Derivative of a scalar with respect to the force, as a sum of parts.
-
-    Returns
-    -------
-    points_bar : ndarray, shape (n_points, 3)
-        Derivative with respect to the points.
-    modulus_bar : ndarray, shape (n_elements,)
-        The same for the modulus.
-    displacement_bar : ndarray, shape (n_points, 3)
-        The same for the displacement: the force of ``bar``.
-    """
+def force_vjp(
+    points,  # points, elements, signs, modulus, lame, displacement: as for `force`
+    elements,
+    signs,
+    modulus,
+    lame,
+    displacement,
+    bar: np.ndarray,  # (n_parts, n_points, 3), derivative of a scalar with respect to the force, as a sum of parts
+):
+    """Transpose of `force_jvp` and of `force`."""
+    # Returns points_bar: (n_points, 3), derivative with respect to the points; modulus_bar: (n_elements,), the same for
+    # the modulus; displacement_bar: (n_points, 3), the same for the displacement: the force of ``bar``.
     points_bar, modulus_bar, displacement_bar = np.zeros_like(points), np.empty_like(modulus), np.zeros_like(points)
     x, u, v = np.empty((3, 3, 8), points.dtype), np.empty((3, 3, 8), points.dtype), np.empty((3, 3, 8), points.dtype)
     x_bar, u_bar = np.empty((3, 3, 8), points.dtype), np.empty((3, 3, 8), points.dtype)
@@ -353,11 +332,9 @@ def force_vjp(points, elements, signs, modulus, lame, displacement, bar):
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def _shape_gradients(f_s, sign, weight, gradients, weighted):
-    """Gradients of the corners' shape functions times J at all Gauss points g.
-
-    Component d of corner c is in ``gradients[g, 8 d + c]``, and times the weight divided by J in
-    ``weighted[8 d + c, g]``: the corners lie side by side in memory, as SIMD lanes.
-    """
+    """Gradients of the corners' shape functions times J at all Gauss points g."""
+    # Component d of corner c is in ``gradients[g, 8 d + c]``, and times the weight divided by J in ``weighted[8 d + c,
+    # g]``: the corners lie side by side in memory, as SIMD lanes.
     for g in range(8):
         f = at_point(f_s, g)
         a = adjugate(f)
@@ -394,11 +371,9 @@ def _pair_force(h_x, h_y, h_z, lame):
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def _pair_block(products, a, b, lame, block):
-    """Stiffness between corners a and b: column d is the force on a where b is displaced along d.
-
-    With S_jl the integral of dN_a/dx_j dN_b/dx_l, that displacement has the gradients whose row d is S_j, one for each
-    slope j of corner a, and whose other rows are zero.
-    """
+    """Stiffness between corners a and b: column d is the force on a where b is displaced along d."""
+    # With S_jl the integral of dN_a/dx_j dN_b/dx_l, that displacement has the gradients whose row d is S_j, one for
+    # each slope j of corner a, and whose other rows are zero.
     none = (0.0, 0.0, 0.0)
     x = (products[a, b], products[8 + b, a], products[16 + b, a])
     y = (products[8 + a, b], products[8 + a, 8 + b], products[16 + b, 8 + a])
@@ -411,23 +386,20 @@ def _pair_block(products, a, b, lame, block):
 
 
 @njit(cache=True)
-def add_stiffness(points, elements, signs, modulus, lame, rows, slots, data):
-    """Add the stiffness K of Eq. (7) of all elements to the blocks of a symmetric matrix.
-
-    The products S of the gradients of all corners are sums over the Gauss points of products of two vectors of 24, and
-    the block of two corners follows from their nine by the law.
-
-    Parameters
-    ----------
-    points, elements, signs, modulus, lame
-        As for `force`.
-    rows : ndarray of int32, shape (n_elements, 8)
-        Block row of every corner, -1 where it has none.
-    slots : ndarray of int32, shape (n_elements, 36)
-        Place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`.
-    data : ndarray, shape (n_blocks, 3, 3)
-        Blocks of the lower triangle, added to.
-    """
+def add_stiffness(
+    points,  # points, elements, signs, modulus, lame: as for `force`
+    elements,
+    signs,
+    modulus,
+    lame,
+    rows: np.ndarray,  # (n_elements, 8) of int, block row of every corner, -1 where it has none
+    # (n_elements, 36) of int, place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`
+    slots: np.ndarray,
+    data: np.ndarray,  # (n_blocks, 3, 3), blocks of the lower triangle, added to
+):
+    """Add the stiffness K of Eq. (7) of all elements to the blocks of a symmetric matrix."""
+    # The products S of the gradients of all corners are sums over the Gauss points of products of two vectors of 24,
+    # and the block of two corners follows from their nine by the law.
     x, stiffness = np.empty((3, 3, 8), points.dtype), np.empty((8, 8, 3, 3), points.dtype)
     gradients, weighted = np.empty((8, 24), points.dtype), np.empty((24, 8), points.dtype)
     products = np.empty((24, 24), points.dtype)

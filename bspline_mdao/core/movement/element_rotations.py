@@ -46,20 +46,11 @@ __all__ = ["ElementRotations"]
 
 @dataclass(frozen=True, eq=False)
 class ElementRotations:
-    """Rotations of the elements in a displacement, and their derivative.
+    """Rotations of the elements in a displacement, and their derivative."""
 
-    Parameters
-    ----------
-    elements : GuidedElements
-        The elements.
-    parts : ndarray, shape (n_parts, n_points, 3)
-        The displacement (m), as a sum.
-    matrices, stiffness : ndarray, shape (n_elements, 3, 3)
-        The rotations, and tr(S) I - S of what they leave of M = R S.
-    """
-
-    elements: GuidedElements
-    parts: np.ndarray
+    elements: GuidedElements  # the elements
+    parts: np.ndarray  # (n_parts, n_points, 3), the displacement (m), as a sum
+    # matrices, stiffness: (n_elements, 3, 3), the rotations, and tr(S) I - S of what they leave of M = R S
     matrices: np.ndarray
     stiffness: np.ndarray
 
@@ -95,7 +86,7 @@ class ElementRotations:
         return _mean_gradients_vjp(*_arguments(self.elements), self.parts, back)
 
 
-def _arguments(elements):
+def _arguments(elements: GuidedElements):
     return elements.points, elements.mesh.elements, elements.mesh.handedness
 
 

@@ -77,10 +77,8 @@ class Balanced(Protocol):
     def add_stiffness(
         self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray, element_ids: np.ndarray | slice = ALL
     ) -> None:
-        """Add the stiffness of all elements, or of some, to blocks.
-
-        See `bspline_mdao.core.movement.elasticity.add_stiffness`; rows and slots are those of these elements.
-        """
+        """Add the stiffness of all elements, or of some, to blocks."""
+        # See `bspline_mdao.core.movement.elasticity.add_stiffness`; rows and slots are those of these elements.
 
     def force(self, displacement: np.ndarray) -> np.ndarray:
         """Force on all points of a displacement, both sums of as many parts, shape (n_parts, n_points, 3)."""
@@ -114,21 +112,18 @@ class Numbered(Protocol):
 
 
 class EquilibriumMover(IncrementalMover):
-    """What the movers of elements share: an increment is an equilibrium.
+    """What the movers of elements share: an increment is an equilibrium."""
 
-    A leaf has the fields ``mesh``, ``n_increments``, ``solver`` and ``keep_factors``, and says what its elements are.
-    It keeps the order of elimination, which the mesh decides; factors belong to the movements, see `Start`.
-    """
+    # A leaf has the fields ``mesh``, ``n_increments``, ``solver`` and ``keep_factors``, and says what its elements are.
+    # It keeps the order of elimination, which the mesh decides; factors belong to the movements, see `Start`.
 
     solver: Any
     keep_factors: bool | None
 
     def move(self, initial: np.ndarray, surface: np.ndarray, start: Start | None = None) -> IncrementalMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
-
-        See `IncrementalMover.move`; with the ``start`` of an earlier movement, or from `start`, moves from the same
-        initial points share their factor. A start from other points is not used.
-        """
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres."""
+        # See `IncrementalMover.move`; with the ``start`` of an earlier movement, or from `start`, moves from the same
+        # initial points share their factor. A start from other points is not used.
         initial = np.array(initial, dtype=float)
         if start is None or not np.array_equal(start.points, initial):
             start = Start(initial)
@@ -142,11 +137,9 @@ class EquilibriumMover(IncrementalMover):
         return Start(initial, self._equilibrium.factorized(self._elements(initial, initial)))
 
     def predicted_bytes(self) -> int | None:
-        """Memory of the factors of a move, and of the work on them (bytes); None where the solver does not tell.
-
-        That of the first increment and that of the present one, or those of all increments where factors are kept. It
-        takes the analysis of the pattern, which the moves need anyway.
-        """
+        """Memory of the factors of a move, and of the work on them (bytes); None where the solver does not tell."""
+        # That of the first increment and that of the present one, or those of all increments where factors are kept. It
+        # takes the analysis of the pattern, which the moves need anyway.
         analysis = self._equilibrium.analysis
         if not hasattr(analysis, "factor_bytes"):
             return None
@@ -216,7 +209,7 @@ class EquilibriumStep:
         before_bar[surface_ids] -= surface_bar
         return initial_bar, before_bar, surface_bar
 
-    def _balance(self, prescribed, load):
+    def _balance(self, prescribed: np.ndarray, load: np.ndarray):
         """Parts of the displacement that is prescribed on the surface and balances a load on the free points."""
         factored = self.factored or self.equilibrium.factorized(self.elements)
         return self.equilibrium.balance(self.elements, factored, prescribed, load, REFINE_PRODUCTS_ABOVE).parts
@@ -229,54 +222,34 @@ class Factored:
     matrix: Any
     factor: Any
 
-    def solve(self, right):
+    def solve(self, right: np.ndarray):
         """Solution for a right-hand side, of the unknowns' shape."""
         return self.factor.solve(right, self.matrix)
 
 
 @dataclass(eq=False)
 class Start(OneLine):
-    """Points that moves start from, and the factor of their stiffness once it is there.
+    """Points that moves start from, and the factor of their stiffness once it is there."""
 
-    The matrix of the first increment depends on the initial points alone, so that moves of different surfaces share it.
-    A start belongs to the movement that made it, and to whom that is handed on; the mover has none.
+    # The matrix of the first increment depends on the initial points alone, so that moves of different surfaces share
+    # it. A start belongs to the movement that made it, and to whom that is handed on; the mover has none.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n_points, 3)
-        Initial points (m).
-    factored : Factored, optional
-        The stiffness there, made by the first increment that needs it.
-    """
-
-    points: np.ndarray
-    factored: Factored | None = None
+    points: np.ndarray  # (n_points, 3), initial points (m)
+    factored: Factored | None = None  # the stiffness there, made by the first increment that needs it
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """Makes the systems of a mesh, and solves them.
+    """Makes the systems of a mesh, and solves them."""
 
-    Parameters
-    ----------
-    mesh : MovingMesh
-        What is moved.
-    unknowns : Numbered
-        Numbering of the unknowns.
-    analysis : object
-        The solver's analysis of their pattern.
-    """
-
-    mesh: MovingMesh
-    unknowns: Numbered
-    analysis: Any
+    mesh: MovingMesh  # what is moved
+    unknowns: Numbered  # numbering of the unknowns
+    analysis: Any  # the solver's analysis of their pattern
 
     @classmethod
     def of(cls, mesh: MovingMesh, solver: Any) -> Equilibrium:
-        """Number the unknowns of a mesh, and let a solver find its order of elimination.
-
-        Where the solver has a communicator, each of its processes assembles the rows that it owns, and all come here.
-        """
+        """Number the unknowns of a mesh, and let a solver find its order of elimination."""
+        # Where the solver has a communicator, each of its processes assembles the rows that it owns, and all come here.
         comm = getattr(solver, "comm", None) or ONE
         unknowns = Unknowns(mesh, comm)
         with together(comm):
@@ -284,31 +257,21 @@ class Equilibrium:
         return cls(mesh, unknowns, solver.analyze(pattern, mesh.points[unknowns.point_ids[unknowns.rows]]))
 
     def balance(
-        self, elements: Balanced, factored: Factored, prescribed: np.ndarray, load: np.ndarray, above: float
+        self,
+        elements: Balanced,  # their forces are F
+        factored: Factored,  # their matrix
+        prescribed: np.ndarray,  # (n_points, 3), displacement of the surface (m), 0 elsewhere
+        load: np.ndarray,  # (n_parts, n_points, 3), load on the points, as a sum of parts
+        above: float,  # estimate of the relative error above which the displacement is refined
     ) -> Balance:
-        """Find the displacement u that is prescribed on the surface and has ``F(u) = load`` at the free points.
-
-        Iterative refinement [Wilkinson 1963; Higham, Accuracy and Stability of Numerical Algorithms (2002), 12]:
-
-        1. solve K u = load - F(prescribed) with the factor;
-        2. where its estimate of the error is too large, form the residual load - F(u) from both parts of u;
-        3. solve K c = residual for a correction c;
-        4. stop where corrections do not shrink any more: what is left is rounding;
-        5. add c to both parts of u, and stop where the next correction promises to be below `TOLERANCE`.
-
-        Parameters
-        ----------
-        elements : Elements
-            Their forces are F.
-        factored : Factored
-            Their matrix.
-        prescribed : ndarray, shape (n_points, 3)
-            Displacement of the surface (m), 0 elsewhere.
-        load : ndarray, shape (n_parts, n_points, 3)
-            Load on the points, as a sum of parts.
-        above : float
-            Estimate of the relative error above which the displacement is refined.
-        """
+        """Find the displacement u that is prescribed on the surface and has ``F(u) = load`` at the free points."""
+        # Iterative refinement [Wilkinson 1963; Higham, Accuracy and Stability of Numerical Algorithms (2002), 12]:
+        #
+        # 1. solve K u = load - F(prescribed) with the factor;
+        # 2. where its estimate of the error is too large, form the residual load - F(u) from both parts of u;
+        # 3. solve K c = residual for a correction c;
+        # 4. stop where corrections do not shrink any more: what is left is rounding;
+        # 5. add c to both parts of u, and stop where the next correction promises to be below `TOLERANCE`.
         gather, scatter = self.unknowns.gather, self.unknowns.scatter
         solution = factored.solve(gather(_less(load, elements.force(prescribed[None]))))  # step 1
         parts, error = (prescribed + scatter(solution.x))[None], EPSILON * factored.factor.cancellation
@@ -342,39 +305,21 @@ class Equilibrium:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """A displacement that balances a load on the free points.
+    """A displacement that balances a load on the free points."""
 
-    Parameters
-    ----------
-    parts : ndarray, shape (n_parts, n_points, 3)
-        The displacement (m) as a sum of parts: one, or two where it was refined.
-    n_steps : int
-        Iterations of the solver, or corrections.
-    residual : float
-        Relative residual of the system that was solved first.
-    error : float
-        Estimate of its error relative to the largest displacement.
-    """
-
+    # (n_parts, n_points, 3), the displacement (m) as a sum of parts: one, or two where it was refined
     parts: np.ndarray
-    n_steps: int
-    residual: float
-    error: float
+    n_steps: int  # iterations of the solver, or corrections
+    residual: float  # relative residual of the system that was solved first
+    error: float  # estimate of its error relative to the largest displacement
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """Numbering of the points that may move, and the matrix of those that this process owns.
+    """Numbering of the points that may move, and the matrix of those that this process owns."""
 
-    Parameters
-    ----------
-    mesh : MovingMesh
-        What is moved.
-    comm : communicator
-        Processes that share the rows of the matrix; this one alone by default. All else is the same on all of them.
-    """
-
-    mesh: MovingMesh
+    mesh: MovingMesh  # what is moved
+    # processes that share the rows of the matrix; this one alone by default. All else is the same on all of them.
     comm: Any = ONE
 
     @cached_property
@@ -412,15 +357,13 @@ class Unknowns:
         """Place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`."""
         return slots(self.pattern, self.element_rows)
 
-    def matrix(self, add_stiffness: Callable[..., None]) -> BlockMatrix:
-        """Stiffness of the unknowns.
-
-        Parameters
-        ----------
-        add_stiffness : callable
-            ``add_stiffness(element_rows, slots, data, element_ids)`` adds the stiffness of elements to the blocks,
-            shape (n_blocks, 3, 3).
-        """
+    def matrix(
+        self,
+        # ``add_stiffness(element_rows, slots, data, element_ids)`` adds the stiffness of elements to the blocks, shape
+        # (n_blocks, 3, 3)
+        add_stiffness: Callable[..., None],
+    ) -> BlockMatrix:
+        """Stiffness of the unknowns."""
         pattern, element_ids, element_rows = self._assembly
         data = np.zeros((pattern.n_blocks, 3, 3))
         add_stiffness(element_rows, self.slots, data, element_ids)
@@ -461,7 +404,7 @@ class Unknowns:
         entries = np.flatnonzero(is_special[rows] | is_special[self.pattern.indices])
         return entries, rows[entries], self.pattern.indices[entries]
 
-    def _restrain(self, data):
+    def _restrain(self, data: np.ndarray) -> None:
         """Turn blocks into the frames of their points, and put the identity where a direction is fixed."""
         entries, rows, columns = self._restrained
         blocks, is_free = data[entries], self._is_free[self.rows]

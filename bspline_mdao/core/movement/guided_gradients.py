@@ -61,27 +61,14 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class GuidedElements:
-    """Elements at given points, see `bspline_mdao.core.movement.equilibrium.Balanced`. Made by `of`.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-    stiffness : InverseVolumeLaw
-        What the modulus is of the points.
-    law : tuple of three float
-        alpha, lambda and mu.
-    points : ndarray, shape (n_points, 3)
-    modulus : ndarray, shape (n_elements,)
-    guidance : ndarray, shape (n_elements, 3, 3)
-        The matrices G that the gradients are to be near to.
-    """
+    """Elements at given points, see `bspline_mdao.core.movement.equilibrium.Balanced`. Made by `of`."""
 
     mesh: MovingMesh
-    stiffness: InverseVolumeLaw
-    law: tuple[float, float, float]
-    points: np.ndarray
-    modulus: np.ndarray
-    guidance: np.ndarray
+    stiffness: InverseVolumeLaw  # what the modulus is of the points
+    law: tuple[float, float, float]  # alpha, lambda and mu
+    points: np.ndarray  # (n_points, 3)
+    modulus: np.ndarray  # (n_elements,)
+    guidance: np.ndarray  # (n_elements, 3, 3), the matrices G that the gradients are to be near to
 
     @classmethod
     def of(cls, mesh: MovingMesh, stiffness: InverseVolumeLaw, law, points: np.ndarray) -> GuidedElements:
@@ -93,22 +80,22 @@ class GuidedElements:
     def _arguments(self):
         return self.points, self.mesh.elements, self.mesh.handedness, self.modulus, self.law
 
-    def add_stiffness(self, element_rows, slots, data, element_ids=ALL):
+    def add_stiffness(self, element_rows, slots, data, element_ids=ALL) -> None:
         """Add the stiffness of all elements, or of some, to blocks."""
         points, elements, signs, modulus, law = self._arguments
         chosen = elements[element_ids], signs[element_ids], modulus[element_ids]
         _add_stiffness(points, *chosen, law, element_rows, slots, data)
 
-    def force(self, displacement):
+    def force(self, displacement: np.ndarray):
         """Force on all points: linear where the guidance is zero."""
         return _force(*self._arguments, self.guidance, displacement)
 
-    def force_jvp(self, displacement, d_points, d_guidance):
+    def force_jvp(self, displacement: np.ndarray, d_points: np.ndarray, d_guidance: np.ndarray | None):
         """Change of the force of a given displacement with the points, which the modulus follows, and the guidance."""
         d_modulus = self.stiffness.modulus_jvp(self.mesh, self.points, self.points, 0.0 * d_points, d_points)
         return _force_jvp(*self._arguments, self.guidance, displacement, d_points, d_modulus, d_guidance)
 
-    def force_vjp(self, displacement, bar):
+    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray):
         """Transpose of `force_jvp` and of `force`: for the points, the guidance and the displacement."""
         points_bar, modulus_bar, guidance_bar, displacement_bar = _force_vjp(
             *self._arguments, self.guidance, displacement, bar

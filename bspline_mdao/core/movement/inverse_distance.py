@@ -67,7 +67,7 @@ class InverseDistance(IncrementalMover):
     reach: float = 0.1
     n_increments: int = 1
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if min(self.exponents) < 1 or not all(isinstance(n, int) for n in self.exponents):
             raise InputError(f"inverse distance: exponents {self.exponents}; give two integers from 1")
@@ -102,7 +102,7 @@ class _Means:
     sums: np.ndarray
 
     @classmethod
-    def of(cls, targets, centres, displacement, weights) -> _Means:
+    def of(cls, targets, centres, displacement: np.ndarray, weights) -> _Means:
         return cls(targets, centres, displacement, weights, *_means(targets, centres, displacement, *weights))
 
     def jvp(self, d_targets: np.ndarray, d_centres: np.ndarray, d_displacement: np.ndarray) -> np.ndarray:

@@ -52,77 +52,37 @@ ROUND_OFF = 1e-9
 
 @dataclass(frozen=True)
 class SolveReport:
-    """How the linear system of one increment was solved.
+    """How the linear system of one increment was solved."""
 
-    Parameters
-    ----------
-    solver : str
-        Name of the solver.
-    iterations : int
-        0 where it is direct; corrections, where those of a direct solver were needed.
-    residual : float
-        2-norm of the residual by that of the right-hand side.
-    seconds : float
-        Wall clock of factor and solution.
-    digits : float
-        Estimate of the correct decimal digits of the displacement relative to the largest, from 0 to 16.
-    """
-
-    solver: str
-    iterations: int
-    residual: float
-    seconds: float
-    digits: float
+    solver: str  # name of the solver
+    iterations: int  # 0 where it is direct; corrections, where those of a direct solver were needed
+    residual: float  # 2-norm of the residual by that of the right-hand side
+    seconds: float  # wall clock of factor and solution
+    digits: float  # estimate of the correct decimal digits of the displacement relative to the largest, from 0 to 16
 
 
 @dataclass(frozen=True)
 class IncrementReport:
-    """What one increment did.
+    """What one increment did."""
 
-    Parameters
-    ----------
-    solve : SolveReport or None
-        None for a mover that solves nothing.
-    n_tangled : int
-        Elements that are valid on the baseline and not any more.
-    place : str
-        The worst of them, ``"element (i, j, k) of block 3"``, counted from 1; empty where there is none.
-    min_corner : float
-        Smallest corner triple product of the elements that are valid on the baseline.
-    corner_ratio : float
-        Smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements.
-    n_invalid : int
-        Elements that are invalid, whatever they are on the baseline: counted as the report of a fit counts them.
-    """
-
-    solve: SolveReport | None
-    n_tangled: int
-    place: str
-    min_corner: float
+    solve: SolveReport | None  # none for a mover that solves nothing
+    n_tangled: int  # elements that are valid on the baseline and not any more
+    place: str  # the worst of them, ``"element (i, j, k) of block 3"``, counted from 1; empty where there is none
+    min_corner: float  # smallest corner triple product of the elements that are valid on the baseline
+    # smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements
     corner_ratio: float
+    # elements that are invalid, whatever they are on the baseline: counted as the report of a fit counts them
     n_invalid: int
 
 
 @dataclass(frozen=True)
 class MovementReport(OneLine):
-    """What a movement did, increment by increment.
+    """What a movement did, increment by increment."""
 
-    Parameters
-    ----------
-    increments : tuple of IncrementReport
-        In order.
-    seconds : float
-        Wall clock of the whole move.
-    n_invalid : int
-        Elements that are invalid on the baseline, before anything moves.
-    where : str
-        Which of several processes moved, and why; empty where there is one.
-    """
-
-    increments: tuple[IncrementReport, ...]
-    seconds: float
-    n_invalid: int = 0
-    where: str = ""
+    increments: tuple[IncrementReport, ...]  # in order
+    seconds: float  # wall clock of the whole move
+    n_invalid: int = 0  # elements that are invalid on the baseline, before anything moves
+    where: str = ""  # which of several processes moved, and why; empty where there is one
 
     def __str__(self) -> str:
         what = counted(self.n_increments, "increment")
@@ -147,10 +107,8 @@ class MovementReport(OneLine):
 
     @property
     def tangling(self) -> str:
-        """What tangles; empty where the mesh is not tangled at the end.
-
-        It names the increment where that began and the worst element there, and elements that were invalid before.
-        """
+        """What tangles; empty where the mesh is not tangled at the end."""
+        # It names the increment where that began and the worst element there, and elements that were invalid before.
         tangled = self.first_tangled()
         if tangled is None or not self.increments[-1].n_tangled:
             return ""
@@ -184,21 +142,19 @@ class Movement(Protocol):
 
 
 class Mover(Protocol):
-    """Moves the points of a mesh behind its surface.
+    """Moves the points of a mesh behind its surface."""
 
-    One whose movements have a ``start`` that is not None also takes that of an earlier movement, which saves what moves
-    from the same initial points share; it keeps nothing of a move itself, so that components and threads may share it.
-    """
+    # One whose movements have a ``start`` that is not None also takes that of an earlier movement, which saves what
+    # moves from the same initial points share; it keeps nothing of a move itself, so that components and threads may
+    # share it.
 
     @property
     def mesh(self) -> MovingMesh:
         """Mesh that is moved."""
 
     def move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
-
-        Surface points end exactly on ``surface``, fixed ones stay, and sliding ones stay in their planes.
-        """
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres."""
+        # Surface points end exactly on ``surface``, fixed ones stay, and sliding ones stay in their planes.
 
 
 def digits_of(error: float) -> float:
@@ -213,11 +169,10 @@ def differentiable(mover: Mover) -> Mover:
 
 
 class Step(Protocol):
-    """One increment that was made, with its exact derivative.
+    """One increment that was made, with its exact derivative."""
 
-    It depends on the initial points (reference stiffness), on the points before the increment, and on the surface
-    points after it.
-    """
+    # It depends on the initial points (reference stiffness), on the points before the increment, and on the surface
+    # points after it.
 
     @property
     def points(self) -> np.ndarray:
@@ -234,25 +189,12 @@ class Step(Protocol):
         """Transpose of `jvp`."""
 
 
-def check_request(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray) -> None:
-    """Refuse what no mover can follow.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        What is moved.
-    initial : ndarray, shape (n_points, 3)
-        Points before the move (m).
-    surface : ndarray, shape (n_surface, 3)
-        Surface points after it (m).
-
-    Raises
-    ------
-    InputError
-        If a shape is wrong.
-    MovementError
-        If a coordinate is not finite, or a surface point leaves the symmetry plane that it lies on.
-    """
+def check_request(
+    mesh: MovingMesh,  # what is moved
+    initial: np.ndarray,  # (n_points, 3), points before the move (m)
+    surface: np.ndarray,  # (n_surface, 3), surface points after it (m)
+) -> None:
+    """Refuse what no mover can follow."""
     for name, array, n in (("points", initial, mesh.n_points), ("surface points", surface, len(mesh.surface_ids))):
         if array.shape != (n, 3):
             raise InputError(f"movement: {name} of shape {array.shape}; give shape ({n}, 3)")
@@ -269,23 +211,13 @@ def check_request(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray) ->
         )
 
 
-def check_reach(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray, points: np.ndarray) -> None:
-    """Refuse a move that takes a point far beyond what the surface does, see `MAX_AMPLIFICATION`.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        What is moved.
-    initial, points : ndarray, shape (n_points, 3)
-        Points before and after the move (m).
-    surface : ndarray, shape (n_surface, 3)
-        Surface points after it (m).
-
-    Raises
-    ------
-    MovementError
-        If there is such a point, or one that is not finite.
-    """
+def check_reach(
+    mesh: MovingMesh,  # what is moved
+    initial: np.ndarray,  # initial, points: (n_points, 3), points before and after the move (m)
+    surface: np.ndarray,  # (n_surface, 3), surface points after it (m)
+    points: np.ndarray,
+) -> None:
+    """Refuse a move that takes a point far beyond what the surface does, see `MAX_AMPLIFICATION`."""
     asked = np.linalg.norm(surface - initial[mesh.surface_ids], axis=1).max(initial=0.0)
     reach = np.linalg.norm(points - initial, axis=1)
     worst = int(np.argmax(np.where(np.isnan(reach), np.inf, reach)))

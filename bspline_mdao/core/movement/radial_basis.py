@@ -106,7 +106,7 @@ class RadialBasis(IncrementalMover):
     has_linear: bool | None = None
     n_increments: int = 1
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if self.kernel not in (*COMPACT, *GLOBAL):
             raise InputError(f"radial basis: no kernel '{self.kernel}'; take one of {', '.join((*COMPACT, *GLOBAL))}")
@@ -140,28 +140,15 @@ class RadialBasis(IncrementalMover):
 
 
 def radial_interpolation(
-    kernel: str, radius: float, has_linear: bool, targets: np.ndarray, centres: np.ndarray, displacement: np.ndarray
+    kernel: str,  # one of `COMPACT` and `GLOBAL`
+    radius: float,  # radius of the functions (m)
+    has_linear: bool,  # whether a linear polynomial is added
+    # targets, centres: (n_targets, 3), where it is evaluated, and where displacements are given (m)
+    targets: np.ndarray,
+    centres: np.ndarray,
+    displacement: np.ndarray,  # (n_centres, 3), displacements of the centres (m)
 ) -> RadialInterpolation:
-    """Interpolate displacements by radial functions.
-
-    Parameters
-    ----------
-    kernel : str
-        One of `COMPACT` and `GLOBAL`.
-    radius : float
-        Radius of the functions (m).
-    has_linear : bool
-        Whether a linear polynomial is added.
-    targets, centres : ndarray, shape (n_targets, 3) and (n_centres, 3)
-        Where it is evaluated, and where displacements are given (m).
-    displacement : ndarray, shape (n_centres, 3)
-        Displacements of the centres (m).
-
-    Raises
-    ------
-    MovementError
-        If the system is singular to round-off.
-    """
+    """Interpolate displacements by radial functions."""
     start = time.perf_counter()
     function = ((*COMPACT, *GLOBAL).index(kernel), radius)
     right = np.concatenate([displacement, np.zeros((4 if has_linear else 0, 3))])
@@ -180,34 +167,17 @@ def radial_interpolation(
 
 @dataclass(frozen=True, eq=False)
 class RadialInterpolation:
-    """An interpolation that was made.
+    """An interpolation that was made."""
 
-    Parameters
-    ----------
-    function : tuple
-        Number of the radial function, and its radius (m).
-    targets, centres : ndarray, shape (n_targets, 3) and (n_centres, 3)
-        Where it is evaluated, and where displacements are given (m).
-    strengths : ndarray, shape (n_centres, 3)
-        Factors of the functions.
-    coefficients : ndarray, shape (4, 3) or (0, 3)
-        Those of the linear polynomial: constant, x, y, z.
-    system : RadialSystem
-        What was solved: strengths and coefficients below each other from displacements and zeros.
-    values : ndarray, shape (n_targets, 3)
-        Displacements of the targets (m).
-    report : SolveReport
-        How the system was solved.
-    """
-
-    function: tuple[int, float]
+    function: tuple[int, float]  # number of the radial function, and its radius (m)
+    # targets, centres: (n_targets, 3), where it is evaluated, and where displacements are given (m)
     targets: np.ndarray
     centres: np.ndarray
-    strengths: np.ndarray
-    coefficients: np.ndarray
-    system: RadialSystem
-    values: np.ndarray
-    report: SolveReport
+    strengths: np.ndarray  # (n_centres, 3), factors of the functions
+    coefficients: np.ndarray  # (4, 3) or (0, 3), those of the linear polynomial: constant, x, y, z
+    system: RadialSystem  # what was solved: strengths and coefficients below each other from displacements and zeros
+    values: np.ndarray  # (n_targets, 3), displacements of the targets (m)
+    report: SolveReport  # how the system was solved
 
     def jvp(self, d_targets: np.ndarray, d_centres: np.ndarray, d_displacement: np.ndarray) -> np.ndarray:
         """Change of the values for changes of the targets, of the centres and of their displacements."""
@@ -239,35 +209,24 @@ class RadialInterpolation:
     def _parts(self, solution: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.ascontiguousarray(solution[: len(self.centres)]), solution[len(self.centres) :]
 
-    def _sums_jvp(self, targets, d_targets, d_centres) -> np.ndarray:
+    def _sums_jvp(self, targets: np.ndarray, d_targets: np.ndarray, d_centres: np.ndarray) -> np.ndarray:
         return radial_sums_jvp(*self.function, targets, self.centres, self.strengths, d_targets, d_centres)
 
-    def _sums_vjp(self, targets, bar) -> tuple[np.ndarray, np.ndarray]:
+    def _sums_vjp(self, targets: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return radial_sums_vjp(*self.function, targets, self.centres, self.strengths, bar)
 
 
 @dataclass(frozen=True, eq=False)
 class RadialSystem:
-    """The symmetric system ``[A P; P^T 0]``, factored; all functions are definite on the null space of ``P^T``.
+    """The symmetric system ``[A P; P^T 0]``, factored; all functions are definite on the null space of ``P^T``."""
 
-    With ``P = Q [R; 0]``, which has t columns, ``Q^T A Q`` beyond its first t rows and columns is positive or negative
-    definite, and takes half the arithmetic of an LU factor of the whole.
+    # With ``P = Q [R; 0]``, which has t columns, ``Q^T A Q`` beyond its first t rows and columns is positive or
+    # negative definite, and takes half the arithmetic of an LU factor of the whole.
 
-    Parameters
-    ----------
-    factor : ndarray, shape (n, n)
-        Lower Cholesky factor of that part, bordered by an identity.
-    sign : float
-        -1 where the part is negative definite.
-    border : ndarray, shape (n, t)
-        First columns of ``Q^T A Q``.
-    reflectors, scales : ndarray, shapes (n, t) and (t,)
-        Q as LAPACK holds it, and R in the upper triangle.
-    """
-
-    factor: np.ndarray
-    sign: float
-    border: np.ndarray
+    factor: np.ndarray  # (n, n), lower Cholesky factor of that part, bordered by an identity
+    sign: float  # -1 where the part is negative definite
+    border: np.ndarray  # (n, t), first columns of ``Q^T A Q``
+    # reflectors, scales: (n, t) and (t,), Q as LAPACK holds it, and R in the upper triangle
     reflectors: np.ndarray
     scales: np.ndarray
 
@@ -311,7 +270,7 @@ def _factorized(matrix: np.ndarray, terms: np.ndarray, kernel: str) -> RadialSys
     return RadialSystem(factor, sign, border, reflectors, scales)
 
 
-def _apply_q(reflectors, scales, matrix, side="L", transposed=False, overwrites=False) -> np.ndarray:
+def _apply_q(reflectors, scales, matrix: np.ndarray, side="L", transposed=False, overwrites=False) -> np.ndarray:
     """Product of an orthogonal matrix, as LAPACK holds it, with another matrix on the side given."""
     work = 64 * max(matrix.shape)
     return dormqr(side, "T" if transposed else "N", reflectors, scales, matrix, work, overwrite_c=overwrites)[0]
@@ -344,10 +303,8 @@ _WENDLAND_C0, _WENDLAND_C2, _WENDLAND_C4, _VOLUME, _THIN_PLATE, _MULTIQUADRIC, _
 
 @njit(cache=True, error_model="numpy")
 def _function(kind, r):
-    """Value of a radial function at the distance r in radii, and its derivative by r divided by r.
-
-    The latter is not finite at 0 for functions with a peak there, where no direction is special: it counts as 0.
-    """
+    """Value of a radial function at the distance r in radii, and its derivative by r divided by r."""
+    # The latter is not finite at 0 for functions with a peak there, where no direction is special: it counts as 0.
     if kind <= _WENDLAND_C4:
         return _wendland(kind, r) if r < 1.0 else (0.0, 0.0)
     if kind == _VOLUME:

@@ -39,10 +39,8 @@ ROUND_OFF = 1e-14
 
 
 def surface_rotations(mesh: MovingMesh) -> LocalRotations:
-    """What the rotation of each surface point is made of.
-
-    What lies on two planes of symmetry never turns.
-    """
+    """What the rotation of each surface point is made of."""
+    # What lies on two planes of symmetry never turns.
     ids, normals = mesh.in_plane_rows, mesh.in_plane_normals
     planes, number = np.unique(np.round(normals * _sign(normals), SAME_PLANE), axis=0, return_inverse=True)
     number = number.ravel()
@@ -63,18 +61,12 @@ def _sign(normals):
 
 @dataclass(frozen=True, eq=False)
 class RotationUnknowns:
-    """Numbering of the rotations of the points that may move, and the matrix of their extension.
+    """Numbering of the rotations of the points that may move, and the matrix of their extension."""
 
-    An unknown is the component along a direction that a point may turn about: what moves freely turns about three, what
-    slides in a plane about its normal, and all else does not turn.
+    # An unknown is the component along a direction that a point may turn about: what moves freely turns about three,
+    # what slides in a plane about its normal, and all else does not turn.
 
-    Parameters
-    ----------
-    points : Unknowns
-        The points that may move, with the pattern of their stiffness, all on this process.
-    """
-
-    points: Unknowns
+    points: Unknowns  # the points that may move, with the pattern of their stiffness, all on this process
     comm: Any = ONE
 
     @cached_property

@@ -64,21 +64,17 @@ def turns_vjp(vectors: np.ndarray, bar: np.ndarray) -> np.ndarray:
     return _axial(a * bar + b * (bar @ turned + turned @ bar)) + 2.0 * t_bar[:, None] * vectors
 
 
-def unwrapped(matrices: np.ndarray, starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-    """Vectors, shape (n, 3), of rotation matrices, shape (n, 3, 3), continued from each point to its neighbours.
-
-    1. Take the vector of at most half a turn of every point, by way of its quaternion.
-    2. Start at the point that turns least, of all points that are joined with it.
-    3. Go on from neighbour to neighbour, the nearest first, and take the whole turns that bring each vector next to
-       that of the point that it is reached from.
-
-    Parameters
-    ----------
-    matrices : ndarray, shape (n, 3, 3)
-        The rotations.
-    starts, neighbours : ndarray of int, shapes (n + 1,) and (n_sides,)
-        First neighbour of every point, and the neighbours.
-    """
+def unwrapped(
+    matrices: np.ndarray,  # (n, 3, 3), the rotations
+    # starts, neighbours: (n + 1,) and (n_sides,) of int, first neighbour of every point, and the neighbours
+    starts: np.ndarray,
+    neighbours: np.ndarray,
+) -> np.ndarray:
+    """Vectors, shape (n, 3), of rotation matrices, shape (n, 3, 3), continued from each point to its neighbours."""
+    # 1. Take the vector of at most half a turn of every point, by way of its quaternion.
+    # 2. Start at the point that turns least, of all points that are joined with it.
+    # 3. Go on from neighbour to neighbour, the nearest first, and take the whole turns that bring each vector next to
+    #    that of the point that it is reached from.
     directions, angles = _directions_and_angles(matrices)  # step 1
     wholes = _whole_turns(directions, angles, np.argsort(angles, kind="stable"), starts, neighbours)
     return directions * (angles + 2.0 * np.pi * wholes)[:, None]
@@ -102,7 +98,7 @@ def nearest_to_any(matrices: np.ndarray) -> np.ndarray:
     return np.eye(3) + 2.0 * (q[:, :1, None] * w + w @ w)
 
 
-def _followed(vectors, q, half):
+def _followed(vectors: np.ndarray, q: np.ndarray, half):
     """``(I + half W + c W^2) q``."""
     t = _squares(vectors)[:, 0, 0]
     x = 0.5 * np.sqrt(np.maximum(t, SERIES_BELOW))
@@ -111,7 +107,7 @@ def _followed(vectors, q, half):
     return q + half * once + c[:, None] * np.cross(vectors, once)
 
 
-def _factors(t):
+def _factors(t: np.ndarray):
     """Numbers a and b of squared angles t, and their derivatives with respect to these."""
     values, slopes = [], []
     large = np.maximum(t, SERIES_BELOW)
@@ -125,12 +121,12 @@ def _factors(t):
     return values, slopes
 
 
-def _squares(vectors):
+def _squares(vectors: np.ndarray):
     """Squared lengths, shape (n, 1, 1)."""
     return (vectors * vectors).sum(axis=1)[:, None, None]
 
 
-def _crossing(vectors):
+def _crossing(vectors: np.ndarray):
     """Matrices [w]x of vectors."""
     matrices = np.zeros((*vectors.shape, 3), dtype=vectors.dtype)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -138,12 +134,12 @@ def _crossing(vectors):
     return matrices
 
 
-def _axial(matrices):
+def _axial(matrices: np.ndarray):
     """Transpose of `_crossing`; of [w]x it is 2 w."""
     return np.stack([matrices[:, k, j] - matrices[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
 
 
-def _directions_and_angles(matrices):
+def _directions_and_angles(matrices: np.ndarray):
     """Unit vectors, or zero where nothing turns, and angles up to half a turn."""
     products = _attitudes(matrices) + np.eye(4)  # four times those of the components of the quaternion
     largest = np.argmax(np.einsum("nii->ni", products), axis=1)
@@ -156,7 +152,7 @@ def _directions_and_angles(matrices):
     return quaternions[:, 1:] / np.where(is_turned, sines, np.inf)[:, None], np.where(is_turned, angles, 0.0)
 
 
-def _attitudes(matrices):
+def _attitudes(matrices: np.ndarray):
     """Davenport's matrix, shape (n, 4, 4), whose largest eigenvector is the quaternion of the nearest rotation."""
     trace = np.einsum("nii->n", matrices)
     attitudes = np.empty((len(matrices), 4, 4))

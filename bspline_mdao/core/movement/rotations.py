@@ -97,7 +97,7 @@ class Rotations(OneLine):
     n_repetitions: int = 1
     solver: Any = field(default_factory=Cholesky)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         n = self.n_repetitions
         if not isinstance(n, Integral) or isinstance(n, bool) or n < 0:
             raise InputError(f"rotations: {n} repetitions; give a whole number from 0")
@@ -160,7 +160,7 @@ class Rotations(OneLine):
             vectors, extension, of_elements, tuple(displacements), tuple(repetitions), points, report, start
         )
 
-    def _report(self, fields, points, began) -> MovementReport:
+    def _report(self, fields, points: np.ndarray, began) -> MovementReport:
         """Report of a move that began at a time."""
         balances, seconds = [field.balance for field in fields], time.perf_counter() - began
         solve = SolveReport(
@@ -186,36 +186,16 @@ class RotatedStart(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class RotatedMovement(OneLine):
-    """A move of `Rotations`, with its exact derivative.
+    """A move of `Rotations`, with its exact derivative."""
 
-    Parameters
-    ----------
-    vectors : SurfaceVectors
-        Rotations of the surface points.
-    extension : GuidedField
-        Rotation vectors of all points.
-    of_elements : ndarray, shape (n_elements, 3)
-        Their means over the corners of every element.
-    displacements : tuple of GuidedField
-        Displacement of all points (m), the first and that of every repetition.
-    repetitions : tuple of ElementRotations
-        Rotations of the elements in each but the last.
-    points : ndarray, shape (n_points, 3)
-        Moved points (m).
-    report : MovementReport
-        What the move did.
-    start : RotatedStart
-        What moves from the same initial points can share.
-    """
-
-    vectors: SurfaceVectors
-    extension: GuidedField
-    of_elements: np.ndarray
-    displacements: tuple[GuidedField, ...]
-    repetitions: tuple[ElementRotations, ...]
-    points: np.ndarray
-    report: MovementReport
-    start: RotatedStart
+    vectors: SurfaceVectors  # rotations of the surface points
+    extension: GuidedField  # rotation vectors of all points
+    of_elements: np.ndarray  # (n_elements, 3), their means over the corners of every element
+    displacements: tuple[GuidedField, ...]  # displacement of all points (m), the first and that of every repetition
+    repetitions: tuple[ElementRotations, ...]  # rotations of the elements in each but the last
+    points: np.ndarray  # (n_points, 3), moved points (m)
+    report: MovementReport  # what the move did
+    start: RotatedStart  # what moves from the same initial points can share
 
     @property
     def surface_ids(self) -> np.ndarray:
@@ -226,16 +206,12 @@ class RotatedMovement(OneLine):
     def _mesh(self) -> MovingMesh:
         return self.extension.elements.mesh
 
-    def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
-        """Change of the points, shape (n_points, 3).
-
-        Parameters
-        ----------
-        d_initial : ndarray, shape (n_points, 3)
-            Change of the initial points.
-        d_surface : ndarray, shape (n_surface, 3)
-            Change of the surface points after the move.
-        """
+    def jvp(
+        self,
+        d_initial: np.ndarray,  # (n_points, 3), change of the initial points
+        d_surface: np.ndarray,  # (n_surface, 3), change of the surface points after the move
+    ) -> np.ndarray:
+        """Change of the points, shape (n_points, 3)."""
         d_at_rest = d_initial[self.surface_ids]
         d_vectors = self.vectors.jvp(d_at_rest, d_surface)
         d_extension = self.extension.jvp(d_initial, d_vectors, None)
@@ -248,19 +224,11 @@ class RotatedMovement(OneLine):
         d_points[self.surface_ids] = d_surface
         return d_points
 
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Transpose of `jvp`.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n_points, 3)
-            Derivative of a scalar with respect to the points.
-
-        Returns
-        -------
-        initial_bar : ndarray, shape (n_points, 3)
-        surface_bar : ndarray, shape (n_surface, 3)
-        """
+    def vjp(
+        self,
+        bar: np.ndarray,  # (n_points, 3), derivative of a scalar with respect to the points
+    ) -> tuple[np.ndarray, np.ndarray]:  # initial_bar: (n_points, 3); surface_bar: (n_surface, 3)
+        """Transpose of `jvp`."""
         mesh, initial_bar, surface_bar = self._mesh, bar.copy(), np.zeros((len(self.surface_ids), 3))
         parts_bar = bar[None]
         for rotations, displacement in zip(self.repetitions[::-1], self.displacements[:0:-1]):

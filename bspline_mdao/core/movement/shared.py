@@ -40,44 +40,23 @@ MUMPS_OVERHEAD = 1.5
 
 @dataclass(frozen=True)
 class Placement:
-    """Who moves, and why.
+    """Who moves, and why."""
 
-    Parameters
-    ----------
-    way : str
-        "first" or "all".
-    n_processes : int
-        Number of processes that need the result.
-    why : str
-        Reason.
-    """
-
-    way: str
-    n_processes: int
-    why: str
+    way: str  # "first" or "all"
+    n_processes: int  # number of processes that need the result
+    why: str  # reason
 
     def __str__(self) -> str:
         who = "the first of" if self.way == FIRST_PROCESS else "all"
         return f"on {who} {self.n_processes} processes ({self.why})"
 
 
-def shared_mover(mover: Mover, comm: Any, way: str = AUTO) -> Mover:
-    """Mover for the processes of a communicator, all of which call it, and then its moves and products.
-
-    Parameters
-    ----------
-    mover : Mover
-        Any mover, the same on all processes.
-    comm : communicator
-        The processes. With one of them, the mover itself is returned.
-    way : {"auto", "first", "all"}
-        Who moves. "all" is for movers that solve for equilibrium: elasticity and springs.
-
-    Raises
-    ------
-    InputError
-        If all are to move with a mover or a solver that cannot, or have to, and petsc4py is missing.
-    """
+def shared_mover(
+    mover: Mover,  # any mover, the same on all processes
+    comm: Any,  # the processes. With one of them, the mover itself is returned.
+    way: str = AUTO,  # who moves. "all" is for movers that solve for equilibrium: elasticity and springs.
+) -> Mover:
+    """Mover for the processes of a communicator, all of which call it, and then its moves and products."""
     if way not in WAYS:
         raise InputError(f"movement: processes '{way}'; give one of {', '.join(WAYS)}")
     if comm.size == 1:
@@ -93,28 +72,18 @@ def shared_mover(mover: Mover, comm: Any, way: str = AUTO) -> Mover:
 
 @dataclass(frozen=True, eq=False)
 class _SharedMover:
-    """A mover of several processes: each of its moves, and each product with a derivative, is made by all.
+    """A mover of several processes: each of its moves, and each product with a derivative, is made by all."""
 
-    Parameters
-    ----------
-    mover : Mover
-        What moves, on the first process or on all of them.
-    comm : communicator
-        The processes.
-    placement : Placement
-        Who moves.
-    """
-
-    mover: Mover
-    comm: Any
-    placement: Placement
+    mover: Mover  # what moves, on the first process or on all of them
+    comm: Any  # the processes
+    placement: Placement  # who moves
 
     @property
     def mesh(self) -> MovingMesh:
         """Mesh that is moved."""
         return self.mover.mesh
 
-    def move(self, initial: np.ndarray, surface: np.ndarray, **options) -> SharedMovement:
+    def move(self, initial: np.ndarray, surface: np.ndarray, **options: Any) -> SharedMovement:
         """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres, those of the first process.
 
         What the mover raises, all processes raise. Options are those of the mover's own ``move``.
@@ -135,27 +104,13 @@ class _SharedMover:
 
 @dataclass(frozen=True, eq=False)
 class SharedMovement:
-    """A movement of several processes: the same bits on all of them.
+    """A movement of several processes: the same bits on all of them."""
 
-    Parameters
-    ----------
-    comm : communicator
-        The processes.
-    way : str
-        Who made it, "first" or "all".
-    movement : Movement or None
-        The movement, where this process has it.
-    points : ndarray, shape (n_points, 3)
-        Moved points (m).
-    report : MovementReport
-        Report of the move, which says who moved.
-    """
-
-    comm: Any
-    way: str
-    movement: Any
-    points: np.ndarray
-    report: MovementReport
+    comm: Any  # the processes
+    way: str  # who made it, "first" or "all"
+    movement: Any  # the movement, where this process has it
+    points: np.ndarray  # (n_points, 3), moved points (m)
+    report: MovementReport  # report of the move, which says who moved
 
     @property
     def start(self) -> Any:
@@ -207,7 +162,7 @@ def _placed(mover: Any, memory: int, n_processes: int, way: str) -> tuple[Placem
     return everyone(why), PetscCholesky() if fits else PetscMultigrid()
 
 
-def _memory(comm) -> int:
+def _memory(comm: Any) -> int:
     """Memory available on the machines of all processes together (bytes)."""
     node = node_of(comm)
     total = comm.allreduce(available_bytes() if node.rank == 0 else 0)

@@ -140,19 +140,19 @@ class SpringElements:
         of_elements = mesh.elements[ids], mesh.handedness[ids], mesh.degenerate_corners[ids]
         return self.points, *of_elements, self.n_springs, self.settings
 
-    def add_stiffness(self, element_rows, slots, data, element_ids=ALL):
+    def add_stiffness(self, element_rows, slots, data, element_ids=ALL) -> None:
         """Add the stiffness of all elements, or of some, to blocks."""
         add_stiffness(*self._arguments_of(element_ids), element_rows, slots, data)
 
-    def force(self, displacement):
+    def force(self, displacement: np.ndarray):
         """Force on all points."""
         return force(*self._arguments, displacement)
 
-    def force_jvp(self, displacement, d_initial, d_points):
+    def force_jvp(self, displacement: np.ndarray, d_initial, d_points: np.ndarray):
         """Change of the force of a given displacement."""
         return force_jvp(*self._arguments, displacement, d_points)
 
-    def force_vjp(self, displacement, bar):
+    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray):
         """Transpose of `force_jvp` and of `force`."""
         points_bar, displacement_bar = force_vjp(*self._arguments, displacement, bar)
         return np.zeros_like(self.points), points_bar, displacement_bar
@@ -247,31 +247,17 @@ def _scatter_sum(local, corners, parts):
 
 
 @njit(cache=True)
-def force(points, elements, signs, degenerate_corners, n_springs, settings, displacement):
-    """Compute the force K u on every point.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n_points, 3)
-        Coordinates (m).
-    elements : ndarray of int32, shape (n_elements, 8)
-        Points at the corners.
-    signs : ndarray of int8, shape (n_elements,)
-        Handedness.
-    degenerate_corners : ndarray of uint8, shape (n_elements,)
-        Bits of the corners without torsional springs.
-    n_springs : int
-        `N_LINEAL`, or `N_SPRINGS` with torsion.
-    settings : tuple of float
-        Power of the lineal stiffness, and factor of dQ of the torsional springs.
-    displacement : ndarray, shape (n_parts, n_points, 3)
-        The field u as a sum of parts (m), see `bspline_mdao.core.movement.elasticity.force`.
-
-    Returns
-    -------
-    ndarray, shape (n_parts, n_points, 3)
-        As a sum of as many parts.
-    """
+def force(
+    points: np.ndarray,  # (n_points, 3), coordinates (m)
+    elements: np.ndarray,  # (n_elements, 8) of int, points at the corners
+    signs: np.ndarray,  # (n_elements,) of int, handedness
+    degenerate_corners: np.ndarray,  # (n_elements,), bits of the corners without torsional springs
+    n_springs: int,  # `N_LINEAL`, or `N_SPRINGS` with torsion
+    settings,  # power of the lineal stiffness, and factor of dQ of the torsional springs
+    # (n_parts, n_points, 3), the field u as a sum of parts (m), see `bspline_mdao.core.movement.elasticity.force`
+    displacement: np.ndarray,
+):  # (n_parts, n_points, 3), as a sum of as many parts
+    """Compute the force K u on every point."""
     total, n_parts = np.zeros_like(displacement), len(displacement)
     x, u, f, g = np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3)), np.empty((4, 3))
     for e in range(len(elements)):
@@ -310,10 +296,9 @@ def force_jvp(points, elements, signs, degenerate_corners, n_springs, settings, 
 
 @njit(cache=True)
 def force_vjp(points, elements, signs, degenerate_corners, n_springs, settings, displacement, bar):
-    """Transpose of `force_jvp` and of `force`: derivatives with respect to the points and the displacement.
-
-    Here ``bar``, shape (n_parts, n_points, 3), is the derivative of a scalar with respect to the force, a sum of parts.
-    """
+    """Transpose of `force_jvp` and of `force`: derivatives with respect to the points and the displacement."""
+    # Here ``bar``, shape (n_parts, n_points, 3), is the derivative of a scalar with respect to the force, a sum of
+    # parts.
     points_bar, displacement_bar = np.zeros_like(points), np.zeros_like(points)
     x, w, u, v = np.empty((8, 3)), np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3))
     x_bar, u_bar = np.empty((8, 3)), np.empty((8, 3))

@@ -100,19 +100,10 @@ class _Constant:
         return np.zeros_like(bar), self.weights.transpose_dot(bar)
 
 
-def free_corners(mesh: MovingMesh) -> SpringNetwork:
-    """Connect the corners along the edges of all blocks by springs, as stiff as the edges are short on the baseline.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        The blocks.
-
-    Returns
-    -------
-    SpringNetwork
-        Its given points are those of the surface.
-    """
+def free_corners(
+    mesh: MovingMesh,  # the blocks
+) -> SpringNetwork:  # its given points are those of the surface
+    """Connect the corners along the edges of all blocks by springs, as stiff as the edges are short on the baseline."""
     lengths = {}
     for ids in mesh.blocks:
         for section in sections_of(ids.shape, n_free=1):
@@ -133,19 +124,10 @@ def _directions(mesh: MovingMesh, ids: np.ndarray) -> sparse.csr_array:
     return sparse.csr_array(blocks.tocsc()[:, np.flatnonzero(mesh.is_free[ids])])
 
 
-def arc_lengths(points: np.ndarray) -> np.ndarray:
-    """Place of every point on the three grid lines through it, from 0 to 1 by arc length.
-
-    Parameters
-    ----------
-    points : ndarray, shape (N0, N1, N2, 3)
-        Points of a block (m).
-
-    Returns
-    -------
-    ndarray, shape (N0, N1, N2, 3)
-        By direction; uniform along lines without length.
-    """
+def arc_lengths(
+    points: np.ndarray,  # (N0, N1, N2, 3), points of a block (m)
+) -> np.ndarray:  # (N0, N1, N2, 3), by direction; uniform along lines without length
+    """Place of every point on the three grid lines through it, from 0 to 1 by arc length."""
     places = np.empty_like(points)
     for d in range(3):
         lengths = np.linalg.norm(np.diff(points, axis=d), axis=-1)
@@ -156,29 +138,18 @@ def arc_lengths(points: np.ndarray) -> np.ndarray:
 
 
 def transfinite_weights(
-    blocks: Sequence[np.ndarray], places: Sequence[np.ndarray], prescribed_ids: np.ndarray, n_points: int
-) -> sparse.csr_array:
-    """Weights with which all points follow the prescribed ones.
-
-    Inside a section whose boundary is done, the interpolant is that of `bspline_mdao.base.numerics.transfinite`. Points
-    that are prescribed, or belong to an earlier section, keep what they have: shared sections are interpolated once,
-    and all blocks agree.
-
-    Parameters
-    ----------
-    blocks : sequence of ndarray of int, each of shape (N0, N1, N2)
-        Points of every block.
-    places : sequence of ndarray, each of shape (N0, N1, N2, 3)
-        Where each point stands between the two ends of every direction, from 0 to 1.
-    prescribed_ids : ndarray of int, shape (n_prescribed,)
-        Known points; all corners of all blocks are among them.
-    n_points : int
-        Number of points.
-
-    Returns
-    -------
-    scipy.sparse.csr_array, shape (n_points, n_prescribed)
-    """
+    # sequence of ndarray of int, each of shape (N0, N1, N2) of int, points of every block
+    blocks: Sequence[np.ndarray],
+    # sequence of ndarray, each of shape (N0, N1, N2, 3), where each point stands between the two ends of every
+    # direction, from 0 to 1
+    places: Sequence[np.ndarray],
+    prescribed_ids: np.ndarray,  # (n_prescribed,) of int, known points; all corners of all blocks are among them
+    n_points: int,  # number of points
+) -> sparse.csr_array:  # scipy.sparse.csr_array, shape (n_points, n_prescribed)
+    """Weights with which all points follow the prescribed ones."""
+    # Inside a section whose boundary is done, the interpolant is that of `bspline_mdao.base.numerics.transfinite`.
+    # Points that are prescribed, or belong to an earlier section, keep what they have: shared sections are interpolated
+    # once, and all blocks agree.
     shape = (n_points, len(prescribed_ids))
     weights = sparse.csr_array(
         (np.ones(len(prescribed_ids)), (prescribed_ids, np.arange(len(prescribed_ids)))), shape=shape
@@ -199,7 +170,9 @@ def _in_rows(parts, shape) -> sparse.csr_array:
     return spread @ stacked
 
 
-def _sections(blocks, places, is_done: np.ndarray, n_free: int) -> Iterator[tuple[np.ndarray, sparse.csr_array]]:
+def _sections(
+    blocks: Sequence[np.ndarray], places: Sequence[np.ndarray], is_done: np.ndarray, n_free: int
+) -> Iterator[tuple[np.ndarray, sparse.csr_array]]:
     """Points of every section that are not done yet, and their weights of all points; marks them as done."""
     for ids, place in zip(blocks, places):
         for section in sections_of(ids.shape, n_free):

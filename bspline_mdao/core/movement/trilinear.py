@@ -261,10 +261,8 @@ def add_slopes_transposed(slopes, element, values):
 
 @njit(cache=True)
 def add_slopes_transposed_to_sum(slopes, element, parts):
-    """Transpose of `slopes_of`, added to a sum of parts, shape (n_parts, n_points, 3).
-
-    To two parts it is added without rounding: the pulls of an edge on its ends cancel however large they are.
-    """
+    """Transpose of `slopes_of`, added to a sum of parts, shape (n_parts, n_points, 3)."""
+    # To two parts it is added without rounding: the pulls of an edge on its ends cancel however large they are.
     if len(parts) == 1:
         add_slopes_transposed(slopes, element, parts[0])
         return
@@ -312,20 +310,13 @@ def add_exactly(parts, point, d, value):
 
 
 @njit(cache=True)
-def add_element(stiffness, rows, slots, data):
-    """Add the stiffness of an element to the blocks of a symmetric matrix.
-
-    Parameters
-    ----------
-    stiffness : ndarray, shape (8, 8, 3, 3)
-        Blocks (a, b) of corners b <= a.
-    rows : ndarray of int32, shape (8,)
-        Block row of every corner, -1 where it has none.
-    slots : ndarray of int32, shape (36,)
-        Place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`.
-    data : ndarray, shape (n_blocks, 3, 3)
-        Blocks of the lower triangle, added to.
-    """
+def add_element(
+    stiffness: np.ndarray,  # (8, 8, 3, 3), blocks (a, b) of corners b <= a
+    rows: np.ndarray,  # (8,) of int, block row of every corner, -1 where it has none
+    slots: np.ndarray,  # (36,) of int, place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`
+    data: np.ndarray,  # (n_blocks, 3, 3), blocks of the lower triangle, added to
+):
+    """Add the stiffness of an element to the blocks of a symmetric matrix."""
     for a in range(8):
         for b in range(a + 1):
             place = slots[a * (a + 1) // 2 + b]

@@ -70,7 +70,9 @@ class StiffnessLaw(Protocol):
 class _CornerLaw(OneLine):
     """A law in which the modulus of an element depends on its own corners: E = exp(a(initial) + b(points))."""
 
-    def modulus_jvp(self, mesh, initial, points, d_initial, d_points):
+    def modulus_jvp(
+        self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray
+    ):
         """Change of the modulus."""
         changes = zip(self._log_gradients(mesh, initial, points), (d_initial, d_points))
         change = sum(
@@ -78,7 +80,7 @@ class _CornerLaw(OneLine):
         )
         return self.modulus(mesh, initial, points) * change
 
-    def modulus_vjp(self, mesh, initial, points, bar):
+    def modulus_vjp(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, bar: np.ndarray):
         """Transpose of `modulus_jvp`."""
         log_bar = (bar * self.modulus(mesh, initial, points))[:, None, None]
         return tuple(
@@ -105,12 +107,12 @@ class OrthogonalityLaw(_CornerLaw):
     OrthogonalityLaw()
     """
 
-    def modulus(self, mesh, initial, points):
+    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
         """Modulus of every element, see `StiffnessLaw.modulus`."""
         at_start, now = RegularisedMeasures.at(mesh, initial), RegularisedMeasures.at(mesh, points)
         return np.exp(2.0 * (at_start.log_orthogonality - now.log_orthogonality) - now.log_volume)
 
-    def _log_gradients(self, mesh, initial, points):
+    def _log_gradients(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
         at_start, now = RegularisedMeasures.at(mesh, initial), RegularisedMeasures.at(mesh, points)
         return at_start.gradient(2.0, 0.0), now.gradient(-2.0, -1.0)
 
@@ -139,12 +141,12 @@ class InverseVolumeLaw(_CornerLaw):
     power: float = 1.0
     shape: float = 0.0
 
-    def modulus(self, mesh, initial, points):
+    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
         """Modulus of every element, see `StiffnessLaw.modulus`."""
         measures = RegularisedMeasures.at(mesh, points)
         return np.exp(-self.power * measures.log_volume - self.shape * measures.log_orthogonality)
 
-    def _log_gradients(self, mesh, initial, points):
+    def _log_gradients(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
         return None, RegularisedMeasures.at(mesh, points).gradient(-self.shape, -self.power)
 
 
@@ -163,15 +165,17 @@ class ConstantLaw(OneLine):
     0.0
     """
 
-    def modulus(self, mesh, initial, points):
+    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
         """Modulus of every element, see `StiffnessLaw.modulus`."""
         return np.ones(len(mesh.elements))
 
-    def modulus_jvp(self, mesh, initial, points, d_initial, d_points):
+    def modulus_jvp(
+        self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray
+    ):
         """No change: zeros, shape (n_elements,)."""
         return np.zeros(len(mesh.elements))
 
-    def modulus_vjp(self, mesh, initial, points, bar):
+    def modulus_vjp(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, bar: np.ndarray):
         """Derivatives of a constant: zeros, shape (n_points, 3) each."""
         return np.zeros_like(points), np.zeros_like(points)
 
@@ -201,18 +205,20 @@ class WallDistanceLaw(OneLine):
 
     power: float = 1.0
 
-    def modulus(self, mesh, initial, points):
+    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
         """Modulus of every element, see `StiffnessLaw.modulus`."""
         _, square = self._distance(mesh, points)
         return square ** (-0.5 * self.power)
 
-    def modulus_jvp(self, mesh, initial, points, d_initial, d_points):
+    def modulus_jvp(
+        self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray
+    ):
         """Change of the modulus."""
         arm, square = self._distance(mesh, points)
         d_arm = d_points[mesh.elements].mean(axis=1) - d_points[_nearest(mesh)]
         return -self.power * square ** (-0.5 * self.power - 1.0) * (arm * d_arm).sum(axis=1)
 
-    def modulus_vjp(self, mesh, initial, points, bar):
+    def modulus_vjp(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, bar: np.ndarray):
         """Transpose of `modulus_jvp`."""
         arm, square = self._distance(mesh, points)
         arm_bar = (-self.power * bar * square ** (-0.5 * self.power - 1.0))[:, None] * arm
@@ -221,7 +227,7 @@ class WallDistanceLaw(OneLine):
         np.subtract.at(points_bar, _nearest(mesh), arm_bar)
         return np.zeros_like(points), points_bar
 
-    def _distance(self, mesh, points):
+    def _distance(self, mesh: MovingMesh, points: np.ndarray):
         """Vector from the nearest surface point, and its squared length."""
         arm = points[mesh.elements].mean(axis=1) - points[_nearest(mesh)]
         return arm, (arm * arm).sum(axis=1) + (NEAR * mesh.size) ** 2
@@ -240,29 +246,16 @@ LEAST_ORTHOGONALITY = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class RegularisedMeasures:
-    """Orthogonality and volume of all elements for the stiffness: always positive.
+    """Orthogonality and volume of all elements for the stiffness: always positive."""
 
-    Both are given as logarithms, with the gradient of any combination of them with respect to the corners, from which
-    follow the derivatives in both directions.
+    # Both are given as logarithms, with the gradient of any combination of them with respect to the corners, from which
+    # follow the derivatives in both directions.
 
-    Parameters
-    ----------
-    mesh : MovingMesh
-        Its baseline decides which corners are degenerate.
-    corners : ndarray, shape (n_elements, 8, 3)
-        Points at the corners (m).
-    measures : ElementMeasures
-        Triple products and volumes as they are.
-    squares : ndarray, shape (n_elements, 3)
-        Mean squares of the four edges along each direction (m2).
-    fullness : ndarray, shape (n_elements,)
-        Volume over the product of the three lengths: 1 in a box, less in any other element.
-    """
-
-    mesh: MovingMesh
-    corners: np.ndarray
-    measures: ElementMeasures
-    squares: np.ndarray
+    mesh: MovingMesh  # its baseline decides which corners are degenerate
+    corners: np.ndarray  # (n_elements, 8, 3), points at the corners (m)
+    measures: ElementMeasures  # triple products and volumes as they are
+    squares: np.ndarray  # (n_elements, 3), mean squares of the four edges along each direction (m2)
+    # (n_elements,), volume over the product of the three lengths: 1 in a box, less in any other element
     fullness: np.ndarray
 
     @classmethod
