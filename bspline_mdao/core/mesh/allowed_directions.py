@@ -24,21 +24,13 @@ grids are off, less than any corner between two planes."""
 
 @dataclass(eq=False)
 class AllowedDirections:
-    """Directions in which points may move, gathered face by face.
+    """Directions in which points may move, gathered face by face."""
 
-    Parameters
-    ----------
-    surface, fixed : ndarray of bool, shape (n_points,)
-        Points on the design surface, and points that may not move.
-    n_normals : ndarray of int, shape (n_points,)
-        Number of directions in which each point may not move.
-    basis : ndarray, shape (n_points, 3, 3)
-        Its first ``n_normals`` rows are these directions, orthonormal; the others are zero.
-    """
-
+    # surface, fixed: (n_points,) of bool, points on the design surface, and points that may not move
     surface: np.ndarray
     fixed: np.ndarray
-    n_normals: np.ndarray
+    n_normals: np.ndarray  # (n_points,) of int, number of directions in which each point may not move
+    # (n_points, 3, 3), its first ``n_normals`` rows are these directions, orthonormal; the others are zero
     basis: np.ndarray
 
     @classmethod
@@ -61,13 +53,7 @@ class AllowedDirections:
         self.n_normals[new] += 1
 
     def fields(self) -> dict[str, Any]:
-        """Return the fields of a `bspline_mdao.core.mesh.moving_mesh.MovingMesh` that describe them, by name.
-
-        Raises
-        ------
-        InputError
-            If no point is on the design surface.
-        """
+        """Return the fields of a `bspline_mdao.core.mesh.moving_mesh.MovingMesh` that describe them, by name."""
         surface_ids = np.flatnonzero(self.surface).astype(np.int32)
         if not len(surface_ids):
             raise InputError("movement: no point is on the design surface; check the patches")

@@ -100,13 +100,7 @@ def moving_mesh(
 
 
 def require_mesh_of(model: Model, mesh: MovingMesh, what: str) -> None:
-    """Refuse the control mesh of another model; ``what`` names the mesh.
-
-    Raises
-    ------
-    InputError
-        If its control points are not numbered as those of the model.
-    """
+    """Refuse the control mesh of another model; ``what`` names the mesh."""
     ids = model.mesh.control_ids
     if len(mesh.blocks) != len(ids) or not all(map(np.array_equal, mesh.blocks, ids)):
         raise InputError(f"{what} is not the control mesh of {model.header.source}; make it with moving_mesh(model)")
@@ -178,7 +172,15 @@ class _Requests:
     fixed_point_ids: np.ndarray
 
     @classmethod
-    def of(cls, topology: Topology, n_points: int, design, fixed, released, sliding) -> _Requests:
+    def of(
+        cls,
+        topology: Topology,
+        n_points: int,
+        design: str | Sequence[str] | None,
+        fixed: Selection | Sequence[Selection],
+        released: str | Sequence[str],
+        sliding: str | Sequence[str],
+    ) -> _Requests:
         for name, segment in zip(topology.segment_names, topology.segments):
             if 1 in segment.shape:
                 raise InputError(
@@ -198,7 +200,12 @@ class _Requests:
 
 
 def _mesh(
-    topology: Topology, blocks, points: np.ndarray, asked: _Requests, parameters=None, volumes=None
+    topology: Topology,
+    blocks: Sequence[np.ndarray],
+    points: np.ndarray,
+    asked: _Requests,
+    parameters=None,
+    volumes=None,
 ) -> MovingMesh:
     """Sort the boundary faces of all blocks by what is asked of them."""
     allowed = AllowedDirections.of(len(points))
@@ -284,13 +291,7 @@ def boundary_points(topology: Topology, blocks: Sequence[np.ndarray]) -> Iterato
 
 
 def symmetry_planes(model: FittedModel) -> list[tuple[np.ndarray, float, np.ndarray]]:
-    """Planes of the faces of symmetry of a model: unit normal, offset (m) and control points of each face.
-
-    Raises
-    ------
-    InputError
-        If a patch of symmetry is not planar.
-    """
+    """Planes of the faces of symmetry of a model: unit normal, offset (m) and control points of each face."""
     topology = model.topology
     found = [face for face in boundary_points(topology, model.mesh.control_ids) if face[0].kind == "symmetry"]
     whats = [f"{topology.source}: patch {face.patch}" for face, _ in found]
@@ -299,13 +300,7 @@ def symmetry_planes(model: FittedModel) -> list[tuple[np.ndarray, float, np.ndar
 
 
 def wall_patches(topology: Topology) -> tuple[str, ...]:
-    """Names of all patches that are walls.
-
-    Raises
-    ------
-    InputError
-        If none is.
-    """
+    """Names of all patches that are walls."""
     walls = tuple(sorted({face.patch for face in topology.boundary if face.patch and face.kind == "wall"}))
     if not walls:
         raise InputError(
@@ -316,25 +311,13 @@ def wall_patches(topology: Topology) -> tuple[str, ...]:
 
 
 def matching_patches(topology: Topology, patterns: str | Sequence[str]) -> frozenset[str]:
-    """Names of all patches that match any of the patterns (``"wing*"``).
-
-    Raises
-    ------
-    InputError
-        If a pattern matches none.
-    """
+    """Names of all patches that match any of the patterns (``"wing*"``)."""
     names = {face.patch for face in topology.boundary if face.patch is not None}
     return matching_names(names, patterns, topology.source)
 
 
 def matching_names(names: Iterable[str], patterns: str | Sequence[str], what: str) -> frozenset[str]:
-    """Names of patches that match any of the patterns (``"wing*"``); ``what`` has the patches, for messages.
-
-    Raises
-    ------
-    InputError
-        If a pattern matches none.
-    """
+    """Names of patches that match any of the patterns (``"wing*"``); ``what`` has the patches, for messages."""
     found: set[str] = set()
     for pattern in (patterns,) if isinstance(patterns, str) else patterns:
         matches = {name for name in names if fnmatchcase(name, pattern)}
@@ -345,7 +328,7 @@ def matching_names(names: Iterable[str], patterns: str | Sequence[str], what: st
     return frozenset(found)
 
 
-def _split(fixed, n_points: int) -> tuple[list[str], np.ndarray]:
+def _split(fixed: Selection | Sequence[Selection], n_points: int) -> tuple[list[str], np.ndarray]:
     """Names and numbers of what is fixed."""
     items = [fixed] if isinstance(fixed, np.ndarray) or np.isscalar(fixed) else list(fixed)
     ids = [np.asarray(item).ravel() for item in items if not isinstance(item, str)]

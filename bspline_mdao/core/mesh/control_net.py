@@ -33,20 +33,12 @@ COLLAPSED = 1e-12
 """Length of an edge, relative to the mesh, that is round-off: the edge has collapsed."""
 
 
-def surface_quads(mesh: MovingMesh) -> np.ndarray:
-    """Quads of surface control points between the surface and the fluid.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        The mesh.
-
-    Returns
-    -------
-    ndarray of int, shape (n_quads, 4)
-        Rows of ``mesh.surface_ids`` of the corners, around the normal that points into the fluid. A collapsed quad has
-        corners that are the same.
-    """
+def surface_quads(
+    mesh: MovingMesh,  # the mesh
+) -> np.ndarray:
+    """Quads of surface control points between the surface and the fluid."""
+    # Returns (n_quads, 4) of int, rows of ``mesh.surface_ids`` of the corners, around the normal that points into the
+    # fluid. A collapsed quad has corners that are the same.
     quads = np.concatenate([_side_quads(mesh.points, ids, side) for ids in mesh.blocks for side in range(6)])
     quads = mesh.surface_rows[quads]
     quads = quads[(quads >= 0).all(axis=1)]
@@ -61,24 +53,10 @@ def _side_quads(points: np.ndarray, ids: np.ndarray, side: int) -> np.ndarray:
     return quads_in_turn(facing(layer, inner, points))
 
 
-def surface_normals(mesh: MovingMesh) -> np.ndarray:
-    """Unit normals of the surface's net of control points on the baseline, into the fluid.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        The mesh.
-
-    Returns
-    -------
-    ndarray, shape (n_surface, 3)
-        In the order of ``mesh.surface_ids``.
-
-    Raises
-    ------
-    InputError
-        If the quads around a point have no extent.
-    """
+def surface_normals(
+    mesh: MovingMesh,  # the mesh
+) -> np.ndarray:  # (n_surface, 3), in the order of ``mesh.surface_ids``
+    """Unit normals of the surface's net of control points on the baseline, into the fluid."""
     points, quads = mesh.points[mesh.surface_ids], surface_quads(mesh)
     corners = _Corners.of(points[quads], COLLAPSED * mesh.size)
     sums, outward = (_sum_at(quads, part, len(points)) for part in (corners.normals, corners.outward))

@@ -53,21 +53,12 @@ class ElementCorners(OneLine):
     rule: KreisselmeierSteinhauser
 
     @classmethod
-    def of(cls, mesh: MovingMesh, rho: float) -> ElementCorners:
-        """Take the elements of a mesh.
-
-        Parameters
-        ----------
-        mesh : MovingMesh
-            The mesh; its points decide which elements are valid.
-        rho : float
-            Sharpness: the bound is below the smallest corner by at most ``ln(8 n_e) / rho``.
-
-        Raises
-        ------
-        InputError
-            If rho is not positive.
-        """
+    def of(
+        cls,
+        mesh: MovingMesh,  # the mesh; its points decide which elements are valid
+        rho: float,  # sharpness: the bound is below the smallest corner by at most ``ln(8 n_e) / rho``
+    ) -> ElementCorners:
+        """Take the elements of a mesh."""
         valid = np.flatnonzero(mesh.is_valid)
         fields = (mesh.elements[valid], mesh.handedness[valid], mesh.degenerate_corners[valid])
         return cls(*fields, mesh.n_points, KreisselmeierSteinhauser(rho))
@@ -85,5 +76,5 @@ class ElementCorners(OneLine):
         ids = self.elements.ravel()
         return np.stack([np.bincount(ids, bars[:, c], minlength=self.n_points) for c in range(3)], axis=1)
 
-    def _triples(self, points):
+    def _triples(self, points: np.ndarray):
         return element_measures(points[self.elements], self.handedness, self.degenerate_corners).triples

@@ -25,32 +25,16 @@ __all__ = ["following_sides"]
 
 
 def following_sides(
-    topology: Topology,
+    topology: Topology,  # the boundary and the segments
+    # sequence of ndarray of int, each of shape (N0, N1, N2) of int, numbers of the points of every segment
     blocks: Sequence[np.ndarray],
-    points: np.ndarray,
-    surface: np.ndarray,
+    points: np.ndarray,  # (n_points, 3), all points (m)
+    surface: np.ndarray,  # (n_points,) of bool, those on the design surface
+    # of int, points of the sides that may follow, by their numbers in
+    # `bspline_mdao.grids.topology.sharing.boundary_sides`
     candidates: Mapping[int, np.ndarray],
-) -> frozenset[int]:
-    """Find the sides of segments that follow the surface: it ends on them, and they repeat no others.
-
-    Parameters
-    ----------
-    topology : Topology
-        The boundary and the segments.
-    blocks : sequence of ndarray of int, each of shape (N0, N1, N2)
-        Numbers of the points of every segment.
-    points : ndarray, shape (n_points, 3)
-        All points (m).
-    surface : ndarray of bool, shape (n_points,)
-        Those on the design surface.
-    candidates : mapping of int to ndarray of int
-        Points of the sides that may follow, by their numbers in `bspline_mdao.grids.topology.sharing.boundary_sides`.
-
-    Returns
-    -------
-    frozenset of int
-        Those that do.
-    """
+) -> frozenset[int]:  # those that do
+    """Find the sides of segments that follow the surface: it ends on them, and they repeat no others."""
     met = frozenset(n for n, ids in candidates.items() if surface[ids].any() and not is_line(points[ids]))
     sides = list(boundary_sides(topology)) if met else []
     is_periodic = any(sides[n][0].kind != "farfield" for n in met)

@@ -23,26 +23,14 @@ from .boundary import boundary_points, matching_patches
 __all__ = ["held_periodic_planes", "interior_directions"]
 
 
-def interior_directions(model: FittedModel, sliding: str | Sequence[str] = ()) -> np.ndarray:
-    """Directions in which each control point may move.
-
-    Parameters
-    ----------
-    model : FittedModel
-        The fitted grid.
-    sliding : str or sequence of str
-        Planar patches, by name or pattern, whose points slide in their planes, beside those of kind ``symmetry``.
-
-    Returns
-    -------
-    ndarray, shape (n_control_points, 3, 3)
-        Orthogonal projectors onto these directions: the identity where a point is free, zero where it is held.
-
-    Raises
-    ------
-    InputError
-        If there is no such patch, or one that is to slide is not planar.
-    """
+def interior_directions(
+    model: FittedModel,  # the fitted grid
+    # planar patches, by name or pattern, whose points slide in their planes, beside those of kind ``symmetry``
+    sliding: str | Sequence[str] = (),
+) -> np.ndarray:
+    """Directions in which each control point may move."""
+    # Returns (n_control_points, 3, 3), orthogonal projectors onto these directions: the identity where a point is free,
+    # zero where it is held.
     topology, points, blocks = model.topology, model.control_points, model.mesh.control_ids
     asked = matching_patches(topology, sliding)
     allowed = AllowedDirections.of(len(points))
@@ -64,21 +52,12 @@ def interior_directions(model: FittedModel, sliding: str | Sequence[str] = ()) -
     return projectors
 
 
-def held_periodic_planes(model: FittedModel, sliding: str | Sequence[str] = ()) -> tuple[PeriodicPair, ...]:
-    """Find the periodic planes whose points are held, and could slide.
-
-    Parameters
-    ----------
-    model : FittedModel
-        The fitted grid.
-    sliding : str or sequence of str
-        Patches that slide already, by name or pattern.
-
-    Returns
-    -------
-    tuple of PeriodicPair
-        Planar boundaries of the kind ``other`` or of none that a rotation lays onto each other.
-    """
+def held_periodic_planes(
+    model: FittedModel,  # the fitted grid
+    sliding: str | Sequence[str] = (),  # patches that slide already, by name or pattern
+) -> tuple[PeriodicPair, ...]:
+    """Find the periodic planes whose points are held, and could slide."""
+    # Returns planar boundaries of the kind ``other`` or of none that a rotation lays onto each other.
     asked, grid = matching_patches(model.topology, sliding), model.regenerate()
     windows = []
     for face in model.topology.boundary:

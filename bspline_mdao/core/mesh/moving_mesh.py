@@ -26,27 +26,15 @@ __all__ = ["MovingMesh", "Tangling", "require_mesh"]
 
 @dataclass(frozen=True)
 class Tangling(OneLine):
-    """Elements that are valid on the baseline and not any more.
+    """Elements that are valid on the baseline and not any more."""
 
-    Parameters
-    ----------
-    n_tangled : int
-        Their number.
-    place : str
-        The worst of them; empty where there is none.
-    min_corner : float
-        Smallest corner triple product of unit edges of the elements that are valid on the baseline.
-    corner_ratio : float
-        Smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements:
-        1 where nothing has changed, 0 or less where the mesh tangles.
-    n_invalid : int
-        Elements that are invalid, whatever they are on the baseline: counted as the report of a fit counts them.
-    """
-
-    n_tangled: int
-    place: str
-    min_corner: float
+    n_tangled: int  # their number
+    place: str  # the worst of them; empty where there is none
+    min_corner: float  # smallest corner triple product of unit edges of the elements that are valid on the baseline
+    # smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements: 1
+    # where nothing has changed, 0 or less where the mesh tangles
     corner_ratio: float
+    # elements that are invalid, whatever they are on the baseline: counted as the report of a fit counts them
     n_invalid: int
 
 
@@ -232,7 +220,7 @@ class MovingMesh(OneLine):
                 place = "" if least > 0.0 else _place("element", worst, name) + self._obstacle(ids, worst)
         return Tangling(n_tangled, place, least, ratio, n_invalid)
 
-    def _obstacle(self, ids: np.ndarray, element) -> str:
+    def _obstacle(self, ids: np.ndarray, element: int) -> str:
         """Say which of the `obstacles` an element of a block lies on; nothing where it lies on none."""
         corners = ids[tuple(slice(n, n + 2) for n in element)]
         beside = [what for what, points in self.obstacles if np.isin(corners, points).any()]
@@ -260,13 +248,7 @@ def _place(what: str, index, name: str) -> str:
 
 
 def require_mesh(mesh, what: str) -> MovingMesh:
-    """A control mesh that is ready to move.
-
-    Raises
-    ------
-    InputError
-        If it is something else, such as a model.
-    """
+    """A control mesh that is ready to move."""
     if not isinstance(mesh, MovingMesh):
         raise InputError(f"{what}: the mesh is of type {type(mesh).__name__}; make it with moving_mesh(model)")
     return mesh

@@ -40,28 +40,15 @@ IN_PLANE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class SideEdge(OneLine):
-    """An edge of a side.
+    """An edge of a side."""
 
-    Parameters
-    ----------
-    side : VolumeSide
-        The side.
-    ids : ndarray of int, shape (N_u, N_v)
-        Numbers of its control points.
-    axis, end : int
-        The edge is where u (axis 0) or v (axis 1) has this parameter, 0 or 1.
-    is_reversed : bool
-        Whether the seam runs against the other parameter.
-    number : int
-        Number of the side, for the caller.
-    """
-
-    side: VolumeSide
-    ids: np.ndarray
+    side: VolumeSide  # the side
+    ids: np.ndarray  # (N_u, N_v) of int, numbers of its control points
+    # axis, end: the edge is where u (axis 0) or v (axis 1) has this parameter, 0 or 1
     axis: int
     end: int
-    is_reversed: bool
-    number: int
+    is_reversed: bool  # whether the seam runs against the other parameter
+    number: int  # number of the side, for the caller
 
     def line(self, inside: int) -> np.ndarray:
         """Numbers of the control points of a line, 0 on the seam and 1 next to it, along the seam."""
@@ -94,17 +81,9 @@ class SideEdge(OneLine):
         return 1.0 - own[::-1] if self.is_reversed else own
 
     def weights(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Weights of control points in derivatives at places along the seam.
-
-        Returns
-        -------
-        inner : ndarray, shape (n, N)
-            Of the next line in the derivative into the side.
-        own : ndarray, shape (n, N)
-            Of the line on the seam in the same.
-        tangent : ndarray, shape (n, N)
-            Of the line on the seam in the derivative along it.
-        """
+        """Weights of control points in derivatives at places along the seam."""
+        # Returns inner: (n, N), of the next line in the derivative into the side; own: (n, N), of the line on the seam
+        # in the same; tangent: (n, N), of the line on the seam in the derivative along it.
         into, along = self.side.axes[self.axis], self.side.axes[1 - self.axis]
         at = self.side.parameters(*self.uv(t))
         values = _dense(self.side.volume.knots[along], along, at)
@@ -126,70 +105,40 @@ def _dense(knots, direction: int, parameters: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Seam(OneLine):
-    """Two edges of sides that are one.
+    """Two edges of sides that are one."""
 
-    Parameters
-    ----------
-    first, second : SideEdge
-        The edge as that of either side; both run the same way.
-    mirror : ndarray, shape (3,), or None
-        Unit normal of the plane of symmetry that the edge lies in, where the second side is the mirror image of the
-        first one.
-    """
-
+    # first, second: the edge as that of either side; both run the same way
     first: SideEdge
     second: SideEdge
+    # (3,), unit normal of the plane of symmetry that the edge lies in, where the second side is the mirror image of the
+    # first one
     mirror: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Pole(OneLine):
-    """A point to which edges of sides have collapsed.
+    """A point to which edges of sides have collapsed."""
 
-    Parameters
-    ----------
-    at : int
-        Number of its control point.
-    ring : ndarray of int, shape (n,)
-        Numbers of the control points next to it, of all sides.
-    edges : tuple of SideEdge
-        The collapsed edges.
-    """
-
-    at: int
-    ring: np.ndarray
-    edges: tuple[SideEdge, ...]
+    at: int  # number of its control point
+    ring: np.ndarray  # (n,) of int, numbers of the control points next to it, of all sides
+    edges: tuple[SideEdge, ...]  # the collapsed edges
 
 
-def find_seams(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> list[Seam]:
-    """Find the edges that two sides share, by the numbers of their control points.
-
-    Parameters
-    ----------
-    sides : iterable of (VolumeSide, ndarray of int)
-        Sides, and the numbers of their control points, shape (N_u, N_v).
-
-    Returns
-    -------
-    list of Seam
-        Those that have not collapsed to a point.
-    """
+def find_seams(
+    # of int, sides, and the numbers of their control points, shape (N_u, N_v)
+    sides: Iterable[tuple[VolumeSide, np.ndarray]],
+) -> list[Seam]:  # those that have not collapsed to a point
+    """Find the edges that two sides share, by the numbers of their control points."""
     pairs = (edges for edges in _shared_edges(sides) if len(edges) == 2)
     return [Seam(first, second) for first, second in pairs]
 
 
 def find_mirror_seams(
-    sides: Iterable[tuple[VolumeSide, np.ndarray]], planes: Iterable[tuple[np.ndarray, float, np.ndarray]]
+    sides: Iterable[tuple[VolumeSide, np.ndarray]],  # of int, as for `find_seams`
+    # of int, unit normal and offset (m) of each plane, and the control points in it
+    planes: Iterable[tuple[np.ndarray, float, np.ndarray]],
 ) -> list[Seam]:
-    """Find the edges of sides that lie in planes of symmetry, each with the mirror image of its side.
-
-    Parameters
-    ----------
-    sides : iterable of (VolumeSide, ndarray of int)
-        As for `find_seams`.
-    planes : iterable of (ndarray, float, ndarray of int)
-        Unit normal and offset (m) of each plane, and the control points in it.
-    """
+    """Find the edges of sides that lie in planes of symmetry, each with the mirror image of its side."""
     planes, found = list(planes), []
     for edges in _shared_edges(sides):
         if len(edges) == 1:
@@ -218,14 +167,10 @@ def _shared_edges(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> Iterable[li
     return found.values()
 
 
-def find_poles(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> list[Pole]:
-    """Find the points to which edges of sides have collapsed.
-
-    Parameters
-    ----------
-    sides : iterable of (VolumeSide, ndarray of int)
-        As for `find_seams`.
-    """
+def find_poles(
+    sides: Iterable[tuple[VolumeSide, np.ndarray]],  # of int, as for `find_seams`
+) -> list[Pole]:
+    """Find the points to which edges of sides have collapsed."""
     found: dict[int, list[SideEdge]] = defaultdict(list)
     for edge in _edges(sides):
         line = edge.line(0)
@@ -251,10 +196,8 @@ def poles_of_mesh(mesh: MovingMesh) -> list[Pole]:
 
 
 def seams_of_mesh(mesh: MovingMesh) -> list[Seam]:
-    """Find the seams of the design surface of a mesh; points are numbered by rows of ``mesh.surface_ids``.
-
-    A mesh without splines counts as one of order 2, whose sides are the quads between its points.
-    """
+    """Find the seams of the design surface of a mesh; points are numbered by rows of ``mesh.surface_ids``."""
+    # A mesh without splines counts as one of order 2, whose sides are the quads between its points.
     return find_seams(_sides(mesh))
 
 

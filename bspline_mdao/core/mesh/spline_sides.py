@@ -22,45 +22,21 @@ __all__ = ["SplineSide", "spline_sides"]
 
 @dataclass(frozen=True, eq=False)
 class SplineSide(OneLine):
-    """A side of a volume on the boundary, with u x v into the fluid.
+    """A side of a volume on the boundary, with u x v into the fluid."""
 
-    Parameters
-    ----------
-    name : str
-        For messages: the block, the side of it and the patch.
-    patch : str
-        The patch.
-    surface : VolumeSide
-        The surface.
-    ids : ndarray of int, shape (N_u, N_v)
-        Numbers of its control points.
-    """
-
-    name: str
-    patch: str
-    surface: VolumeSide
-    ids: np.ndarray
+    name: str  # for messages: the block, the side of it and the patch
+    patch: str  # the patch
+    surface: VolumeSide  # the surface
+    ids: np.ndarray  # (N_u, N_v) of int, numbers of its control points
 
 
 def spline_sides(
-    model: FittedModel, control_points: np.ndarray | None = None, patches: str | Sequence[str] | None = None
+    model: FittedModel,  # the model
+    # (n_control_points, 3), moved control points (m); the fitted ones by default
+    control_points: np.ndarray | None = None,
+    patches: str | Sequence[str] | None = None,  # patches by name or pattern (``"wing*"``); all walls by default
 ) -> list[SplineSide]:
-    """Take the sides of a model's volumes that are on some patches; those that have collapsed to lines are left out.
-
-    Parameters
-    ----------
-    model : FittedModel
-        The model.
-    control_points : ndarray, shape (n_control_points, 3), optional
-        Moved control points (m); the fitted ones by default.
-    patches : str or sequence of str, optional
-        Patches by name or pattern (``"wing*"``); all walls by default.
-
-    Raises
-    ------
-    InputError
-        If a patch does not exist, or no patch is a wall.
-    """
+    """Take the sides of a model's volumes that are on some patches; those that have collapsed to lines are left out."""
     topology, points = model.topology, model.control_points if control_points is None else control_points
     wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
     found = []
