@@ -67,21 +67,11 @@ def certify(what: Grid | FittedModel, control_points: np.ndarray | None = None) 
     return Certificate(cells, splines)
 
 
-def require_valid_splines(model: Model, control_points: np.ndarray) -> None:
-    """Refuse moved control points with which more elements of the splines are proved invalid.
-
-    Parameters
-    ----------
-    model : FittedModel or ModelShare
-        The model.
-    control_points : ndarray, shape (n_control_points, 3)
-        Its control points after a move (m).
-
-    Raises
-    ------
-    MovementError
-        If a block has more of them than before: names such blocks, and some elements.
-    """
+def require_valid_splines(
+    model: Model,  # the model
+    control_points: np.ndarray,  # (n_control_points, 3), its control points after a move (m)
+) -> None:
+    """Refuse moved control points with which more elements of the splines are proved invalid."""
     names = model.topology.segment_names
     after = certify_splines(model.mesh, control_points, names, model.control_points)
     if not any(part.n_invalid for part in after):

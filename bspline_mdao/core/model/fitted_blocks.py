@@ -29,34 +29,22 @@ __all__ = ["FittedBlocks"]
 
 @dataclass(frozen=True, eq=False)
 class FittedBlocks(OneLine):
-    """A fitted grid of which each process holds some blocks. Made by `bspline_mdao.splines.fit_blocks`.
+    """A fitted grid of which each process holds some blocks. Made by `bspline_mdao.splines.fit_blocks`."""
 
-    Parameters
-    ----------
-    comm : communicator
-        The processes.
-    topology, mesh, control_points, report, settings, candidate_weights
-        Those of the whole model, see `bspline_mdao.core.model.fitted_model.FittedModel`.
-    header : GridHeader
-        That of the whole model, but for the blanking, which is that of the blocks here.
-    homes : tuple of int
-        Process of every block.
-    parameters : mapping of int
-        Of every segment of the blocks here, parameters of its nodes, shape (L0, L1, L2, 3).
-    residual : mapping of int, or None
-        Of every block here, baseline minus fitted points (m), shape (n, 3), where it is kept.
-    """
-
-    comm: Any
+    comm: Any  # the processes
+    # topology, mesh, control_points, report, settings, candidate_weights: those of the whole model, see
+    # `bspline_mdao.core.model.fitted_model.FittedModel`
     topology: Topology
     mesh: BSplineMesh
     control_points: np.ndarray
-    header: GridHeader
+    header: GridHeader  # that of the whole model, but for the blanking, which is that of the blocks here
     report: FitReport
     settings: FitSettings
     candidate_weights: np.ndarray | None
-    homes: tuple[int, ...]
+    homes: tuple[int, ...]  # process of every block
+    # of every segment of the blocks here, parameters of its nodes, shape (L0, L1, L2, 3)
     parameters: Mapping[int, np.ndarray]
+    # of every block here, baseline minus fitted points (m), shape (n, 3), where it is kept
     residual: Mapping[int, np.ndarray] | None
 
     @property
@@ -70,18 +58,11 @@ class FittedBlocks(OneLine):
             return None
         return residual_lengths(self.topology, self.mesh, self.parameters, self.residual, self.comm)
 
-    def share(self, share: Share | None = None) -> ModelShare:
-        """Get what this process evaluates from those that hold it; all processes call this.
-
-        Parameters
-        ----------
-        share : Share, optional
-            Nodes of this process; by default those that `Partition.of` gives it.
-
-        Returns
-        -------
-        ModelShare
-        """
+    def share(
+        self,
+        share: Share | None = None,  # nodes of this process; by default those that `Partition.of` gives it
+    ) -> ModelShare:
+        """Get what this process evaluates from those that hold it; all processes call this."""
         topology = self.topology
         if share is None:
             share = Partition.of(topology, self.comm.size).share(self.comm.rank)
@@ -107,21 +88,12 @@ class FittedBlocks(OneLine):
             residual_lengths=self.residual_lengths(),
         )
 
-    def save(self, path, compress: bool = True) -> None:
-        """Write the model to one HDF5 file, the same as `FittedModel.save`; all processes call this.
-
-        Parameters
-        ----------
-        path : path-like
-            The file, on a disk that all processes see.
-        compress : bool
-            Compress the arrays.
-
-        Raises
-        ------
-        InputError
-            See `bspline_mdao.core.model.model_parts.write_by_turns`.
-        """
+    def save(
+        self,
+        path,  # the file, on a disk that all processes see
+        compress: bool = True,  # compress the arrays
+    ) -> None:
+        """Write the model to one HDF5 file, the same as `FittedModel.save`; all processes call this."""
         parts = {f"parameters/{s}": array for s, array in self.parameters.items()}
         parts |= {f"residual/{block}": array for block, array in (self.residual or {}).items()}
         iblanks = {f"iblank/{block}": self.header.iblanks[block] for block in self.blocks}
@@ -159,6 +131,6 @@ class FittedBlocks(OneLine):
         return result
 
 
-def _exchanged(comm, parts: list) -> list:
+def _exchanged(comm: Any, parts: list) -> list:
     """Parts that every process has for this one, of those that each has for all."""
     return parts if comm.size == 1 else comm.alltoall(parts)

@@ -83,7 +83,7 @@ class FittedModel(Shown, Model):
     settings: FitSettings = field(default_factory=FitSettings)
     candidate_weights: np.ndarray | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self._check("control_points", self.mesh.n_control_points)
         if self.residual is not None:
             self._check("residual", self.topology.n_nodes)

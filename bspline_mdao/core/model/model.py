@@ -25,10 +25,9 @@ __all__ = ["Model", "nodes_at"]
 
 
 class Model(ABC):
-    """A fitted grid: all of it, or what one of several processes needs of it.
+    """A fitted grid: all of it, or what one of several processes needs of it."""
 
-    Topology, control mesh and control points are those of the whole grid in any case.
-    """
+    # Topology, control mesh and control points are those of the whole grid in any case.
 
     topology: Topology
     mesh: BSplineMesh  # one volume per segment
@@ -75,16 +74,12 @@ class Model(ABC):
         """Map from the control points to the nodes of the process, which come first in it."""
 
     @abstractmethod
-    def corrected_map(self, rows: np.ndarray, whole: Model) -> tuple[GridMap, WallCorrection]:
-        """Map to the nodes of the process for walls that are met exactly, and what of the correction it needs.
-
-        Parameters
-        ----------
-        rows : ndarray of int, shape (n,)
-            Rows of the nodes of the walls that are given.
-        whole : Model
-            Model of the whole grid: where blocks are cut, nodes of the pieces' neighbours take part.
-        """
+    def corrected_map(
+        self,
+        rows: np.ndarray,  # (n,) of int, rows of the nodes of the walls that are given
+        whole: Model,  # model of the whole grid: where blocks are cut, nodes of the pieces' neighbours take part
+    ) -> tuple[GridMap, WallCorrection]:
+        """Map to the nodes of the process for walls that are met exactly, and what of the correction it needs."""
 
     def fits(self, share: Share) -> bool:
         """Whether the model is of the whole grid, or made for just these nodes."""

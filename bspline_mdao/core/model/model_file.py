@@ -88,23 +88,12 @@ _RECORDS = {
 Model = TypeVar("Model")
 
 
-def write_model(fields_of_model: Mapping[str, object], path: str | os.PathLike, compress: bool = True) -> None:
-    """Write a model; an existing file is replaced only when the new one is complete.
-
-    Parameters
-    ----------
-    fields_of_model : mapping of str
-        The fields of a `bspline_mdao.core.model.fitted_model.FittedModel` by name.
-    path : path-like
-        The file.
-    compress : bool
-        Compress the arrays.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, or the model has knots that are functions of the user's.
-    """
+def write_model(
+    fields_of_model: Mapping[str, object],  # the fields of a `bspline_mdao.core.model.fitted_model.FittedModel` by name
+    path: str | os.PathLike,  # the file
+    compress: bool = True,  # compress the arrays
+) -> None:
+    """Write a model; an existing file is replaced only when the new one is complete."""
     arrays, document, options = arrays_of(**fields_of_model), document_of(**fields_of_model), dataset_options(compress)
     with replaced_hdf5_file(path) as file:
         attributes = attributes_of(**fields_of_model) | {"checksum": checksum_of(document, arrays)}
@@ -116,26 +105,12 @@ def write_model(fields_of_model: Mapping[str, object], path: str | os.PathLike, 
                 file.create_dataset(name, data=array, **options)
 
 
-def read_model(path: str | os.PathLike, make: Callable[..., Model]) -> Model:
-    """Read a model and check it.
-
-    Parameters
-    ----------
-    path : path-like
-        File that `write_model` made.
-    make : callable
-        Makes the model from its fields, given by name; an `InputError` of it means that they are damaged.
-
-    Returns
-    -------
-    FittedModel
-        What ``make`` returns.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, foreign, damaged or of a newer version.
-    """
+def read_model(
+    path: str | os.PathLike,  # file that `write_model` made
+    # makes the model from its fields, given by name; an `InputError` of it means that they are damaged
+    make: Callable[..., Model],
+) -> Model:  # what ``make`` returns
+    """Read a model and check it."""
     with damaged_is_input_error(path), opened_model(path) as file:
         arrays = datasets_of(path, file)
         document = checked_document(path, file, arrays)
@@ -152,21 +127,11 @@ def read_model(path: str | os.PathLike, make: Callable[..., Model]) -> Model:
         return make(**fields_of_model | rest)
 
 
-def read_fields(path: str | os.PathLike) -> dict[str, object]:
-    """Read and check all fields of a model but what is of the size of the grid: parameters, residual and blanking.
-
-    The whole file is passed over once, a piece at a time, for its checksum.
-
-    Returns
-    -------
-    dict
-        Fields by name; also ``has_residual``, whether the file has one.
-
-    Raises
-    ------
-    InputError
-        As `read_model`.
-    """
+def read_fields(
+    path: str | os.PathLike,
+) -> dict[str, object]:  # fields by name; also ``has_residual``, whether the file has one
+    """Read and check all fields of a model but what is of the size of the grid: parameters, residual and blanking."""
+    # The whole file is passed over once, a piece at a time, for its checksum.
     with damaged_is_input_error(path), opened_model(path) as file:
         arrays = datasets_of(path, file)
         document = checked_document(path, file, arrays)
@@ -208,7 +173,7 @@ def damaged_is_input_error(path: str | os.PathLike) -> Iterator[None]:
         raise _damaged(path) from error
 
 
-def _damaged(path) -> InputError:
+def _damaged(path: str | os.PathLike) -> InputError:
     return InputError(f"{path}: the fitted model is damaged; fit the grid again")
 
 
@@ -269,7 +234,7 @@ def checksum_of(document: bytes, arrays: Mapping[str, np.ndarray | h5py.Dataset]
     return digest.hexdigest()
 
 
-def _bring_up_to_date(path, document: dict, arrays: dict[str, np.ndarray]) -> None:
+def _bring_up_to_date(path: str | os.PathLike, document: dict, arrays: dict[str, np.ndarray]) -> None:
     """Turn the smoothing of versions 1 and 2 into what it is now: none is least squares, infinity the coarse grid."""
     settings = document["settings"]
     if "smoothing" not in settings:
@@ -288,7 +253,7 @@ def dataset_options(compress: bool) -> dict[str, object]:
 
 
 def arrays_of(
-    mesh, parameters, control_points, residual, header, candidate_weights, residual_lengths, **_
+    mesh, parameters, control_points, residual, header: GridHeader, candidate_weights, residual_lengths, **_
 ) -> dict[str, np.ndarray]:
     """Arrays of a model's fields by their names in the file."""
     arrays = {"control_points": control_points, "residual": residual, "shares": candidate_weights}
@@ -305,7 +270,7 @@ def attributes_of(report, **_) -> dict[str, object]:
     return {"format": MODEL_FORMAT, "version": VERSION, "seconds": report.seconds}
 
 
-def document_of(topology, mesh, header, report, settings, **_) -> bytes:
+def document_of(topology: Topology, mesh, header: GridHeader, report, settings, **_) -> bytes:
     """All of a model's fields that are no arrays, as JSON; without the time of the fit: equal fits are equal."""
     fields_of_document = {
         "topology": topology,
@@ -358,7 +323,7 @@ def _checked_weights(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
     return weights
 
 
-def _checked_lengths(path, arrays: dict[str, np.ndarray], is_turned: bool) -> np.ndarray | None:
+def _checked_lengths(path: str | os.PathLike, arrays: dict[str, np.ndarray], is_turned: bool) -> np.ndarray | None:
     """Lengths of the residual around corners of spans; ValueError unless these are lengths."""
     lengths = arrays.get("residual_lengths")
     if lengths is None and is_turned:

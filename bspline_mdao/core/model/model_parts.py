@@ -44,34 +44,21 @@ DENSE = 8
 
 
 @contextmanager
-def opened_parts(path: str | os.PathLike, topology: Topology) -> Iterator[ModelParts]:
-    """Open the file of a model to read parts of it; whatever is damaged in it is an `InputError`.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    topology : Topology
-        Its topology, see `bspline_mdao.core.model.model_file.read_fields`.
-    """
+def opened_parts(
+    path: str | os.PathLike,  # the file
+    topology: Topology,  # its topology, see `bspline_mdao.core.model.model_file.read_fields`
+) -> Iterator[ModelParts]:
+    """Open the file of a model to read parts of it; whatever is damaged in it is an `InputError`."""
     with damaged_is_input_error(path), opened_model(path) as file:
         yield ModelParts(file, topology)
 
 
 @dataclass(frozen=True, eq=False)
 class ModelParts:
-    """Parameters and residual in the file of a model.
+    """Parameters and residual in the file of a model."""
 
-    Parameters
-    ----------
-    file : h5py.File
-        The file.
-    topology : Topology
-        Its topology.
-    """
-
-    file: h5py.File
-    topology: Topology
+    file: h5py.File  # the file
+    topology: Topology  # its topology
 
     def parameters_at(self, segment: int, places: np.ndarray) -> np.ndarray:
         """Parameters, shape (n, 3), of nodes of a segment by their places in its C order."""
@@ -93,11 +80,9 @@ class ModelParts:
 
 
 def _at(data: h5py.Dataset, indices: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Values at some indices along the first axes, shape (n, ...), from boxes that hold little else.
-
-    Nodes on the ends of an axis and in the layers next to them, as on faces of blocks, are read by layers; what is
-    left, in one box.
-    """
+    """Values at some indices along the first axes, shape (n, ...), from boxes that hold little else."""
+    # Nodes on the ends of an axis and in the layers next to them, as on faces of blocks, are read by layers; what is
+    # left, in one box.
     values = np.empty((len(indices[0]), *data.shape[len(indices) :]), data.dtype)
     left = np.arange(len(values))
     if len(left) * DENSE < math.prod(data.shape[: len(indices)]):
@@ -167,7 +152,7 @@ def write_by_turns(
                 stack.close()
 
 
-def _room_for(comm, fields: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def _room_for(comm: Any, fields: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Arrays of a model by their names in the file; those of the size of the grid stand for their shapes alone."""
     topology, header = fields["topology"], fields["header"]
     zero = np.zeros(1)
@@ -184,7 +169,7 @@ def _room_for(comm, fields: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 def _make(
     made: Path,
-    path,
+    path: str | os.PathLike,
     arrays: Mapping[str, np.ndarray],
     options: Mapping[str, Any],
     document: bytes,
@@ -204,7 +189,9 @@ def _make(
                 file.create_dataset(name, data=array, **options)
 
 
-def _write_parts(made: Path | None, path, parts: Mapping[str, np.ndarray], slices: Sequence[slice]) -> None:
+def _write_parts(
+    made: Path | None, path: str | os.PathLike, parts: Mapping[str, np.ndarray], slices: Sequence[slice]
+) -> None:
     """Write the arrays of this process into the file."""
     try:
         with deferred_interrupts(), h5py.File(made, "r+") as file:

@@ -40,39 +40,26 @@ __all__ = ["ModelShare", "rows_of_share"]
 
 
 def rows_of_share(topology: Topology, share: Share) -> np.ndarray:
-    """Rows of the nodes whose parameters and residual a share needs, ascending, each once.
-
-    They are its own, those of the boundary of the grid and of the layer next to it, and those that these are copies of.
-    """
+    """Rows of the nodes whose parameters and residual a share needs, ascending, each once."""
+    # They are its own, those of the boundary of the grid and of the layer next to it, and those that these are copies
+    # of.
     boundary = [rows.ravel() for face in topology.boundary for rows in face_layer_rows(topology, face.window)]
     return each_once(HeldNodes.of(topology, each_once(np.concatenate([share.rows, *boundary]))).rows)
 
 
 @dataclass(frozen=True, eq=False)
 class ModelShare(OneLine, Model):
-    """A fitted grid as one of several processes needs it. Made by `FittedModel.share`, or by `ModelShare.of`.
+    """A fitted grid as one of several processes needs it. Made by `FittedModel.share`, or by `ModelShare.of`."""
 
-    Parameters
-    ----------
-    share : Share
-        Nodes of the process.
-    topology, mesh, control_points, header, report, settings, candidate_weights, residual_lengths
-        Those of the whole model, see `bspline_mdao.core.model.fitted_model.FittedModel`.
-    rows : ndarray of int, shape (n,), ascending
-        Rows of the nodes that it knows, see `rows_of_share`.
-    parameters : ndarray, shape (n, 3)
-        Parameters of each of them in the volume that evaluates it.
-    residual : ndarray, shape (n, 3), or None
-        Their residual (m), where it is kept.
-    """
-
-    share: Share
+    share: Share  # nodes of the process
+    # topology, mesh, control_points, header, report, settings, candidate_weights, residual_lengths: those of the whole
+    # model, see `bspline_mdao.core.model.fitted_model.FittedModel`
     topology: Topology
     mesh: BSplineMesh
     control_points: np.ndarray
-    rows: np.ndarray
-    parameters: np.ndarray
-    residual: np.ndarray | None
+    rows: np.ndarray  # (n,) of int, rows of the nodes that it knows, see `rows_of_share`
+    parameters: np.ndarray  # (n, 3), parameters of each of them in the volume that evaluates it
+    residual: np.ndarray | None  # (n, 3), their residual (m), where it is kept
     header: GridHeader
     report: FitReport
     settings: FitSettings
@@ -82,33 +69,16 @@ class ModelShare(OneLine, Model):
     @classmethod
     def of(
         cls,
-        share: Share,
-        topology: Topology,
+        share: Share,  # nodes of the process
+        topology: Topology,  # topology of the grid
+        # takes the number of a segment and places in the C order of its nodes, ascending, and returns their parameters,
+        # shape (n, 3)
         parameters_at: Callable[[int, np.ndarray], np.ndarray],
+        # takes ascending rows of the grid vector and returns their residual (m), shape (n, 3)
         residual_at: Callable[[np.ndarray], np.ndarray] | None,
-        **others,
+        **others,  # the other arguments of the class: ``mesh``, ``control_points``, ``header``, ..
     ) -> ModelShare:
-        """Gather what a share needs, segment by segment.
-
-        Parameters
-        ----------
-        share : Share
-            Nodes of the process.
-        topology : Topology
-            Topology of the grid.
-        parameters_at : callable
-            Takes the number of a segment and places in the C order of its nodes, ascending, and returns their
-            parameters, shape (n, 3).
-        residual_at : callable or None
-            Takes ascending rows of the grid vector and returns their residual (m), shape (n, 3).
-        **others
-            The other arguments of the class: ``mesh``, ``control_points``, ``header``, ...
-
-        Raises
-        ------
-        InputError
-            If the share is that of another grid.
-        """
+        """Gather what a share needs, segment by segment."""
         if share.n_nodes_of_grid != topology.n_nodes:
             raise InputError(
                 f"{topology.source}: a share of a grid of {share.n_nodes_of_grid} nodes, but it has "
@@ -124,30 +94,14 @@ class ModelShare(OneLine, Model):
         return cls(share=share, topology=topology, rows=held.rows, parameters=parameters, residual=residual, **others)
 
     @classmethod
-    def load(cls, path: str | os.PathLike, comm: Any = ONE, share: Share | None = None) -> ModelShare:
-        """Read the share of a process from the file of a model; all processes call this.
-
-        The first passes over the file once, a piece at a time, to check it; each reads the slices that it needs.
-
-        Parameters
-        ----------
-        path : path-like
-            The file, on a disk that all processes see.
-        comm : communicator
-            The processes, such as ``mpi4py.MPI.COMM_WORLD``.
-        share : Share, optional
-            Nodes of this process; by default those that `Partition.of` gives it.
-
-        Returns
-        -------
-        ModelShare
-
-        Raises
-        ------
-        InputError
-            If the file is missing, foreign, damaged or of a newer version, or the share is that of another grid; on all
-            processes.
-        """
+    def load(
+        cls,
+        path: str | os.PathLike,  # the file, on a disk that all processes see
+        comm: Any = ONE,  # the processes, such as ``mpi4py.MPI.COMM_WORLD``
+        share: Share | None = None,  # nodes of this process; by default those that `Partition.of` gives it
+    ) -> ModelShare:
+        """Read the share of a process from the file of a model; all processes call this."""
+        # The first passes over the file once, a piece at a time, to check it; each reads the slices that it needs.
         fields = on_first(comm, lambda: read_fields(path))
         topology, header, has_residual = fields["topology"], fields["header"], fields.pop("has_residual")
         with together(comm):
@@ -171,13 +125,7 @@ class ModelShare(OneLine, Model):
         return self.share
 
     def part(self, share: Share) -> ModelShare:
-        """Return the model itself, if it is made for these nodes.
-
-        Raises
-        ------
-        InputError
-            If it is made for others.
-        """
+        """Return the model itself, if it is made for these nodes."""
         if not self.fits(share):
             raise InputError(
                 f"{self.header.source}: the model is a share of other nodes than the partition's; leave the partition "
@@ -210,10 +158,8 @@ class ModelShare(OneLine, Model):
         return at
 
     def grid_map(self) -> GridMap:
-        """Map from the control points to the nodes of the share, made once and not pickled.
-
-        Its first nodes are those of the share; the others are what these need.
-        """
+        """Map from the control points to the nodes of the share, made once and not pickled."""
+        # Its first nodes are those of the share; the others are what these need.
         return self._grid_map
 
     @cached_property
@@ -250,26 +196,12 @@ class ModelShare(OneLine, Model):
         """Nodes of the share, see `regenerate`."""
         return self.regenerate(control_points)
 
-    def regenerate(self, control_points: np.ndarray | None = None) -> np.ndarray:
-        """Nodes of the share at given control points.
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, 3), optional
-            Moved control points (m); the fitted ones by default.
-
-        Returns
-        -------
-        ndarray, shape (share.n_nodes, 3)
-            In the order of the share (m): as in the whole grid, to the last bit.
-
-        Raises
-        ------
-        InputError
-            If the control points are of another shape, or not finite.
-        MovementError
-            If the surroundings of a point are turned inside out.
-        """
+    def regenerate(
+        self,
+        # (n_control_points, 3), moved control points (m); the fitted ones by default
+        control_points: np.ndarray | None = None,
+    ) -> np.ndarray:  # (share.n_nodes, 3), in the order of the share (m): as in the whole grid, to the last bit
+        """Nodes of the share at given control points."""
         if control_points is None:
             return nodes_at(self, self.share.rows)
         what = f"{self.header.source}: control points"
