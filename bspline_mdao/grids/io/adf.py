@@ -176,23 +176,12 @@ def copied_cgns(path: str | os.PathLike, copy: str | os.PathLike) -> None:
         convert_adf(str(path), read_raw(path), file)
 
 
-def convert_adf(source: str, data: bytes, file: h5py.File) -> None:
-    """Copy all nodes of a file in ADF into an HDF5 file, as the CGNS library stores them there.
-
-    Parameters
-    ----------
-    source : str
-        Name of the file for messages.
-    data : bytes
-        Its content.
-    file : h5py.File
-        The HDF5 file, empty.
-
-    Raises
-    ------
-    InputError
-        When the file is damaged, of an unknown version, or has links to other files.
-    """
+def convert_adf(
+    source: str,  # name of the file for messages
+    data: bytes,  # its content
+    file: h5py.File,  # the HDF5 file, empty
+) -> None:
+    """Copy all nodes of a file in ADF into an HDF5 file, as the CGNS library stores them there."""
     version, order = data[4 + len(ADF) :][:1], data[_BYTE_ORDER : _BYTE_ORDER + 1]
     if version not in (b"A", b"B") or order not in (b"L", b"B"):
         raise InputError(

@@ -32,27 +32,13 @@ DEEP = 8
 
 @dataclass(frozen=True, eq=False)
 class BoundaryPlane:
-    """A plane, and the windows of the boundary in it.
+    """A plane, and the windows of the boundary in it."""
 
-    Parameters
-    ----------
-    normal : ndarray, shape (3,)
-        Its unit normal, to the side on which the grid is, or reaches further.
-    offset : float
-        Product of the normal and its points (m).
-    windows : tuple of Window
-        Windows in it, in the order of the boundary.
-    is_rim : bool
-        Whether the whole grid is on that side.
-    tolerance : float
-        Nodes nearer than this are in it (m).
-    """
-
-    normal: np.ndarray
-    offset: float
-    windows: tuple[Window, ...]
-    is_rim: bool
-    tolerance: float
+    normal: np.ndarray  # (3,), its unit normal, to the side on which the grid is, or reaches further
+    offset: float  # product of the normal and its points (m)
+    windows: tuple[Window, ...]  # windows in it, in the order of the boundary
+    is_rim: bool  # whether the whole grid is on that side
+    tolerance: float  # nodes nearer than this are in it (m)
 
     def opposes(self, other: BoundaryPlane) -> bool:
         """Whether another plane is parallel to it, and looks at it."""
@@ -83,18 +69,12 @@ class BoundaryPlane:
         return bool(len(sines) and np.median(sines) < OBLIQUE)
 
 
-def find_planes(grid: Grid, windows: Sequence[Window], radius: float) -> list[BoundaryPlane]:
-    """Find the planes in which windows of the boundary lie.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid.
-    windows : sequence of Window
-        Windows of its boundary.
-    radius : float
-        Radius of the grid (m).
-    """
+def find_planes(
+    grid: Grid,  # the grid
+    windows: Sequence[Window],  # windows of its boundary
+    radius: float,  # radius of the grid (m)
+) -> list[BoundaryPlane]:
+    """Find the planes in which windows of the boundary lie."""
     tolerance = PLANAR * radius
     nodes = {window: grid.blocks[window.block].nodes[window.slices].reshape(-1, 3) for window in windows}
     outline = np.concatenate(list(_block_faces(grid)))

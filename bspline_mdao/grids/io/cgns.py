@@ -54,17 +54,10 @@ _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
 @dataclass(frozen=True)
 class CgnsDialect:
-    """Origin of a CGNS grid: its file, and what of it was not taken over.
+    """Origin of a CGNS grid: its file, and what of it was not taken over."""
 
-    Parameters
-    ----------
-    path : str
-        Absolute path of the file; writing back starts from a copy of it.
-    ignored : tuple of str
-        Boundary conditions that could not be taken over as patches, and connections that fit no zone, one line each.
-    """
-
-    path: str
+    path: str  # absolute path of the file; writing back starts from a copy of it
+    # boundary conditions that could not be taken over as patches, and connections that fit no zone, one line each
     ignored: tuple[str, ...] = ()
 
     def __str__(self) -> str:
@@ -72,31 +65,16 @@ class CgnsDialect:
         return f"CGNS ({'ADF' if os.path.isfile(self.path) and is_adf(self.path) else 'HDF5'})"
 
 
-def read_cgns(path: str | os.PathLike) -> Grid:
-    """Read the structured zones of a CGNS file, in HDF5 or ADF.
-
-    Zones come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
-    their names (``Zone 9`` before ``Zone 10``) elsewhere. With more than one base the names are ``base/zone``; bases of
-    a lower cell dimension than the highest (surfaces of a volume grid) are left out, which the dialect says. Boundary
-    conditions become patches, named after their family where they have one, by its path where it is in another; their
-    kind is that of the condition or, where it says nothing, of the name. One-to-one connections become those of the
-    grid. Linked nodes are followed.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    Grid
-        Its ``dialect`` is a `CgnsDialect`.
-
-    Raises
-    ------
-    InputError
-        When the file is not CGNS, is damaged, holds an unstructured zone, or a node is not finite.
-    """
+def read_cgns(
+    path: str | os.PathLike,  # the file
+) -> Grid:  # its ``dialect`` is a `CgnsDialect`
+    """Read the structured zones of a CGNS file, in HDF5 or ADF."""
+    # Zones come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
+    # their names (``Zone 9`` before ``Zone 10``) elsewhere. With more than one base the names are ``base/zone``; bases
+    # of a lower cell dimension than the highest (surfaces of a volume grid) are left out, which the dialect says.
+    # Boundary conditions become patches, named after their family where they have one, by its path where it is in
+    # another; their kind is that of the condition or, where it says nothing, of the name. One-to-one connections become
+    # those of the grid. Linked nodes are followed.
     stored = open_cgns(path)
     blocks = []
     with _opened(stored.source) as file:
@@ -108,25 +86,10 @@ def read_cgns(path: str | os.PathLike) -> Grid:
     return Grid(tuple(blocks), stored.patches, stored.source, stored.dialect, stored.connections, stored.unit)
 
 
-def open_cgns(path: str | os.PathLike) -> StoredGrid:
-    """Open a CGNS file, to read its zones, or windows of them, later.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    StoredGrid
-        As `read_cgns` gives it.
-
-    Raises
-    ------
-    InputError
-        When the file is not CGNS, is damaged, or holds an unstructured zone; later, when a node that is read is
-        not finite.
-    """
+def open_cgns(
+    path: str | os.PathLike,  # the file
+) -> StoredGrid:  # as `read_cgns` gives it
+    """Open a CGNS file, to read its zones, or windows of them, later."""
     source = str(path)
     with _opened(source) as file:
         zones = _find_zones(file, source)
@@ -272,30 +235,18 @@ def _coordinates(zone: h5py.Group, n_axes: int, name: str, source: str) -> list[
     return [arrays[axis] for axis in _AXES if axis in arrays]
 
 
-def write_cgns(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
-    """Write a CGNS/HDF5 file, whole or not at all.
-
-    A grid read from CGNS is written as a copy of its file with new coordinates, and with the one-to-one connections
-    that the file lacks: everything else in the file stays, in HDF5 also where it was in ADF. Links in it are replaced
-    by what they stand for, so that no other file is touched. Any other grid makes a new file with one base, a zone for
-    every block, its patches as families, its interfaces as one-to-one connections and collapsed faces as degenerate
-    boundary conditions.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to make or replace.
-    grid : Grid
-        The grid.
-    topology : Topology, optional
-        How its blocks are joined, found from its nodes by default. Give that of the baseline for a grid that was
-        moved.
-
-    Raises
-    ------
-    InputError
-        When the file that the grid was read from is gone or changed, or the new one cannot be written.
-    """
+def write_cgns(
+    path: str | os.PathLike,  # the file to make or replace
+    grid: Grid,  # the grid
+    # how its blocks are joined, found from its nodes by default. Give that of the baseline for a grid that was moved.
+    topology: Topology | None = None,
+) -> None:
+    """Write a CGNS/HDF5 file, whole or not at all."""
+    # A grid read from CGNS is written as a copy of its file with new coordinates, and with the one-to-one connections
+    # that the file lacks: everything else in the file stays, in HDF5 also where it was in ADF. Links in it are replaced
+    # by what they stand for, so that no other file is touched. Any other grid makes a new file with one base, a zone
+    # for every block, its patches as families, its interfaces as one-to-one connections and collapsed faces as
+    # degenerate boundary conditions.
     fault = find_fault(grid.blocks)
     if fault:
         raise InputError(f"{grid.source}: {fault}; nothing was written")
@@ -380,16 +331,11 @@ def _write_zone(base: h5py.Group, block: Block, n_indices: int) -> h5py.Group:
     return zone
 
 
-def add_coordinates(zone: h5py.Group, nodes: np.ndarray) -> None:
-    """Write the coordinates of a zone.
-
-    Parameters
-    ----------
-    zone : h5py.Group
-        The zone.
-    nodes : ndarray, shape (..., 3)
-        Nodes in the zone's index directions.
-    """
+def add_coordinates(
+    zone: h5py.Group,  # the zone
+    nodes: np.ndarray,  # (..., 3), nodes in the zone's index directions
+) -> None:
+    """Write the coordinates of a zone."""
     coordinates = add_node(zone, "GridCoordinates", "GridCoordinates_t")
     for axis, name in enumerate(_AXES):
         array = add_node(coordinates, name, "DataArray_t", np.ascontiguousarray(nodes[..., axis].T, np.float64))

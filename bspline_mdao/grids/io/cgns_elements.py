@@ -22,21 +22,11 @@ from .element_order import HEXAHEDRA, QUADRANGLES, cgns_order
 __all__ = ["read_cgns_elements", "write_cgns_elements"]
 
 
-def write_cgns_elements(path: str | os.PathLike, grid: CurvedGrid) -> None:
-    """Write curved hexahedra as CGNS/HDF5, whole or not at all.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to make or replace.
-    grid : CurvedGrid
-        The elements.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written.
-    """
+def write_cgns_elements(
+    path: str | os.PathLike,  # the file to make or replace
+    grid: CurvedGrid,  # the elements
+) -> None:
+    """Write curved hexahedra as CGNS/HDF5, whole or not at all."""
     n_numbers = grid.elements.size + sum(patch.faces.size for patch in grid.patches)
     whole_number = np.int32 if max(n_numbers, len(grid.nodes)) < 2**31 else np.int64
     with replaced_hdf5_file(path) as file, deferred_interrupts():
@@ -59,24 +49,10 @@ def write_cgns_elements(path: str | os.PathLike, grid: CurvedGrid) -> None:
             last = ends[1]
 
 
-def read_cgns_elements(path: str | os.PathLike) -> CurvedGrid | None:
-    """Read the hexahedra of a CGNS/HDF5 file, if it has one unstructured zone of cells of this kind and one degree.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    CurvedGrid or None
-        Its elements, numbered as in the file, without patches; None if the file holds something else.
-
-    Raises
-    ------
-    InputError
-        When the file is damaged.
-    """
+def read_cgns_elements(
+    path: str | os.PathLike,  # the file
+) -> CurvedGrid | None:  # its elements, numbered as in the file, without patches; None if the file holds something else
+    """Read the hexahedra of a CGNS/HDF5 file, if it has one unstructured zone of cells of this kind and one degree."""
     source = str(path)
     with deferred_interrupts(), damaged_is_input_error(source), h5py.File(source, "r") as file:
         zones = [zone for _, base in children(file, "CGNSBase_t") for _, zone in children(base, "Zone_t")]

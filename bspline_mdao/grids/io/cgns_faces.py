@@ -42,34 +42,20 @@ _NO_KIND = "BCGeneral"
 
 
 def kind_of(bc_type: str, name: str) -> str:
-    """Patch kind of a CGNS boundary condition; what fluid passes through counts as far field.
-
-    Where the type says nothing, as ICEM writes it, the name of the family or of the condition does.
-    """
+    """Patch kind of a CGNS boundary condition; what fluid passes through counts as far field."""
+    # Where the type says nothing, as ICEM writes it, the name of the family or of the condition does.
     if bc_type in TYPES_THAT_SAY_NOTHING:
         return kind_of_name(name)
     return next((kind for prefix, kind in _KIND_OF_PREFIX if bc_type.startswith(prefix)), "other")
 
 
 def read_patches_of_zones(
-    zones: list[tuple[h5py.Group, ...]], shapes: list[tuple[int, ...]]
+    zones: list[tuple[h5py.Group, ...]],  # the zones in block order
+    shapes: list[tuple[int, ...]],  # node counts of the blocks
 ) -> tuple[tuple[Patch, ...], tuple[str, ...]]:
-    """Collect the patches of all zones: one for every family, or for every name where there is no family.
-
-    Parameters
-    ----------
-    zones : list of (base, zone) nodes
-        The zones in block order.
-    shapes : list of (int, int, int)
-        Node counts of the blocks.
-
-    Returns
-    -------
-    patches : tuple of Patch
-        Patches in order of their families, then of appearance. Degenerate lines and points are none.
-    ignored : tuple of str
-        What could not be taken over, and why, and conditions that do not go with the names.
-    """
+    """Collect the patches of all zones: one for every family, or for every name where there is no family."""
+    # Returns patches: patches in order of their families, then of appearance. Degenerate lines and points are none.;
+    # ignored: what could not be taken over, and why, and conditions that do not go with the names.
     windows: dict[tuple[str, str], list[Window]] = {}
     ignored: list[str] = []
     further: set[str] = set()
@@ -145,20 +131,14 @@ def _to_nodes(location: str, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray
     return lo, np.where(across, hi, hi + 1)
 
 
-def add_boundaries(base: h5py.Group, zones: list[h5py.Group], grid: Grid, collapsed: Sequence[Window]) -> None:
-    """Write the patches of a grid as families and boundary conditions, and its collapsed faces as degenerate ones.
-
-    Parameters
-    ----------
-    base : h5py.Group
-        The base; it gets a family for every patch.
-    zones : list of h5py.Group
-        The zone of every block.
-    grid : Grid
-        The grid with its patches.
-    collapsed : sequence of Window
-        Windows of faces that have collapsed to lines or points; those that a patch covers are left to it.
-    """
+def add_boundaries(
+    base: h5py.Group,  # the base; it gets a family for every patch
+    zones: list[h5py.Group],  # the zone of every block
+    grid: Grid,  # the grid with its patches
+    # windows of faces that have collapsed to lines or points; those that a patch covers are left to it
+    collapsed: Sequence[Window],
+) -> None:
+    """Write the patches of a grid as families and boundary conditions, and its collapsed faces as degenerate ones."""
     for patch in grid.patches:
         name = add_family(base, patch.name, patch.kind)
         for window in patch.windows:
@@ -199,26 +179,13 @@ def _add_condition(zone: h5py.Group, bc_type: str, window: Window) -> h5py.Group
 
 
 def read_connections(
-    zones: Sequence[h5py.Group], names: Sequence[str], shapes: Sequence[tuple[int, ...]]
+    zones: Sequence[h5py.Group],  # the zones in block order
+    names: Sequence[str],  # their names, ``base/zone`` where there is more than one base
+    shapes: Sequence[tuple[int, ...]],  # node counts of the blocks
 ) -> tuple[tuple[Interface, ...], tuple[str, ...]]:
-    """Read the one-to-one connections of all zones, those that are not periodic.
-
-    Parameters
-    ----------
-    zones : sequence of h5py.Group
-        The zones in block order.
-    names : sequence of str
-        Their names, ``base/zone`` where there is more than one base.
-    shapes : sequence of (int, int, int)
-        Node counts of the blocks.
-
-    Returns
-    -------
-    connections : tuple of Interface
-        Each once, as the zone that comes first has it.
-    ignored : tuple of str
-        What could not be understood, and why.
-    """
+    """Read the one-to-one connections of all zones, those that are not periodic."""
+    # Returns connections: each once, as the zone that comes first has it; ignored: what could not be understood, and
+    # why.
     blocks = {name: block for block, name in enumerate(names)}
     found: dict[Interface, None] = {}
     ignored: list[str] = []
@@ -272,7 +239,7 @@ def _parse(node: h5py.Group, block: int, donor: int, shapes) -> Interface | None
     return Interface(a, b, orientation) if is_fitting else None
 
 
-def _range_window(block: int, ends: np.ndarray, shape) -> Window | None:
+def _range_window(block: int, ends: np.ndarray, shape: tuple[int, ...]) -> Window | None:
     """Window on a face of a block from the ends of a range, of which the second may be the lower."""
     ends = np.sort(np.asarray(ends).reshape(2, -1), axis=0) - 1
     lo, hi = (tuple(int(n) for n in end) + (0,) * (3 - len(end)) for end in ends)
@@ -280,16 +247,11 @@ def _range_window(block: int, ends: np.ndarray, shape) -> Window | None:
     return window if window.is_on_face(shape) else None
 
 
-def add_connections(zones: Sequence[h5py.Group], interfaces: Sequence[Interface]) -> None:
-    """Write interfaces into the zones on both of their sides.
-
-    Parameters
-    ----------
-    zones : sequence of h5py.Group
-        The zone of every block.
-    interfaces : sequence of Interface
-        The interfaces; both sides may lie in one block.
-    """
+def add_connections(
+    zones: Sequence[h5py.Group],  # the zone of every block
+    interfaces: Sequence[Interface],  # the interfaces; both sides may lie in one block
+) -> None:
+    """Write interfaces into the zones on both of their sides."""
     sides = [side for interface in interfaces for side in (interface, interface.reverse())]
     for number, side in enumerate(sides, start=1):
         zone, donor = zones[side.a.block], zones[side.b.block]

@@ -26,21 +26,11 @@ _DEEPEST = 8  # families in each other, so that links in a circle end
 
 
 class Meaning(NamedTuple):
-    """What a boundary condition says.
+    """What a boundary condition says."""
 
-    Parameters
-    ----------
-    name : str
-        Name of its patch: that of its family, or else its own.
-    bc_type : str
-        Type of the condition, or of its family.
-    others : tuple of str
-        Further families that it belongs to.
-    """
-
-    name: str
-    bc_type: str
-    others: tuple[str, ...]
+    name: str  # name of its patch: that of its family, or else its own
+    bc_type: str  # type of the condition, or of its family
+    others: tuple[str, ...]  # further families that it belongs to
 
 
 class Families:

@@ -75,11 +75,9 @@ def follow_link(group: h5py.Group) -> h5py.Group:
 
 
 def children(group: h5py.Group, wanted: str) -> list[tuple[str, h5py.Group]]:
-    """Name and node of all children with label ``wanted``, links followed.
-
-    They come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
-    their names elsewhere.
-    """
+    """Name and node of all children with label ``wanted``, links followed."""
+    # They come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
+    # their names elsewhere.
     found = []
     for name in group if _keeps_creation_order(group) else sorted(group, key=_natural_order):
         if group.get(name, getclass=True) is h5py.Group:
@@ -95,11 +93,9 @@ def first_child(group: h5py.Group, wanted: str) -> h5py.Group | None:
 
 
 def names_of_families(base: h5py.Group) -> dict[str, tuple[str, ...]]:
-    """Names that the families of a base refer to, where these are no families of it themselves.
-
-    Gmsh writes a family for each of its curves and surfaces and their physical names in it. Where a name is that of
-    another family, the families are parts of that one, and keep their own names.
-    """
+    """Names that the families of a base refer to, where these are no families of it themselves."""
+    # Gmsh writes a family for each of its curves and surfaces and their physical names in it. Where a name is that of
+    # another family, the families are parts of that one, and keep their own names.
     families = dict(children(base, "Family_t"))
     found = {}
     for family, node in families.items():
@@ -110,25 +106,13 @@ def names_of_families(base: h5py.Group) -> dict[str, tuple[str, ...]]:
 
 
 def value(group: h5py.Group) -> np.ndarray:
-    """Value of a node, as stored: the first index of CGNS is the last here.
-
-    Raises
-    ------
-    InputError
-        When it claims to be larger than its file can hold.
-    """
+    """Value of a node, as stored: the first index of CGNS is the last here."""
     require_stored(group)
     return group[" data"][()]
 
 
 def whole_numbers(group: h5py.Group) -> np.ndarray:
-    """Value of a node that holds whole numbers, one after the other, shape (n,).
-
-    Raises
-    ------
-    InputError
-        When it holds others, or claims to be larger than its file can hold.
-    """
+    """Value of a node that holds whole numbers, one after the other, shape (n,)."""
     found = np.asarray(value(group))
     if found.dtype.kind not in "iu":
         raise InputError(
@@ -138,13 +122,7 @@ def whole_numbers(group: h5py.Group) -> np.ndarray:
 
 
 def require_stored(group: h5py.Group) -> None:
-    """Refuse a node whose value claims to be larger than its file can hold.
-
-    Raises
-    ------
-    InputError
-        When it does.
-    """
+    """Refuse a node whose value claims to be larger than its file can hold."""
     data = group[" data"]
     name = data.file.filename  # none on disk where an older format was copied in memory
     n_bytes = os.path.getsize(name) if os.path.isfile(name) else data.file.id.get_filesize()
@@ -194,25 +172,14 @@ def free_name(parent: h5py.Group, name: str) -> str:
     return name
 
 
-def add_node(parent: h5py.Group, name: str, label: str, data: np.ndarray | str | None = None) -> h5py.Group:
-    """Add a node below ``parent``.
-
-    Parameters
-    ----------
-    parent : h5py.Group
-        Parent node, or the file.
-    name : str
-        Name, at most 32 characters of ASCII.
-    label : str
-        CGNS label.
-    data : ndarray or str, optional
-        Value: int32, int64, float32, float64 (first index of CGNS last) or characters.
-
-    Returns
-    -------
-    h5py.Group
-        The new node.
-    """
+def add_node(
+    parent: h5py.Group,  # parent node, or the file
+    name: str,  # name, at most 32 characters of ASCII
+    label: str,  # CGNS label
+    # value: int32, int64, float32, float64 (first index of CGNS last) or characters
+    data: np.ndarray | str | None = None,
+) -> h5py.Group:  # the new node
+    """Add a node below ``parent``."""
     group = parent.create_group(name, track_order=True)
     kind = "MT"
     if isinstance(data, str):

@@ -30,13 +30,7 @@ _UNKNOWN = "NormalizedByUnknownDimensional"
 
 
 def read_unit(source: str, zones: Sequence[tuple[h5py.Group, h5py.Group]]) -> str:
-    """Find the unit of the lengths of some zones, each given with its base; empty where they have none.
-
-    Raises
-    ------
-    InputError
-        If zones have different units.
-    """
+    """Find the unit of the lengths of some zones, each given with its base; empty where they have none."""
     found: dict[str, str] = {}
     for base, zone in zones:
         found.setdefault(_unit_of(base, zone), zone.name)

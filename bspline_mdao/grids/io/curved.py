@@ -14,13 +14,7 @@ __all__ = ["curved_format", "write_curved_grid"]
 
 
 def curved_format(path: str | os.PathLike) -> GridFormat:
-    """Return the format of curved elements that the name of a file promises.
-
-    Raises
-    ------
-    InputError
-        If it promises none, in one line.
-    """
+    """Return the format of curved elements that the name of a file promises."""
     for form in CURVED_FORMATS:
         if form.suffix_of(Path(path)) in form.suffixes:
             return form

@@ -34,24 +34,12 @@ _NEW = "new"  # what is in a private folder besides its lock
 
 
 @contextmanager
-def replaced_file(path: str | os.PathLike) -> Iterator[Path]:
-    """Give a temporary path on the file system of ``path``, which takes its place when the block ends well.
-
-    Parameters
-    ----------
-    path : path-like
-        File to make or to replace; a symbolic link is followed, and folders that are missing are made.
-
-    Yields
-    ------
-    Path
-        Path to write to. When the block raises, it is removed and ``path`` stays as it was or is not made.
-
-    Raises
-    ------
-    InputError
-        When the folder cannot be made or written to, or when ``path`` is a device or a pipe.
-    """
+def replaced_file(
+    # file to make or to replace; a symbolic link is followed, and folders that are missing are made
+    path: str | os.PathLike,
+) -> Iterator[Path]:
+    """Give a temporary path on the file system of ``path``, which takes its place when the block ends well."""
+    # Returns path to write to. When the block raises, it is removed and ``path`` stays as it was or is not made.
     target = Path(os.path.realpath(path))
     _check_replaceable(path, target)
     with _os_error_is_input_error(path), _folder(target.parent), _private_folder(target.parent) as folder:
@@ -62,25 +50,13 @@ def replaced_file(path: str | os.PathLike) -> Iterator[Path]:
 
 
 @contextmanager
-def replaced_folder(path: str | os.PathLike) -> Iterator[Path]:
-    """Give an empty temporary folder, which becomes ``path``, or whose files go there, when the block ends well.
-
-    Parameters
-    ----------
-    path : path-like
-        Folder to make, with those above it that are missing, or to put files into; other files in it stay.
-
-    Yields
-    ------
-    Path
-        Folder to write files to, also in folders in it. When the block raises, it is removed and ``path`` stays as it
-        was or is not made.
-
-    Raises
-    ------
-    InputError
-        When the folder cannot be made or written to, or has a folder by the name of one of the files.
-    """
+def replaced_folder(
+    # folder to make, with those above it that are missing, or to put files into; other files in it stay
+    path: str | os.PathLike,
+) -> Iterator[Path]:
+    """Give an empty temporary folder, which becomes ``path``, or whose files go there, when the block ends well."""
+    # Returns folder to write files to, also in folders in it. When the block raises, it is removed and ``path`` stays
+    # as it was or is not made.
     target = Path(os.path.realpath(path))
     with _os_error_is_input_error(path), _folder(target.parent), _private_folder(target.parent) as folder:
         new = folder / _NEW
@@ -204,11 +180,9 @@ def _flush_folder(folder: Path) -> None:
 
 @contextmanager
 def deferred_interrupts() -> Iterator[None]:
-    """Hold an interrupt from the keyboard back until the block ends.
-
-    The first Python code that runs after a call of the HDF5 library is often a callback of one of h5py's weak
-    references, and Python drops what is raised there.
-    """
+    """Hold an interrupt from the keyboard back until the block ends."""
+    # The first Python code that runs after a call of the HDF5 library is often a callback of one of h5py's weak
+    # references, and Python drops what is raised there.
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
         yield
@@ -224,25 +198,11 @@ def deferred_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def replaced_hdf5_file(path: str | os.PathLike) -> Iterator[h5py.File]:
-    """Give an empty HDF5 file, which takes the place of ``path`` when the block ends well.
-
-    It is kept in memory until then: the HDF5 library takes the process down with it when a disk is full.
-
-    Parameters
-    ----------
-    path : path-like
-        File to make or to replace.
-
-    Yields
-    ------
-    h5py.File
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written, see `bspline_mdao.grids.io.disk.replaced_file`.
-    """
+def replaced_hdf5_file(
+    path: str | os.PathLike,  # file to make or to replace
+) -> Iterator[h5py.File]:
+    """Give an empty HDF5 file, which takes the place of ``path`` when the block ends well."""
+    # It is kept in memory until then: the HDF5 library takes the process down with it when a disk is full.
     buffer = io.BytesIO()
     with deferred_interrupts():
         file = h5py.File(buffer, "w", track_order=True)
@@ -256,26 +216,13 @@ def replaced_hdf5_file(path: str | os.PathLike) -> Iterator[h5py.File]:
 
 
 class Compression(NamedTuple):
-    """A format that holds one compressed file.
+    """A format that holds one compressed file."""
 
-    Parameters
-    ----------
-    name : str
-        What it is called.
-    suffix : str
-        Suffix of its files.
-    magic : re.Pattern
-        What they begin with.
-    decompressor : callable
-        Makes what decompresses a member of a file.
-    sink : callable
-        Opens what compresses into a file that is open; the same content gives the same bytes.
-    """
-
-    name: str
-    suffix: str
-    magic: re.Pattern[bytes]
-    decompressor: Callable[[], Any]
+    name: str  # what it is called
+    suffix: str  # suffix of its files
+    magic: re.Pattern[bytes]  # what they begin with
+    decompressor: Callable[[], Any]  # makes what decompresses a member of a file
+    # opens what compresses into a file that is open; the same content gives the same bytes
     sink: Callable[[BinaryIO], Any]
 
 
@@ -314,28 +261,12 @@ MAX_SMALL = 2**26
 """What is compressed may grow to 64 MiB or 200 times its file's length; grids compress at most about 40 times."""
 
 
-def read_bytes(path: str | os.PathLike) -> tuple[bytes, str, tuple[str, ...]]:
-    """Read a file and decompress it where its first bytes say that it is compressed.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    data : bytes
-        Its content, decompressed.
-    compression : str
-        Name of one of `COMPRESSIONS`; empty where it was not compressed.
-    ignored : tuple of str
-        What is in the file besides, one line each: bytes after the compressed data.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, is damaged, or grows more than a grid does.
-    """
+def read_bytes(
+    path: str | os.PathLike,  # the file
+) -> tuple[bytes, str, tuple[str, ...]]:
+    """Read a file and decompress it where its first bytes say that it is compressed."""
+    # Returns data: its content, decompressed; compression: name of one of `COMPRESSIONS`; empty where it was not
+    # compressed; ignored: what is in the file besides, one line each: bytes after the compressed data.
     data = read_raw(path)
     found = _compression_of(data)
     if found is None:
@@ -346,13 +277,7 @@ def read_bytes(path: str | os.PathLike) -> tuple[bytes, str, tuple[str, ...]]:
 
 
 def is_compressed(path: str | os.PathLike) -> bool:
-    """Whether the first bytes of a file say that it is compressed.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read.
-    """
+    """Whether the first bytes of a file say that it is compressed."""
     return _compression_of(read_raw(path, _LONGEST_MAGIC)) is not None
 
 
@@ -362,13 +287,7 @@ def _compression_of(data: bytes) -> Compression | None:
 
 
 def read_raw(path: str | os.PathLike, size: int = -1) -> bytes:
-    """Read the first ``size`` bytes of a file as they are, or all of them.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read.
-    """
+    """Read the first ``size`` bytes of a file as they are, or all of them."""
     if not os.path.isfile(path):
         raise InputError(f"{path}: {'is not a file' if os.path.exists(path) else 'does not exist'}; give a file")
     try:
@@ -378,7 +297,7 @@ def read_raw(path: str | os.PathLike, size: int = -1) -> bytes:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
-def _decompress(data: bytes, compression: Compression, path) -> tuple[bytes, int]:
+def _decompress(data: bytes, compression: Compression, path: str | os.PathLike) -> tuple[bytes, int]:
     """Content of all members of a compressed file, and how many bytes follow that belong to none."""
     limit = max(MAX_SMALL, MAX_RATIO * len(data))
     pieces, size, rest = [], 0, data
@@ -399,6 +318,6 @@ def _decompress(data: bytes, compression: Compression, path) -> tuple[bytes, int
     return b"".join(pieces), len(rest)
 
 
-def _damaged(path, compression: Compression, error) -> InputError:
+def _damaged(path: str | os.PathLike, compression: Compression, error) -> InputError:
     """Return the error of a compressed file that cannot be decompressed."""
     return InputError(f"{path}: damaged {compression.name} file ({error}); transfer or compress it again")

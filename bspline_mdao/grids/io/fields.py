@@ -25,13 +25,7 @@ WRITERS: dict[str, Callable] = {".vtm": write_vtk, ".dat": write_tecplot, ".tec"
 
 
 def writer_of(path: str | os.PathLike) -> Callable:
-    """Choose the function that writes fields under a name.
-
-    Raises
-    ------
-    InputError
-        If the suffix is of none of the formats that have fields; the message lists them.
-    """
+    """Choose the function that writes fields under a name."""
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         raise InputError(
@@ -47,10 +41,8 @@ def write_with_quality(path: str | os.PathLike, grid: Grid) -> None:
 
 
 def quality_fields(grid: Grid) -> dict[str, list[np.ndarray]]:
-    """Fields of the cells that files have: those of `bspline_mdao.grids.cells.cell_fields`.
-
-    Where there are no cells that could be measured, the numbers of blocks and patches alone.
-    """
+    """Fields of the cells that files have: those of `bspline_mdao.grids.cells.cell_fields`."""
+    # Where there are no cells that could be measured, the numbers of blocks and patches alone.
     if any(has_cells(shape) for shape in grid.shapes):
         return cell_fields(grid)
     patches = patch_numbers(grid)

@@ -168,21 +168,11 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
         write(path, grid)
 
 
-def check_grid_name(path: str | os.PathLike, grid: HasDialect) -> None:
-    """Refuse a name that promises another format than those that are written.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to make or replace.
-    grid : Grid
-        The grid, or its header: one read from PLOT3D may keep the suffix of its file.
-
-    Raises
-    ------
-    InputError
-        When the suffix is of none of the formats; the message lists them.
-    """
+def check_grid_name(
+    path: str | os.PathLike,  # the file to make or replace
+    grid: HasDialect,  # the grid, or its header: one read from PLOT3D may keep the suffix of its file
+) -> None:
+    """Refuse a name that promises another format than those that are written."""
     _format_to_write(path, grid)
 
 

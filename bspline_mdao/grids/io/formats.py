@@ -36,45 +36,20 @@ COMPRESSED = (".gz", ".bz2", ".xz")
 
 @dataclass(frozen=True)
 class GridFormat:
-    """A file format of grids.
+    """A file format of grids."""
 
-    Parameters
-    ----------
-    name : str
-        What it is called in messages: the format, or the program that it is for.
-    module : str
-        Its module in this folder.
-    writer : str
-        Function of the module that writes a path and a grid.
-    reader : str, optional
-        Function of the module that reads a path.
-    opener : str, optional
-        Function of the module that opens a path, so that blocks of it can be read later.
-    suffixes : tuple of str, optional
-        Suffixes of its files; ``""`` for names without one.
-    shown : tuple of str, optional
-        Those of the suffixes that help names, all by default.
-    folder : str, optional
-        Name of the folder that it writes, instead of a file.
-    signatures : tuple of (int, bytes), optional
-        What its files have at which byte; files that have the signature of no format are read by the format without.
-    takes_topology : bool
-        Whether the writer takes the topology of the grid as well.
-    may_be_compressed : bool
-        Whether one of `COMPRESSED` may follow the suffix.
-    """
-
-    name: str
-    module: str
-    writer: str
-    reader: str = ""
-    opener: str = ""
-    suffixes: tuple[str, ...] = ()
-    shown: tuple[str, ...] = ()
-    folder: str = ""
+    name: str  # what it is called in messages: the format, or the program that it is for
+    module: str  # its module in this folder
+    writer: str  # function of the module that writes a path and a grid
+    reader: str = ""  # function of the module that reads a path
+    opener: str = ""  # function of the module that opens a path, so that blocks of it can be read later
+    suffixes: tuple[str, ...] = ()  # suffixes of its files; ``""`` for names without one
+    shown: tuple[str, ...] = ()  # those of the suffixes that help names, all by default
+    folder: str = ""  # name of the folder that it writes, instead of a file
+    # what its files have at which byte; files that have the signature of no format are read by the format without
     signatures: tuple[tuple[int, bytes], ...] = ()
-    takes_topology: bool = False
-    may_be_compressed: bool = False
+    takes_topology: bool = False  # whether the writer takes the topology of the grid as well
+    may_be_compressed: bool = False  # whether one of `COMPRESSED` may follow the suffix
 
     def suffix_of(self, path: Path) -> str:
         """Return the suffix that counts, in lower case: the one before `COMPRESSED` where that may follow."""

@@ -39,31 +39,14 @@ def is_text(data: bytes) -> bool:
     return not data[:1024].translate(None, bytes(range(32, 127)) + b"\t\r\n\x0b\x0c")
 
 
-def parse_numbers(data: bytes, source: str, n_lines: int = 0) -> np.ndarray:
-    """Read all numbers of a list-directed text.
-
-    Blanks, line ends, commas and semicolons separate; ``3*0.5`` repeats; ``1.5D-3``, ``1.5Q-3`` and ``1.5-103`` are
-    exponents; what follows ``#`` or ``!`` on a line is a comment.
-
-    Parameters
-    ----------
-    data : bytes
-        The text.
-    source : str
-        Its name, for messages.
-    n_lines : int
-        Lines before the text, where it is a part of one.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        The numbers; NaN and infinities are kept.
-
-    Raises
-    ------
-    InputError
-        When something in it is not a number, a repeat has no value, or repeats ask for more than memory should hold.
-    """
+def parse_numbers(
+    data: bytes,  # the text
+    source: str,  # its name, for messages
+    n_lines: int = 0,  # lines before the text, where it is a part of one
+) -> np.ndarray:  # (n,), the numbers; NaN and infinities are kept
+    """Read all numbers of a list-directed text."""
+    # Blanks, line ends, commas and semicolons separate; ``3*0.5`` repeats; ``1.5D-3``, ``1.5Q-3`` and ``1.5-103`` are
+    # exponents; what follows ``#`` or ``!`` on a line is a comment.
     data = data.rstrip(b"\x00\x1a")
     data = _COMMENT.sub(b"", data) if _has_comments(data) else data
     if data.translate(None, _SEPARATORS + _NUMBERS):
@@ -88,21 +71,11 @@ def count_comments(data: bytes) -> int:
     return len(_COMMENT.findall(data)) if _has_comments(data) else 0
 
 
-def scan_text(data: StoredBytes, source: str) -> TextNumbers:
-    """Pass over a text and count the numbers in each part of it.
-
-    Parameters
-    ----------
-    data : StoredBytes
-        The text.
-    source : str
-        Its name, for messages.
-
-    Raises
-    ------
-    InputError
-        As `parse_numbers`.
-    """
+def scan_text(
+    data: StoredBytes,  # the text
+    source: str,  # its name, for messages
+) -> TextNumbers:
+    """Pass over a text and count the numbers in each part of it."""
     parse, start, n_lines, n_numbers, n_comments = partial(_parse_part, source), 0, 0, 0, 0
     starts, lines, ends = [0], [], []
     while start < len(data):
@@ -205,21 +178,11 @@ def _is_number(token: bytes) -> bool:
     return b"_" not in token
 
 
-def format_numbers(values: np.ndarray, per_line: int = 4) -> Iterator[bytes]:
-    """Write numbers as text that gives exactly the same numbers when read.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Integers or reals.
-    per_line : int
-        Numbers on a line; Fortran readers dislike very long lines.
-
-    Yields
-    ------
-    bytes
-        Whole lines, about a megabyte at a time.
-    """
+def format_numbers(
+    values: np.ndarray,  # (n,), integers or reals
+    per_line: int = 4,  # numbers on a line; Fortran readers dislike very long lines
+) -> Iterator[bytes]:  # whole lines, about a megabyte at a time
+    """Write numbers as text that gives exactly the same numbers when read."""
     chunk = 2**14 * per_line
     for start in range(0, len(values), chunk):
         tokens = map(repr, values[start : start + chunk].tolist())
@@ -232,27 +195,13 @@ MAX_SUBRECORD = 2_147_483_639
 
 
 def split_records(
-    data: bytes | StoredBytes, byte_order: str, marker_bytes: int
+    data: bytes | StoredBytes,  # the whole file
+    byte_order: str,  # ``"<"`` or ``">"``
+    marker_bytes: int,  # length of a marker, 4 or 8
 ) -> tuple[BinaryNumbers, list[int]] | None:
-    """Take the records of a file apart; of one on the disk the markers alone are read.
-
-    Parameters
-    ----------
-    data : bytes or StoredBytes
-        The whole file.
-    byte_order : str
-        ``"<"`` or ``">"``.
-    marker_bytes : int
-        Length of a marker, 4 or 8.
-
-    Returns
-    -------
-    payload : BinaryNumbers
-        The payloads of all records, joined.
-    lengths : list of int
-        Length of every record's payload, in bytes.
-        None is returned in place of both where the markers do not match up to the end of the file.
-    """
+    """Take the records of a file apart; of one on the disk the markers alone are read."""
+    # Returns payload: the payloads of all records, joined; lengths: length of every record's payload, in bytes. None is
+    # returned in place of both where the markers do not match up to the end of the file.
     starts: list[int] = []
     sizes: list[int] = []
     lengths: list[int] = []
@@ -292,23 +241,12 @@ def _marker(data: bytes | StoredBytes, start: int, byte_order: str, marker_bytes
     return int.from_bytes(raw, "little" if byte_order == "<" else "big", signed=True)
 
 
-def join_records(payloads: Iterable[bytes], byte_order: str, marker_bytes: int) -> Iterator[bytes]:
-    """Put markers around payloads; the inverse of `split_records`.
-
-    Parameters
-    ----------
-    payloads : iterable of bytes
-        Payload of every record.
-    byte_order : str
-        ``"<"`` or ``">"``.
-    marker_bytes : int
-        Length of a marker, 4 or 8.
-
-    Yields
-    ------
-    bytes
-        Pieces of the file, in order.
-    """
+def join_records(
+    payloads: Iterable[bytes],  # payload of every record
+    byte_order: str,  # ``"<"`` or ``">"``
+    marker_bytes: int,  # length of a marker, 4 or 8
+) -> Iterator[bytes]:  # pieces of the file, in order
+    """Put markers around payloads; the inverse of `split_records`."""
     limit = MAX_SUBRECORD if marker_bytes == 4 else np.iinfo(np.int64).max
     dtype = np.dtype(f"{byte_order}i{marker_bytes}")
     for payload in payloads:

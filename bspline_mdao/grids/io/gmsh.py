@@ -29,21 +29,11 @@ _VTK_OF_27 = np.array(_EDGES + _FACES_AND_CENTRE)
 """Nodes of Gmsh's hexahedron of 27 in the order of VTK, in which meshio takes them; others stay as they are."""
 
 
-def write_msh(path: str | os.PathLike, grid: CurvedGrid) -> None:
-    """Write curved hexahedra as a binary mesh of Gmsh, whole or not at all.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to make or replace.
-    grid : CurvedGrid
-        The elements.
-
-    Raises
-    ------
-    InputError
-        When meshio is missing, or the file cannot be written.
-    """
+def write_msh(
+    path: str | os.PathLike,  # the file to make or replace
+    grid: CurvedGrid,  # the elements
+) -> None:
+    """Write curved hexahedra as a binary mesh of Gmsh, whole or not at all."""
     meshio = library("meshio", f"{path}: files of Gmsh need meshio", "gmsh", "write CGNS (.cgns)")
     hexahedra = grid.elements.reshape(len(grid.elements), -1)[:, gmsh_order(grid.degree)]
     cells = [(HEXAHEDRA[grid.degree], hexahedra[:, _VTK_OF_27] if grid.degree == 2 else hexahedra)]

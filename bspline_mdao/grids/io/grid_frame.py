@@ -29,18 +29,10 @@ NARROW = 0.05
 
 @dataclass(frozen=True)
 class GridFrame:
-    """Extent of a grid and where most of its nodes are.
+    """Extent of a grid and where most of its nodes are."""
 
-    Parameters
-    ----------
-    middle : ndarray, shape (3,)
-        Where most nodes are (m).
-    radius : float
-        Distance of the farthest node from there (m).
-    """
-
-    middle: np.ndarray
-    radius: float
+    middle: np.ndarray  # (3,), where most nodes are (m)
+    radius: float  # distance of the farthest node from there (m)
 
     @classmethod
     def of(cls, grid: Grid) -> GridFrame:
@@ -56,10 +48,8 @@ class GridFrame:
 
 
 def _middle(points: np.ndarray) -> np.ndarray:
-    """Likely location of the Cauchy distribution of points, shape (n, 3), by steps of reweighting from their mean.
-
-    Medians by coordinates depend on the axes; the point of the least sum of distances is drawn away by the far field.
-    """
+    """Likely location of the Cauchy distribution of points, shape (n, 3), by steps of reweighting from their mean."""
+    # Medians by coordinates depend on the axes; the point of the least sum of distances is drawn away by the far field.
     middle = points.mean(axis=0)
     radius = lengths(points - middle).max()
     for _ in range(STEPS):

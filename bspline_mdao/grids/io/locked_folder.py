@@ -21,10 +21,8 @@ LOCK = "lock"
 
 
 def locked_folder(parent: Path, prefix: str, suffix: str = "") -> tuple[Path, int]:
-    """Make a folder that this user alone can enter, and lock it; returns it and the open lock.
-
-    Another process may take it for left behind before it is locked; there is another name then.
-    """
+    """Make a folder that this user alone can enter, and lock it; returns it and the open lock."""
+    # Another process may take it for left behind before it is locked; there is another name then.
     while True:
         folder = Path(tempfile.mkdtemp(suffix, prefix, parent))
         try:

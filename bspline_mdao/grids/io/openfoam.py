@@ -149,45 +149,23 @@ def write_case(
 
 @dataclass(frozen=True, eq=False)
 class PolyMesh:
-    """Faces in OpenFOAM's order between the cells of a multi-block grid.
+    """Faces in OpenFOAM's order between the cells of a multi-block grid."""
 
-    Parameters
-    ----------
-    points : ndarray, shape (n_points, 3)
-        Each shared node once (m).
-    corners : ndarray of int, shape (n_faces, 4)
-        Points of each face, in turn; the area vector points out of the owner.
-    is_corner : ndarray of bool, shape (n_faces, 4)
-        False for corners that repeat the next one.
-    owner, neighbour : ndarray of int, shapes (n_faces,) and (n_inner,)
-        Cells on both sides, numbered as in `CellFaces`.
-    boundary : tuple of BoundaryFaces
-        The patches, with their names in OpenFOAM.
-    """
-
-    points: np.ndarray
-    corners: np.ndarray
-    is_corner: np.ndarray
+    points: np.ndarray  # (n_points, 3), each shared node once (m)
+    corners: np.ndarray  # (n_faces, 4) of int, points of each face, in turn; the area vector points out of the owner
+    is_corner: np.ndarray  # (n_faces, 4) of bool, false for corners that repeat the next one
+    # owner, neighbour: (n_faces,) and (n_inner,) of int, cells on both sides, numbered as in `CellFaces`
     owner: np.ndarray
     neighbour: np.ndarray
-    boundary: tuple[BoundaryFaces, ...]
+    boundary: tuple[BoundaryFaces, ...]  # the patches, with their names in OpenFOAM
 
     @classmethod
-    def of(cls, topology: Topology, nodes: np.ndarray) -> PolyMesh:
-        """Order the faces of a grid.
-
-        Parameters
-        ----------
-        topology : Topology
-            How its blocks are joined.
-        nodes : ndarray, shape (n_nodes, 3)
-            Its nodes (m).
-
-        Raises
-        ------
-        InputError
-            If a block has no cells, cells have negative volumes, or two patches have the same name in OpenFOAM.
-        """
+    def of(
+        cls,
+        topology: Topology,  # how its blocks are joined
+        nodes: np.ndarray,  # (n_nodes, 3), its nodes (m)
+    ) -> PolyMesh:
+        """Order the faces of a grid."""
         cells = CellFaces.of(topology, nodes)
         cells.require_volumes(nodes)
         is_corner = cells.corners != np.roll(cells.corners, -1, axis=1)
@@ -208,19 +186,11 @@ class PolyMesh:
             boundary=_renumbered(cells.boundary, len(inner), edge),
         )
 
-    def write(self, folder: str | os.PathLike) -> None:
-        """Write the five files, all or none.
-
-        Parameters
-        ----------
-        folder : path-like
-            The folder, made if need be.
-
-        Raises
-        ------
-        InputError
-            If a file cannot be written.
-        """
+    def write(
+        self,
+        folder: str | os.PathLike,  # the folder, made if need be
+    ) -> None:
+        """Write the five files, all or none."""
         with replaced_folder(folder) as new:
             for name, (kind, n, lines) in self._files().items():
                 with open(new / name, "w", encoding="ascii") as file:

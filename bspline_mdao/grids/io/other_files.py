@@ -33,25 +33,11 @@ _OTHERS = (
 """How files begin, what is said of them, and the name in it."""
 
 
-def head_of_grid(path: str | os.PathLike, n_bytes: int) -> bytes:
-    """Read the first bytes of a file that may hold a structured grid.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    n_bytes : int
-        How many.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or is a mesh without structured blocks or another file that users have beside grids.
-    """
+def head_of_grid(
+    path: str | os.PathLike,  # the file
+    n_bytes: int,  # how many
+) -> bytes:
+    """Read the first bytes of a file that may hold a structured grid."""
     advice = f"give a {read_names()} grid"
     if Path(path).name == POLYMESH and Path(path).is_dir():
         raise InputError(f"{path}: {_MESH.format('an OpenFOAM', advice, path)}")

@@ -31,64 +31,29 @@ CLEARLY = 1.5
 
 @dataclass(frozen=True)
 class FaceGuess:
-    """A guess at a face of the boundary.
+    """A guess at a face of the boundary."""
 
-    Parameters
-    ----------
-    window : Window
-        The face.
-    name : str
-        Name of the patch that it is taken for.
-    kind : str
-        Kind of that patch.
-    level : str
-        How sure the guess is: one of `SURENESS`.
-    reason : str
-        Why.
-    """
-
-    window: Window
-    name: str
-    kind: str
-    level: str
-    reason: str
+    window: Window  # the face
+    name: str  # name of the patch that it is taken for
+    kind: str  # kind of that patch
+    level: str  # how sure the guess is: one of `SURENESS`
+    reason: str  # why
 
 
 @dataclass(frozen=True)
 class Certainty:
-    """How sure a guess is.
+    """How sure a guess is."""
 
-    Parameters
-    ----------
-    level : str
-        One of `SURENESS`: that of the face that is least so.
-    reason : str
-        Why, of that face.
-    window : Window
-        That face.
-    n_windows : dict of str to int
-        How many faces are how sure.
-    """
-
-    level: str
-    reason: str
-    window: Window
-    n_windows: dict[str, int]
+    level: str  # one of `SURENESS`: that of the face that is least so
+    reason: str  # why, of that face
+    window: Window  # that face
+    n_windows: dict[str, int]  # how many faces are how sure
 
 
-def how_sure(guesses: Sequence[FaceGuess]) -> tuple[Certainty, ...]:
-    """Sum up how sure guesses are.
-
-    Parameters
-    ----------
-    guesses : sequence of FaceGuess
-        Guesses, those of one name in a row.
-
-    Returns
-    -------
-    tuple of Certainty
-        One of each name, in their order.
-    """
+def how_sure(
+    guesses: Sequence[FaceGuess],  # guesses, those of one name in a row
+) -> tuple[Certainty, ...]:  # one of each name, in their order
+    """Sum up how sure guesses are."""
     found = []
     for name in dict.fromkeys(guess.name for guess in guesses):
         faces = [guess for guess in guesses if guess.name == name]
@@ -99,19 +64,14 @@ def how_sure(guesses: Sequence[FaceGuess]) -> tuple[Certainty, ...]:
     return tuple(found)
 
 
-def judge_place(window: Window, distance: float, part: float | None) -> FaceGuess:
-    """Guess whether a face is wall or far field from its distance from the middle, and ask the cells next to it.
-
-    Parameters
-    ----------
-    window : Window
-        The face.
-    distance : float
-        Its distance, as a part of the radius of the grid.
-    part : float or None
-        Height of its first cells by the mean of their grid lines, which know nothing of its place: towards walls they
-        are finer than elsewhere, as a rule, towards the far field coarser. None where there are few.
-    """
+def judge_place(
+    window: Window,  # the face
+    distance: float,  # its distance, as a part of the radius of the grid
+    # height of its first cells by the mean of their grid lines, which know nothing of its place: towards walls they are
+    # finer than elsewhere, as a rule, towards the far field coarser. None where there are few.
+    part: float | None,
+) -> FaceGuess:
+    """Guess whether a face is wall or far field from its distance from the middle, and ask the cells next to it."""
     kind, far = ("farfield" if distance > FAR else "wall"), distance / FAR
     reason = f"{far:.2g} of the distance that is far" + _cells_text(part)
     is_fine, is_coarse = part is not None and part < FINE, part is not None and part > COARSE

@@ -22,24 +22,12 @@ PLANAR = 1e-6
 
 @dataclass(frozen=True)
 class PlaneDialect:
-    """Dialect of a grid that was plane and is one cell deep now.
+    """Dialect of a grid that was plane and is one cell deep now."""
 
-    Parameters
-    ----------
-    dialect : object or None
-        How the plane grid was written.
-    directions : tuple of int
-        Direction of each block in which the plane grid has a single node.
-    normal : tuple of float
-        Unit normal of the plane.
-    offset : float
-        Product of the normal and points of the plane (m).
-    """
-
-    dialect: object | None
-    directions: tuple[int, ...]
-    normal: tuple[float, ...]
-    offset: float
+    dialect: object | None  # how the plane grid was written
+    directions: tuple[int, ...]  # direction of each block in which the plane grid has a single node
+    normal: tuple[float, ...]  # unit normal of the plane
+    offset: float  # product of the normal and points of the plane (m)
 
     @property
     def ignored(self) -> tuple[str, ...]:
@@ -111,13 +99,7 @@ def lift_plane_grid(grid: Grid, height: float | None = None) -> Grid:
 
 
 def flattened(grid: Grid) -> Grid:
-    """The plane grid of a lifted one: its first layer, without patches; other grids as they are.
-
-    Raises
-    ------
-    InputError
-        If that layer is no longer plane.
-    """
+    """The plane grid of a lifted one: its first layer, without patches; other grids as they are."""
     if not isinstance(grid.dialect, PlaneDialect):
         return grid
     blocks: list[Block] = []

@@ -42,56 +42,27 @@ _FLATTEST = 1e-6
 """Mean volume of unit edges below which cells are all equally flat."""
 
 
-def read_plot3d(path: str | os.PathLike) -> Grid:
-    """Read a PLOT3D grid; the dialect is detected from the file.
-
-    ASCII, Fortran records and raw binary, either byte order, 4- or 8-byte reals and integers, one block with or without
-    the block count or many, node counts of all blocks before the first or each before its own, 2-D or 3-D, with or
-    without IBLANK, whole or plane-wise, compressed with gzip, bzip2 or xz or not. A 2-D block has one node in k and
-    z = 0.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    Grid
-        Its ``dialect`` is the `Plot3dDialect` read.
-
-    Raises
-    ------
-    InputError
-        When no dialect, or more than one, makes sense of the file, or a node is not finite.
-    """
+def read_plot3d(
+    path: str | os.PathLike,  # the file
+) -> Grid:  # its ``dialect`` is the `Plot3dDialect` read
+    """Read a PLOT3D grid; the dialect is detected from the file."""
+    # ASCII, Fortran records and raw binary, either byte order, 4- or 8-byte reals and integers, one block with or
+    # without the block count or many, node counts of all blocks before the first or each before its own, 2-D or 3-D,
+    # with or without IBLANK, whole or plane-wise, compressed with gzip, bzip2 or xz or not. A 2-D block has one node in
+    # k and z = 0.
     data, compression, ignored = read_bytes(path)
     reading, blocks = _most_plausible(exact_readings(data, str(path)), str(path), _read_blocks)
     dialect = replace(reading.dialect, compression=compression, ignored=(*reading.dialect.ignored, *ignored))
     return Grid(blocks, source=str(path), dialect=dialect)
 
 
-def open_plot3d(path: str | os.PathLike) -> StoredGrid:
-    """Open a PLOT3D grid of any dialect, to read blocks of it, or windows of them, later.
-
-    Of raw binary and Fortran records, what is not asked for is passed over. Text is passed over once to find where its
-    numbers are. What is compressed is decompressed whole, by every process that reads. The dialect is judged from the
-    first blocks; everything else is as for `read_plot3d`, but that a block is judged when it is read.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    StoredGrid
-
-    Raises
-    ------
-    InputError
-        When no dialect, or more than one, makes sense of the file; later, when a node that is read is not finite.
-    """
+def open_plot3d(
+    path: str | os.PathLike,  # the file
+) -> StoredGrid:
+    """Open a PLOT3D grid of any dialect, to read blocks of it, or windows of them, later."""
+    # Of raw binary and Fortran records, what is not asked for is passed over. Text is passed over once to find where
+    # its numbers are. What is compressed is decompressed whole, by every process that reads. The dialect is judged from
+    # the first blocks; everything else is as for `read_plot3d`, but that a block is judged when it is read.
     source, data = str(path), StoredBytes(path)
     reading, _ = _most_plausible(exact_readings(data, source), source, _leading_blocks)
     starts = reading.dialect.block_starts(reading.shapes)
@@ -118,12 +89,10 @@ def _read_part(reading: Reading, source: str, number: int, start: int, window: W
 def _most_plausible(
     readings: list[Reading], source: str, blocks_of: Callable[[Reading], tuple[Block, ...]]
 ) -> tuple[Reading, tuple[Block, ...]]:
-    """Choose the one reading that gives a grid, from the blocks that it gives.
-
-    1. Drop readings with nodes that are not finite or of no sane size.
-    2. Take the one that is clearly smoother than any other.
-    3. Else decide what may be IBLANK or z, and prefer the layout ``"whole"``; refuse what is still ambiguous.
-    """
+    """Choose the one reading that gives a grid, from the blocks that it gives."""
+    # 1. Drop readings with nodes that are not finite or of no sane size.
+    # 2. Take the one that is clearly smoother than any other.
+    # 3. Else decide what may be IBLANK or z, and prefer the layout ``"whole"``; refuse what is still ambiguous.
     grids = [(reading, blocks_of(reading)) for reading in readings]
     # step 1
     sane = [(reading, blocks) for reading, blocks in grids if find_fault(blocks) is None]
@@ -264,25 +233,14 @@ def _fullness(nodes: np.ndarray) -> float:
     return float(np.mean(np.abs(contents[lengths > 0.0]) / lengths[lengths > 0.0])) if lengths.any() else 0.0
 
 
-def write_plot3d(path: str | os.PathLike, grid: Grid, dialect: Plot3dDialect | None = None) -> None:
-    """Write a PLOT3D grid, whole or not at all.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to make or replace.
-    grid : Grid
-        The grid. Nodes without IBLANK are written as 1 where the dialect has IBLANK.
-    dialect : Plot3dDialect, optional
-        How to write it; by default as it was read (binary then comes back byte for byte, ASCII number for number), and
-        raw binary of 8-byte reals for a grid that was not read from PLOT3D.
-
-    Raises
-    ------
-    InputError
-        When the dialect cannot hold the grid (several blocks without a block count, z in 2-D) or the file cannot be
-        written.
-    """
+def write_plot3d(
+    path: str | os.PathLike,  # the file to make or replace
+    grid: Grid,  # the grid. Nodes without IBLANK are written as 1 where the dialect has IBLANK.
+    # how to write it; by default as it was read (binary then comes back byte for byte, ASCII number for number), and
+    # raw binary of 8-byte reals for a grid that was not read from PLOT3D
+    dialect: Plot3dDialect | None = None,
+) -> None:
+    """Write a PLOT3D grid, whole or not at all."""
     if dialect is None:
         dialect = grid.dialect if isinstance(grid.dialect, Plot3dDialect) else Plot3dDialect()
     _check_fits(grid, dialect)
@@ -353,21 +311,11 @@ def _piece_arrays(block: Block, lo: int, hi: int, dialect: Plot3dDialect, intege
     return arrays
 
 
-def write_plot3d_as_named(path: str | os.PathLike, grid: Grid) -> None:
-    """Write a PLOT3D grid as it was read, or else as the name says: ASCII or raw binary, compressed or not.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to make or replace.
-    grid : Grid
-        The grid.
-
-    Raises
-    ------
-    InputError
-        As `write_plot3d`.
-    """
+def write_plot3d_as_named(
+    path: str | os.PathLike,  # the file to make or replace
+    grid: Grid,  # the grid
+) -> None:
+    """Write a PLOT3D grid as it was read, or else as the name says: ASCII or raw binary, compressed or not."""
     if isinstance(grid.dialect, Plot3dDialect):
         return write_plot3d(path, grid)
     name = Path(path)

@@ -37,54 +37,27 @@ HEADERS = (
 
 @dataclass(frozen=True)
 class Plot3dDialect:
-    """Dialect of PLOT3D in which a grid is written.
+    """Dialect of PLOT3D in which a grid is written."""
 
-    Parameters
-    ----------
-    encoding : str
-        ``"ascii"``, ``"fortran"`` (unformatted records) or ``"raw"`` (binary without markers).
-    byte_order : str
-        ``"<"`` (little endian) or ``">"``; binary only.
-    real_bytes : int
-        Length of a real, 4 or 8; binary only.
-    marker_bytes : int
-        Length of a record marker, 4 or 8; Fortran records only.
-    records : str
-        What one Fortran record holds: a whole ``"block"``, a ``"plane"`` of constant k, or an ``"array"`` (x, y, z or
-        IBLANK of a block or plane).
-    layout : str
-        ``"whole"``: x of all nodes of a block, then y, z and IBLANK; ``"planes"``: the same for one plane of constant k
-        after the other.
-    header : str
-        Where the node counts of the blocks stand: all of them ``"apart"`` from the number of blocks, ``"joined"`` with
-        it in one Fortran record, in ``"rows"`` of a record for each block, or ``"spread"``, each before its block.
-    integer_bytes : int
-        Length of an integer, 4 or 8; binary only.
-    has_block_count : bool
-        Whether the file begins with the number of blocks; without it there is one block.
-    n_dimensions : int
-        3, or 2 for files of x and y alone.
-    has_iblank : bool
-        Whether an integer per node follows the coordinates.
-    compression : str
-        What the file is compressed with: ``"gzip"``, ``"bzip2"``, ``"xz"`` or nothing.
-    ignored : tuple of str
-        What the file holds besides, one line each.
-    """
-
-    encoding: str = "raw"
-    byte_order: str = "<"
-    real_bytes: int = 8
-    marker_bytes: int = 4
+    encoding: str = "raw"  # ``"ascii"``, ``"fortran"`` (unformatted records) or ``"raw"`` (binary without markers)
+    byte_order: str = "<"  # ``"<"`` (little endian) or ``">"``; binary only
+    real_bytes: int = 8  # length of a real, 4 or 8; binary only
+    marker_bytes: int = 4  # length of a record marker, 4 or 8; Fortran records only
+    # what one Fortran record holds: a whole ``"block"``, a ``"plane"`` of constant k, or an ``"array"`` (x, y, z or
+    # IBLANK of a block or plane)
     records: str = "block"
+    # ``"whole"``: x of all nodes of a block, then y, z and IBLANK; ``"planes"``: the same for one plane of constant k
+    # after the other
     layout: str = "whole"
+    # where the node counts of the blocks stand: all of them ``"apart"`` from the number of blocks, ``"joined"`` with it
+    # in one Fortran record, in ``"rows"`` of a record for each block, or ``"spread"``, each before its block
     header: str = "apart"
-    integer_bytes: int = 4
-    has_block_count: bool = True
-    n_dimensions: int = 3
-    has_iblank: bool = False
-    compression: str = ""
-    ignored: tuple[str, ...] = field(default=(), compare=False)
+    integer_bytes: int = 4  # length of an integer, 4 or 8; binary only
+    has_block_count: bool = True  # whether the file begins with the number of blocks; without it there is one block
+    n_dimensions: int = 3  # 3, or 2 for files of x and y alone
+    has_iblank: bool = False  # whether an integer per node follows the coordinates
+    compression: str = ""  # what the file is compressed with: ``"gzip"``, ``"bzip2"``, ``"xz"`` or nothing
+    ignored: tuple[str, ...] = field(default=(), compare=False)  # what the file holds besides, one line each
 
     @property
     def real_dtype(self) -> np.dtype:
@@ -107,10 +80,8 @@ class Plot3dDialect:
         return self.n_dimensions * self.integer_dtype.itemsize
 
     def block_starts(self, shapes: np.ndarray) -> np.ndarray:
-        """Byte at which the coordinates of each block begin, and the end of the last one, shape (n_blocks + 1,).
-
-        In float64: the product of three corrupt counts overflows an integer, and sizes below 2**53 are exact.
-        """
+        """Byte at which the coordinates of each block begin, and the end of the last one, shape (n_blocks + 1,)."""
+        # In float64: the product of three corrupt counts overflows an integer, and sizes below 2**53 are exact.
         sizes, n_blocks = np.prod(shapes.astype(float), axis=1) * self.node_bytes, len(shapes)
         n_counts = np.minimum(np.arange(1, n_blocks + 2), n_blocks) if self.header == "spread" else n_blocks
         count = self.has_block_count * self.integer_dtype.itemsize
@@ -139,43 +110,18 @@ class Plot3dDialect:
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to read a file.
+    """One way to read a file."""
 
-    Parameters
-    ----------
-    dialect : Plot3dDialect
-        How it is read.
-    content : Numbers
-        The numbers without record markers; for ASCII all of them as reals.
-    shapes : ndarray of int64, shape (n_blocks, 3)
-        Node counts of the blocks.
-    """
-
-    dialect: Plot3dDialect
-    content: Numbers
-    shapes: np.ndarray
+    dialect: Plot3dDialect  # how it is read
+    content: Numbers  # the numbers without record markers; for ASCII all of them as reals
+    shapes: np.ndarray  # (n_blocks, 3) of int, node counts of the blocks
 
 
-def exact_readings(data: bytes | StoredBytes, source: str) -> list[Reading]:
-    """Find every reading whose header accounts for each byte of the file.
-
-    Parameters
-    ----------
-    data : bytes or StoredBytes
-        The file, decompressed.
-    source : str
-        Its name, for messages.
-
-    Returns
-    -------
-    list of Reading
-        At least one, layouts ``"whole"`` before ``"planes"``.
-
-    Raises
-    ------
-    InputError
-        When there is none; the message says what the likeliest header announces.
-    """
+def exact_readings(
+    data: bytes | StoredBytes,  # the file, decompressed
+    source: str,  # its name, for messages
+) -> list[Reading]:  # at least one, layouts ``"whole"`` before ``"planes"``
+    """Find every reading whose header accounts for each byte of the file."""
     containers, near = list(_containers(data, source)), []
     for headers in HEADERS:
         exact = []
@@ -311,7 +257,7 @@ def header_lengths(dialect: Plot3dDialect, n_blocks: int) -> Iterator[int]:
     yield from (length for length in of_header[dialect.header] if length)
 
 
-def record_lengths(dialect: Plot3dDialect, shapes) -> Iterator[int]:
+def record_lengths(dialect: Plot3dDialect, shapes: np.ndarray) -> Iterator[int]:
     """Length in bytes of every Fortran record of a grid of these shapes."""
     yield from header_lengths(dialect, len(shapes))
     for shape in np.asarray(shapes).tolist():

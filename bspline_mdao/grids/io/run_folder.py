@@ -34,15 +34,12 @@ _PIECE = 2**20
 
 
 class RunFolder:
-    """A folder for the results of a run.
+    """A folder for the results of a run."""
 
-    Parameters
-    ----------
-    path : path-like
-        The folder, which need not be there.
-    """
-
-    def __init__(self, path: str | os.PathLike):
+    def __init__(
+        self,
+        path: str | os.PathLike,  # the folder, which need not be there
+    ):
         self.path = Path(path)
         self._private: Path | None = None
         self._lock: int | None = None
@@ -62,18 +59,11 @@ class RunFolder:
         """Private folders of runs that were killed, as far as is known or for certain."""
         return [folder for folder in self.path.glob(f"{PREFIX}*") if is_left_behind(folder, is_certain)]
 
-    def check(self, wanted: Iterable[str]) -> None:
-        """Refuse the folder where a run is at work, or where files are in the way that no run wrote.
-
-        Parameters
-        ----------
-        wanted : iterable of str
-            Files, and folders of files, that a run is going to write.
-
-        Raises
-        ------
-        InputError
-        """
+    def check(
+        self,
+        wanted: Iterable[str],  # files, and folders of files, that a run is going to write
+    ) -> None:
+        """Refuse the folder where a run is at work, or where files are in the way that no run wrote."""
         if set(self.path.glob(f"{PREFIX}*")) - set(self.left_behind()):
             raise InputError(f"{self.path}: another run is at work in it; wait for its end, or name another folder")
         known = _files_of(self.path)
@@ -87,19 +77,11 @@ class RunFolder:
                 f"move away what you want to keep, or name another folder"
             )
 
-    def begin(self, about: Mapping[str, Any]) -> Path:
-        """Make the private folder of a run.
-
-        Parameters
-        ----------
-        about : mapping
-            What the run is about, for JSON: `about_run` has it.
-
-        Returns
-        -------
-        Path
-            The folder in it to write to. It is locked until the run ends.
-        """
+    def begin(
+        self,
+        about: Mapping[str, Any],  # what the run is about, for JSON: `about_run` has it
+    ) -> Path:  # the folder in it to write to. It is locked until the run ends.
+        """Make the private folder of a run."""
         self._made = [place for place in (self.path, *self.path.parents) if not place.exists()]
         try:
             self.path.mkdir(parents=True, exist_ok=True)

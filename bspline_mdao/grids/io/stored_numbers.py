@@ -37,20 +37,13 @@ class Numbers(Protocol):
 
 
 class StoredBytes:
-    """Bytes of a file, or of what is compressed in it; slices of it are read when they are asked for.
+    """Bytes of a file, or of what is compressed in it; slices of it are read when they are asked for."""
 
-    Parameters
-    ----------
-    path : path-like
-        The file. A compressed one is decompressed whole by every process that reads from it, and kept.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read.
-    """
-
-    def __init__(self, path: str | os.PathLike):
+    def __init__(
+        self,
+        # the file. A compressed one is decompressed whole by every process that reads from it, and kept.
+        path: str | os.PathLike,
+    ):
         self.path = os.fspath(path)
         self.compression = ""
         self.ignored: tuple[str, ...] = ()
@@ -84,21 +77,11 @@ class StoredBytes:
 
 @dataclass(frozen=True, eq=False)
 class BinaryNumbers:
-    """Numbers in pieces of bytes that follow each other.
+    """Numbers in pieces of bytes that follow each other."""
 
-    Parameters
-    ----------
-    data : bytes or StoredBytes
-        The file.
-    starts : ndarray of int, shape (n,)
-        Where each piece begins in it.
-    ends : ndarray of int, shape (n,)
-        Bytes of all pieces up to the end of each.
-    """
-
-    data: Any
-    starts: np.ndarray
-    ends: np.ndarray
+    data: Any  # the file
+    starts: np.ndarray  # (n,) of int, where each piece begins in it
+    ends: np.ndarray  # (n,) of int, bytes of all pieces up to the end of each
 
     @classmethod
     def whole(cls, data) -> BinaryNumbers:
@@ -128,30 +111,14 @@ class BinaryNumbers:
 
 @dataclass(frozen=True, eq=False)
 class TextNumbers:
-    """Numbers of a text, as reals of 8 bytes. Made by `bspline_mdao.grids.io.fortran.scan_text`.
+    """Numbers of a text, as reals of 8 bytes. Made by `bspline_mdao.grids.io.fortran.scan_text`."""
 
-    Parameters
-    ----------
-    parse : callable
-        Makes the bytes of a part numbers, given its number of lines before as well.
-    data : StoredBytes
-        The text.
-    starts : ndarray of int, shape (n + 1,)
-        Where each part begins in it, and where the last one ends.
-    lines : ndarray of int, shape (n,)
-        Lines before each part.
-    ends : ndarray of int, shape (n,)
-        Numbers up to the end of each part.
-    n_comments : int
-        Comments in the text.
-    """
-
-    parse: Any
-    data: Any
-    starts: np.ndarray
-    lines: np.ndarray
-    ends: np.ndarray
-    n_comments: int = 0
+    parse: Any  # makes the bytes of a part numbers, given its number of lines before as well
+    data: Any  # the text
+    starts: np.ndarray  # (n + 1,) of int, where each part begins in it, and where the last one ends
+    lines: np.ndarray  # (n,) of int, lines before each part
+    ends: np.ndarray  # (n,) of int, numbers up to the end of each part
+    n_comments: int = 0  # comments in the text
 
     @property
     def nbytes(self) -> int:

@@ -24,27 +24,14 @@ __all__ = ["Places", "doubtful_faces", "find_symmetry"]
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Planes of the boundary of a grid, and what is known of them and of the other faces.
+    """Planes of the boundary of a grid, and what is known of them and of the other faces."""
 
-    Parameters
-    ----------
-    grid : Grid
-        The grid.
-    planes : sequence of BoundaryPlane
-        The planes.
-    distances : sequence of float
-        Distance of each from the middle of the grid, as a part of the radius.
-    cells : sequence of (float or None)
-        Height of the first cells at each by the mean of their grid lines, the median of its windows.
-    guesses : dict of Window to FaceGuess
-        What each face looks like from its place and cells alone.
-    """
-
-    grid: Grid
-    planes: Sequence[BoundaryPlane]
-    distances: Sequence[float]
+    grid: Grid  # the grid
+    planes: Sequence[BoundaryPlane]  # the planes
+    distances: Sequence[float]  # distance of each from the middle of the grid, as a part of the radius
+    # height of the first cells at each by the mean of their grid lines, the median of its windows
     cells: Sequence[float | None]
-    guesses: Mapping[Window, FaceGuess]
+    guesses: Mapping[Window, FaceGuess]  # what each face looks like from its place and cells alone
 
     @classmethod
     def of(cls, grid: Grid, planes: Sequence[BoundaryPlane], distances, cells, guesses) -> Places:
@@ -124,11 +111,9 @@ def _is_symmetry(places: Places, n: int, thick: Sequence[int]) -> bool:
 
 
 def doubtful_faces(places: Places) -> set[Window]:
-    """Find the faces that are likely walls by their places, and planes that may be symmetry as well.
-
-    At the rim they are where the cells are not those of walls; everywhere where a sure wall ends in the plane, but for
-    such as are themselves sure and not at the rim: the tip of a wing, a blunt trailing edge.
-    """
+    """Find the faces that are likely walls by their places, and planes that may be symmetry as well."""
+    # At the rim they are where the cells are not those of walls; everywhere where a sure wall ends in the plane, but
+    # for such as are themselves sure and not at the rim: the tip of a wing, a blunt trailing edge.
     found = set()
     for n, plane in enumerate(places.planes):
         ends = plane.ends(places.grid, places.inside(_sure_walls(places)))

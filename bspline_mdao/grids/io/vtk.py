@@ -27,7 +27,7 @@ Fields = Mapping[str, Sequence[np.ndarray]]
 
 def write_vtk(
     path: str | os.PathLike, grid: Grid, node_fields: Fields | None = None, cell_fields: Fields | None = None
-):
+) -> None:
     """Write a grid for ParaView.
 
     ``path`` becomes the index; the blocks go to files in a folder of the same name without ``.vtm``. IBLANK is written
@@ -149,7 +149,7 @@ _BYTE_ORDER = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
 class _Appended:
     """Arrays of the appended section, in order, and where the next one begins."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.arrays: list[np.ndarray] = []
         self.offset = 0
 

@@ -66,27 +66,13 @@ AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
 @dataclass(frozen=True, eq=False)
 class CgnsMeshFile(OneLine):
-    """A CGNS mesh and its file.
+    """A CGNS mesh and its file."""
 
-    Parameters
-    ----------
-    mesh : MixedMesh
-        The mesh.
-    path : str
-        The file.
-    places : tuple of tuple of str
-        Places of the coordinates of every zone in the file.
-    numbers : ndarray of int, shape (n_stored,)
-        Node of the mesh that each node of the zones is, one zone after the other.
-    layer : LayerPoints, optional
-        Nodes of a file of two dimensions.
-    """
-
-    mesh: MixedMesh
-    path: str
-    places: tuple[tuple[str, ...], ...]
-    numbers: np.ndarray
-    layer: LayerPoints | None = None
+    mesh: MixedMesh  # the mesh
+    path: str  # the file
+    places: tuple[tuple[str, ...], ...]  # places of the coordinates of every zone in the file
+    numbers: np.ndarray  # (n_stored,) of int, node of the mesh that each node of the zones is, one zone after the other
+    layer: LayerPoints | None = None  # nodes of a file of two dimensions
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
         """Write a copy of the file with other nodes, shape (n, 3), at the precision of the file."""
@@ -106,27 +92,11 @@ class CgnsMeshFile(OneLine):
                     first += n
 
 
-def read_cgns_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> CgnsMeshFile:
-    """Read the unstructured zones of a CGNS file, in HDF5 or ADF.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    span : SectionSpan, optional
-        Planes of the section that a mesh of two dimensions rides along with.
-
-    Returns
-    -------
-    CgnsMeshFile
-        Of three dimensions, where the file has zones of three and of two.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged, has structured zones, linked coordinates, or elements of another kind, or two
-        dimensions and there is no span.
-    """
+def read_cgns_mesh(
+    path: str | os.PathLike,  # the file
+    span: SectionSpan | None = None,  # planes of the section that a mesh of two dimensions rides along with
+) -> CgnsMeshFile:  # of three dimensions, where the file has zones of three and of two
+    """Read the unstructured zones of a CGNS file, in HDF5 or ADF."""
     source = str(path)
     points: list[np.ndarray] = []
     seen, of_cells = [np.zeros((0, 4), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
@@ -200,27 +170,14 @@ def _coordinates(zone: h5py.Group, axes: tuple[str, ...], what: str) -> tuple[np
 
 @dataclass(frozen=True, eq=False)
 class _Elements:
-    """Elements of a zone.
+    """Elements of a zone."""
 
-    Parameters
-    ----------
-    cells : dict of ndarray
-        Corners of the cells of each kind, from 0.
-    faces : ndarray, shape (n, 4) or (n, 2)
-        Corners of its faces; of two dimensions ends of lines.
-    numbers : ndarray, shape (n,)
-        Their numbers in the zone, ascending.
-    sections : dict of ndarray
-        Faces of each section that has some, as rows of `faces`; of polygons those of one cell alone.
-    polyhedra : tuple of two ndarray of int, or None
-        Faces of polyhedra and their cells, see `MixedMesh`.
-    """
-
-    cells: dict[str, np.ndarray]
-    faces: np.ndarray
-    numbers: np.ndarray
+    cells: dict[str, np.ndarray]  # corners of the cells of each kind, from 0
+    faces: np.ndarray  # (n, 4) or (n, 2), corners of its faces; of two dimensions ends of lines
+    numbers: np.ndarray  # (n,), their numbers in the zone, ascending
+    # faces of each section that has some, as rows of `faces`; of polygons those of one cell alone
     sections: dict[str, np.ndarray]
-    polyhedra: tuple[np.ndarray, np.ndarray] | None
+    polyhedra: tuple[np.ndarray, np.ndarray] | None  # of int, faces of polyhedra and their cells, see `MixedMesh`
 
     def markers(self, zone: h5py.Group, names: Mapping[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
         """Faces of boundary conditions by the names of their families; where there are none, of sections."""

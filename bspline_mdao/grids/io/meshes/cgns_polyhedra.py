@@ -27,31 +27,15 @@ NGON, NFACE = 22, 23
 
 @dataclass(frozen=True, eq=False)
 class Lists:
-    """Lists of numbers: corners of polygons, or polygons of cells.
+    """Lists of numbers: corners of polygons, or polygons of cells."""
 
-    Parameters
-    ----------
-    numbers : ndarray of int, shape (n,)
-        Their numbers in the zone, from 1.
-    values : ndarray of int, shape (n_values,)
-        What is in them, one list after the other.
-    sizes : ndarray of int, shape (n,)
-        How many each has.
-    """
-
-    numbers: np.ndarray
-    values: np.ndarray
-    sizes: np.ndarray
+    numbers: np.ndarray  # (n,) of int, their numbers in the zone, from 1
+    values: np.ndarray  # (n_values,) of int, what is in them, one list after the other
+    sizes: np.ndarray  # (n,) of int, how many each has
 
     @classmethod
     def read(cls, parts: Mapping[str, h5py.Group], low: int, high: int, what: str) -> Lists:
-        """Read the lists of a section with numbers from ``low`` to ``high`` by the nodes in it.
-
-        Raises
-        ------
-        InputError
-            If they do not end where they should.
-        """
+        """Read the lists of a section with numbers from ``low`` to ``high`` by the nodes in it."""
         stored, n = whole_numbers(parts["ElementConnectivity"]), high - low + 1
         if not 0 <= n <= len(stored):  # before there is an array of as many
             raise InputError(f"{what}: announces {n:,} polygons or cells of {len(stored):,} numbers; write it again")
@@ -77,46 +61,23 @@ class Lists:
 
 @dataclass(frozen=True, eq=False)
 class Polygons:
-    """Polygons of a zone, cut into triangles and quads.
+    """Polygons of a zone, cut into triangles and quads."""
 
-    Parameters
-    ----------
-    numbers : ndarray of int, shape (n,)
-        Numbers of the polygons in the zone, ascending.
-    quads : ndarray of int, shape (n_quads, 4)
-        Their pieces by nodes from 0, see `fans`.
-    polygon : ndarray of int, shape (n_quads,)
-        Polygon that each piece is of, ascending.
-    """
-
-    numbers: np.ndarray
-    quads: np.ndarray
-    polygon: np.ndarray
+    numbers: np.ndarray  # (n,) of int, numbers of the polygons in the zone, ascending
+    quads: np.ndarray  # (n_quads, 4) of int, their pieces by nodes from 0, see `fans`
+    polygon: np.ndarray  # (n_quads,) of int, polygon that each piece is of, ascending
 
     @classmethod
     def of(cls, lists: Lists, what: str) -> Polygons:
-        """Cut polygons.
-
-        Raises
-        ------
-        InputError
-            If one has fewer than three corners.
-        """
+        """Cut polygons."""
         if (lists.sizes < 3).any():
             worst = int(np.argmin(lists.sizes))
             raise InputError(f"{what}: polygon {lists.numbers[worst]} has {lists.sizes[worst]} corners; write it again")
         return cls(lists.numbers, *fans(lists.values - 1, lists.sizes))
 
     def of_cells(self, cells: Lists, what: str) -> tuple[np.ndarray, np.ndarray]:
-        """Pieces as seen from cells that list their polygons, and the cells that they are of, from 0.
-
-        The number of a polygon that looks into the cell is negative.
-
-        Raises
-        ------
-        InputError
-            If a cell has a polygon that does not exist.
-        """
+        """Pieces as seen from cells that list their polygons, and the cells that they are of, from 0."""
+        # The number of a polygon that looks into the cell is negative.
         numbers = np.abs(cells.values)
         rows = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
         is_known = self.numbers[rows] == numbers
@@ -127,10 +88,8 @@ class Polygons:
         return self._seen(rows, np.repeat(np.arange(len(cells.sizes)), cells.sizes), cells.values < 0)
 
     def of_parents(self, parents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pieces as seen from the cells on both sides of polygons, shape (2, n), and these cells, from 0.
-
-        A polygon looks from the first to the second; 0 stands for none.
-        """
+        """Pieces as seen from the cells on both sides of polygons, shape (2, n), and these cells, from 0."""
+        # A polygon looks from the first to the second; 0 stands for none.
         sides, rows = np.nonzero(parents)
         _, cells = np.unique(parents[sides, rows], return_inverse=True)
         return self._seen(rows, cells.ravel(), sides == 1)

@@ -38,31 +38,15 @@ _BRACKETS = bytes.maketrans(b"()", b"  ")
 
 @dataclass(frozen=True, eq=False)
 class FoamFile:
-    """A file of OpenFOAM that holds a list.
+    """A file of OpenFOAM that holds a list."""
 
-    Parameters
-    ----------
-    path : Path
-        The file, with the suffix ``.gz`` if there is one.
-    data : bytes
-        Its content, decompressed.
-    is_compressed : bool
-        Whether it was compressed.
-    """
-
-    path: Path
-    data: bytes
-    is_compressed: bool
+    path: Path  # the file, with the suffix ``.gz`` if there is one
+    data: bytes  # its content, decompressed
+    is_compressed: bool  # whether it was compressed
 
     @classmethod
     def read(cls, folder: Path, name: str) -> FoamFile:
-        """Read a file of a folder, or the compressed one where it is missing.
-
-        Raises
-        ------
-        InputError
-            If there is neither, or it is damaged.
-        """
+        """Read a file of a folder, or the compressed one where it is missing."""
         path, packed = folder / name, folder / f"{name}.gz"
         path = packed if packed.is_file() and not path.is_file() else path
         data, compression, _ = read_bytes(path)
@@ -81,25 +65,13 @@ class FoamFile:
         return self.head.get("format") == "binary"
 
     def labels(self) -> np.ndarray:
-        """Whole numbers of the list.
-
-        Raises
-        ------
-        InputError
-            If it is damaged.
-        """
+        """Whole numbers of the list."""
         values, end = self._labels(self._start)
         self._require_end(end)
         return values
 
     def faces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of all faces one after the other, and how many each has.
-
-        Raises
-        ------
-        InputError
-            If it is damaged, or its faces are in binary by themselves, as in old files.
-        """
+        """Corners of all faces one after the other, and how many each has."""
         if self.head.get("class") == COMPACT:
             starts, end = self._labels(self._start)
             corners, end = self._labels(end)
@@ -130,13 +102,7 @@ class FoamFile:
         return numbers[is_corner], sizes
 
     def points(self) -> StoredPoints:
-        """Points of the list, in ASCII each on a line of its own.
-
-        Raises
-        ------
-        InputError
-            If it is damaged.
-        """
+        """Points of the list, in ASCII each on a line of its own."""
         n, start, _ = self._list(self._start)
         if self.is_binary:
             kind = self._kind("scalar")
@@ -220,22 +186,13 @@ class FoamFile:
 
 @dataclass(frozen=True, eq=False)
 class _BinaryPoints:
-    """Points in binary.
+    """Points in binary."""
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    start, n : int
-        First byte of the points, and how many there are.
-    kind : numpy.dtype
-        Type of their coordinates.
-    """
-
-    data: bytes
+    data: bytes  # the whole file
+    # start, n: first byte of the points, and how many there are
     start: int
     n: int
-    kind: np.dtype
+    kind: np.dtype  # type of their coordinates
 
     @property
     def values(self) -> np.ndarray:

@@ -42,24 +42,12 @@ _NAME = re.compile(rb"\s*(\d)\s+(-?\d{1,18})\s+\"([^\"\n]*)\"[ \t\r]*\n")
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Elements of one type.
+    """Elements of one type."""
 
-    Parameters
-    ----------
-    kind : str
-        Their kind, see `KINDS`.
-    dimension : int
-        Its dimension.
-    corners : ndarray of int, shape (n, n_corners)
-        Numbers of their corners as the file numbers nodes.
-    groups : ndarray of int, shape (n, n_groups)
-        Physical groups of each; 0 for none.
-    """
-
-    kind: str
-    dimension: int
-    corners: np.ndarray
-    groups: np.ndarray
+    kind: str  # their kind, see `KINDS`
+    dimension: int  # its dimension
+    corners: np.ndarray  # (n, n_corners) of int, numbers of their corners as the file numbers nodes
+    groups: np.ndarray  # (n, n_groups) of int, physical groups of each; 0 for none
 
     @classmethod
     def of(cls, number: int, nodes: np.ndarray, groups: np.ndarray) -> Block:
@@ -69,13 +57,7 @@ class Block:
 
 
 def find_gmsh_elements(file: GmshFile) -> list[Block]:
-    """Find the elements of a file.
-
-    Raises
-    ------
-    ValueError
-        If they are damaged, or of a type that is not known.
-    """
+    """Find the elements of a file."""
     if not file.is_old:
         return _by_entity(file)
     n, start = file.counted("Elements")

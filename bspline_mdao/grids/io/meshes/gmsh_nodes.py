@@ -18,17 +18,10 @@ __all__ = ["find_gmsh_nodes"]
 
 @dataclass(frozen=True, eq=False)
 class _BinaryNodes:
-    """Nodes in binary.
+    """Nodes in binary."""
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    parts : tuple of tuple of int
-        First byte of the nodes of each part, how many there are, and the bytes from one to the next.
-    """
-
-    data: bytes
+    data: bytes  # the whole file
+    # first byte of the nodes of each part, how many there are, and the bytes from one to the next
     parts: tuple[tuple[int, int, int], ...]
 
     @property
@@ -50,20 +43,8 @@ class _BinaryNodes:
 
 
 def find_gmsh_nodes(file: GmshFile) -> tuple[StoredPoints, np.ndarray]:
-    """Find the nodes of a file.
-
-    Returns
-    -------
-    stored : StoredPoints
-        The nodes in the bytes of the file.
-    tags : ndarray of int, shape (n,)
-        Their numbers, each once.
-
-    Raises
-    ------
-    ValueError
-        If they are damaged.
-    """
+    """Find the nodes of a file."""
+    # Returns stored: the nodes in the bytes of the file; tags: (n,) of int, their numbers, each once.
     if file.is_old:
         stored, tags = _old_binary(file) if file.is_binary else _old_text(file)
     else:

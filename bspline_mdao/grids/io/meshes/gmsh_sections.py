@@ -23,17 +23,14 @@ KINDS = {"int": "<i4", "size": "<u8", "real": "<f8"}
 
 
 class BinaryNumbers:
-    """Numbers of a section in binary, taken one after the other.
+    """Numbers of a section in binary, taken one after the other."""
 
-    Parameters
-    ----------
-    file : GmshFile
-        The file.
-    at, stop : int
-        First byte of the section and the one behind it.
-    """
-
-    def __init__(self, file: GmshFile, at: int, stop: int) -> None:
+    def __init__(
+        self,
+        file: GmshFile,  # the file
+        at: int,  # at, stop: first byte of the section and the one behind it
+        stop: int,
+    ) -> None:
         self.data, self.at, self.stop = file.data, at, stop
 
     def take(self, kind: str, n: int) -> np.ndarray:
@@ -58,17 +55,14 @@ class BinaryNumbers:
 
 
 class TextNumbers:
-    """Numbers of a section in ASCII, taken one after the other.
+    """Numbers of a section in ASCII, taken one after the other."""
 
-    Parameters
-    ----------
-    file : GmshFile
-        The file.
-    start, stop : int
-        First byte of the section and the one behind it.
-    """
-
-    def __init__(self, file: GmshFile, start: int, stop: int) -> None:
+    def __init__(
+        self,
+        file: GmshFile,  # the file
+        start: int,  # start, stop: first byte of the section and the one behind it
+        stop: int,
+    ) -> None:
         self.data, self.at = file.data, 0
         starts, ends, _ = words_of(file.data[start:stop], file.source)
         self.spans = start + np.stack([starts, ends], axis=1)
@@ -98,37 +92,17 @@ class TextNumbers:
 
 @dataclass(frozen=True, eq=False)
 class GmshFile:
-    """A file of Gmsh and its sections.
+    """A file of Gmsh and its sections."""
 
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    source : str
-        Its name, for messages.
-    is_old : bool
-        Whether it is of version 2.2, not 4.1.
-    is_binary : bool
-        Whether it is in binary.
-    sections : dict of tuple of int
-        First byte behind the name of each section, and that of its end.
-    """
-
-    data: bytes
-    source: str
-    is_old: bool
-    is_binary: bool
-    sections: dict[str, tuple[int, int]]
+    data: bytes  # the file
+    source: str  # its name, for messages
+    is_old: bool  # whether it is of version 2.2, not 4.1
+    is_binary: bool  # whether it is in binary
+    sections: dict[str, tuple[int, int]]  # first byte behind the name of each section, and that of its end
 
     @classmethod
     def of(cls, data: bytes, source: str) -> GmshFile:
-        """Find the sections: what is in one of them, such as ``$Comments``, begins none.
-
-        Raises
-        ------
-        InputError
-            If it is no such file, of another version, of several parts, or does not end.
-        """
+        """Find the sections: what is in one of them, such as ``$Comments``, begins none."""
         sections: dict[str, tuple[int, int]] = {}
         at = 0
         while begin := _BEGIN.match(data, at):

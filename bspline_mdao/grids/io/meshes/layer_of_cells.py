@@ -63,34 +63,16 @@ class SectionSpan(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class LayerPoints(OneLine):
-    """Nodes of a file of two dimensions, in both planes.
+    """Nodes of a file of two dimensions, in both planes."""
 
-    Parameters
-    ----------
-    stored : ndarray, shape (n, 2) or (n, 3)
-        Nodes of the file.
-    axes : tuple of int
-        The two coordinates of them that lie in the planes.
-    span : SectionSpan
-        The planes.
-    source : str
-        Name of the file, for messages.
-    """
-
-    stored: np.ndarray
-    axes: tuple[int, int]
-    span: SectionSpan
-    source: str
+    stored: np.ndarray  # (n, 2) or (n, 3), nodes of the file
+    axes: tuple[int, int]  # the two coordinates of them that lie in the planes
+    span: SectionSpan  # the planes
+    source: str  # name of the file, for messages
 
     @classmethod
     def of(cls, stored: np.ndarray, span: SectionSpan | None, source: str) -> LayerPoints:
-        """Find the coordinates that lie in the planes: both, or of three those that are not alike in all nodes.
-
-        Raises
-        ------
-        InputError
-            If there are no planes, or the nodes are in no plane of two axes.
-        """
+        """Find the coordinates that lie in the planes: both, or of three those that are not alike in all nodes."""
         if span is None:
             raise InputError(
                 f"{source}: is of two dimensions, and rides along with a section alone: a grid between two parallel "
@@ -117,13 +99,7 @@ class LayerPoints(OneLine):
         return points
 
     def in_file(self, values: np.ndarray) -> np.ndarray:
-        """Give other nodes, shape (2 n, 3), as the file has them: those in the lower plane.
-
-        Raises
-        ------
-        MovementError
-            If the copies of a node have come apart.
-        """
+        """Give other nodes, shape (2 n, 3), as the file has them: those in the lower plane."""
         values = np.asarray(values, dtype=float)
         low, high = (half[:, self.span.in_plane] for half in np.split(values, 2))
         apart = np.linalg.norm(high - low, axis=1)
@@ -164,36 +140,15 @@ class _PointsTwice:
 
 
 def layer_of_cells(
+    # its nodes in the bytes of its file, shape (n, 2), or (n, 3) with one coordinate alike in all
     stored: StoredPoints,
-    cells: Mapping[str, np.ndarray],
+    cells: Mapping[str, np.ndarray],  # of int, corners of its triangles and quads
+    # mapping of str to ndarray of int, each of shape (m, 2) of int, ends of the lines of its markers
     lines: Mapping[str, np.ndarray],
-    span: SectionSpan | None,
-    source: str,
+    span: SectionSpan | None,  # the planes
+    source: str,  # name of the file, for messages
 ) -> StoredMesh:
-    """Make the layer of cells of a mesh of two dimensions.
-
-    Parameters
-    ----------
-    stored : StoredPoints
-        Its nodes in the bytes of its file, shape (n, 2), or (n, 3) with one coordinate alike in all.
-    cells : mapping of str to ndarray of int
-        Corners of its triangles and quads.
-    lines : mapping of str to ndarray of int, each of shape (m, 2)
-        Ends of the lines of its markers.
-    span : SectionSpan or None
-        The planes.
-    source : str
-        Name of the file, for messages.
-
-    Returns
-    -------
-    StoredMesh
-
-    Raises
-    ------
-    InputError
-        If there are no planes, or the nodes are in no plane of two axes.
-    """
+    """Make the layer of cells of a mesh of two dimensions."""
     layer = LayerPoints.of(stored.values, span, source)
     return StoredMesh(layer.mesh(cells, lines), _PointsTwice(stored, layer))
 
@@ -202,31 +157,15 @@ Elements = Mapping[str, np.ndarray]
 
 
 def volume_or_layer(
-    stored: StoredPoints,
+    stored: StoredPoints,  # nodes in the bytes of the file
+    # volume, plane: of int, corners of cells by kind, and of the elements of markers by name: faces, shape (m, 4), of a
+    # volume, and lines, shape (m, 2), of a plane
     volume: tuple[Elements, Elements],
     plane: tuple[Elements, Elements],
-    span: SectionSpan | None,
-    source: str,
+    span: SectionSpan | None,  # the planes of the section
+    source: str,  # name of the file, for messages
 ) -> StoredMesh:
-    """Make the mesh of the cells of a volume or, where there are none, the layer of those of a plane.
-
-    Parameters
-    ----------
-    stored : StoredPoints
-        Nodes in the bytes of the file.
-    volume, plane : tuple of two mapping of str to ndarray of int
-        Corners of cells by kind, and of the elements of markers by name: faces, shape (m, 4), of a volume, and lines,
-        shape (m, 2), of a plane.
-    span : SectionSpan or None
-        The planes of the section.
-    source : str
-        Name of the file, for messages.
-
-    Raises
-    ------
-    InputError
-        If there are no cells, or those of a plane and no span.
-    """
+    """Make the mesh of the cells of a volume or, where there are none, the layer of those of a plane."""
     if volume[0]:
         return StoredMesh(MixedMesh(stored.values, volume[0], volume[1], source=source), stored)
     if plane[0]:

@@ -22,26 +22,11 @@ from .stored_mesh import StoredMesh
 __all__ = ["read_msh"]
 
 
-def read_msh(path: str | os.PathLike, span: SectionSpan | None = None) -> StoredMesh:
-    """Read a mesh of Gmsh, format 2.2 or 4.1, in ASCII or binary.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    span : SectionSpan, optional
-        Planes of the section that a mesh of two dimensions rides along with.
-
-    Returns
-    -------
-    StoredMesh
-        Its markers are physical surfaces, of two dimensions physical lines.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used, or it is of two dimensions and there is no span.
-    """
+def read_msh(
+    path: str | os.PathLike,  # the file
+    span: SectionSpan | None = None,  # planes of the section that a mesh of two dimensions rides along with
+) -> StoredMesh:  # its markers are physical surfaces, of two dimensions physical lines
+    """Read a mesh of Gmsh, format 2.2 or 4.1, in ASCII or binary."""
     file = GmshFile.of(read_raw(path), str(path))
     try:
         stored, tags = find_gmsh_nodes(file)

@@ -31,21 +31,11 @@ _PATCH = re.compile(r"([^\s{}();]+)\s*\{([^{}]*)\}")
 
 @dataclass(frozen=True, eq=False)
 class PolyMeshFolder(OneLine):
-    """A ``polyMesh`` and its folder.
+    """A ``polyMesh`` and its folder."""
 
-    Parameters
-    ----------
-    mesh : MixedMesh
-        The mesh.
-    file : FoamFile
-        Its file ``points``.
-    stored : StoredPoints
-        This file, with the places of the coordinates.
-    """
-
-    mesh: MixedMesh
-    file: FoamFile
-    stored: StoredPoints
+    mesh: MixedMesh  # the mesh
+    file: FoamFile  # its file ``points``
+    stored: StoredPoints  # this file, with the places of the coordinates
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
         """Write the folder with other nodes, shape (n, 3), in the format of its file; all else in it is copied."""
@@ -63,23 +53,10 @@ class PolyMeshFolder(OneLine):
                 (new / own.name).write_bytes(gzip.compress(data, LEVEL, mtime=0) if self.file.is_compressed else data)
 
 
-def read_polymesh(path: str | os.PathLike) -> PolyMeshFolder:
-    """Read a ``polyMesh``.
-
-    Parameters
-    ----------
-    path : path-like
-        The folder.
-
-    Returns
-    -------
-    PolyMeshFolder
-
-    Raises
-    ------
-    InputError
-        If a file is missing or damaged.
-    """
+def read_polymesh(
+    path: str | os.PathLike,  # the folder
+) -> PolyMeshFolder:
+    """Read a ``polyMesh``."""
     folder = Path(path)
     if not folder.is_dir():
         raise InputError(f"{path}: is no folder; give the folder polyMesh of a case")

@@ -32,18 +32,10 @@ class StoredPoints(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StoredMesh(OneLine):
-    """A mesh and its file.
+    """A mesh and its file."""
 
-    Parameters
-    ----------
-    mesh : MixedMesh
-        The mesh.
-    stored : StoredPoints
-        The file, with the places of the nodes.
-    """
-
-    mesh: MixedMesh
-    stored: StoredPoints
+    mesh: MixedMesh  # the mesh
+    stored: StoredPoints  # the file, with the places of the nodes
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
         """Write the file with other nodes, shape (n, 3); all else stays, to the last byte."""

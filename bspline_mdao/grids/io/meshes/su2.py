@@ -34,25 +34,11 @@ _COMMENTS = re.compile(rb"%[^\n]*")
 _KEYWORD = re.compile(rb"^[ \t]*([A-Z_]+)[ \t]*=[ \t]*([^\s%]+)[^\n]*\n?", re.M)
 
 
-def read_su2(path: str | os.PathLike, span: SectionSpan | None = None) -> StoredMesh:
-    """Read an SU2 mesh of one zone.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    span : SectionSpan, optional
-        Planes of the section that a mesh of two dimensions rides along with.
-
-    Returns
-    -------
-    StoredMesh
-
-    Raises
-    ------
-    InputError
-        If the file is damaged, has several zones or elements of another kind, or two dimensions and there is no span.
-    """
+def read_su2(
+    path: str | os.PathLike,  # the file
+    span: SectionSpan | None = None,  # planes of the section that a mesh of two dimensions rides along with
+) -> StoredMesh:
+    """Read an SU2 mesh of one zone."""
     text, source = read_raw(path), str(path)
     matches = list(_KEYWORD.finditer(text))
     found = [(m[1].decode(), m[2].decode(errors="backslashreplace"), m.start(), m.end()) for m in matches]
@@ -121,13 +107,7 @@ def _points(text: bytes, span: tuple[int, int], n_axes: int, source: str) -> Tex
 
 
 def _elements(text: bytes, n: int, known: Mapping[int, int], what: str) -> dict[int, np.ndarray]:
-    """Corners of the elements of each kind that is known; their numbers may be behind these.
-
-    Raises
-    ------
-    InputError
-        If there is another number of elements, or one of another kind or with another number of corners.
-    """
+    """Corners of the elements of each kind that is known; their numbers may be behind these."""
     numbers, starts = integers_by_line(blanked(text, _COMMENTS), what)
     if len(starts) - 1 != n:
         raise InputError(f"{what}: announces {n:,} elements and holds {len(starts) - 1:,}; write it again")

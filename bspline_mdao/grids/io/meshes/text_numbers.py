@@ -35,13 +35,7 @@ def blanked(text: bytes, comments: re.Pattern[bytes]) -> bytes:
 
 
 def integers(text: bytes, n: int, what: str) -> np.ndarray:
-    """Whole numbers of a text of ``n`` of them.
-
-    Raises
-    ------
-    InputError
-        If a word is no whole number, or there is another number of words.
-    """
+    """Whole numbers of a text of ``n`` of them."""
     try:
         numbers = np.array(text.split(), dtype=np.int64)
     except (ValueError, OverflowError) as error:
@@ -51,27 +45,11 @@ def integers(text: bytes, n: int, what: str) -> np.ndarray:
     return numbers
 
 
-def integers_by_line(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray]:
-    """Whole numbers of a text, and the first of every line that has some.
-
-    Parameters
-    ----------
-    text : bytes
-        Lines of whole numbers.
-    what : str
-        Where they are, for messages.
-
-    Returns
-    -------
-    numbers : ndarray of int, shape (n,)
-    starts : ndarray of int, shape (n_lines + 1,)
-        First number of each line.
-
-    Raises
-    ------
-    InputError
-        If a word is no whole number.
-    """
+def integers_by_line(
+    text: bytes,  # lines of whole numbers
+    what: str,  # where they are, for messages
+) -> tuple[np.ndarray, np.ndarray]:  # numbers: (n,) of int; starts: (n_lines + 1,) of int, first number of each line
+    """Whole numbers of a text, and the first of every line that has some."""
     starts, _, lines = words_of(text, what)
     numbers = integers(text, len(starts), what)
     firsts = np.flatnonzero(np.diff(lines, prepend=-1))
@@ -80,55 +58,24 @@ def integers_by_line(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class TextPoints:
-    """Points whose coordinates are the first words of lines of a text.
+    """Points whose coordinates are the first words of lines of a text."""
 
-    Parameters
-    ----------
-    text : bytes
-        The whole text.
-    spans : ndarray of int, shape (n, n_axes, 2)
-        First byte of each coordinate and the one behind it.
-    values : ndarray, shape (n, n_axes)
-        The coordinates.
-    """
-
-    text: bytes
-    spans: np.ndarray
-    values: np.ndarray
+    text: bytes  # the whole text
+    spans: np.ndarray  # (n, n_axes, 2) of int, first byte of each coordinate and the one behind it
+    values: np.ndarray  # (n, n_axes), the coordinates
 
     @classmethod
     def of(
         cls,
-        text: bytes,
-        span: tuple[int, int],
-        n_axes: int,
-        what: str,
-        before: int = 0,
+        text: bytes,  # the whole text
+        span: tuple[int, int],  # first byte of the part, and the one behind it
+        n_axes: int,  # coordinates of a point
+        what: str,  # what it is, for messages
+        before: int = 0,  # before, behind: words of each line before and behind them
         behind: int = 0,
-        comments: re.Pattern[bytes] | None = None,
+        comments: re.Pattern[bytes] | None = None,  # what is a comment, and holds no words
     ) -> TextPoints:
-        """Find the points in a part of a text; empty lines hold none.
-
-        Parameters
-        ----------
-        text : bytes
-            The whole text.
-        span : tuple of int
-            First byte of the part, and the one behind it.
-        n_axes : int
-            Coordinates of a point.
-        what : str
-            What it is, for messages.
-        before, behind : int
-            Words of each line before and behind them.
-        comments : re.Pattern, optional
-            What is a comment, and holds no words.
-
-        Raises
-        ------
-        InputError
-            If a line has too few words or too many, or coordinates are no numbers.
-        """
+        """Find the points in a part of a text; empty lines hold none."""
         part = text[slice(*span)] if comments is None else blanked(text[slice(*span)], comments)
         starts, ends, lines = words_of(part, what)
         firsts = np.flatnonzero(np.diff(lines, prepend=-1))

@@ -41,26 +41,11 @@ OTHERS = (1, 2, 3, 4, 21, 35, 68)
 of nodes and lines, which are neither."""
 
 
-def read_vtu(path: str | os.PathLike, span: SectionSpan | None = None) -> StoredMesh:
-    """Read an unstructured grid of VTK in one piece.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    span : SectionSpan, optional
-        Planes of the section that a mesh of two dimensions rides along with.
-
-    Returns
-    -------
-    StoredMesh
-        It has no markers.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used, or it is of two dimensions and there is no span.
-    """
+def read_vtu(
+    path: str | os.PathLike,  # the file
+    span: SectionSpan | None = None,  # planes of the section that a mesh of two dimensions rides along with
+) -> StoredMesh:  # it has no markers
+    """Read an unstructured grid of VTK in one piece."""
     file = VtuFile.of(read_raw(path), str(path))
     n_points, n_cells = file.count("NumberOfPoints"), file.count("NumberOfCells")
     stored = _points(file, n_points)
@@ -126,21 +111,11 @@ def _points(file: VtuFile, n_points: int) -> StoredPoints:
 
 @dataclass(frozen=True, eq=False)
 class _EncodedPoints:
-    """Points that are encoded.
+    """Points that are encoded."""
 
-    Parameters
-    ----------
-    file : VtuFile
-        The file.
-    values : ndarray, shape (n, 3)
-        The points.
-    array : VtuArray
-        Where they are declared.
-    """
-
-    file: VtuFile
-    values: np.ndarray
-    array: VtuArray
+    file: VtuFile  # the file
+    values: np.ndarray  # (n, 3), the points
+    array: VtuArray  # where they are declared
 
     def replaced(self, values: np.ndarray) -> bytes:
         """Return the file with other points, shape (n, 3), at their precision in the file."""

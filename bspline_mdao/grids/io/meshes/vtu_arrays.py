@@ -38,58 +38,31 @@ _TAG = re.compile(rb"<[^\s/>]+(?:\s+[^\s=]+\s*=\s*(?:\"[^\"]*\"|'[^']*'))*\s*(/?
 
 @dataclass
 class VtuArray:
-    """An element ``DataArray``.
+    """An element ``DataArray``."""
 
-    Parameters
-    ----------
-    attributes : dict of str
-        Its attributes.
-    start, stop : int
-        First byte of the element and the one behind it.
-    texts : list of list of int
-        First byte, and the one behind, of each text between its tags and comments.
-    """
-
-    attributes: dict[str, str]
+    attributes: dict[str, str]  # its attributes
+    # start, stop: first byte of the element and the one behind it
     start: int
     stop: int = -1
+    # first byte, and the one behind, of each text between its tags and comments
     texts: list[list[int]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
 class VtuFile:
-    """A file with an unstructured grid of one piece.
+    """A file with an unstructured grid of one piece."""
 
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    source : str
-        Its name, for messages.
-    head, piece : dict of str
-        Attributes of the file and of the piece.
-    arrays : dict of VtuArray
-        Arrays of the points and cells: ``"Points"`` or their names.
-    appended : tuple of (int, str) or None
-        First byte of what is appended, and its encoding.
-    """
-
-    data: bytes
-    source: str
+    data: bytes  # the file
+    source: str  # its name, for messages
+    # head, piece: attributes of the file and of the piece
     head: dict[str, str]
     piece: dict[str, str]
-    arrays: dict[str, VtuArray]
-    appended: tuple[int, str] | None
+    arrays: dict[str, VtuArray]  # arrays of the points and cells: ``"Points"`` or their names
+    appended: tuple[int, str] | None  # first byte of what is appended, and its encoding
 
     @classmethod
     def of(cls, data: bytes, source: str) -> VtuFile:
-        """Find the arrays of a file.
-
-        Raises
-        ------
-        InputError
-            If it is no XML, or no unstructured grid of one piece in a byte order and compression that can be written.
-        """
+        """Find the arrays of a file."""
         scan = _Scan(data, source)
         try:
             scan.run()
@@ -117,26 +90,14 @@ class VtuFile:
         return "compressor" in self.head
 
     def count(self, name: str) -> int:
-        """Whole number in an attribute of the piece.
-
-        Raises
-        ------
-        InputError
-            If there is none, or it is one that no file of its size can have.
-        """
+        """Whole number in an attribute of the piece."""
         text = self.piece.get(name, "")
         if not (text.isascii() and text.isdigit() and len(text) < 19 and int(text) <= self._most):
             raise InputError(f"{self.source}: {name}='{text[:40]}' is no number of its size; write it again")
         return int(text)
 
     def numbers(self, name: str, n: int) -> np.ndarray:
-        """The ``n`` numbers of an array.
-
-        Raises
-        ------
-        InputError
-            If it is damaged, or has another number.
-        """
+        """The ``n`` numbers of an array."""
         array = self.arrays[name]
         kind = TYPES.get(array.attributes.get("type", ""))
         if kind is None:
@@ -159,13 +120,7 @@ class VtuFile:
         return values
 
     def text(self, name: str) -> tuple[int, int]:
-        """First byte of the text of an array, and the one behind it.
-
-        Raises
-        ------
-        InputError
-            If it is in several parts.
-        """
+        """First byte of the text of an array, and the one behind it."""
         array = self.arrays[name]
         found = [(a, b) for a, b in array.texts if self.data[a:b].strip()]
         if len(found) > 1:
