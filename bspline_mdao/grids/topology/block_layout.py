@@ -25,14 +25,9 @@ __all__ = ["BlockLayout", "has_cells"]
 
 @dataclass(frozen=True)
 class BlockLayout(OneLine):
-    """Shapes of blocks whose entries are numbered through, block after block, each in C order; made by `of`.
+    """Shapes of blocks whose entries are numbered through, block after block, each in C order; made by `of`."""
 
-    Parameters
-    ----------
-    shapes : tuple of tuple of int
-        Number of entries of each block in each direction, of as many directions in all blocks.
-    """
-
+    # number of entries of each block in each direction, of as many directions in all blocks
     shapes: tuple[tuple[int, ...], ...]
 
     @classmethod

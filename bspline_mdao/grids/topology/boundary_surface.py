@@ -16,20 +16,13 @@ from .topology import BoundaryFace, Topology
 
 @dataclass(frozen=True, eq=False)
 class BoundarySurface:
-    """Nodes of some boundary faces, each once, and the quads between them.
+    """Nodes of some boundary faces, each once, and the quads between them."""
 
-    Parameters
-    ----------
-    rows : ndarray of int, shape (n,)
-        Row of each node in the grid vector, ascending: the one that is evaluated.
-    faces : tuple of ndarray of int, each of shape (ni, nj)
-        Numbers of the nodes of every face, such that direction i x direction j points into the fluid.
-    heights : ndarray, shape (n,)
-        Shortest distance of each node to the next one into the fluid (m); 0 where there is none.
-    """
-
-    rows: np.ndarray
+    rows: np.ndarray  # (n,) of int, row of each node in the grid vector, ascending: the one that is evaluated
+    # tuple of ndarray of int, each of shape (ni, nj) of int, numbers of the nodes of every face, such that direction i
+    # x direction j points into the fluid
     faces: tuple[np.ndarray, ...]
+    # (n,), shortest distance of each node to the next one into the fluid (m); 0 where there is none
     heights: np.ndarray
 
     @classmethod
@@ -71,21 +64,12 @@ def corners_in_turn(ids: np.ndarray) -> np.ndarray:
     return np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1)
 
 
-def facing(layer: np.ndarray, inner: np.ndarray, points: np.ndarray | NodesByRow) -> np.ndarray:
-    """Turn a face so that i x j points to the layer next to it, whatever the handedness of the block.
-
-    Parameters
-    ----------
-    layer, inner : ndarray of int, shape (ni, nj)
-        Points of the face, and those next to them in the block.
-    points : ndarray, shape (n, 3), or NodesByRow
-        Coordinates (m).
-
-    Returns
-    -------
-    ndarray of int, shape (ni, nj) or (nj, ni)
-        The face, transposed where it looks the other way.
-    """
+def facing(
+    layer: np.ndarray,  # layer, inner: (ni, nj) of int, points of the face, and those next to them in the block
+    inner: np.ndarray,
+    points: np.ndarray | NodesByRow,  # (n, 3), coordinates (m)
+) -> np.ndarray:  # (ni, nj) or (nj, ni) of int, the face, transposed where it looks the other way
+    """Turn a face so that i x j points to the layer next to it, whatever the handedness of the block."""
     return layer if volume_behind(layer, inner, points) > 0.0 else layer.T
 
 

@@ -44,42 +44,27 @@ COLLAPSED_LINE_RATIO = 1e-3
 
 @dataclass(frozen=True)
 class Coincidence:
-    """Numbers of the points on which the face nodes of the blocks lie.
+    """Numbers of the points on which the face nodes of the blocks lie."""
 
-    Parameters
-    ----------
-    ids, near_ids : tuple of OnFaces of int32
-        Number of the point at each face node, -1 inside the block; ``near_ids`` also takes near misses as one.
-    spacing : tuple of OnFaces
-        Shortest edge of non-zero length at each face node, in metres; infinite inside the block.
-    round_off : float
-        Relative precision of the coordinates as stored.
-    unit : float
-        Absolute precision (m) of coordinates stored with a fixed number of decimals; 0 for others.
-    is_coarse : bool
-        Whether cells are so thin somewhere that round-off had to be left out of the tolerance.
-    """
-
+    # ids, near_ids: number of the point at each face node, -1 inside the block; ``near_ids`` also takes near misses as
+    # one
     ids: tuple[OnFaces, ...]
     near_ids: tuple[OnFaces, ...]
+    # shortest edge of non-zero length at each face node, in metres; infinite inside the block
     spacing: tuple[OnFaces, ...]
-    round_off: float
-    unit: float
-    is_coarse: bool
+    round_off: float  # relative precision of the coordinates as stored
+    unit: float  # absolute precision (m) of coordinates stored with a fixed number of decimals; 0 for others
+    is_coarse: bool  # whether cells are so thin somewhere that round-off had to be left out of the tolerance
 
     def rounding(self, points: np.ndarray) -> np.ndarray:
         """Return how far apart (m) each of points (..., 3) may be stored twice, in each coordinate."""
         return _rounding(points, self.round_off, self.unit)
 
 
-def find_coincidence(blocks: Sequence[Shell]) -> Coincidence:
-    """Find the points on which the face nodes of all blocks lie, and number them.
-
-    Parameters
-    ----------
-    blocks : sequence of Shell
-        Nodes on the faces of each block, and next to them.
-    """
+def find_coincidence(
+    blocks: Sequence[Shell],  # nodes on the faces of each block, and next to them
+) -> Coincidence:
+    """Find the points on which the face nodes of all blocks lie, and number them."""
     round_off, unit = data_round_off(blocks), data_unit(blocks)
     spacing, *edges = zip(*(_face_edges(shell, round_off) for shell in blocks))
     points = np.concatenate([shell.points for shell in blocks])
@@ -208,11 +193,9 @@ def _join(labels: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def _merge_close(points: np.ndarray, tolerance: np.ndarray, labels: np.ndarray, real: np.ndarray) -> np.ndarray:
-    """Give points within tolerance one label, except where that would join the ends of a real edge.
-
-    Every label merges with its nearest neighbour until none is near enough. Where a chain of merges has joined the
-    two ends of an edge, all points of the chain fall back to the labels they came with.
-    """
+    """Give points within tolerance one label, except where that would join the ends of a real edge."""
+    # Every label merges with its nearest neighbour until none is near enough. Where a chain of merges has joined the
+    # two ends of an edge, all points of the chain fall back to the labels they came with.
     merged = labels
     while (pairs := _nearest_pairs(points, tolerance, merged)).size:
         merged = _join(merged, pairs)

@@ -202,11 +202,9 @@ def _patch_ids(faces: Sequence[Face], patches: Sequence[Patch]) -> np.ndarray:
 def _boundary(
     patches: Sequence[Patch], faces: Sequence[Face], is_joined: np.ndarray, is_closed: np.ndarray, is_declared
 ) -> tuple[BoundaryFace, ...]:
-    """List declared face windows where no interface covers them, and rectangles of what is left over.
-
-    All masks are over the quads of all faces: part of an interface; that, or collapsed, or of a patch of known kind;
-    and of any patch.
-    """
+    """List declared face windows where no interface covers them, and rectangles of what is left over."""
+    # All masks are over the quads of all faces: part of an interface; that, or collapsed, or of a patch of known kind;
+    # and of any patch.
     joined, closed, taken = (_by_face(mask, faces) for mask in (is_joined, is_closed, is_closed | is_declared))
     found = []
     for patch in patches:
@@ -315,8 +313,8 @@ def _warnings(
     quads: Quads,
     matches,
     segmentation,
-    patch_ids,
-    is_closed,
+    patch_ids: np.ndarray,
+    is_closed: np.ndarray,
 ) -> list[str]:
     """Say what the topology leaves out and what looks wrong, one line each."""
     ambiguous = [faces[number].window for number in np.unique(quads.face[matches.ambiguous])]
@@ -342,7 +340,9 @@ def _shortened(lines: list[str]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _contacts(patches: Sequence[Patch], faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids) -> list[str]:
+def _contacts(
+    patches: Sequence[Patch], faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids: np.ndarray
+) -> list[str]:
     """Say where patches of a known kind lie on another face; two walls are the sides of a plate, as they should be."""
     kinds = np.array([*(patch.kind for patch in patches), ""])
     is_plate = (kinds[patch_ids[pairs]] == "wall").all(axis=1)
@@ -365,8 +365,8 @@ def _disagreements(
     faces: Sequence[Face],
     quads: Quads,
     pairs: np.ndarray,
-    patch_ids,
-    is_closed,
+    patch_ids: np.ndarray,
+    is_closed: np.ndarray,
 ) -> list[str]:
     """Say where the nodes do not bear out the connectivity that the file declares, and where they say more than it."""
     lines = []
@@ -404,16 +404,11 @@ def _met_windows(faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_i
         yield tuple(label[:2]), tuple(faces[number].part(corner) for number, corner in zip(label[2:], corners))
 
 
-def overlapping(blocks: Sequence[Shell], interfaces: Sequence[Interface]) -> Iterator[Interface]:
-    """Pick the interfaces most of whose cells lie on the same side from both blocks.
-
-    Parameters
-    ----------
-    blocks : sequence of Shell
-        Faces of the blocks of a grid.
-    interfaces : sequence of Interface
-        Its interfaces; those of blocks one node deep have no sides.
-    """
+def overlapping(
+    blocks: Sequence[Shell],  # faces of the blocks of a grid
+    interfaces: Sequence[Interface],  # its interfaces; those of blocks one node deep have no sides
+) -> Iterator[Interface]:
+    """Pick the interfaces most of whose cells lie on the same side from both blocks."""
     for interface in interfaces:
         a, b = interface.a, interface.b
         if min(*blocks[a.block].shape, *blocks[b.block].shape) > 1:

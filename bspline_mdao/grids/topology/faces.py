@@ -20,26 +20,14 @@ TINY = np.finfo(float).tiny
 
 @dataclass(frozen=True)
 class Face:
-    """One face of a block with the points on which its nodes lie.
+    """One face of a block with the points on which its nodes lie."""
 
-    The face of a block that is one node deep is a line: its quads are then segments, flat in one tangent direction.
+    # The face of a block that is one node deep is a line: its quads are then segments, flat in one tangent direction.
 
-    Parameters
-    ----------
-    window : Window
-        The whole face.
-    normal : int
-        The direction in which the face is flat.
-    is_high : bool
-        Whether it is the high end of that direction.
-    ids : ndarray of int, shape (n, m)
-        Point of each node, over the tangent directions in ascending order.
-    """
-
-    window: Window
-    normal: int
-    is_high: bool
-    ids: np.ndarray
+    window: Window  # the whole face
+    normal: int  # the direction in which the face is flat
+    is_high: bool  # whether it is the high end of that direction
+    ids: np.ndarray  # (n, m) of int, point of each node, over the tangent directions in ascending order
 
     @property
     def tangents(self) -> tuple[int, ...]:
@@ -78,10 +66,8 @@ class Face:
 
 
 def inward_directions(nodes: np.ndarray | Shell, window: Window) -> np.ndarray:
-    """Return unit vectors into a block, shape (n, m, 3), from the nodes of a face window to those of the next layer.
-
-    They are zero where the two coincide.
-    """
+    """Return unit vectors into a block, shape (n, m, 3), from the nodes of a face window to those of the next layer."""
+    # They are zero where the two coincide.
     face, inner = nodes.layers(window) if isinstance(nodes, Shell) else face_layers(nodes, window)
     return unit_vectors(inner - face, np.zeros_like(face), TINY)
 
@@ -175,16 +161,11 @@ class Rectangle:
     hi: tuple[int, ...]
 
 
-def decompose(mask: np.ndarray, limit: int | None = None) -> list[Rectangle]:
-    """Cut the True part of a mask into rectangles, the largest first.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (n, m)
-        The set.
-    limit : int, optional
-        Stop after so many rectangles; the rest is left out.
-    """
+def decompose(
+    mask: np.ndarray,  # (n, m) of bool, the set
+    limit: int | None = None,  # stop after so many rectangles; the rest is left out
+) -> list[Rectangle]:
+    """Cut the True part of a mask into rectangles, the largest first."""
     if not mask.any():
         return []
     lines = [_breaks(mask, axis) for axis in range(2)]

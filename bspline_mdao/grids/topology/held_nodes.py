@@ -23,10 +23,8 @@ __all__ = ["HeldNodes", "NodesByRow", "boundary_rows", "face_layer_rows", "face_
 
 
 def node_copies(topology: Topology) -> np.ndarray:
-    """Rows that are copies and the rows that they copy, shape (n_copies, 2), by ascending first ones.
-
-    They are those of `bspline_mdao.grids.topology.sharing.node_sharing`.
-    """
+    """Rows that are copies and the rows that they copy, shape (n_copies, 2), by ascending first ones."""
+    # They are those of `bspline_mdao.grids.topology.sharing.node_sharing`.
     segments = topology.segments
     shapes = [segment.shape for segment in segments]
     pairs = joined_pairs(shapes, topology.links, topology.collapses, topology.segment_names)
@@ -61,44 +59,24 @@ def face_layer_rows(topology: Topology, window: Window) -> tuple[np.ndarray, np.
 
 @dataclass(frozen=True, eq=False)
 class HeldNodes:
-    """Some nodes of a grid. Made by `HeldNodes.of` or `HeldNodes.of_grid`.
+    """Some nodes of a grid. Made by `HeldNodes.of` or `HeldNodes.of_grid`."""
 
-    Parameters
-    ----------
-    topology : Topology
-        Topology of the grid.
-    rows : ndarray of int, shape (n,)
-        Row of every node in the grid vector.
-    n_asked : int
-        How many of them were asked for, the first ones; the others are what these need.
-    copies : ndarray of int, shape (n_copies, 2)
-        Numbers of nodes that are copies, and of the nodes that they copy, by ascending first ones.
-    numbers : tuple of ndarray of int
-        Per segment, numbers of the nodes that it evaluates, ascending.
-    places : tuple of ndarray of int
-        Per segment, the places of these in the C order of its nodes.
-    """
-
-    topology: Topology
-    rows: np.ndarray
-    n_asked: int
+    topology: Topology  # topology of the grid
+    rows: np.ndarray  # (n,) of int, row of every node in the grid vector
+    n_asked: int  # how many of them were asked for, the first ones; the others are what these need
+    # (n_copies, 2) of int, numbers of nodes that are copies, and of the nodes that they copy, by ascending first ones
     copies: np.ndarray
-    numbers: tuple[np.ndarray, ...]
-    places: tuple[np.ndarray, ...]
+    numbers: tuple[np.ndarray, ...]  # of int, per segment, numbers of the nodes that it evaluates, ascending
+    places: tuple[np.ndarray, ...]  # of int, per segment, the places of these in the C order of its nodes
 
     @classmethod
-    def of(cls, topology: Topology, rows: np.ndarray, needed: Sequence[np.ndarray] = ()) -> HeldNodes:
-        """Hold some nodes, and those that they are copies of.
-
-        Parameters
-        ----------
-        topology : Topology
-            Topology of the grid.
-        rows : ndarray of int, shape (n_asked,)
-            Rows of the nodes in any order, which is kept; a node may be there twice.
-        needed : sequence of ndarray of int
-            Rows of nodes that are to be among the others.
-        """
+    def of(
+        cls,
+        topology: Topology,  # topology of the grid
+        rows: np.ndarray,  # (n_asked,) of int, rows of the nodes in any order, which is kept; a node may be there twice
+        needed: Sequence[np.ndarray] = (),  # of int, rows of nodes that are to be among the others
+    ) -> HeldNodes:
+        """Hold some nodes, and those that they are copies of."""
         copies = node_copies(topology)
         also = source_rows(copies, each_once(np.concatenate([np.zeros(0, dtype=np.int64), *needed])))
         also = each_once(np.concatenate([source_rows(copies, rows), also]))
@@ -143,27 +121,13 @@ class HeldNodes:
 
 @dataclass(frozen=True, eq=False)
 class NodesByRow:
-    """Places of some nodes of a grid, which are looked up by their rows as if all were there.
+    """Places of some nodes of a grid, which are looked up by their rows as if all were there."""
 
-    Parameters
-    ----------
-    rows : ndarray of int, shape (n,), ascending
-        Rows of the nodes in the grid vector.
-    points : ndarray, shape (n, 3)
-        Their places (m).
-    """
-
-    rows: np.ndarray
-    points: np.ndarray
+    rows: np.ndarray  # (n,) of int, rows of the nodes in the grid vector
+    points: np.ndarray  # (n, 3), their places (m)
 
     def __getitem__(self, rows: np.ndarray) -> np.ndarray:
-        """Places of nodes by their rows.
-
-        Raises
-        ------
-        KeyError
-            If one is not there.
-        """
+        """Places of nodes by their rows."""
         at = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
         if not np.array_equal(self.rows[at], rows):
             raise KeyError("a node that is looked up by its row is not among those that are there")

@@ -17,17 +17,10 @@ __all__ = ["Holders"]
 
 @dataclass(frozen=True, eq=False)
 class Holders:
-    """Boxes of the index spaces of blocks, and the process that has each; by `of_nodes` or `of_cells`.
+    """Boxes of the index spaces of blocks, and the process that has each; by `of_nodes` or `of_cells`."""
 
-    Parameters
-    ----------
-    layout : BlockLayout
-        Layout of the nodes or cells of the grid.
-    boxes : tuple of (int, int, ndarray, ndarray, int)
-        Block, process, lowest indices, shape, and the number there of its first entry.
-    """
-
-    layout: BlockLayout
+    layout: BlockLayout  # layout of the nodes or cells of the grid
+    # block, process, lowest indices, shape, and the number there of its first entry
     boxes: tuple[tuple[int, int, np.ndarray, np.ndarray, int], ...]
 
     @classmethod

@@ -26,25 +26,11 @@ LENGTH_UNITS = tuple(_METRES)
 AnyGrid = TypeVar("AnyGrid", "Grid", "StoredGrid")
 
 
-def in_unit(grid: AnyGrid, unit: str | None) -> AnyGrid:
-    """Say in which unit the lengths of a grid are; its numbers stay.
-
-    Parameters
-    ----------
-    grid : Grid or StoredGrid
-        The grid.
-    unit : str or None
-        One of `LENGTH_UNITS`; None leaves it as its file says.
-
-    Returns
-    -------
-    Grid or StoredGrid
-
-    Raises
-    ------
-    InputError
-        If there is no such unit, or the file says another one.
-    """
+def in_unit(
+    grid: AnyGrid,  # the grid
+    unit: str | None,  # one of `LENGTH_UNITS`; None leaves it as its file says
+) -> AnyGrid:
+    """Say in which unit the lengths of a grid are; its numbers stay."""
     if unit is None:
         return grid
     if unit not in LENGTH_UNITS:

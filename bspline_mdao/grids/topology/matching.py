@@ -42,23 +42,14 @@ _TURNED_CORNERS = np.array(
 
 @dataclass(frozen=True)
 class Quads:
-    """The quads of all faces, in order of the faces, each face in C order.
+    """The quads of all faces, in order of the faces, each face in C order."""
 
-    Parameters
-    ----------
-    corners : ndarray of int, shape (n, 4)
-        Points at the corners.
-    face, p, q : ndarray of int, shape (n,)
-        Face number and indices of the quad.
-    is_degenerate : ndarray of bool, shape (n,)
-        True for quads without area, and for line faces without length.
-    """
-
-    corners: np.ndarray
+    corners: np.ndarray  # (n, 4) of int, points at the corners
+    # face, p, q: (n,) of int, face number and indices of the quad
     face: np.ndarray
     p: np.ndarray
     q: np.ndarray
-    is_degenerate: np.ndarray
+    is_degenerate: np.ndarray  # (n,) of bool, true for quads without area, and for line faces without length
 
     @classmethod
     def of(cls, faces: Sequence[Face]) -> Quads:
@@ -79,21 +70,11 @@ class Quads:
 
 @dataclass(frozen=True)
 class Matches:
-    """Quads that lie on the same points.
+    """Quads that lie on the same points."""
 
-    Parameters
-    ----------
-    pairs : ndarray of int, shape (n, 2)
-        Pairs of quads that are one, the lower number first.
-    separated : ndarray of int, shape (m, 2)
-        Pairs of quads that coincide but of which at least one is declared.
-    ambiguous : ndarray of int, shape (l,)
-        Undeclared quads that coincide with two or more others.
-    """
-
-    pairs: np.ndarray
-    separated: np.ndarray
-    ambiguous: np.ndarray
+    pairs: np.ndarray  # (n, 2) of int, pairs of quads that are one, the lower number first
+    separated: np.ndarray  # (m, 2) of int, pairs of quads that coincide but of which at least one is declared
+    ambiguous: np.ndarray  # (l,) of int, undeclared quads that coincide with two or more others
 
 
 def match_quads(quads: Quads, is_declared: np.ndarray) -> Matches:
@@ -120,10 +101,9 @@ def match_quads(quads: Quads, is_declared: np.ndarray) -> Matches:
 
 @dataclass(frozen=True)
 class Region:
-    """Quads of face a that match quads of face b by one turn and one shift of indices.
+    """Quads of face a that match quads of face b by one turn and one shift of indices."""
 
-    Quad ``(p, q)`` of a meets the quad of b whose indices along p and q are ``shift[0] -+ p`` and ``shift[1] -+ q``.
-    """
+    # Quad ``(p, q)`` of a meets the quad of b whose indices along p and q are ``shift[0] -+ p`` and ``shift[1] -+ q``.
 
     a: int
     b: int
@@ -131,7 +111,7 @@ class Region:
     shift: tuple[int, ...]
     pairs: np.ndarray
 
-    def map_quads(self, p, q):
+    def map_quads(self, p, q: np.ndarray):
         """Return the indices in face b of the quads that meet quads (p, q) of face a."""
         swap, flip0, flip1 = _TURNS[self.turn]
         ends = (self.shift[0] + (-p if flip0 else p), self.shift[1] + (-q if flip1 else q))
@@ -157,10 +137,8 @@ class Region:
 
 
 def find_regions(quads: Quads, pairs: np.ndarray) -> list[Region]:
-    """Group pairs of quads by their faces, turn and shift, in that order.
-
-    Where more than one turn fits (across the flat direction of a line) the first, which does not flip, is taken.
-    """
+    """Group pairs of quads by their faces, turn and shift, in that order."""
+    # Where more than one turn fits (across the flat direction of a line) the first, which does not flip, is taken.
     a, b = pairs.T
     fits = (quads.corners[b][:, _TURNED_CORNERS] == quads.corners[a][:, None]).all(axis=2)
     pairs, turn = pairs[fits.any(axis=1)], fits[fits.any(axis=1)].argmax(axis=1)
@@ -208,43 +186,26 @@ def _orientation(a: Face, b: Face, turn: int) -> Orientation:
 
 @dataclass(frozen=True)
 class Meeting:
-    """Faces of a grid and how far apart nodes that meet may be.
+    """Faces of a grid and how far apart nodes that meet may be."""
 
-    Parameters
-    ----------
-    faces, quads
-        All faces and their quads.
-    is_free : ndarray of bool, shape (n_quads,)
-        Quads that may meet others: not degenerate, not declared.
-    blocks : sequence of Shell
-        Nodes on the faces of each block.
-    coincidence : Coincidence
-        Points, spacing and round-off of single nodes.
-    """
-
+    # faces, quads: all faces and their quads
     faces: Sequence[Face]
     quads: Quads
-    is_free: np.ndarray
-    blocks: Sequence[Shell]
-    coincidence: Coincidence
+    is_free: np.ndarray  # (n_quads,) of bool, quads that may meet others: not degenerate, not declared
+    blocks: Sequence[Shell]  # nodes on the faces of each block
+    coincidence: Coincidence  # points, spacing and round-off of single nodes
 
     def complete(self, regions: Sequence[Region]) -> tuple[list[Region], list[Region]]:
-        """Extend regions over the quads that their maps lay onto each other, the largest first.
-
-        1. Completion: a quad is added whose corners meet within round-off of the file.
-        2. Comparison of surfaces, where round-off is as large as cells: regions are found from faces on their own and
-           completed in turn; a quad that could be part of several goes to the largest.
-        3. Holes: a quad whose corners meet within `NEAR_MISS_TOLERANCE` of the local spacing is added if it lies in a
-           hole of the region that has no open neighbour, and if most corners of the region with its holes meet as
-           they are.
-
-        Returns
-        -------
-        completed : list of Region
-            The regions.
-        doubtful : list of Region
-            Holes in them whose corners are up to a quarter of a cell apart, which are not filled.
-        """
+        """Extend regions over the quads that their maps lay onto each other, the largest first."""
+        # Returns completed: the regions; doubtful: holes in them whose corners are up to a quarter of a cell apart,
+        # which are not filled.
+        #
+        # 1. Completion: a quad is added whose corners meet within round-off of the file.
+        # 2. Comparison of surfaces, where round-off is as large as cells: regions are found from faces on their own and
+        #    completed in turn; a quad that could be part of several goes to the largest.
+        # 3. Holes: a quad whose corners meet within `NEAR_MISS_TOLERANCE` of the local spacing is added if it lies in a
+        #    hole of the region that has no open neighbour, and if most corners of the region with its holes meet as
+        #    they are.
         completed = self._completed(regions)  # step 1, and step 3 in `_extended`
         if self.coincidence.is_coarse:
             found = self._face_regions(completed)  # step 2
@@ -277,11 +238,9 @@ class Meeting:
     def _extended(
         self, region: Region, is_free: np.ndarray, tolerance: float = NEAR_MISS_TOLERANCE, least_fraction: float = 0.5
     ) -> np.ndarray:
-        """Pairs of quads, the lower number first, of a region and of what is free and belongs to it.
-
-        Holes are filled whose corners are within a tolerance of their partners, relative to the local spacing, if
-        a least fraction of the corners of the region meets.
-        """
+        """Pairs of quads, the lower number first, of a region and of what is free and belongs to it."""
+        # Holes are filled whose corners are within a tolerance of their partners, relative to the local spacing, if a
+        # least fraction of the corners of the region meets.
         fraction, distance, partner = self._mapped(region)
         quads = np.arange(partner.size).reshape(partner.shape) + self.quads.starts(len(self.faces))[region.a]
         can_join = is_free[quads] & (partner >= 0) & is_free[partner]
@@ -295,17 +254,11 @@ class Meeting:
         return pairs[pairs[:, 0] < pairs[:, 1]]
 
     def _mapped(self, region: Region) -> tuple[np.ndarray, ...]:
-        """Map face a of a region to face b.
-
-        Returns
-        -------
-        fraction : ndarray, shape `Face.n_quads`
-            Fraction of the corners of each quad that are one with their partners, or within round-off of them.
-        distance : ndarray, shape `Face.n_quads`
-            Largest distance of the other corners, relative to the local spacing.
-        partner : ndarray of int, shape `Face.n_quads`
-            Quads of face b that they are mapped to; -1 outside it.
-        """
+        """Map face a of a region to face b."""
+        # Returns fraction: ndarray, shape `Face.n_quads`, fraction of the corners of each quad that are one with their
+        # partners, or within round-off of them; distance: ndarray, shape `Face.n_quads`, largest distance of the other
+        # corners, relative to the local spacing; partner: ndarray of int, shape `Face.n_quads` of int, quads of face b
+        # that they are mapped to; -1 outside it.
         a, b = self.faces[region.a], self.faces[region.b]
         overlap = _overlap(region, a, b)
         interface = region.interface(self.faces, overlap)
@@ -350,27 +303,14 @@ class Meeting:
 
 @dataclass(frozen=True)
 class _Surface:
-    """A face on its own.
+    """A face on its own."""
 
-    Parameters
-    ----------
-    number : int
-        Its number.
-    face : Face
-        The face.
-    nodes : ndarray, shape (n, 3)
-        Its nodes (m).
-    reach : ndarray, shape (n,)
-        How far a node may be from the one it meets (m): round-off, less where edges in the face are short.
-    is_free : ndarray of bool, shape (n_quads,)
-        Quads that may meet others.
-    """
-
-    number: int
-    face: Face
-    nodes: np.ndarray
+    number: int  # its number
+    face: Face  # the face
+    nodes: np.ndarray  # (n, 3), its nodes (m)
+    # (n,), how far a node may be from the one it meets (m): round-off, less where edges in the face are short
     reach: np.ndarray
-    is_free: np.ndarray
+    is_free: np.ndarray  # (n_quads,) of bool, quads that may meet others
 
     @classmethod
     def of(cls, number: int, face: Face, nodes: np.ndarray, is_free: np.ndarray, coincidence: Coincidence) -> _Surface:

@@ -46,27 +46,13 @@ corners of a surface of several windows."""
 
 @dataclass(frozen=True)
 class Motion:
-    """A rotation about an axis, or a translation.
+    """A rotation about an axis, or a translation."""
 
-    Parameters
-    ----------
-    axis : tuple of float
-        Direction of the axis, of length 1; zero of a translation.
-    angle : float
-        Angle of the rotation (rad).
-    point : tuple of float
-        The point of the axis nearest to the origin (m).
-    shift : tuple of float
-        The translation (m).
-    unit : str
-        Unit of lengths.
-    """
-
-    axis: tuple[float, ...] = (0.0, 0.0, 0.0)
-    angle: float = 0.0
-    point: tuple[float, ...] = (0.0, 0.0, 0.0)
-    shift: tuple[float, ...] = (0.0, 0.0, 0.0)
-    unit: str = "m"
+    axis: tuple[float, ...] = (0.0, 0.0, 0.0)  # direction of the axis, of length 1; zero of a translation
+    angle: float = 0.0  # angle of the rotation (rad)
+    point: tuple[float, ...] = (0.0, 0.0, 0.0)  # the point of the axis nearest to the origin (m)
+    shift: tuple[float, ...] = (0.0, 0.0, 0.0)  # the translation (m)
+    unit: str = "m"  # unit of lengths
 
     def __str__(self) -> str:
         if self.is_translation:
@@ -109,39 +95,21 @@ def _text(vector: tuple[float, ...]) -> str:
 
 @dataclass(frozen=True)
 class PeriodicPair:
-    """Windows of the boundary that a motion lays onto each other.
+    """Windows of the boundary that a motion lays onto each other."""
 
-    Parameters
-    ----------
-    windows, others : tuple of Window
-        Both sides, in the order of the boundary.
-    motion : Motion
-        It takes the nodes of the windows to those of the others.
-    """
-
+    # windows, others: both sides, in the order of the boundary
     windows: tuple[Window, ...]
     others: tuple[Window, ...]
-    motion: Motion
+    motion: Motion  # it takes the nodes of the windows to those of the others
 
 
-def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, ...]:
-    """Find windows whose nodes a rotation about any axis, or a translation, lays onto those of others.
-
-    The two sides need not be cut into windows alike. Planar windows count for rotations other than by right angles
-    alone: the sides of many a box are laid onto each other as well.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid.
-    windows : sequence of Window
-        Windows of its boundary among which pairs are looked for.
-
-    Returns
-    -------
-    tuple of PeriodicPair
-        Each window is in one of them at most.
-    """
+def find_periodic(
+    grid: Grid,  # the grid
+    windows: Sequence[Window],  # windows of its boundary among which pairs are looked for
+) -> tuple[PeriodicPair, ...]:  # each window is in one of them at most
+    """Find windows whose nodes a rotation about any axis, or a translation, lays onto those of others."""
+    # The two sides need not be cut into windows alike. Planar windows count for rotations other than by right angles
+    # alone: the sides of many a box are laid onto each other as well.
     # windows of blocks one node deep have no cells behind them, and no direction inwards
     windows = [window for window in windows if grid.shapes[window.block][window.shape.index(1)] > 1]
     if len(windows) < 2 or 4 * len(windows) > MOST_CORNERS:

@@ -22,21 +22,11 @@ __all__ = ["PeriodicGap", "periodic_gaps"]
 
 @dataclass(frozen=True)
 class PeriodicGap:
-    """Sides of a pair of which some nodes no longer lie on each other.
+    """Sides of a pair of which some nodes no longer lie on each other."""
 
-    Parameters
-    ----------
-    pair : PeriodicPair
-        Both sides, and the motion between them.
-    gap : float
-        Largest distance of a node, moved by it, from its partner (m).
-    node : Window
-        The node of the first side where it is largest.
-    """
-
-    pair: PeriodicPair
-    gap: float
-    node: Window
+    pair: PeriodicPair  # both sides, and the motion between them
+    gap: float  # largest distance of a node, moved by it, from its partner (m)
+    node: Window  # the node of the first side where it is largest
 
     def __str__(self) -> str:
         unit = self.pair.motion.unit
@@ -47,21 +37,14 @@ class PeriodicGap:
         )
 
 
-def periodic_gaps(topology: Topology, baseline: Grid, moved: Grid) -> tuple[PeriodicGap, ...]:
-    """Find the periodic pairs of a grid whose sides have drifted apart.
-
-    Parameters
-    ----------
-    topology : Topology
-        Topology of both grids.
-    baseline, moved : Grid
-        The grid at rest, in which pairs are looked for among faces of the kind ``other`` or of none, and the moved one.
-
-    Returns
-    -------
-    tuple of PeriodicGap
-        Those of which nodes are further apart than pairs may be, and than they were.
-    """
+def periodic_gaps(
+    topology: Topology,  # topology of both grids
+    # baseline, moved: the grid at rest, in which pairs are looked for among faces of the kind ``other`` or of none, and
+    # the moved one
+    baseline: Grid,
+    moved: Grid,
+) -> tuple[PeriodicGap, ...]:  # those of which nodes are further apart than pairs may be, and than they were
+    """Find the periodic pairs of a grid whose sides have drifted apart."""
     windows = [face.window for face in topology.boundary if face.kind in (None, "other")]
     return tuple(found for pair in find_periodic(baseline, windows) for found in _drifted(pair, baseline, moved))
 

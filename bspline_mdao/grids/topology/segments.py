@@ -32,43 +32,23 @@ Cuts = list[tuple[set[int], ...]]
 
 @dataclass(frozen=True)
 class Segmentation:
-    """Blocks cut into segments, and how the segments are joined by their faces.
+    """Blocks cut into segments, and how the segments are joined by their faces."""
 
-    Parameters
-    ----------
-    segments : tuple of Window
-        Blocks in order, the segments of each in C order.
-    interfaces : tuple of Interface
-        Those that cover whole faces of segments.
-    links : tuple of Link
-        Between segments across cut planes and interfaces.
-    collapses : tuple of Collapse
-        Sections of segments of zero extent.
-    uncut : tuple of (Interface or Window)
-        What was not cut out because a block would have had more than `MAX_SEGMENTS`.
-    """
-
-    segments: tuple[Window, ...]
-    interfaces: tuple[Interface, ...]
-    links: tuple[Link, ...]
-    collapses: tuple[Collapse, ...]
+    segments: tuple[Window, ...]  # blocks in order, the segments of each in C order
+    interfaces: tuple[Interface, ...]  # those that cover whole faces of segments
+    links: tuple[Link, ...]  # between segments across cut planes and interfaces
+    collapses: tuple[Collapse, ...]  # sections of segments of zero extent
+    # what was not cut out because a block would have had more than `MAX_SEGMENTS`
     uncut: tuple[Interface | Window, ...]
 
 
 def segment_blocks(
-    shapes, interfaces: Sequence[Interface], patches: Sequence[Window], collapsed: dict[Window, tuple[int, ...]]
+    shapes,  # number of nodes of each block
+    interfaces: Sequence[Interface],  # interfaces, patches: face windows of blocks
+    patches: Sequence[Window],
+    collapsed: dict[Window, tuple[int, ...]],  # windows of zero extent and the directions in which they have none
 ) -> Segmentation:
-    """Cut blocks so that interfaces, patches and collapsed windows cover whole faces of segments.
-
-    Parameters
-    ----------
-    shapes : sequence of (int, int, int)
-        Number of nodes of each block.
-    interfaces, patches
-        Face windows of blocks.
-    collapsed : dict of Window to tuple of int
-        Windows of zero extent and the directions in which they have none.
-    """
+    """Cut blocks so that interfaces, patches and collapsed windows cover whole faces of segments."""
     cuts, uncut = find_cuts(shapes, interfaces, [*patches, *collapsed])
     segments = cut_blocks(cuts)
     kept = tuple(interface for interface in interfaces if interface not in uncut)
@@ -77,19 +57,12 @@ def segment_blocks(
     return Segmentation(tuple(segments), kept, links, tuple(find_collapses(segments, kept_windows)), tuple(uncut))
 
 
-def find_cuts(shapes, interfaces: Sequence[Interface], windows: Sequence[Window]):
-    """Find the indices at which to cut every block, passed on through interfaces until nothing changes.
-
-    Where a block would fall into more than `MAX_SEGMENTS`, the smallest of the interfaces and windows that do not cover
-    a whole face are not cut out, those at that block first, an eighth of them at a time.
-
-    Returns
-    -------
-    cuts : list of tuple of set of int
-        For each block and direction, with both ends.
-    uncut : list of (Interface or Window)
-        What is not cut out.
-    """
+def find_cuts(
+    shapes, interfaces: Sequence[Interface], windows: Sequence[Window]
+):  # cuts: for each block and direction, with both ends; uncut: what is not cut out
+    """Find the indices at which to cut every block, passed on through interfaces until nothing changes."""
+    # Where a block would fall into more than `MAX_SEGMENTS`, the smallest of the interfaces and windows that do not
+    # cover a whole face are not cut out, those at that block first, an eighth of them at a time.
     wanted: list[Interface | Window] = [*interfaces, *windows]
     uncut: list[Interface | Window] = []
     while True:
@@ -234,21 +207,14 @@ def _first_full_block(cuts: Cuts) -> int | None:
 
 
 def junction_links(
-    shapes, segmentation: Segmentation, quads: Quads, separated: np.ndarray, ids: Sequence[OnFaces]
+    shapes,  # number of nodes of each block
+    segmentation: Segmentation,  # segments, and the links between their faces
+    # quads, separated: quads of all faces, and the pairs of them that coincide but are kept apart by declaration
+    quads: Quads,
+    separated: np.ndarray,
+    ids: Sequence[OnFaces],  # point of each face node of each block
 ) -> list[Link]:
-    """Links between coincident edges, then between coincident corners, that no chain of links joins yet.
-
-    Parameters
-    ----------
-    shapes : sequence of (int, int, int)
-        Number of nodes of each block.
-    segmentation : Segmentation
-        Segments, and the links between their faces.
-    quads, separated
-        Quads of all faces, and the pairs of them that coincide but are kept apart by declaration.
-    ids : sequence of OnFaces
-        Point of each face node of each block.
-    """
+    """Links between coincident edges, then between coincident corners, that no chain of links joins yet."""
     found: list[Link] = []
     starts = BlockLayout.of(shapes).starts
     corners = _apart_corners(ids, starts, quads, separated)
@@ -262,27 +228,14 @@ def junction_links(
 
 @dataclass(frozen=True)
 class Junction:
-    """An edge or a corner of a segment.
+    """An edge or a corner of a segment."""
 
-    Parameters
-    ----------
-    segment : int
-        Segment number.
-    section : tuple of (int or None)
-        The edge or corner.
-    points : ndarray of int, shape (n,)
-        Points on which its nodes lie.
-    shared : ndarray of int, shape (n,)
-        Rows of its nodes in the grid vector, of shared ones that of the first, by the links found so far.
-    is_reversed : bool
-        Whether an edge is listed from its high end, so that coincident edges list alike.
-    """
-
-    segment: int
-    section: Section
-    points: np.ndarray
+    segment: int  # segment number
+    section: Section  # the edge or corner
+    points: np.ndarray  # (n,) of int, points on which its nodes lie
+    # (n,) of int, rows of its nodes in the grid vector, of shared ones that of the first, by the links found so far
     shared: np.ndarray
-    is_reversed: bool
+    is_reversed: bool  # whether an edge is listed from its high end, so that coincident edges list alike
 
 
 def _copies(shapes, segmentation: Segmentation, found: Sequence[Link]) -> np.ndarray:
@@ -306,7 +259,9 @@ def _apart_pairs(shared: np.ndarray) -> set[tuple[int, ...]]:
     return set(map(tuple, pairs.tolist()))
 
 
-def _coincident_junctions(segments, ids, starts: np.ndarray, copies: np.ndarray, n_free: int) -> list[list[Junction]]:
+def _coincident_junctions(
+    segments: Sequence[Window], ids: Sequence[OnFaces], starts: np.ndarray, copies: np.ndarray, n_free: int
+) -> list[list[Junction]]:
     """Edges (one free direction) or corners (none) that lie on the same points, one of each that is shared already."""
     groups: dict[bytes, dict[bytes, Junction]] = {}
     for number, segment in enumerate(segments):

@@ -23,18 +23,10 @@ N_SAMPLES = 3000
 
 @dataclass(frozen=True, eq=False)
 class FaceNodes:
-    """The nodes on the faces of a block, in its C order.
+    """The nodes on the faces of a block, in its C order."""
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Number of nodes of the block in each direction.
-    numbers : ndarray of int, shape (n,)
-        Their numbers in the C order of the block, ascending.
-    """
-
-    shape: tuple[int, ...]
-    numbers: np.ndarray
+    shape: tuple[int, ...]  # number of nodes of the block in each direction
+    numbers: np.ndarray  # (n,) of int, their numbers in the C order of the block, ascending
 
     @classmethod
     def of(cls, shape: tuple[int, ...]) -> FaceNodes:
@@ -56,21 +48,11 @@ class FaceNodes:
 
 @dataclass(frozen=True, eq=False)
 class OnFaces:
-    """Values at the nodes on the faces of a block.
+    """Values at the nodes on the faces of a block."""
 
-    Parameters
-    ----------
-    nodes : FaceNodes
-        The nodes.
-    values : ndarray, shape (n, ...)
-        Value at each of them.
-    inside : scalar
-        Value everywhere else.
-    """
-
-    nodes: FaceNodes
-    values: np.ndarray
-    inside: Any
+    nodes: FaceNodes  # the nodes
+    values: np.ndarray  # (n, ...), value at each of them
+    inside: Any  # value everywhere else
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -95,27 +77,15 @@ class OnFaces:
 
 @dataclass(frozen=True, eq=False)
 class Shell:
-    """Nodes on the faces of a block and next to them, and what the topology has to know of all others.
+    """Nodes on the faces of a block and next to them, and what the topology has to know of all others."""
 
-    Parameters
-    ----------
-    nodes : FaceNodes
-        Which nodes they are.
-    points : ndarray, shape (n, 3)
-        Nodes on the faces (m).
-    beside : tuple of six (ndarray or None)
-        Layer of nodes next to each face, shape (n, m, 3), over its tangent directions in ascending order (m); None of a
-        direction of one node.
-    samples : ndarray, shape (n_samples,)
-        Coordinates spread over the block (m).
-    extent, largest : float
-        Largest extent of the block along a coordinate, and its largest absolute coordinate (m).
-    """
-
-    nodes: FaceNodes
-    points: np.ndarray
+    nodes: FaceNodes  # which nodes they are
+    points: np.ndarray  # (n, 3), nodes on the faces (m)
+    # layer of nodes next to each face, shape (n, m, 3), over its tangent directions in ascending order (m); None of a
+    # direction of one node
     beside: tuple[np.ndarray | None, ...]
-    samples: np.ndarray
+    samples: np.ndarray  # (n_samples,), coordinates spread over the block (m)
+    # extent, largest: largest extent of the block along a coordinate, and its largest absolute coordinate (m)
     extent: float
     largest: float
 

@@ -23,21 +23,11 @@ __all__ = ["StoredBlock", "StoredGrid"]
 
 @dataclass(frozen=True, eq=False)
 class StoredBlock:
-    """A block whose nodes are read when they are asked for, and not kept.
+    """A block whose nodes are read when they are asked for, and not kept."""
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Number of nodes in each direction.
-    name : str
-        Name of the block.
-    read : callable
-        Takes a `Window` and returns a `Block` of its nodes; None is the whole.
-    """
-
-    shape: tuple[int, ...]
-    name: str
-    read: Callable[[Window | None], Block]
+    shape: tuple[int, ...]  # number of nodes in each direction
+    name: str  # name of the block
+    read: Callable[[Window | None], Block]  # takes a `Window` and returns a `Block` of its nodes; None is the whole
 
     @property
     def nodes(self) -> np.ndarray:
@@ -52,30 +42,14 @@ class StoredBlock:
 
 @dataclass(frozen=True, eq=False)
 class StoredGrid(OneLine):
-    """A grid whose nodes stay in its file. Made by `bspline_mdao.open_grid`; other processes may be sent it.
+    """A grid whose nodes stay in its file. Made by `bspline_mdao.open_grid`; other processes may be sent it."""
 
-    Parameters
-    ----------
-    blocks : tuple of StoredBlock
-        The blocks in file order.
-    patches : tuple of Patch
-        Declared patches.
-    source : str
-        Where the grid came from, for messages.
-    dialect : object, optional
-        How the file was written.
-    connections : tuple of Interface
-        One-to-one connections that the file declares, each once.
-    unit : str
-        Unit of lengths; empty where nobody says it.
-    """
-
-    blocks: tuple[StoredBlock, ...]
-    patches: tuple[Patch, ...] = ()
-    source: str = "grid"
-    dialect: Any = field(default=None, compare=False)
-    connections: tuple[Interface, ...] = ()
-    unit: str = ""
+    blocks: tuple[StoredBlock, ...]  # the blocks in file order
+    patches: tuple[Patch, ...] = ()  # declared patches
+    source: str = "grid"  # where the grid came from, for messages
+    dialect: Any = field(default=None, compare=False)  # how the file was written
+    connections: tuple[Interface, ...] = ()  # one-to-one connections that the file declares, each once
+    unit: str = ""  # unit of lengths; empty where nobody says it
 
     @property
     def length_unit(self) -> str:
@@ -98,13 +72,7 @@ class StoredGrid(OneLine):
         return self.layout.size
 
     def read(self, window: Window) -> Block:
-        """Read the nodes of a window of a block, as a block.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be read, a node is not finite, or the grid has no such window.
-        """
+        """Read the nodes of a window of a block, as a block."""
         self._require_block(window.block)
         shape = self.blocks[window.block].shape
         if not Window.whole(window.block, shape).contains(window):
@@ -114,19 +82,12 @@ class StoredGrid(OneLine):
             )
         return self.blocks[window.block].read(window)
 
-    def grid(self, blocks: Iterable[int] | None = None) -> Grid:
-        """Read some of the blocks as a grid, with their patches and the connections between them.
-
-        Parameters
-        ----------
-        blocks : iterable of int, optional
-            Their numbers, from 0, in the order in which they are wanted; all by default.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be read, a node is not finite, or a number is of no block, or given twice.
-        """
+    def grid(
+        self,
+        # their numbers, from 0, in the order in which they are wanted; all by default
+        blocks: Iterable[int] | None = None,
+    ) -> Grid:
+        """Read some of the blocks as a grid, with their patches and the connections between them."""
         numbers = list(range(len(self.blocks))) if blocks is None else [int(number) for number in blocks]
         for number in numbers:
             self._require_block(number)

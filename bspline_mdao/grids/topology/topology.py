@@ -24,126 +24,63 @@ from .index_space import FACE_NAMES, Interface, Orientation, Section, Window, se
 
 @dataclass(frozen=True)
 class BoundaryFace:
-    """A face window that no block continues.
+    """A face window that no block continues."""
 
-    Parameters
-    ----------
-    window : Window
-        The face window of a grid block.
-    patch, kind : str or None
-        Name and kind of the declared patch that it belongs to; None where nothing is declared.
-    """
-
-    window: Window
+    window: Window  # the face window of a grid block
+    # patch, kind: name and kind of the declared patch that it belongs to; None where nothing is declared
     patch: str | None = None
     kind: str | None = None
 
 
 @dataclass(frozen=True)
 class NearMiss:
-    """Two face windows that nearly coincide and are therefore probably meant to, whether they are joined or not.
+    """Two face windows that nearly coincide and are therefore probably meant to, whether they are joined or not."""
 
-    Parameters
-    ----------
-    window : Window
-        The face window.
-    other : Window
-        The one it nearly meets.
-    gap : float
-        Distance of two nodes that nearly coincide, in metres, where it is largest relative to the local spacing.
-    spacing : float
-        Local spacing there, in metres.
-    """
-
-    window: Window
-    other: Window
+    window: Window  # the face window
+    other: Window  # the one it nearly meets
+    # distance of two nodes that nearly coincide, in metres, where it is largest relative to the local spacing
     gap: float
-    spacing: float
+    spacing: float  # local spacing there, in metres
 
 
 @dataclass(frozen=True)
 class Link:
-    """Two sections of segments that are one and the same.
+    """Two sections of segments that are one and the same."""
 
-    Parameters
-    ----------
-    a, b : int
-        Segment numbers.
-    a_section, b_section : tuple of (int or None)
-        Sections (see `Section`), for example ``(0, None, None)``; faces, edges or corners.
-    orientation : Orientation
-        Maps the directions of segment a to those of segment b.
-    """
-
+    # a, b: segment numbers
     a: int
+    # a_section, b_section: sections (see `Section`), for example ``(0, None, None)``; faces, edges or corners
     a_section: Section
     b: int
     b_section: Section
-    orientation: Orientation
+    orientation: Orientation  # maps the directions of segment a to those of segment b
 
 
 @dataclass(frozen=True)
 class Collapse:
-    """A section of a segment in which all points along one direction are one.
+    """A section of a segment in which all points along one direction are one."""
 
-    Parameters
-    ----------
-    segment : int
-        Segment number.
-    section : tuple of (int or None)
-        The face or edge (see `Section`).
-    direction : int
-        The direction of zero extent.
-    """
-
-    segment: int
-    section: Section
-    direction: int
+    segment: int  # segment number
+    section: Section  # the face or edge (see `Section`)
+    direction: int  # the direction of zero extent
 
 
 @dataclass(frozen=True)
 class Topology(OneLine):
-    """Interfaces, boundary and collapsed parts of a grid, its segments, and the links that join them.
+    """Interfaces, boundary and collapsed parts of a grid, its segments, and the links that join them."""
 
-    Parameters
-    ----------
-    source : str
-        Where the grid came from, for messages.
-    shapes : tuple of (int, int, int)
-        Number of nodes of each block.
-    interfaces : tuple of Interface
-        Pairs of face windows that coincide.
-    boundary : tuple of BoundaryFace
-        Declared patches, and what else is neither interface nor collapsed.
-    collapsed : tuple of Window
-        Faces and edges, or windows of them, of zero extent in at least one direction.
-    near_misses : tuple of NearMiss
-        Pairs of face windows that nearly coincide, and are not joined.
-    segments : tuple of Window
-        Parts of blocks, one spline volume each: whole blocks unless cut.
-    links : tuple of Link
-        Faces, edges and corners of segments that are one.
-    collapses : tuple of Collapse
-        Sections of segments of zero extent.
-    warnings : tuple of str
-        What could not be used, or not as it is, one line each.
-    joined_gaps : tuple of NearMiss
-        Interfaces that are joined though some of their nodes do not coincide.
-    repeated : tuple of (int, int)
-        Pairs of blocks whose faces lie on the same points, from 0: the second is the first once more.
-    """
-
-    source: str
-    shapes: tuple[tuple[int, ...], ...]
-    interfaces: tuple[Interface, ...]
-    boundary: tuple[BoundaryFace, ...]
-    collapsed: tuple[Window, ...]
-    near_misses: tuple[NearMiss, ...]
-    segments: tuple[Window, ...]
-    links: tuple[Link, ...]
-    collapses: tuple[Collapse, ...]
-    warnings: tuple[str, ...] = ()
-    joined_gaps: tuple[NearMiss, ...] = ()
+    source: str  # where the grid came from, for messages
+    shapes: tuple[tuple[int, ...], ...]  # number of nodes of each block
+    interfaces: tuple[Interface, ...]  # pairs of face windows that coincide
+    boundary: tuple[BoundaryFace, ...]  # declared patches, and what else is neither interface nor collapsed
+    collapsed: tuple[Window, ...]  # faces and edges, or windows of them, of zero extent in at least one direction
+    near_misses: tuple[NearMiss, ...]  # pairs of face windows that nearly coincide, and are not joined
+    segments: tuple[Window, ...]  # parts of blocks, one spline volume each: whole blocks unless cut
+    links: tuple[Link, ...]  # faces, edges and corners of segments that are one
+    collapses: tuple[Collapse, ...]  # sections of segments of zero extent
+    warnings: tuple[str, ...] = ()  # what could not be used, or not as it is, one line each
+    joined_gaps: tuple[NearMiss, ...] = ()  # interfaces that are joined though some of their nodes do not coincide
+    # pairs of blocks whose faces lie on the same points, from 0: the second is the first once more
     repeated: tuple[tuple[int, int], ...] = ()
 
     @property
@@ -175,7 +112,7 @@ def describe(window: Window, shape: tuple[int, ...] | None = None) -> str:
     return f"block {window.block + 1} ({', '.join(ranges)})"
 
 
-def _segment_name(segment: Window, shape) -> str:
+def _segment_name(segment: Window, shape: tuple[int, ...] | None) -> str:
     """Name a segment for messages, as its block where it is one."""
     if segment == Window.whole(segment.block, shape):
         return f"block {segment.block + 1}"
@@ -183,34 +120,14 @@ def _segment_name(segment: Window, shape) -> str:
 
 
 def shared_ids(
-    shapes: Sequence[tuple[int, ...]],
-    links: Sequence[Link],
-    collapses: Sequence[Collapse] = (),
-    names: Sequence[str] | None = None,
+    shapes: Sequence[tuple[int, ...]],  # shape of the index space of every segment
+    links: Sequence[Link],  # sections that are the same
+    collapses: Sequence[Collapse] = (),  # sections without extent in one direction
+    names: Sequence[str] | None = None,  # names of the segments for messages; "block 1", ... by default.
 ) -> list[np.ndarray]:
-    """Give the points of index spaces numbers, linked points the same.
-
-    Parameters
-    ----------
-    shapes : sequence of (n0, n1, n2)
-        Shape of the index space of every segment.
-    links : sequence of Link
-        Sections that are the same.
-    collapses : sequence of Collapse, optional
-        Sections without extent in one direction.
-    names : sequence of str, optional
-        Names of the segments for messages; "block 1", ... by default.
-
-    Returns
-    -------
-    list of ndarray of int32, each of the given shape
-        Numbers 0, 1, 2, ... by first occurrence (segments in order, each in C order).
-
-    Raises
-    ------
-    InputError
-        If two linked sections disagree in their number of points.
-    """
+    """Give the points of index spaces numbers, linked points the same."""
+    # Returns list of ndarray of int32, each of the given shape of int, numbers 0, 1, 2, ... by first occurrence
+    # (segments in order, each in C order).
     layout = BlockLayout.of(shapes)
     first = first_joined(layout.size, joined_pairs(shapes, links, collapses, names))
     is_first = first == np.arange(len(first))
@@ -223,16 +140,16 @@ def joined_pairs(
     collapses: Sequence[Collapse] = (),
     names: Sequence[str] | None = None,
 ) -> list[np.ndarray]:
-    """Pairs of points, each array of shape (2, n), that links and collapses make one; arguments as of `shared_ids`.
-
-    Points are counted through, segments in order, each in C order. All of them lie on faces of segments.
-    """
+    """Pairs of points, each array of shape (2, n), that links and collapses make one; arguments as of `shared_ids`."""
+    # Points are counted through, segments in order, each in C order. All of them lie on faces of segments.
     starts = BlockLayout.of(shapes).starts
     pairs = [_link_pairs(shapes, starts, link, names) for link in links]
     return pairs + [_collapse_pairs(shapes, starts, collapse) for collapse in collapses]
 
 
-def _link_pairs(shapes, starts, link: Link, names) -> np.ndarray:
+def _link_pairs(
+    shapes: Sequence[tuple[int, ...]], starts: np.ndarray, link: Link, names: Sequence[str] | None
+) -> np.ndarray:
     """Points joined by a link, shape (2, n)."""
     a = section_rows(shapes[link.a], link.a_section, starts[link.a])
     b = link.orientation.apply(section_rows(shapes[link.b], link.b_section, starts[link.b]))
@@ -241,7 +158,7 @@ def _link_pairs(shapes, starts, link: Link, names) -> np.ndarray:
     return np.stack([a.ravel(), b.ravel()])
 
 
-def _disagreement(link: Link, a_shape, b_shape, names) -> InputError:
+def _disagreement(link: Link, a_shape, b_shape, names: Sequence[str] | None) -> InputError:
     """Name the first direction in which two linked sections differ."""
     d = next(d for d in range(3) if a_shape[d] != b_shape[d])
     a, b = names[link.a], names[link.b]
@@ -252,7 +169,7 @@ def _disagreement(link: Link, a_shape, b_shape, names) -> InputError:
     )
 
 
-def _collapse_pairs(shapes, starts, collapse: Collapse) -> np.ndarray:
+def _collapse_pairs(shapes: Sequence[tuple[int, ...]], starts: np.ndarray, collapse: Collapse) -> np.ndarray:
     """Points joined by a collapse, shape (2, n): each with the first of its line."""
     rows = section_rows(shapes[collapse.segment], collapse.section, starts[collapse.segment])
     first = np.broadcast_to(rows.take([0], axis=collapse.direction), rows.shape)
