@@ -46,7 +46,7 @@ class KreisselmeierSteinhauser(OneLine):
 
     rho: float  # sharpness
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not 0.0 < self.rho < np.inf:
             raise InputError(f"Kreisselmeier-Steinhauser aggregate: rho is {self.rho}; give a positive number")
 
@@ -81,7 +81,7 @@ class PNorm:
 
     p: int  # power, at least 2
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.p < 2 or int(self.p) != self.p:
             raise InputError(f"p-norm aggregate: p is {self.p}; give a whole number from 2 on")
 

@@ -57,7 +57,7 @@ class GridQuality(OneLine):
     # number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it
     n_threads: int | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not self.pieces.n_cells_of_all:
             raise InputError("quality: no block of the grid has cells in two directions; nothing can be measured")
         for name in AGGREGATES:
@@ -67,7 +67,7 @@ class GridQuality(OneLine):
     def of_baseline(
         cls,
         grid: Grid,  # the grid. Its walls are its patches of kind ``"wall"``
-        **settings,  # ``rho``, ``p``, ``rho_height`` and ``n_threads``
+        **settings: Any,  # ``rho``, ``p``, ``rho_height`` and ``n_threads``
     ) -> GridQuality:
         """Decide about the cells of a baseline grid, and about the first cells at its walls."""
         # `InputError` if all nodes of a block are at one point, or no block has cells
@@ -78,7 +78,7 @@ class GridQuality(OneLine):
         cls,
         pieces: Pieces,  # the pieces, and the processes that hold them
         nodes: np.ndarray,  # (n_nodes, 3), nodes of the pieces of this process (m)
-        **settings,  # see `of_baseline`
+        **settings: Any,  # see `of_baseline`
     ) -> GridQuality:  # decisions are those of the whole blocks
         """Decide about the cells of a baseline grid in pieces; all processes call it."""
         # `InputError` see `of_baseline`
@@ -202,7 +202,7 @@ class GridQuality(OneLine):
 
         is_certified = _needs_coefficients(seeds)
 
-        def work(chunk: Chunk):
+        def work(chunk: Chunk) -> None:
             measures = chunk_measures(chunk, nodes, is_certified)
             adjoint = Measures.zeros_like(measures)
             for name, seed in seeds.items():

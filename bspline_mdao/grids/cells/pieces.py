@@ -45,7 +45,7 @@ class Pieces:
     source: str = "grid"  # where the grid came from, for messages
     comm: Any = ONE  # the processes, see `bspline_mdao.base.numerics.processes`
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         n_cells = BlockLayout.of(piece.shape for pieces in self.partition.pieces for piece in pieces).cells.size
         if self.partition.n_ranks != self.comm.size or n_cells != self.n_cells_of_all:
             raise InputError(

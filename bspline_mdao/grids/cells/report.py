@@ -12,7 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -320,7 +320,7 @@ def _patches_at(cell: tuple[int, ...], block: int, pieces: Pieces) -> Iterator[P
                 yield patch
 
 
-def _worst_of_all(comm, worst: Sequence[tuple], most: int = MOST_NAMED) -> tuple:
+def _worst_of_all(comm: Any, worst: Sequence[tuple], most: int = MOST_NAMED) -> tuple:
     """Join the worst cells of the blocks of all processes."""
     every = (cell for part in from_all(comm, sorted(worst, key=_order)[:most]) for cell in part)
     return tuple(cell for *_, cell in sorted(every, key=_order)[:most])

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ __all__ = ["faces_of_share"]
 def faces_of_share(
     topology: Topology,  # how the blocks of the grid are joined
     partition: Partition,  # who has which cells
-    comm,  # communicator, the processes
+    comm: Any,  # communicator, the processes
     nodes: np.ndarray,  # (n_nodes of the share, 3), baseline nodes (m), which tell the handedness of each block
 ) -> tuple[CellFaces, Halo, Halo]:
     """List the faces of the cells of one process: all processes call it together."""
@@ -73,7 +74,7 @@ def faces_of_share(
     return faces, cells, corners
 
 
-def _places(comm, holders: Holders, n_own: int, lists) -> tuple[Halo, list[np.ndarray]]:
+def _places(comm: Any, holders: Holders, n_own: int, lists) -> tuple[Halo, list[np.ndarray]]:
     """Exchange of all entries of some lists of numbers of the grid, and the lists with the places of these."""
     layout = BlockLayout.of(map(np.shape, lists))
     numbers = layout.join(lists)
@@ -98,7 +99,7 @@ class _ShareCells:
     lines: _IndexLines
 
     @classmethod
-    def of(cls, topology: Topology, partition: Partition, comm, nodes: np.ndarray) -> _ShareCells:
+    def of(cls, topology: Topology, partition: Partition, comm: Any, nodes: np.ndarray) -> _ShareCells:
         pieces = partition.pieces[comm.rank]
         right_handed = _handedness(topology, pieces, comm, nodes)
         return cls(
@@ -198,7 +199,7 @@ def _layer(window: Window) -> Window:
     return Window(window.block, tuple(lo), tuple(hi))
 
 
-def _handedness(topology: Topology, pieces, comm, nodes: np.ndarray) -> np.ndarray:
+def _handedness(topology: Topology, pieces, comm: Any, nodes: np.ndarray) -> np.ndarray:
     """Whether the index space of each block is right-handed, of the sum over the pieces that processes hold."""
     volumes = np.zeros(len(topology.shapes))
     for number, shape in enumerate(topology.shapes, start=1):
