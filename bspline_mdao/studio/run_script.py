@@ -123,16 +123,11 @@ def pick_size(sizes: Mapping, paper: bool = False, quick: bool = False):
     return sizes[name]
 
 
-def write_numbers(path, numbers: dict) -> None:
-    """Write the numbers of a run script as JSON.
-
-    Parameters
-    ----------
-    path : path-like
-        File to write.
-    numbers : dict
-        Numbers, text, arrays, and lists and dicts of them.
-    """
+def write_numbers(
+    path,  # file to write
+    numbers: dict,  # numbers, text, arrays, and lists and dicts of them
+) -> None:
+    """Write the numbers of a run script as JSON."""
     Path(path).write_text(json.dumps(numbers, indent=2, default=_plain) + "\n")
 
 

@@ -23,28 +23,14 @@ from .output import (
 
 
 def write_cad_file(
-    model: Path, output: Path, tolerance: float | None, units: str, patch: tuple[str, ...], json: Path | None
+    model: Path,  # fitted model
+    output: Path,  # output, json: CAD file and numbers to write
+    tolerance: float | None,  # largest distance (m) from the walls where they are refitted
+    units: str,  # unit of length of the file
+    patch: tuple[str, ...],  # patches by name or pattern; all walls where there is none
+    json: Path | None,
 ) -> None:
-    """Write the walls of a model as B-spline surfaces.
-
-    Parameters
-    ----------
-    model : Path
-        Fitted model.
-    output, json : Path
-        CAD file and numbers to write.
-    tolerance : float or None
-        Largest distance (m) from the walls where they are refitted.
-    units : str
-        Unit of length of the file.
-    patch : tuple of str
-        Patches by name or pattern; all walls where there is none.
-
-    Raises
-    ------
-    InputError
-        If OpenCascade is missing, the model cannot be used, the tolerance is not reached, or a file cannot be written.
-    """
+    """Write the walls of a model as B-spline surfaces."""
     check_outputs([output, json], [model])
     check_cad_name(output, units)
     require_opencascade()

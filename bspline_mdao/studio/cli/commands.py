@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from inspect import cleandoc
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -100,7 +101,7 @@ def bspline_mdao(context: click.Context) -> None:
 )
 @units_option
 @json_option
-def inspect(**options) -> None:
+def inspect(**options: Any) -> None:
     """Show blocks, interfaces, boundary faces, first cells at walls and what looks wrong in a grid.
 
     GRID is a {read} file, a model MODEL.h5, of which the errors of the fit are shown as well, or a built-in grid:
@@ -151,7 +152,7 @@ def inspect(**options) -> None:
 @click.option("--no-certify", is_flag=True, help="Do not prove, element by element, that the splines are valid.")
 @units_option
 @json_option
-def fit(**options) -> None:
+def fit(**options: Any) -> None:
     """Fit a grid with B-spline volumes and write the model.
 
     GRID is a {read} file, or a built-in grid: {built_in}.
@@ -180,7 +181,7 @@ def fit(**options) -> None:
 )
 @click.option("--allow-invalid", is_flag=True, help="Write curved hexahedra even if some of them are inverted.")
 @json_option
-def refine(**options) -> None:
+def refine(**options: Any) -> None:
     """Write a finer or coarser member of the grid family of a model, or curved elements of high order.
 
     The name of GRID tells the format: {written}. Curved hexahedra are written as {curved}. Folders that are missing are
@@ -211,7 +212,7 @@ def refine(**options) -> None:
 )
 @click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
 @json_option
-def move(model: Path, output: Path, json: Path | None, **options) -> None:
+def move(model: Path, output: Path, json: Path | None, **options: Any) -> None:
     """Deform the design surface of a model, move the control mesh behind it and write the grid.
 
     The name of GRID tells the format: {written}. Folders that are missing are made.
@@ -260,7 +261,7 @@ def move(model: Path, output: Path, json: Path | None, **options) -> None:
 @moving_options
 @click.option("--allow-invalid", is_flag=True, help="Write the mesh even if cells of it are inverted.")
 @json_option
-def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options) -> None:
+def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: Any) -> None:
     """Take an unstructured mesh along with the control mesh of a model.
 
     MESH is {meshes}. It is written in the format that it is read in; all but its nodes stays as it is. Its walls go
@@ -280,7 +281,7 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options) ->
 )
 @patches_option
 @click.option("--overwrite", is_flag=True, help="Replace a study that is there.")
-def init(**options) -> None:
+def init(**options: Any) -> None:
     """Draft a study of a grid for the command optimize, with what was guessed in comments.
 
     GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}.
@@ -308,7 +309,7 @@ def init(**options) -> None:
     "--max-iterations", type=click.IntRange(min=1), metavar="N", help="Stop earlier than the study says, for a try."
 )
 @json_option
-def optimize(**options) -> None:
+def optimize(**options: Any) -> None:
     """Optimize a shape as a study says, which names grid, variables, flow, objective, constraints and driver.
 
     FOLDER gets the fitted model, the grids before and after, all cases (SQLite), the table of variables and responses,
@@ -356,7 +357,7 @@ def optimize(**options) -> None:
 )
 @units_option
 @json_option
-def improve(grid_name: str, output: Path, json: Path | None, **options) -> None:
+def improve(grid_name: str, output: Path, json: Path | None, **options: Any) -> None:
     """Raise the worst cells of a grid by moving interior control points; the surface stays.
 
     GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. The name of the output tells the
@@ -388,7 +389,7 @@ def improve(grid_name: str, output: Path, json: Path | None, **options) -> None:
 )
 @units_option
 @json_option
-def quality(**options) -> None:
+def quality(**options: Any) -> None:
     """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells, first cells at walls.
 
     GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. Of a CGNS file of curved
@@ -427,7 +428,7 @@ def quality(**options) -> None:
 )
 @click.option("--patch", multiple=True, metavar="PATCH", help="Patch to write, more than once; all walls by default.")
 @json_option
-def cad(**options) -> None:
+def cad(**options: Any) -> None:
     """Write the walls of a model as B-spline surfaces for CAD, sewn along their edges, and read them back.
 
     Sides of blocks with straight knots are exact; others are refitted to the tolerance, their edges exactly.
@@ -456,7 +457,7 @@ def cad(**options) -> None:
 )
 @click.option("--mirror", is_flag=True, help="Also where walls meet planes of symmetry, and their mirror images there.")
 @json_option
-def seams(**options) -> None:
+def seams(**options: Any) -> None:
     """Measure how smooth the walls of a model are across the seams between its blocks, and at poles.
 
     Kinks are angles between the tangent planes of both sides, curvatures those across the seam; at 21 places of each.
@@ -487,7 +488,7 @@ def seams(**options) -> None:
     help="Triangles of the walls that are drawn of each shape, about.",
 )
 @json_option
-def report(**options) -> None:
+def report(**options: Any) -> None:
     """Write a report on a model or on a recorded optimisation: one HTML file that needs no network.
 
     It shows the grid and its control mesh in space, quality, wall heights and sections; of a case file of OpenMDAO's

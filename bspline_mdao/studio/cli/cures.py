@@ -40,20 +40,13 @@ class Trial:
         return f"{self.text} ({'refused' if self.n_inverted is None else counted(self.n_inverted, 'cell')})"
 
 
-def proposals(options: Any, topology: Topology, mesh: MovingMesh, beside: Sequence[str]) -> Iterator[tuple[str, Any]]:
-    """Yield what to type, and the options with it: changes that may cure a move, none of them in use already.
-
-    Parameters
-    ----------
-    options : MoveOptions or RideOptions
-        How the move was made.
-    topology : Topology
-        The patches of the grid.
-    mesh : MovingMesh
-        What was moved.
-    beside : sequence of str
-        Patches that inverted cells lie on.
-    """
+def proposals(
+    options: Any,  # how the move was made
+    topology: Topology,  # the patches of the grid
+    mesh: MovingMesh,  # what was moved
+    beside: Sequence[str],  # patches that inverted cells lie on
+) -> Iterator[tuple[str, Any]]:
+    """Yield what to type, and the options with it: changes that may cure a move, none of them in use already."""
     free = _following(topology, mesh)
     yield from _boundary(options, topology, [name for name in beside if name not in free])
     mover = options.mover

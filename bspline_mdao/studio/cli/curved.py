@@ -16,21 +16,11 @@ from .output import print_lines, print_table, print_title, print_warnings, progr
 
 @dataclass(frozen=True, eq=False)
 class CurvedMeasures:
-    """Curved elements, and the Jacobians of each.
+    """Curved elements, and the Jacobians of each."""
 
-    Parameters
-    ----------
-    grid : CurvedGrid
-        The elements.
-    worst : ndarray, shape (n,)
-        Smallest Jacobian of each, by its largest.
-    status : ndarray of uint8, shape (n,)
-        What is proved of it.
-    """
-
-    grid: CurvedGrid
-    worst: np.ndarray
-    status: np.ndarray
+    grid: CurvedGrid  # the elements
+    worst: np.ndarray  # (n,), smallest Jacobian of each, by its largest
+    status: np.ndarray  # (n,), what is proved of it
 
     @classmethod
     def of(cls, grid: CurvedGrid) -> CurvedMeasures:

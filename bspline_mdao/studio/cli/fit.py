@@ -37,53 +37,26 @@ from .words import PROGRAM
 
 
 def fit_model(
-    grid_name: str,
-    output: Path,
+    grid_name: str,  # file, or ``@`` and the name of a built-in grid
+    output: Path,  # output, json: model and numbers to write
     json: Path | None = None,
     *,
-    patches: Path | None = None,
+    patches: Path | None = None,  # patches of the grid
+    # control points per direction by number or name of a block; of all others for None
     n_control: dict[str | None, tuple[int, int, int]] | None = None,
-    order: int | None = None,
-    correct: int = 0,
+    order: int | None = None,  # order of the B-splines
+    correct: int = 0,  # cycles of parameter correction
+    # method, parametrization: how control points and parameters are found, see `bspline_mdao.fit_grid`
     method: str = "valid",
     parametrization: str = "chord_length",
+    # no_residual, no_wall_layer: do not keep the residual; do not let nodes near walls follow them
     no_residual: bool = False,
     no_wall_layer: bool = False,
-    no_certify: bool = False,
-    units: str | None = None,
+    no_certify: bool = False,  # do not prove which elements of the splines are valid everywhere
+    units: str | None = None,  # unit of lengths, where the file does not say it
 ) -> None:
-    """Fit a grid, write the model and show how good it is.
-
-    Several processes read, fit and write whole blocks each.
-
-    Parameters
-    ----------
-    grid_name : str
-        File, or ``@`` and the name of a built-in grid.
-    output, json : Path
-        Model and numbers to write.
-    patches : Path, optional
-        Patches of the grid.
-    n_control : dict, optional
-        Control points per direction by number or name of a block; of all others for None.
-    order : int, optional
-        Order of the B-splines.
-    correct : int
-        Cycles of parameter correction.
-    method, parametrization : str
-        How control points and parameters are found, see `bspline_mdao.fit_grid`.
-    no_residual, no_wall_layer : bool
-        Do not keep the residual; do not let nodes near walls follow them.
-    no_certify : bool
-        Do not prove which elements of the splines are valid everywhere.
-    units : str, optional
-        Unit of lengths, where the file does not say it.
-
-    Raises
-    ------
-    InputError
-        If the grid cannot be used or a file cannot be written.
-    """
+    """Fit a grid, write the model and show how good it is."""
+    # Several processes read, fit and write whole blocks each.
     comm = world()
     check_outputs([output, json], [file_of(grid_name), patches], comm)
     if output.suffix != MODEL:

@@ -30,54 +30,25 @@ from .sources import file_of, load_grid
 
 @dataclass(frozen=True)
 class ImproveOptions:
-    """Options of the command ``improve``.
+    """Options of the command ``improve``."""
 
-    Parameters
-    ----------
-    patches : Path, optional
-        Patches of a grid that is not a model.
-    n_control : dict, optional
-        Control points per direction of blocks of such a grid, see `bspline_mdao.studio.cli.counts`.
-    reach : float
-        How far control points may go, by the distance to their nearest neighbours.
-    height_tolerance : float
-        By how much the heights of first cells at walls may change.
-    slide : tuple of str
-        Patches whose nodes slide in their planes.
-    iterations : int
-        Iterations of the optimiser in each round.
-    units : str, optional
-        Unit of lengths of such a grid, where its file does not say it.
-    """
-
-    patches: Path | None = None
+    patches: Path | None = None  # patches of a grid that is not a model
+    # control points per direction of blocks of such a grid, see `bspline_mdao.studio.cli.counts`
     n_control: dict[str | None, tuple[int, int, int]] | None = None
-    reach: float = 0.4
-    height_tolerance: float = 0.01
-    slide: tuple[str, ...] = ()
-    iterations: int = ITERATIONS
-    units: str | None = None
+    reach: float = 0.4  # how far control points may go, by the distance to their nearest neighbours
+    height_tolerance: float = 0.01  # by how much the heights of first cells at walls may change
+    slide: tuple[str, ...] = ()  # patches whose nodes slide in their planes
+    iterations: int = ITERATIONS  # iterations of the optimiser in each round
+    units: str | None = None  # unit of lengths of such a grid, where its file does not say it
 
 
-def improve(grid_name: str, output: Path, json: Path | None, options: ImproveOptions) -> None:
-    """Raise the worst cells of a grid at fixed surface and write the grid.
-
-    Parameters
-    ----------
-    grid_name : str
-        File of a grid or of a fitted model, or ``@`` and the name of a built-in grid.
-    output, json : Path
-        Grid and numbers to write.
-    options : ImproveOptions
-        What may move, and how far.
-
-    Raises
-    ------
-    InputError
-        If the grid or an option cannot be used, or a file cannot be written.
-    MovementError
-        If nothing can be improved; nothing is written then.
-    """
+def improve(
+    grid_name: str,  # file of a grid or of a fitted model, or ``@`` and the name of a built-in grid
+    output: Path,  # output, json: grid and numbers to write
+    json: Path | None,
+    options: ImproveOptions,  # what may move, and how far
+) -> None:
+    """Raise the worst cells of a grid at fixed surface and write the grid."""
     check_outputs([output, json], [file_of(grid_name), options.patches])
     with progress_bar() as progress:
         progress(0.0, "reading")

@@ -16,25 +16,13 @@ from .output import check_outputs, print_lines, progress_bar
 from .sources import file_of, load_grid
 
 
-def draft_study(grid_name: str, output: Path, patches: Path | None = None, overwrite: bool = False) -> None:
-    """Draft a study of a grid and say what to do next.
-
-    Parameters
-    ----------
-    grid_name : str
-        Grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid.
-    output : Path
-        Study to write.
-    patches : Path, optional
-        Declared patches.
-    overwrite : bool
-        Replace a file that is there.
-
-    Raises
-    ------
-    InputError
-        If the grid cannot be used, no patch is a wall, or there is a study already.
-    """
+def draft_study(
+    grid_name: str,  # grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid
+    output: Path,  # study to write
+    patches: Path | None = None,  # declared patches
+    overwrite: bool = False,  # replace a file that is there
+) -> None:
+    """Draft a study of a grid and say what to do next."""
     file = file_of(grid_name)
     check_outputs([output], [file, patches])
     if output.suffix != ".toml":

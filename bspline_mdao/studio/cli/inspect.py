@@ -37,33 +37,14 @@ from .sources import file_of, load_grid
 
 
 def inspect_grid(
-    grid_name: str,
-    patches: Path | None,
-    draft: Path | None,
+    grid_name: str,  # grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid
+    patches: Path | None,  # declared patches of a grid
+    draft: Path | None,  # draft, json: TOML file of patches to start from, and numbers, to write
     json: Path | None,
-    reynolds: float | None = None,
-    units: str | None = None,
+    reynolds: float | None = None,  # reynolds number per unit of length, for an estimate of y+
+    units: str | None = None,  # unit of lengths, where the file does not say it
 ) -> None:
-    """Find the topology of a grid and show it; of a model also how well it is fitted.
-
-    Parameters
-    ----------
-    grid_name : str
-        Grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid.
-    patches : Path, optional
-        Declared patches of a grid.
-    draft, json : Path, optional
-        TOML file of patches to start from, and numbers, to write.
-    reynolds : float, optional
-        Reynolds number per unit of length, for an estimate of y+.
-    units : str, optional
-        Unit of lengths, where the file does not say it.
-
-    Raises
-    ------
-    InputError
-        If the grid or the model cannot be used, a model comes with patches, or a file cannot be written.
-    """
+    """Find the topology of a grid and show it; of a model also how well it is fitted."""
     check_outputs([draft, json], [file_of(grid_name), patches])
     is_model = Path(grid_name).suffix == MODEL
     if is_model and (patches or units):
@@ -99,26 +80,13 @@ def inspect_grid(
 
 
 def write_draft(
-    path: Path, grid: Grid, declared: Sequence[Patch], guesses: Sequence[Patch], certainties: Sequence[Certainty]
+    path: Path,  # file to make or to replace
+    grid: Grid,  # the grid
+    declared: Sequence[Patch],  # declared, guesses: its patches, and guessed ones
+    guesses: Sequence[Patch],
+    certainties: Sequence[Certainty],  # how sure each guess is
 ) -> None:
-    """Write a TOML file with what is declared, and a guess at the rest of the boundary.
-
-    Parameters
-    ----------
-    path : Path
-        File to make or to replace.
-    grid : Grid
-        The grid.
-    declared, guesses : sequence of Patch
-        Its patches, and guessed ones.
-    certainties : sequence of Certainty
-        How sure each guess is.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write a TOML file with what is declared, and a guess at the rest of the boundary."""
     remarks = {
         patch.name: f"{certainty.level}: {describe(certainty.window, grid)}, {certainty.reason}"
         for patch, certainty in zip(guesses, certainties)

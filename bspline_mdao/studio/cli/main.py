@@ -32,14 +32,7 @@ EXPECTED = (click.ClickException, InputError, MovementError, OSError)
 
 
 def main() -> None:
-    """Run the command of ``sys.argv`` and exit.
-
-    Raises
-    ------
-    SystemExit
-        With 0 when all went well; with 2 after one line on standard error that says what, where and what to do; with
-        130 when the user interrupted, or the process was terminated: that ends what one process does in the same way.
-    """
+    """Run the command of ``sys.argv`` and exit."""
     if n_launched() < 2:
         interrupt_when_terminated()
     for stream in (sys.stdout, sys.stderr):
@@ -48,22 +41,12 @@ def main() -> None:
     sys.exit(run(sys.argv[1:]))
 
 
-def run(arguments: Sequence[str]) -> int:
-    """Run a command and return its exit status.
-
-    Several processes share the work of the commands in `SHARED`; others are done by the first one. It alone prints, and
-    all end with one status.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        The command and its arguments, without the name of the program.
-
-    Returns
-    -------
-    int
-        Exit status, see `main`.
-    """
+def run(
+    arguments: Sequence[str],  # the command and its arguments, without the name of the program
+) -> int:  # exit status, see `main`
+    """Run a command and return its exit status."""
+    # Several processes share the work of the commands in `SHARED`; others are done by the first one. It alone prints,
+    # and all end with one status.
     try:
         processes = world()
     except ImportError as error:

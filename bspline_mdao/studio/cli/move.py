@@ -75,32 +75,17 @@ FEW_DIGITS = 8.0
 
 @dataclass(frozen=True)
 class MoveOptions:
-    """Options of the command ``move``.
+    """Options of the command ``move``."""
 
-    Parameters
-    ----------
-    deform : tuple of str
-        Deformations of the design surface, one after the other.
-    design : tuple of str
-        Patches that are the design surface; all walls where there is none.
-    slide, fix, release : tuple of str
-        Patches that slide in their planes, are fixed, and are free.
-    surface : Path, optional
-        File for the new control points of the design surface, or for the surface as CAD.
-    allow_invalid : bool
-        Write a grid with inverted cells all the same.
-    mover : MoverOptions
-        How to move.
-    """
-
-    deform: tuple[str, ...]
-    design: tuple[str, ...] = ()
+    deform: tuple[str, ...]  # deformations of the design surface, one after the other
+    design: tuple[str, ...] = ()  # patches that are the design surface; all walls where there is none
+    # slide, fix, release: patches that slide in their planes, are fixed, and are free
     slide: tuple[str, ...] = ()
     fix: tuple[str, ...] = ()
     release: tuple[str, ...] = ()
-    surface: Path | None = None
-    allow_invalid: bool = False
-    mover: MoverOptions = field(default_factory=MoverOptions)
+    surface: Path | None = None  # file for the new control points of the design surface, or for the surface as CAD
+    allow_invalid: bool = False  # write a grid with inverted cells all the same
+    mover: MoverOptions = field(default_factory=MoverOptions)  # how to move
 
 
 @dataclass(frozen=True)
@@ -125,25 +110,13 @@ class Moved:
         return float(np.linalg.norm(self.surface - self.initial[self.mesh.surface_ids], axis=1).max())
 
 
-def move_model(model_file: Path, output: Path, json: Path | None, options: MoveOptions) -> None:
-    """Deform the design surface of a model, move the control mesh behind it and write the grid.
-
-    Parameters
-    ----------
-    model_file : Path
-        Fitted model.
-    output, json : Path
-        Grid and numbers to write.
-    options : MoveOptions
-        What to move where, and how.
-
-    Raises
-    ------
-    InputError
-        If the model, a deformation or a patch cannot be used, or a file cannot be written.
-    MovementError
-        If the move cannot be done, or inverts cells of the grid; nothing is written then.
-    """
+def move_model(
+    model_file: Path,  # fitted model
+    output: Path,  # output, json: grid and numbers to write
+    json: Path | None,
+    options: MoveOptions,  # what to move where, and how
+) -> None:
+    """Deform the design surface of a model, move the control mesh behind it and write the grid."""
     check_outputs([output, json, options.surface], [model_file, *filter(os.path.isfile, options.deform)])
     is_cad = options.surface is not None and options.surface.suffix.lower() in SUFFIXES
     if is_cad:
@@ -172,23 +145,8 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
 def moved_control_mesh(
     model: FittedModel, model_file: Path, options: MoveOptions
 ) -> tuple[MovingMesh, Deformation, np.ndarray, Movement]:
-    """Deform the design surface and move the control mesh behind it.
-
-    Returns
-    -------
-    mesh : MovingMesh
-    deformation : Deformation
-    surface : ndarray, shape (n_surface, 3)
-        New control points of the design surface (m).
-    movement : Movement
-
-    Raises
-    ------
-    InputError
-        If a deformation or a patch cannot be used.
-    MovementError
-        If the move cannot be done.
-    """
+    """Deform the design surface and move the control mesh behind it."""
+    # Returns mesh; deformation; surface: (n_surface, 3), new control points of the design surface (m); movement.
     if not model.header.patches:
         raise InputError(
             f"{model_file}: its grid has no patches, so nothing says what moves; write them with "
@@ -233,15 +191,9 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) 
 def _grid(
     model: FittedModel, options: MoveOptions, deformation: Deformation, points: np.ndarray, baseline: Grid
 ) -> tuple[Grid, SurfaceMiss | None]:
-    """Make the grid of moved control points, with the wall where the same deformation puts its nodes.
-
-    Returns
-    -------
-    grid : Grid
-    miss : SurfaceMiss or None
-        How far the control points alone would have missed that; None where these come from a file, and nothing is
-        asked of nodes.
-    """
+    """Make the grid of moved control points, with the wall where the same deformation puts its nodes."""
+    # Returns grid; miss: how far the control points alone would have missed that; None where these come from a file,
+    # and nothing is asked of nodes.
     if _is_given(deformation):
         return model.regenerate(points), None
     surface, topology = SurfaceGrid.of(model, options.design or None), model.topology
@@ -393,22 +345,12 @@ def _warnings(moved: Moved) -> list[str]:
     return warnings
 
 
-def complaint(model: FittedModel, moved: Moved, trials: Sequence[Trial]) -> str:
-    """Say which cells are inverted, why, and what cures it.
-
-    Parameters
-    ----------
-    model : FittedModel
-        What was moved.
-    moved : Moved
-        The move, which leaves cells inverted.
-    trials : sequence of Trial
-        Other options that were tried.
-
-    Returns
-    -------
-    str
-    """
+def complaint(
+    model: FittedModel,  # what was moved
+    moved: Moved,  # the move, which leaves cells inverted
+    trials: Sequence[Trial],  # other options that were tried
+) -> str:
+    """Say which cells are inverted, why, and what cures it."""
     beside = ", ".join(f"'{name}'" for name in patches_of(moved.newly_inverted))
     where = f"the worst {moved.newly_inverted[0]}{f', and they lie on {beside}' if beside else ''}"
     return (

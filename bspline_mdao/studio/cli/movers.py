@@ -102,37 +102,18 @@ def moving_options(function: Callable) -> Callable:
 
 @dataclass(frozen=True)
 class MoverOptions:
-    """Options of ``move`` that make the mover; None leaves a setting at the mover's own default.
+    """Options of ``move`` that make the mover; None leaves a setting at the mover's own default."""
 
-    Parameters
-    ----------
-    mover : str
-        Name out of `MOVERS`.
-    increments : int, optional
-        Increments of the move.
-    nu : float, optional
-        Poisson's ratio.
-    stiffness, solver : str, optional
-        Names out of `STIFFNESS` and `SOLVERS`.
-    comoving : bool
-        Whether outer boundaries go along with the rigid part of the surface's motion.
-    """
-
-    mover: str = "rotations"
-    increments: int | None = None
-    nu: float | None = None
+    mover: str = "rotations"  # name out of `MOVERS`
+    increments: int | None = None  # increments of the move
+    nu: float | None = None  # poisson's ratio
+    # stiffness, solver: names out of `STIFFNESS` and `SOLVERS`
     stiffness: str | None = None
     solver: str | None = None
-    comoving: bool = False
+    comoving: bool = False  # whether outer boundaries go along with the rigid part of the surface's motion
 
     def make(self, mesh: MovingMesh) -> Mover:
-        """Make the mover of a mesh.
-
-        Raises
-        ------
-        InputError
-            If a name is not known, or the mover has no such setting.
-        """
+        """Make the mover of a mesh."""
         kind = class_named(MOVERS, self.mover, "--mover")
         accepted = {field.name for field in fields(kind)}
         settings = {
@@ -153,13 +134,7 @@ class MoverOptions:
 
 
 def class_named(table: Mapping[str, str], name: str, option: str) -> type:
-    """Import the class that a name of a table stands for.
-
-    Raises
-    ------
-    InputError
-        If the table has no such name.
-    """
+    """Import the class that a name of a table stands for."""
     if name not in table:
         raise InputError(f"{option} {name}: is not known; give one of {', '.join(table)}")
     return resolve_name(table[name])

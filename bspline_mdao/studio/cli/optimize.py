@@ -40,39 +40,14 @@ REPORT_ADVICE = INSTALL.format(extra="report")
 
 
 def optimize_study(
-    study: Path,
-    output: Path,
-    json: Path | None = None,
-    overwrite: bool = False,
-    restart: bool = False,
-    max_iterations: int | None = None,
+    study: Path,  # the study
+    output: Path,  # folder for the results
+    json: Path | None = None,  # numbers to write
+    overwrite: bool = False,  # use a folder that is not empty
+    restart: bool = False,  # go on from the best design that a run in the folder has recorded
+    max_iterations: int | None = None,  # instead of what the study says
 ) -> None:
-    """Run a study and show what came out.
-
-    Parameters
-    ----------
-    study : Path
-        The study.
-    output : Path
-        Folder for the results.
-    json : Path, optional
-        Numbers to write.
-    overwrite : bool
-        Use a folder that is not empty.
-    restart : bool
-        Go on from the best design that a run in the folder has recorded.
-    max_iterations : int, optional
-        Instead of what the study says.
-
-    Raises
-    ------
-    InputError
-        If the study cannot be used, the folder is not empty, or there is nothing to go on from.
-    click.ClickException
-        If the optimisation fails; what there is of it is kept.
-    KeyboardInterrupt
-        If the user interrupts; what there is is kept.
-    """
+    """Run a study and show what came out."""
     comm = world()
     if comm.size > 1:
         library("petsc4py", "a study on several processes needs petsc4py", "mpi")

@@ -28,23 +28,12 @@ from ...grids.io.disk import replaced_file
 from ...grids.io.formats import format_of_name
 
 
-def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | None] = (), comm: Any = ONE) -> None:
-    """Refuse files that cannot be written, before any work is done; of several processes the first one looks.
-
-    Parameters
-    ----------
-    outputs : sequence of path-like or None
-        Files to write.
-    inputs : sequence of path-like or None
-        Files that are read.
-    comm : communicator
-        The processes.
-
-    Raises
-    ------
-    InputError
-        If a folder is closed or none, or if an output would replace an input or another output.
-    """
+def check_outputs(
+    outputs: Sequence[Path | None],  # files to write
+    inputs: Sequence[Path | str | None] = (),  # files that are read
+    comm: Any = ONE,  # the processes
+) -> None:
+    """Refuse files that cannot be written, before any work is done; of several processes the first one looks."""
     on_first(comm, lambda: _check_outputs(outputs, inputs))
 
 
@@ -71,23 +60,13 @@ def _is_folder_of_grid(path: Path) -> bool:
 
 
 @contextmanager
-def written_json(path: Path | None, numbers: dict, comm: Any = ONE) -> Iterator[None]:
-    """Write numbers as JSON beside their file, if one is named, which they replace when the block ends well.
-
-    Parameters
-    ----------
-    path : Path or None
-        File to make or to replace.
-    numbers : dict
-        Numbers, truth values, text, and tuples, lists and dicts of them; a number that is not finite becomes null.
-    comm : communicator
-        The processes, of which the first one writes.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+def written_json(
+    path: Path | None,  # file to make or to replace
+    # numbers, truth values, text, and tuples, lists and dicts of them; a number that is not finite becomes null
+    numbers: dict,
+    comm: Any = ONE,  # the processes, of which the first one writes
+) -> Iterator[None]:
+    """Write numbers as JSON beside their file, if one is named, which they replace when the block ends well."""
     if path is None:
         yield
         return
@@ -101,7 +80,7 @@ def written_json(path: Path | None, numbers: dict, comm: Any = ONE) -> Iterator[
             stack.close()
 
 
-def _plain(value):
+def _plain(value: object):
     """Turn numbers of NumPy into those of Python, and those that are not finite into None."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
@@ -139,18 +118,13 @@ def print_warnings(warnings: Sequence[str]) -> None:
     print_lines([f"warning: {warning}" for warning in warnings], style="yellow")
 
 
-def print_table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, most: int = 40) -> None:
-    """Print a table: text to the left, numbers to the right.
-
-    Parameters
-    ----------
-    columns : sequence of str
-        Headings.
-    rows : sequence of sequences
-        Cells: text, whole numbers, numbers.
-    most : int
-        Rows shown; one line says how many more there are.
-    """
+def print_table(
+    columns: Sequence[str],  # headings
+    rows: Sequence[Sequence[object]],  # cells: text, whole numbers, numbers
+    *,
+    most: int = 40,  # rows shown; one line says how many more there are
+) -> None:
+    """Print a table: text to the left, numbers to the right."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for heading, cell in zip(columns, rows[0] if rows else columns):
         is_last = heading == columns[-1]  # the one that may wrap on a narrow terminal
@@ -301,9 +275,7 @@ def show_spacings(spacings: Sequence[WallSpacing], reynolds: float | None, unit:
 
 
 def y_plus(spacing: WallSpacing, reynolds: float) -> float:
-    """Estimate y+ at the median height of a wall, at a Reynolds number per unit of length.
-
-    The plate is as long as the middle one of the sides of the wall's box, the chord of most wings: y+ goes with the
-    fourteenth root of the length.
-    """
+    """Estimate y+ at the median height of a wall, at a Reynolds number per unit of length."""
+    # The plate is as long as the middle one of the sides of the wall's box, the chord of most wings: y+ goes with the
+    # fourteenth root of the length.
     return flat_plate_y_plus(spacing.height_median, reynolds, spacing.extents[1])

@@ -53,39 +53,19 @@ MOST_SHOWN = 10
 
 
 def measure_quality(
+    # grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid; or CGNS of curved hexahedra, of which
+    # Jacobians are measured
     grid_name: str,
-    bins: int,
-    json: Path | None,
-    patches: Path | None = None,
+    bins: int,  # bins of the distribution of Q
+    json: Path | None,  # numbers to write
+    patches: Path | None = None,  # declared patches
+    # the grid before it was moved, as ``grid_name``: decides which cells are inverted now and were not, and what the
+    # heights at walls are compared with
     baseline: str | None = None,
-    units: str | None = None,
+    units: str | None = None,  # unit of lengths, where the file does not say it
 ) -> None:
-    """Measure the cells of a grid and show what they are like.
-
-    Several processes read and measure a part each.
-
-    Parameters
-    ----------
-    grid_name : str
-        Grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid; or CGNS of curved hexahedra, of
-        which Jacobians are measured.
-    bins : int
-        Bins of the distribution of Q.
-    json : Path, optional
-        Numbers to write.
-    patches : Path, optional
-        Declared patches.
-    baseline : str, optional
-        The grid before it was moved, as ``grid_name``: decides which cells are inverted now and were not, and what the
-        heights at walls are compared with.
-    units : str, optional
-        Unit of lengths, where the file does not say it.
-
-    Raises
-    ------
-    InputError
-        If a grid cannot be used, the two have other blocks, or a file cannot be written.
-    """
+    """Measure the cells of a grid and show what they are like."""
+    # Several processes read and measure a part each.
     comm = world()
     check_outputs([json], [file_of(grid_name), patches, baseline and file_of(baseline)], comm)
     curved = on_first(comm, lambda: _curved_of(grid_name))

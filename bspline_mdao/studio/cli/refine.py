@@ -30,28 +30,15 @@ MOST_NODES = 100_000_000
 
 
 def refine_model(
-    model: Path, factor: float, output: Path, json: Path | None, degree: int | None = None, allow_invalid: bool = False
+    model: Path,  # fitted model
+    factor: float,  # cells per direction, divided by those of the grid
+    output: Path,  # output, json: grid and numbers to write
+    json: Path | None,
+    # degree of curved elements, as many per direction as the member has cells; by default the member is structured
+    degree: int | None = None,
+    allow_invalid: bool = False,  # write curved elements even if some are inverted
 ) -> None:
-    """Write a finer or coarser member of the grid family of a model, or curved elements.
-
-    Parameters
-    ----------
-    model : Path
-        Fitted model.
-    factor : float
-        Cells per direction, divided by those of the grid.
-    output, json : Path
-        Grid and numbers to write.
-    degree : int, optional
-        Degree of curved elements, as many per direction as the member has cells; by default the member is structured.
-    allow_invalid : bool
-        Write curved elements even if some are inverted.
-
-    Raises
-    ------
-    InputError
-        If the model cannot be used, the factor leaves no cell, elements are inverted, or a file cannot be written.
-    """
+    """Write a finer or coarser member of the grid family of a model, or curved elements."""
     check_outputs([output, json], [model])
     if degree is not None:
         _write_curved(model, factor, output, json, degree, allow_invalid)
@@ -91,7 +78,9 @@ def _checked_topology(model: Path, fitted: FittedModel, factor: float, degree: i
     return topology
 
 
-def _write_curved(model: Path, factor: float, output: Path, json: Path | None, degree: int, allow_invalid: bool):
+def _write_curved(
+    model: Path, factor: float, output: Path, json: Path | None, degree: int, allow_invalid: bool
+) -> None:
     """Write curved elements and say what they are."""
     curved_format(output)
     with progress_bar() as progress:

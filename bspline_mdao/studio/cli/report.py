@@ -9,30 +9,14 @@ from .output import check_outputs, print_lines, print_title, print_warnings, pro
 
 
 def report_on(
-    source: Path, output: Path, model: Path | None, title: str | None, triangles: int, json: Path | None
+    source: Path,  # model or case file
+    output: Path,  # page to write
+    model: Path | None,  # the model of a case file
+    title: str | None,  # heading of the page
+    triangles: int,  # triangles of the walls that are drawn of each shape
+    json: Path | None,  # numbers to write
 ) -> None:
-    """Write a page on a model or a case file, see `write_report`.
-
-    Parameters
-    ----------
-    source : Path
-        Model or case file.
-    output : Path
-        Page to write.
-    model : Path, optional
-        The model of a case file.
-    title : str, optional
-        Heading of the page.
-    triangles : int
-        Triangles of the walls that are drawn of each shape.
-    json : Path, optional
-        Numbers to write.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be used or written, or a library is missing.
-    """
+    """Write a page on a model or a case file, see `write_report`."""
     check_outputs([output, json], [source, model])
     with progress_bar() as progress:
         progress(0.0, "reading and drawing")

@@ -38,39 +38,20 @@ CASES = ".sql"
 
 @dataclass(frozen=True)
 class RideOptions:
-    """Options of the command ``ride``.
+    """Options of the command ``ride``."""
 
-    Parameters
-    ----------
-    deform : tuple of str
-        Deformations of the design surface, one after the other.
-    to : Path, optional
-        Control points to follow instead.
-    wall : tuple of str
-        Markers of the mesh that are walls; those on walls of the grid where there is none.
-    tolerance : float, optional
-        Distance up to which nodes may be outside the grid (m).
-    hold_outside : bool
-        Hold nodes that are farther outside.
-    design, slide, fix, release : tuple of str
-        As those of ``move``.
-    allow_invalid : bool
-        Write a mesh with inverted cells all the same.
-    mover : MoverOptions
-        How to move.
-    """
-
-    deform: tuple[str, ...] = ()
-    to: Path | None = None
-    wall: tuple[str, ...] = ()
-    tolerance: float | None = None
-    hold_outside: bool = False
+    deform: tuple[str, ...] = ()  # deformations of the design surface, one after the other
+    to: Path | None = None  # control points to follow instead
+    wall: tuple[str, ...] = ()  # markers of the mesh that are walls; those on walls of the grid where there is none
+    tolerance: float | None = None  # distance up to which nodes may be outside the grid (m)
+    hold_outside: bool = False  # hold nodes that are farther outside
+    # design, slide, fix, release: as those of ``move``
     design: tuple[str, ...] = ()
     slide: tuple[str, ...] = ()
     fix: tuple[str, ...] = ()
     release: tuple[str, ...] = ()
-    allow_invalid: bool = False
-    mover: MoverOptions = field(default_factory=MoverOptions)
+    allow_invalid: bool = False  # write a mesh with inverted cells all the same
+    mover: MoverOptions = field(default_factory=MoverOptions)  # how to move
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,25 +71,14 @@ class _Ridden:
         return np.flatnonzero(self.after.is_inverted & ~self.before.is_inverted)
 
 
-def ride_along(model_file: Path, mesh_file: Path, output: Path, json: Path | None, options: RideOptions) -> None:
-    """Move the control mesh of a model, take a mesh along and write it.
-
-    Parameters
-    ----------
-    model_file, mesh_file : Path
-        Fitted model, and the mesh.
-    output, json : Path
-        Mesh and numbers to write.
-    options : RideOptions
-        What to move where, and how.
-
-    Raises
-    ------
-    InputError
-        If a file, a deformation or a patch cannot be used, or nodes of the mesh are outside the grid.
-    MovementError
-        If the move cannot be done, or inverts cells of the mesh; nothing is written then.
-    """
+def ride_along(
+    model_file: Path,  # model_file, mesh_file: fitted model, and the mesh
+    mesh_file: Path,
+    output: Path,  # output, json: mesh and numbers to write
+    json: Path | None,
+    options: RideOptions,  # what to move where, and how
+) -> None:
+    """Move the control mesh of a model, take a mesh along and write it."""
     check_outputs([output, json], [model_file, mesh_file, options.to, *filter(os.path.isfile, options.deform)])
     check_same_format(mesh_file, output)
     if bool(options.deform) == (options.to is not None):

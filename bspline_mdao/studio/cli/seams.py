@@ -19,35 +19,15 @@ MOST_SHOWN = 10
 
 
 def measure_seams(
-    model_file: Path,
-    patch: tuple[str, ...],
+    model_file: Path,  # fitted model
+    patch: tuple[str, ...],  # patches by name or pattern; all walls where there is none
+    # deformations of the walls after which seams are measured; what is smooth is decided before
     deform: tuple[str, ...],
-    max_kink: float,
-    mirror: bool,
-    json: Path | None,
+    max_kink: float,  # largest kink (deg) at which a seam counts as smooth
+    mirror: bool,  # take edges in planes of symmetry as well, where the surface meets its mirror image
+    json: Path | None,  # numbers to write
 ) -> None:
-    """Measure kinks and curvatures across the seams of a model, and how flat its poles are.
-
-    Parameters
-    ----------
-    model_file : Path
-        Fitted model.
-    patch : tuple of str
-        Patches by name or pattern; all walls where there is none.
-    deform : tuple of str
-        Deformations of the walls after which seams are measured; what is smooth is decided before.
-    max_kink : float
-        Largest kink (deg) at which a seam counts as smooth.
-    mirror : bool
-        Take edges in planes of symmetry as well, where the surface meets its mirror image.
-    json : Path, optional
-        Numbers to write.
-
-    Raises
-    ------
-    InputError
-        If the model or a deformation cannot be used, or the file cannot be written.
-    """
+    """Measure kinks and curvatures across the seams of a model, and how flat its poles are."""
     check_outputs([json], [model_file, *(Path(text) for text in deform if Path(text).is_file())])
     with progress_bar() as progress:
         progress(0.0, "reading")

@@ -21,29 +21,13 @@ def file_of(grid_name: str) -> str | None:
     return None if grid_name.startswith("@") else grid_name
 
 
-def load_grid(grid_name: str, patches: Path | None = None, is_lifted: bool = True, units: str | None = None) -> Grid:
-    """Read or generate a grid, and declare its patches.
-
-    Parameters
-    ----------
-    grid_name : str
-        File; or a built-in grid as ``@NAME``, or ``@NAME:IxJxK`` with the nodes per block.
-    patches : Path, optional
-        TOML or NMF file.
-    is_lifted : bool
-        Make a plane grid one cell deep.
-    units : str, optional
-        Unit of its lengths, where its file does not say it.
-
-    Returns
-    -------
-    Grid
-
-    Raises
-    ------
-    InputError
-        If there is no such grid or a file cannot be used.
-    """
+def load_grid(
+    grid_name: str,  # file; or a built-in grid as ``@NAME``, or ``@NAME:IxJxK`` with the nodes per block
+    patches: Path | None = None,  # TOML or NMF file
+    is_lifted: bool = True,  # make a plane grid one cell deep
+    units: str | None = None,  # unit of its lengths, where its file does not say it
+) -> Grid:
+    """Read or generate a grid, and declare its patches."""
     from ...grids.io.files import read_grid  # NumPy and HDF5, for which help should not wait
     from ...grids.io.patches import read_patches
     from ...grids.io.plane_grids import lift_plane_grid
@@ -55,26 +39,13 @@ def load_grid(grid_name: str, patches: Path | None = None, is_lifted: bool = Tru
 
 
 def stored_grid(
-    grid_name: str, patches: Path | None, comm: Any, is_lifted: bool = True, units: str | None = None
+    grid_name: str,  # grid_name, patches, is_lifted, units: see `load_grid`
+    patches: Path | None,
+    comm: Any,  # the processes, all of which call this
+    is_lifted: bool = True,
+    units: str | None = None,
 ) -> StoredGrid:
-    """Open a grid for several processes, which read what they need of a file; a built-in grid each of them makes.
-
-    Parameters
-    ----------
-    grid_name, patches, is_lifted, units
-        See `load_grid`.
-    comm : communicator
-        The processes, all of which call this.
-
-    Returns
-    -------
-    StoredGrid
-
-    Raises
-    ------
-    InputError
-        See `load_grid`.
-    """
+    """Open a grid for several processes, which read what they need of a file; a built-in grid each of them makes."""
     from ...base.numerics.processes import together
     from ...grids.io.files import open_grid
     from ...grids.topology.length_unit import in_unit

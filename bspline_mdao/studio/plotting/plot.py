@@ -209,7 +209,9 @@ def _in_notebook() -> bool:
     return type(shell).__name__ == "ZMQInteractiveShell"
 
 
-def _draw(path: Path, panels, camera: Camera, look: FieldLook | None, limits, size) -> None:
+def _draw(
+    path: Path, panels: Sequence[Panel], camera: Camera, look: FieldLook | None, limits, size: tuple[int, int]
+) -> None:
     """Draw panels by matplotlib, where PyVista does not render."""
     inches = (size[0] / 200, size[1] / 200)
     with figure(path.parent, path.stem, inches) as canvas:

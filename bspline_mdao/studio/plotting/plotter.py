@@ -83,7 +83,12 @@ def make_plotter(
 
 
 def add_sheets(
-    plotter, sheets: Sequence[Sheet], look: FieldLook | None = None, limits=(0.0, 1.0), *, lines: bool = True
+    plotter,
+    sheets: Sequence[Sheet],
+    look: FieldLook | None = None,
+    limits: tuple[float, float] = (0.0, 1.0),
+    *,
+    lines: bool = True,
 ) -> None:
     """Add sheets to a plotter of PyVista, those of a kind as one mesh.
 

@@ -273,7 +273,7 @@ def _quads(net: np.ndarray, camera: Camera, face: str, edge: str, lit: float) ->
     return flat[..., :2], flat[..., 2].mean(axis=1), faces, np.broadcast_to(to_rgb(edge), faces.shape)
 
 
-def _painted(paint: Paint, camera):
+def _painted(paint: Paint, camera: Camera):
     """Faces on the picture, their depths and their colours, which are those of their edges too."""
     flat = camera.project(paint.points[paint.quads])
     colors = paint.mappable().to_rgba(paint.values)[:, :3]

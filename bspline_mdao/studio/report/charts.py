@@ -41,33 +41,15 @@ SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, "#56b4e9", "#b8860b", "#c05a9a")
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart and what it says in words.
+    """A chart and what it says in words."""
 
-    Parameters
-    ----------
-    key : str
-        Its name in the page.
-    title : str
-        Heading.
-    text : str
-        What it shows, for those who do not see it.
-    data : list of dict
-        Traces of plotly.
-    layout : dict
-        Layout of plotly.
-    height : int
-        In pixels.
-    is_wide : bool
-        Whether it wants the whole width.
-    """
-
-    key: str
-    title: str
-    text: str
-    data: list[dict[str, Any]]
-    layout: dict[str, Any]
-    height: int = 300
-    is_wide: bool = False
+    key: str  # its name in the page
+    title: str  # heading
+    text: str  # what it shows, for those who do not see it
+    data: list[dict[str, Any]]  # traces of plotly
+    layout: dict[str, Any]  # layout of plotly
+    height: int = 300  # in pixels
+    is_wide: bool = False  # whether it wants the whole width
 
 
 def shape_styles(shapes: Sequence[Shape]) -> list[dict[str, Any]]:
@@ -229,20 +211,12 @@ def pressure_chart(shapes: Sequence[Shape], name: str, corners: np.ndarray, axes
     )
 
 
-def lattice_charts(history: CaseHistory) -> list[Chart]:
-    """Pressure differences across the panels of every vortex lattice along the chord of some strips.
-
-    Parameters
-    ----------
-    history : CaseHistory
-        The optimisation: its outputs ``delta_Cp`` of `LatticeFlow`, whose panels divide chord and span evenly, the
-        strips from the tip to the root.
-
-    Returns
-    -------
-    list of Chart
-        One for each lattice whose differences are recorded.
-    """
+def lattice_charts(
+    # the optimisation: its outputs ``delta_Cp`` of `LatticeFlow`, whose panels divide chord and span evenly, the strips
+    # from the tip to the root
+    history: CaseHistory,
+) -> list[Chart]:  # one for each lattice whose differences are recorded
+    """Pressure differences across the panels of every vortex lattice along the chord of some strips."""
     charts = []
     for name, found in history.outputs.items():
         if name.rpartition(".")[2] != "delta_Cp" or 0 not in found or found[0].ndim != 2:
@@ -310,7 +284,7 @@ def _named(row: int, text: str) -> dict[str, Any]:
     return {"text": text, "showarrow": False, **at, "font": {"size": 12}}
 
 
-def _line(name: str, x, y, style: Mapping[str, Any]) -> dict[str, Any]:
+def _line(name: str, x: np.ndarray, y, style: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "lines",

@@ -28,23 +28,14 @@ PRESSURES, PANEL_PRESSURES = "Cp", "delta_Cp"
 
 @dataclass(frozen=True)
 class Axes:
-    """Axes of the grid that sections are drawn in.
+    """Axes of the grid that sections are drawn in."""
 
-    Parameters
-    ----------
-    downstream, span, up : int
-        Numbers of the axes of the grid, from 0.
-    is_guessed : bool
-        Whether no flow says so.
-    unit : str
-        Unit of lengths along them.
-    """
-
+    # downstream, span, up: numbers of the axes of the grid, from 0
     downstream: int
     span: int
     up: int
-    is_guessed: bool = False
-    unit: str = "m"
+    is_guessed: bool = False  # whether no flow says so
+    unit: str = "m"  # unit of lengths along them
 
     @property
     def names(self) -> str:
@@ -76,36 +67,17 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """All that a report shows.
+    """All that a report shows."""
 
-    Parameters
-    ----------
-    title : str
-        Heading of the page.
-    model : FittedModel or None
-        The fitted grid.
-    shapes : tuple of Shape
-        One shape, or those before and after; none where there is no model.
-    history : CaseHistory or None
-        The optimisation.
-    missing : tuple of str
-        What cannot be shown, and what to do about it.
-    diagram : str or None
-        The N2 diagram, a whole HTML page.
-    estimates : mapping of str to ErrorEstimate
-        What lift and drag at the end would be on a finer grid, see `DesignSummary`.
-    gains : tuple of str
-        What was gained in induced drag, on the grid and on a finer one.
-    """
-
-    title: str
-    model: FittedModel | None = None
-    shapes: tuple[Shape, ...] = ()
-    history: CaseHistory | None = None
-    missing: tuple[str, ...] = ()
-    diagram: str | None = None
+    title: str  # heading of the page
+    model: FittedModel | None = None  # the fitted grid
+    shapes: tuple[Shape, ...] = ()  # one shape, or those before and after; none where there is no model
+    history: CaseHistory | None = None  # the optimisation
+    missing: tuple[str, ...] = ()  # what cannot be shown, and what to do about it
+    diagram: str | None = None  # the N2 diagram, a whole HTML page
+    # what lift and drag at the end would be on a finer grid, see `DesignSummary`
     estimates: Mapping[str, ErrorEstimate] = field(default_factory=dict)
-    gains: tuple[str, ...] = ()
+    gains: tuple[str, ...] = ()  # what was gained in induced drag, on the grid and on a finer one
 
     def without(self, *texts: str) -> Contents:
         """The same, and what cannot be shown besides."""
@@ -113,29 +85,11 @@ class Contents:
 
 
 def shapes_of(
-    model: FittedModel, history: CaseHistory | None, n_wall_faces: int
-) -> tuple[tuple[Shape, ...], list[str]]:
-    """Shapes of a grid before and after an optimisation, and what is missing of them.
-
-    Parameters
-    ----------
-    model : FittedModel
-        The fitted grid.
-    history : CaseHistory or None
-        The optimisation; without it there is the grid of the model alone.
-    n_wall_faces : int
-        Faces of its walls.
-
-    Returns
-    -------
-    shapes : tuple of Shape
-    missing : list of str
-
-    Raises
-    ------
-    InputError
-        If what is recorded is that of another model.
-    """
+    model: FittedModel,  # the fitted grid
+    history: CaseHistory | None,  # the optimisation; without it there is the grid of the model alone
+    n_wall_faces: int,  # faces of its walls
+) -> tuple[tuple[Shape, ...], list[str]]:  # shapes; missing
+    """Shapes of a grid before and after an optimisation, and what is missing of them."""
     if history is None:
         return (_shape(model, "Grid of the model", model.control_points),), []
     points = _ending(history.outputs, CONTROL_POINTS)
@@ -171,24 +125,14 @@ def shapes_of(
     return tuple(shapes), sorted(set(missing), key=missing.index)
 
 
-def axes_of(model: FittedModel, walls: np.ndarray, options: Mapping[str, Mapping[str, object]]) -> Axes:
-    """Find the axes in which sections are drawn: those of a flow, or a guess.
-
-    Parameters
-    ----------
-    model : FittedModel
-        The fitted grid.
-    walls : ndarray, shape (n, 3)
-        Points on its walls (m).
-    options : mapping
-        Options of the systems of a problem.
-
-    Returns
-    -------
-    Axes
-        Without a flow the span is across the symmetry plane, or where the walls are longest, and downstream is where
-        they are longest otherwise.
-    """
+def axes_of(
+    model: FittedModel,  # the fitted grid
+    walls: np.ndarray,  # (n, 3), points on its walls (m)
+    options: Mapping[str, Mapping[str, object]],  # options of the systems of a problem
+) -> Axes:
+    """Find the axes in which sections are drawn: those of a flow, or a guess."""
+    # Returns without a flow the span is across the symmetry plane, or where the walls are longest, and downstream is
+    # where they are longest otherwise.
     for of_system in options.values():
         text = str(of_system.get("axes", ""))
         if sorted(text) == ["x", "y", "z"]:

@@ -33,32 +33,17 @@ _UNBOUNDED = 1e29
 
 @dataclass(frozen=True, eq=False)
 class SummaryEntry(OneLine):
-    """Values of one variable or response.
+    """Values of one variable or response."""
 
-    Parameters
-    ----------
-    role : str
-        ``"objective"``, ``"variable"``, ``"constraint"`` or ``"output"``.
-    name : str
-        Its name.
-    units : str
-        Its units, empty where there are none.
-    values, lower, upper : ndarray, shape (n,)
-        Values and bounds; not a number where there is no bound.
-    value_names : tuple of str
-        Names of the values, such as ``twist[2]``.
-    unit : ndarray, shape () or (n,)
-        What the driver sees as 1.
-    """
-
-    role: str
-    name: str
-    units: str
+    role: str  # ``"objective"``, ``"variable"``, ``"constraint"`` or ``"output"``
+    name: str  # its name
+    units: str  # its units, empty where there are none
+    # values, lower, upper: (n,), values and bounds; not a number where there is no bound
     values: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
-    value_names: tuple[str, ...]
-    unit: np.ndarray
+    value_names: tuple[str, ...]  # names of the values, such as ``twist[2]``
+    unit: np.ndarray  # () or (n,), what the driver sees as 1
 
     @property
     def violations(self) -> list[Violation]:
@@ -317,10 +302,8 @@ def _name(meta: dict) -> str:
 
 
 def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool) -> SummaryEntry:
-    """Take down one variable or response, its bounds in its own units.
-
-    Up to OpenMDAO 3.43 the bounds are scaled when they are declared.
-    """
+    """Take down one variable or response, its bounds in its own units."""
+    # Up to OpenMDAO 3.43 the bounds are scaled when they are declared.
 
     def bound_of(key: str) -> np.ndarray:
         bound = meta.get("equals") if meta.get("equals") is not None else meta.get(key)

@@ -14,27 +14,14 @@ ADVICE = "give the model that was optimised, --model MODEL.h5 or write_report(..
 """How the model of a case file is given."""
 
 
-def find_model(case_file: Path, named: NamedModel | None) -> tuple[Path | None, str]:
-    """Find the model of a case file.
-
-    It is looked for where it was, and beside the case file, above it and in the working directory: by its name where it
-    had one, and among all models where it was saved after the run. What is found has the checksum of the model that was
-    optimised.
-
-    Parameters
-    ----------
-    case_file : Path
-        The case file.
-    named : NamedModel or None
-        What it says of its model.
-
-    Returns
-    -------
-    file : Path or None
-        The file; None where there is none.
-    reason : str
-        Why there is none, and what to do.
-    """
+def find_model(
+    case_file: Path,  # the case file
+    named: NamedModel | None,  # what it says of its model
+) -> tuple[Path | None, str]:  # file: the file; None where there is none; reason: why there is none, and what to do
+    """Find the model of a case file."""
+    # It is looked for where it was, and beside the case file, above it and in the working directory: by its name where
+    # it had one, and among all models where it was saved after the run. What is found has the checksum of the model
+    # that was optimised.
     if named is None:
         return None, f"The case file does not name the model: {ADVICE}, to see its grid with its quality."
     others: list[Path] = []

@@ -15,19 +15,10 @@ KNOWN_BY = {"shock_threshold": EULER, "n_chord": LATTICE}
 """Options that flows alone have, and the Mach numbers at which these were compared with others."""
 
 
-def notes_on(history: CaseHistory) -> list[str]:
-    """Say which designs are infeasible, by what and by how much, and which Mach numbers are out of all comparisons.
-
-    Parameters
-    ----------
-    history : CaseHistory
-        The optimisation.
-
-    Returns
-    -------
-    list of str
-        Nothing where all is as it should be.
-    """
+def notes_on(
+    history: CaseHistory,  # the optimisation
+) -> list[str]:  # nothing where all is as it should be
+    """Say which designs are infeasible, by what and by how much, and which Mach numbers are out of all comparisons."""
     designs = {"first": 0, "best": history.best}
     found = {name: history.infeasible(number) for name, number in designs.items()}
     notes = [f"The {name} design is {words}." for name, words in found.items() if words]

@@ -49,39 +49,15 @@ LIGHT = {"ambient": 0.6, "diffuse": 0.7, "specular": 0.1, "roughness": 0.7, "fre
 
 
 def space_traces(
-    contents: Contents,
-    model: FittedModel,
-    axes: Axes,
-    walls: DrawnWalls,
-    corners: np.ndarray | None,
-    first_cells: FirstCells | None,
-    worst: Sequence[Sequence[WorstCell]],
-) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Traces of plotly for all shapes, and the colours of walls that there are.
-
-    Parameters
-    ----------
-    contents : Contents
-        What is reported.
-    model : FittedModel
-        The fitted grid.
-    axes : Axes
-        Its axes.
-    walls : DrawnWalls
-        What is drawn of its walls.
-    corners : ndarray of int, shape (n_faces, 4), or None
-        Corners of the wall faces that pressures are of.
-    first_cells : FirstCells or None
-        The first cells at walls, where there are any.
-    worst : sequence of sequence of WorstCell
-        The worst cells of each shape.
-
-    Returns
-    -------
-    traces : list of dict
-    colors : dict of str
-        Names of the colours by their keys.
-    """
+    contents: Contents,  # what is reported
+    model: FittedModel,  # the fitted grid
+    axes: Axes,  # its axes
+    walls: DrawnWalls,  # what is drawn of its walls
+    corners: np.ndarray | None,  # (n_faces, 4) of int, corners of the wall faces that pressures are of
+    first_cells: FirstCells | None,  # the first cells at walls, where there are any
+    worst: Sequence[Sequence[WorstCell]],  # the worst cells of each shape
+) -> tuple[list[dict[str, Any]], dict[str, str]]:  # traces; colors: names of the colours by their keys
+    """Traces of plotly for all shapes, and the colours of walls that there are."""
     colors = {"plain": "Plain"}
     values = [_values(shape, walls, corners, first_cells) for shape in contents.shapes]
     for of_shape in values:
@@ -123,7 +99,9 @@ def _is_shown(layer: str) -> bool:
     return layer == "walls" or layer in SHOWN
 
 
-def _values(shape: Shape, walls: DrawnWalls, corners, first_cells) -> dict[str, tuple[str, np.ndarray]]:
+def _values(
+    shape: Shape, walls: DrawnWalls, corners: np.ndarray | None, first_cells: FirstCells | None
+) -> dict[str, tuple[str, np.ndarray]]:
     """Names and values of what colours the walls of a shape."""
     found = {}
     if corners is not None:

@@ -40,24 +40,12 @@ AT_LIMIT = 1e-6
 
 @dataclass(frozen=True)
 class Table:
-    """A table with headings.
+    """A table with headings."""
 
-    Parameters
-    ----------
-    caption : str
-        What it is about.
-    columns : sequence of str
-        Headings.
-    rows : sequence of sequence of str
-        Cells; the first of each row names it.
-    note : str
-        A line below.
-    """
-
-    caption: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    note: str = ""
+    caption: str  # what it is about
+    columns: Sequence[str]  # headings
+    rows: Sequence[Sequence[str]]  # cells; the first of each row names it
+    note: str = ""  # A line below
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -137,19 +125,10 @@ def history_table(history: CaseHistory) -> Table:
     return Table("Objective and constraints", columns, rows[:MOST_ROWS], _cut(len(rows)))
 
 
-def flow_table(history: CaseHistory) -> Table | None:
-    """Coefficients of every flow at the first and the best evaluation, as far as they are recorded.
-
-    Parameters
-    ----------
-    history : CaseHistory
-        The optimisation.
-
-    Returns
-    -------
-    Table or None
-        A row for each flow, named as the subsystem that it is; None where no coefficient is recorded.
-    """
+def flow_table(
+    history: CaseHistory,  # the optimisation
+) -> Table | None:  # A row for each flow, named as the subsystem that it is; None where no coefficient is recorded
+    """Coefficients of every flow at the first and the best evaluation, as far as they are recorded."""
     found: dict[str, tuple[float, float]] = {}
     for quantity in history.quantities:
         if quantity.values.shape[1] == 1:

@@ -21,24 +21,13 @@ __all__ = ["DrawnWalls", "cut", "wall_quads"]
 
 @dataclass(frozen=True, eq=False)
 class DrawnWalls:
-    """The walls of a grid, or its whole boundary where no patch is a wall.
+    """The walls of a grid, or its whole boundary where no patch is a wall."""
 
-    Parameters
-    ----------
-    faces : tuple of ndarray of int, each of shape (n, m)
-        Rows of their nodes in the grid.
-    drawn : tuple of ndarray of int
-        Those that are drawn: every n-th line of each face, and its ends.
-    sources : ndarray of int, shape (n_nodes,)
-        Row that each node of the grid is a copy of.
-    are_walls : bool
-        Whether these are walls.
-    """
-
+    # tuple of ndarray of int, each of shape (n, m) of int, rows of their nodes in the grid
     faces: tuple[np.ndarray, ...]
-    drawn: tuple[np.ndarray, ...]
-    sources: np.ndarray
-    are_walls: bool
+    drawn: tuple[np.ndarray, ...]  # of int, those that are drawn: every n-th line of each face, and its ends
+    sources: np.ndarray  # (n_nodes,) of int, row that each node of the grid is a copy of
+    are_walls: bool  # whether these are walls
 
     @classmethod
     def of(cls, topology: Topology, nodes: np.ndarray, most_triangles: int) -> DrawnWalls:
@@ -104,25 +93,13 @@ def wall_quads(topology: Topology, nodes: np.ndarray) -> np.ndarray | None:
         return None
 
 
-def cut(points: np.ndarray, quads: np.ndarray, axis: int, place: float) -> np.ndarray:
-    """Cut quads with a plane across an axis.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n_points, 3)
-        Corners (m).
-    quads : ndarray of int, shape (n, 4)
-        Their numbers.
-    axis : int
-        The axis.
-    place : float
-        Coordinate of the plane (m).
-
-    Returns
-    -------
-    ndarray, shape (n_segments, 2, 3)
-        Ends of the segments (m).
-    """
+def cut(
+    points: np.ndarray,  # (n_points, 3), corners (m)
+    quads: np.ndarray,  # (n, 4) of int, their numbers
+    axis: int,  # the axis
+    place: float,  # coordinate of the plane (m)
+) -> np.ndarray:  # (n_segments, 2, 3), ends of the segments (m)
+    """Cut quads with a plane across an axis."""
     heights = points[:, axis] - place
     triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     above = heights[triangles] > 0.0

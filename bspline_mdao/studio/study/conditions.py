@@ -17,29 +17,12 @@ Refuse = Callable[[Sequence[str], str], Exception]
 
 
 def resolved_conditions(
-    given: Mapping[str, dict[str, Any]], flow: Mapping[str, Any], refuse: Refuse
+    given: Mapping[str, dict[str, Any]],  # tables of the conditions by name, None where a key is left out
+    flow: Mapping[str, Any],  # table of the flow
+    refuse: Refuse,  # makes the error about a key
 ) -> dict[str, dict[str, Any]]:
-    """Fill in what conditions leave out.
-
-    Parameters
-    ----------
-    given : dict of dict
-        Tables of the conditions by name, None where a key is left out.
-    flow : dict
-        Table of the flow.
-    refuse : callable
-        Makes the error about a key.
-
-    Returns
-    -------
-    dict of dict
-        ``Mach_number``, ``weight``, and ``trim`` with either ``CL_target`` or ``alpha``, by name.
-
-    Raises
-    ------
-    InputError
-        If a condition has both an angle of attack and a lift, or neither.
-    """
+    """Fill in what conditions leave out."""
+    # Returns ``Mach_number``, ``weight``, and ``trim`` with either ``CL_target`` or ``alpha``, by name.
     found = {}
     for name, table in given.items():
         target = table.get("CL_target")

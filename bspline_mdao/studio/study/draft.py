@@ -37,30 +37,13 @@ _ALIGNED = 0.99
 """Cosine of the angle to a coordinate axis up to which a direction counts as that axis."""
 
 
-def study_draft(name: str, patches: str | None, grid: Grid, topology: Topology) -> str:
-    """Write the draft of a study.
-
-    Parameters
-    ----------
-    name : str
-        Name of the grid, or of the model, as the study is to have it.
-    patches : str, optional
-        Patches file as the study is to have it.
-    grid : Grid
-        The grid.
-    topology : Topology
-        Its topology.
-
-    Returns
-    -------
-    str
-        TOML.
-
-    Raises
-    ------
-    InputError
-        If no patch is a wall.
-    """
+def study_draft(
+    name: str,  # name of the grid, or of the model, as the study is to have it
+    patches: str | None,  # patches file as the study is to have it
+    grid: Grid,  # the grid
+    topology: Topology,  # its topology
+) -> str:  # TOML
+    """Write the draft of a study."""
     body = _Body(grid, topology)
     lines = [
         f"# A study of {name}: run it by 'bspline-mdao optimize THIS_FILE -o out'.",

@@ -103,13 +103,7 @@ def _name_nodes(tree: ast.expr) -> list[ast.expr]:
 
 
 def _parsed(of: str) -> ast.expr:
-    """Tree of an expression.
-
-    Raises
-    ------
-    ValueError
-        If it is none, or has numbers in it that are none.
-    """
+    """Tree of an expression."""
     if not _LETTERS.fullmatch(of):
         raise ValueError(_ADVICE)
     try:
@@ -132,13 +126,7 @@ def _depth(of: str) -> int:
 
 
 def _value(node: ast.expr, of: str) -> float | None:
-    """Value of a tree of numbers alone; None where there are names in it.
-
-    Raises
-    ------
-    ValueError
-        If something in it is no arithmetic, or not a number of moderate size.
-    """
+    """Value of a tree of numbers alone; None where there are names in it."""
     if isinstance(node, ast.Name) or (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)):
         return None
     if isinstance(node, ast.Constant) and _NUMBER.fullmatch(text := of[node.col_offset : node.end_col_offset]):

@@ -60,27 +60,13 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a table.
+    """A key of a table."""
 
-    Parameters
-    ----------
-    kind : Kind
-        What it may be.
-    meaning : str
-        What it means, with its unit.
-    default : object
-        Value where it is left out; None where there is none to write down.
-    otherwise : str
-        What happens where it is left out and there is no value to write down.
-    is_required : bool
-        Whether it has to be there.
-    """
-
-    kind: Kind
-    meaning: str
-    default: Any = None
-    otherwise: str = ""
-    is_required: bool = False
+    kind: Kind  # what it may be
+    meaning: str  # what it means, with its unit
+    default: Any = None  # value where it is left out; None where there is none to write down
+    otherwise: str = ""  # what happens where it is left out and there is no value to write down
+    is_required: bool = False  # whether it has to be there
 
 
 GRID = {
@@ -122,27 +108,13 @@ _STATIONS = {
 
 @dataclass(frozen=True)
 class VariableKind:
-    """A kind of design variable.
+    """A kind of design variable."""
 
-    Parameters
-    ----------
-    meaning : str
-        What its values are.
-    keys : dict of Key
-        Its keys besides bounds.
-    made_by : str
-        Class of `bspline_mdao.design` that it is an object of; empty for an input of the flow.
-    units : str
-        Units of its values, empty where they are numbers.
-    neutral : float
-        Value that leaves the baseline as it is.
-    """
-
-    meaning: str
-    keys: dict[str, Key]
-    made_by: str = ""
-    units: str = ""
-    neutral: float = 0.0
+    meaning: str  # what its values are
+    keys: dict[str, Key]  # its keys besides bounds
+    made_by: str = ""  # class of `bspline_mdao.design` that it is an object of; empty for an input of the flow
+    units: str = ""  # units of its values, empty where they are numbers
+    neutral: float = 0.0  # value that leaves the baseline as it is
 
     @property
     def all_keys(self) -> dict[str, Key]:
@@ -200,24 +172,12 @@ _MEASURE_STATIONS = {"stations": Key(FRACTIONS, "fractions of the span", [0.1, 0
 
 @dataclass(frozen=True)
 class MeasureKind:
-    """A kind of measure of the design surface.
+    """A kind of measure of the design surface."""
 
-    Parameters
-    ----------
-    meaning : str
-        What it is.
-    keys : dict of Key
-        Its keys besides ``kind``.
-    made_by : str
-        What makes it: a method of a class of `bspline_mdao.measures`, of the surface.
-    is_number : bool
-        Whether it is one number, which an objective has to be.
-    """
-
-    meaning: str
-    keys: dict[str, Key]
-    made_by: str
-    is_number: bool = True
+    meaning: str  # what it is
+    keys: dict[str, Key]  # its keys besides ``kind``
+    made_by: str  # what makes it: a method of a class of `bspline_mdao.measures`, of the surface
+    is_number: bool = True  # whether it is one number, which an objective has to be
 
     @property
     def all_keys(self) -> dict[str, Key]:
@@ -279,24 +239,12 @@ _ALPHA = {"alpha": Key(_DEGREES, "angle of attack (deg)", 2.0)}
 
 @dataclass(frozen=True)
 class Flow:
-    """A flow.
+    """A flow."""
 
-    Parameters
-    ----------
-    meaning : str
-        What it is.
-    made_by : str
-        Group of `bspline_mdao`.
-    keys : dict of Key
-        Its keys besides ``kind``.
-    outputs : tuple of str
-        Its outputs that are one number.
-    """
-
-    meaning: str
-    made_by: str
-    keys: dict[str, Key]
-    outputs: tuple[str, ...]
+    meaning: str  # what it is
+    made_by: str  # group of `bspline_mdao`
+    keys: dict[str, Key]  # its keys besides ``kind``
+    outputs: tuple[str, ...]  # its outputs that are one number
 
 
 MOST_NODES = 1000

@@ -28,18 +28,10 @@ _SLICE = re.compile(r"(-?\d{1,6})?(?::(-?\d{1,6})?)?(?::(-?\d{1,6})?)?", re.ASCI
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of value.
+    """A kind of value."""
 
-    Parameters
-    ----------
-    words : str
-        What it is, for messages and tables: "a positive number".
-    accepts : callable
-        Whether a value of TOML is one.
-    """
-
-    words: str
-    accepts: Callable[[Any], bool]
+    words: str  # what it is, for messages and tables: "a positive number"
+    accepts: Callable[[Any], bool]  # whether a value of TOML is one
 
 
 def number(words: str, least: float = -LARGEST, most: float = LARGEST) -> Kind:

@@ -14,24 +14,11 @@ WIDTH = 120
 _INDENT = "    "
 
 
-def python_text(parts: Iterable[ast.stmt | str]) -> str:
-    """Write statements one below the other.
-
-    Parameters
-    ----------
-    parts : iterable of ast.stmt or str
-        Statements; lines of ours that are to be written as they are: comments, and blank lines as an empty text.
-
-    Returns
-    -------
-    str
-        Python.
-
-    Raises
-    ------
-    ValueError
-        If the text does not say what the trees do: it is read back and compared.
-    """
+def python_text(
+    # statements; lines of ours that are to be written as they are: comments, and blank lines as an empty text
+    parts: Iterable[ast.stmt | str],
+) -> str:  # python
+    """Write statements one below the other."""
     parts = list(parts)
     text = "\n".join(line for part in parts for line in ([part] if isinstance(part, str) else _lines(part, ""))) + "\n"
     wanted = [item for part in parts for item in (ast.parse(part).body if isinstance(part, str) else [part])]

@@ -36,16 +36,11 @@ FUNCTIONS = {
 """What names in the expressions of an ``om.ExecComp`` mean already, and its options."""
 
 
-def fault_of_name(group: str, name: str) -> str:
-    """Say why nothing can have a name; empty where it can.
-
-    Parameters
-    ----------
-    group : str
-        ``variables``, ``measures``, ``conditions`` or ``constraints``.
-    name : str
-        The name.
-    """
+def fault_of_name(
+    group: str,  # ``variables``, ``measures``, ``conditions`` or ``constraints``
+    name: str,  # the name
+) -> str:
+    """Say why nothing can have a name; empty where it can."""
     if not _NAME.fullmatch(name) or len(name) > _LONGEST:
         return f"is no name; give one of letters, digits and _ that starts with a letter, {_LONGEST} letters at most"
     if iskeyword(name):

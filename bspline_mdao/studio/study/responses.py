@@ -17,21 +17,11 @@ Conditions = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Response:
-    """A response of the problem.
+    """A response of the problem."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the constraint, or ``objective``.
-    output : str
-        Output of the problem.
-    formula : str
-        What it is, of other outputs; empty where the output is there already.
-    """
-
-    name: str
-    output: str
-    formula: str = ""
+    name: str  # name of the constraint, or ``objective``
+    output: str  # output of the problem
+    formula: str = ""  # what it is, of other outputs; empty where the output is there already
 
     @property
     def component(self) -> str:

@@ -32,23 +32,12 @@ def problem_of(study: Study) -> dict[str, Any]:
     return json.loads(json.dumps(found))
 
 
-def check_same_problem(study: Study, earlier: Mapping[str, Any], where: str) -> None:
-    """Refuse a study that poses another problem than one before.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    earlier : mapping
-        What `problem_of` gave of the one before.
-    where : str
-        Where its run was, for the message.
-
-    Raises
-    ------
-    InputError
-        With the first key that has changed.
-    """
+def check_same_problem(
+    study: Study,  # the study
+    earlier: Mapping[str, Any],  # what `problem_of` gave of the one before
+    where: str,  # where its run was, for the message
+) -> None:
+    """Refuse a study that poses another problem than one before."""
     changed = _difference(earlier, problem_of(study))
     if changed:
         raise InputError(

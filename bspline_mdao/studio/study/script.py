@@ -55,25 +55,13 @@ from bspline_mdao.base.numerics.processes import together, world
 Part = Iterator[ast.stmt | str]
 
 
-def study_script(study: Study, folder: Path, earlier: Path | None = None, is_plane: bool = False) -> str:
-    """Write the script of a study.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    folder : Path
-        Folder of the script: names of files in it are relative to that.
-    earlier : Path, optional
-        Case file of another run, from whose best design it goes on.
-    is_plane : bool
-        Whether the grid is plane, and becomes one cell deep.
-
-    Returns
-    -------
-    str
-        Python.
-    """
+def study_script(
+    study: Study,  # the study
+    folder: Path,  # folder of the script: names of files in it are relative to that
+    earlier: Path | None = None,  # case file of another run, from whose best design it goes on
+    is_plane: bool = False,  # whether the grid is plane, and becomes one cell deep
+) -> str:  # python
+    """Write the script of a study."""
     return python_text(_Script(study, folder, earlier, is_plane).parts())
 
 

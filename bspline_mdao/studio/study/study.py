@@ -47,28 +47,17 @@ CASES = "cases.sql"
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What a study file says.
+    """What a study file says."""
 
-    Parameters
-    ----------
-    source : Path
-        The file.
-    grid, objective, movement, driver, output : dict
-        Tables of these names.
-    flow : dict or None
-        The flow, if there is one.
-    conditions : dict of dict
-        Flight conditions by name, see `resolved_conditions`; none where the flow is at one condition, its own.
-    variables, measures, constraints : dict of dict
-        Tables by name, in the order of the file. Measures are all that are asked for, those without a table as well.
-        Constraints of one condition are named as in ``cruise.CL``.
-    """
-
-    source: Path
+    source: Path  # the file
+    # grid, objective, movement, driver, output: tables of these names
     grid: Table
+    # variables, measures, constraints: tables by name, in the order of the file. Measures are all that are asked for,
+    # those without a table as well. Constraints of one condition are named as in ``cruise.CL``.
     variables: dict[str, Table]
     measures: dict[str, Table]
-    flow: Table | None
+    flow: Table | None  # the flow, if there is one
+    # flight conditions by name, see `resolved_conditions`; none where the flow is at one condition, its own
     conditions: dict[str, Table]
     objective: Table
     constraints: dict[str, Table]
@@ -124,24 +113,10 @@ class Study:
         return list(dict.fromkeys(asked))
 
 
-def read_study(path: Path | str) -> Study:
-    """Read a study and check it.
-
-    Parameters
-    ----------
-    path : path-like
-        TOML file.
-
-    Returns
-    -------
-    Study
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or something in it cannot be used: with the line, what is allowed, and what was probably
-        meant.
-    """
+def read_study(
+    path: Path | str,  # TOML file
+) -> Study:
+    """Read a study and check it."""
     path = Path(path)
     try:
         if path.stat().st_size > _MAX_BYTES:

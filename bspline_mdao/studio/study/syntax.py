@@ -46,13 +46,7 @@ def literal(value: Any) -> ast.expr:
 
 
 def call(function: str, *arguments: Any, **settings: Any) -> ast.Call:
-    """Tree of a call of a function of ours, of trees and values.
-
-    Raises
-    ------
-    ValueError
-        If a setting has no name that an argument can have.
-    """
+    """Tree of a call of a function of ours, of trees and values."""
     made = expression(f"{function}()")
     if not isinstance(made, ast.Call):
         raise ValueError(f"{function} is no function")

@@ -24,22 +24,13 @@ MOST_TABLES = 100
 
 
 class Tables:
-    """What a study file has, with the lines of its keys.
+    """What a study file has, with the lines of its keys."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    text : str
-        What it holds.
-
-    Raises
-    ------
-    InputError
-        If that is not TOML.
-    """
-
-    def __init__(self, path: Path, text: str):
+    def __init__(
+        self,
+        path: Path,  # the file
+        text: str,  # what it holds
+    ):
         self.path = path
         try:
             self.document = tomlkit.parse(text).unwrap()
