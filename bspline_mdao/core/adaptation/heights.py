@@ -21,33 +21,17 @@ WEIGHT, POWER, INSIDE = 1.0, 12, 0.9
 
 @dataclass(frozen=True, eq=False)
 class HeightLoss:
-    """The loss.
+    """The loss."""
 
-    Parameters
-    ----------
-    first_cells : FirstCells
-        The first cells, with their heights on the baseline.
-    tolerance : float
-        By how much heights may change, relative to those of the baseline.
-    """
+    first_cells: FirstCells  # the first cells, with their heights on the baseline
+    tolerance: float  # by how much heights may change, relative to those of the baseline
 
-    first_cells: FirstCells
-    tolerance: float
-
-    def add(self, nodes: np.ndarray, nodes_bar: np.ndarray) -> float:
-        """Loss of a grid, its derivative added to that of all else.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of all blocks (m).
-        nodes_bar : ndarray, shape (n_nodes, 3)
-            What the derivative with respect to the nodes is added to.
-
-        Returns
-        -------
-        float
-        """
+    def add(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
+        nodes_bar: np.ndarray,  # (n_nodes, 3), what the derivative with respect to the nodes is added to
+    ) -> float:
+        """Loss of a grid, its derivative added to that of all else."""
         if not self.first_cells.at.size:
             return 0.0
         limit = INSIDE * self.tolerance

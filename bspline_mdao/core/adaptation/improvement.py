@@ -45,14 +45,9 @@ class WorstOfBlock(NamedCell):
 
 @dataclass(frozen=True)
 class BlockChange(OneLine):
-    """What became of the worst cells of a block.
+    """What became of the worst cells of a block."""
 
-    Parameters
-    ----------
-    before, after : WorstOfBlock
-        The worst cell of the block, before and after.
-    """
-
+    # before, after: the worst cell of the block, before and after
     before: WorstOfBlock
     after: WorstOfBlock
 

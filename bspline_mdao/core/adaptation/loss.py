@@ -39,44 +39,23 @@ def stretched(q: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class WorstCells:
-    """The loss. Made by `WorstCells.at`.
+    """The loss. Made by `WorstCells.at`."""
 
-    Parameters
-    ----------
-    groups : tuple of ndarray of int
-        Numbers of the cells of every block that count.
-    rule : KreisselmeierSteinhauser
-        Smooth smallest number.
-    start : tuple of float
-        What the rule makes of each group at the start.
-    mean : float
-        What the mean Q of the cells of a block counts.
-    """
-
-    groups: tuple[np.ndarray, ...]
-    rule: KreisselmeierSteinhauser
-    start: tuple[float, ...]
-    mean: float = MEAN
+    groups: tuple[np.ndarray, ...]  # of int, numbers of the cells of every block that count
+    rule: KreisselmeierSteinhauser  # smooth smallest number
+    start: tuple[float, ...]  # what the rule makes of each group at the start
+    mean: float = MEAN  # what the mean Q of the cells of a block counts
 
     @classmethod
-    def at(cls, q: np.ndarray, groups: Sequence[np.ndarray], sharpness: float, mean: float = MEAN) -> WorstCells:
-        """Make the loss.
-
-        Parameters
-        ----------
-        q : ndarray, shape (n_cells,)
-            Q of every cell at the start.
-        groups : sequence of ndarray of int
-            Numbers of the cells that count, block by block; a block without such is left out.
-        sharpness : float
-            Of the smooth minimum: it is below the smallest ``g`` by at most ln(n) / sharpness.
-        mean : float
-            What the mean Q of the cells of a block counts.
-
-        Returns
-        -------
-        WorstCells
-        """
+    def at(
+        cls,
+        q: np.ndarray,  # (n_cells,), Q of every cell at the start
+        # of int, numbers of the cells that count, block by block; a block without such is left out
+        groups: Sequence[np.ndarray],
+        sharpness: float,  # of the smooth minimum: it is below the smallest ``g`` by at most ln(n) / sharpness
+        mean: float = MEAN,  # what the mean Q of the cells of a block counts
+    ) -> WorstCells:
+        """Make the loss."""
         rule, kept = KreisselmeierSteinhauser(sharpness), tuple(ids for ids in groups if len(ids))
         return cls(kept, rule, tuple(rule.value(rule.part(stretched(q[ids]))) for ids in kept), mean)
 
@@ -95,13 +74,13 @@ class WorstCells:
             bar[ids] = slope - self.mean / len(ids)
         return bar
 
-    def _gains(self, q):
+    def _gains(self, q: np.ndarray):
         """What every block has gained."""
         parts = (self.rule.value(self.rule.part(stretched(q[ids]))) for ids in self.groups)
         return [value - start for value, start in zip(parts, self.start)]
 
 
-def price(gain):
+def price(gain: float):
     """Price of what a gain lacks to be positive, zero from some `WIDTH` on; complex-safe, and it does not overflow."""
     low = min(0.0, np.real(gain))
     return PRICE * (WIDTH * np.log(np.exp(low / WIDTH) + np.exp((low - gain) / WIDTH)) - low)

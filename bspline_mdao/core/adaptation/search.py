@@ -112,12 +112,10 @@ class Search:
         return loss, self.shift.vjp(self.evaluator.adjoint(bar))
 
     def run_round(self, sharpness: float, iterations: int) -> None:
-        """Take what L-BFGS-B finds, unless it spoils something; then prevent that and try again.
-
-        The smooth bound of corners leaves some slack: where only the worst corner of the grid has fallen, that bound is
-        raised first. Where a block has got worse, the mean of its cells counts no more. What spoils a grid after that
-        is held.
-        """
+        """Take what L-BFGS-B finds, unless it spoils something; then prevent that and try again."""
+        # The smooth bound of corners leaves some slack: where only the worst corner of the grid has fallen, that bound
+        # is raised first. Where a block has got worse, the mean of its cells counts no more. What spoils a grid after
+        # that is held.
         for _ in range(ATTEMPTS):
             free = self.free_values()
             if not free.any():
@@ -161,11 +159,9 @@ class Search:
         return values
 
     def scales_of_heights(self) -> np.ndarray:
-        """Steps of the values that are alike to the optimiser: short where the heights of first cells feel them.
-
-        The sum of squares of a column of the derivative of all heights is the mean square of its products with random
-        signs.
-        """
+        """Steps of the values that are alike to the optimiser: short where the heights of first cells feel them."""
+        # The sum of squares of a column of the derivative of all heights is the mean square of its products with random
+        # signs.
         first, random, squares = self.quality.first_cells, np.random.default_rng(0), np.zeros(self.shift.n_values)
         for _ in range(PROBES if first.at.size else 0):
             bar = np.zeros_like(self.nodes)

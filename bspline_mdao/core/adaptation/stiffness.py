@@ -31,24 +31,12 @@ LARGEST = 1.0 - 1e-9
 
 @dataclass(frozen=True, eq=False)
 class StiffValues:
-    """The change of variables. Made by `of`, and begun from other values by `at`.
+    """The change of variables. Made by `of`, and begun from other values by `at`."""
 
-    Parameters
-    ----------
-    upper : csr_array, shape (n_values, n_values)
-        ``C^T``, its columns in another order.
-    order : ndarray of int, shape (n_values,)
-        That order.
-    reach : float
-        Largest value.
-    start : ndarray, shape (n_values,)
-        ``w_0``.
-    """
-
-    upper: csr_array
-    order: np.ndarray
-    reach: float
-    start: np.ndarray
+    upper: csr_array  # (n_values, n_values), ``C^T``, its columns in another order
+    order: np.ndarray  # (n_values,) of int, that order
+    reach: float  # largest value
+    start: np.ndarray  # (n_values,), ``w_0``
 
     @classmethod
     def of(cls, model: FittedModel, shift: InteriorShift) -> StiffValues:

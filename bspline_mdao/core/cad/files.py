@@ -80,13 +80,7 @@ class CadShape(OneLine):
 
 
 def check_cad_name(path, units: str = "m") -> str:
-    """Return the format that the name of a file asks for, ``"STEP"`` or ``"IGES"``.
-
-    Raises
-    ------
-    InputError
-        If it is neither, or the unit is unknown.
-    """
+    """Return the format that the name of a file asks for, ``"STEP"`` or ``"IGES"``."""
     form = SUFFIXES.get(Path(path).suffix.lower())
     if form is None:
         raise InputError(f"{path}: no CAD file by its name; end it in {', '.join(SUFFIXES)}")
@@ -96,32 +90,15 @@ def check_cad_name(path, units: str = "m") -> str:
 
 
 def write_shape(
-    path, form: str, shape: Any, faces: Sequence[Any], names: Sequence[str], title: str, units: str
+    path,  # file to make
+    form: str,  # its format
+    shape: Any,  # the shape (mm)
+    faces: Sequence[Any],  # faces of it
+    names: Sequence[str],  # their names
+    title: str,  # name of the shape
+    units: str,  # unit of the file, one of `UNITS`
 ) -> None:
-    """Write a shape, with a name for each of its faces.
-
-    Parameters
-    ----------
-    path : path-like
-        File to make.
-    form : {"STEP", "IGES"}
-        Its format.
-    shape : TopoDS_Shape
-        The shape (mm).
-    faces : sequence of TopoDS_Face
-        Faces of it.
-    names : sequence of str
-        Their names.
-    title : str
-        Name of the shape.
-    units : str
-        Unit of the file, one of `UNITS`.
-
-    Raises
-    ------
-    InputError
-        If OpenCascade cannot write it.
-    """
+    """Write a shape, with a name for each of its faces."""
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDataStd import TDataStd_Name
     from OCP.XCAFDoc import XCAFDoc_DocumentTool
@@ -185,7 +162,7 @@ def _iges_writer(unit: str) -> Any:
 class _quiet:
     """OpenCascade prints on the terminal what it writes and reads; here it does not."""
 
-    def __enter__(self):
+    def __enter__(self) -> None:
         from OCP.Message import Message
 
         messenger = Message.DefaultMessenger_s()
@@ -193,7 +170,7 @@ class _quiet:
         for printer in self._printers:
             messenger.RemovePrinter(printer)
 
-    def __exit__(self, *error):
+    def __exit__(self, *error: object) -> None:
         from OCP.Message import Message
 
         for printer in self._printers:

@@ -39,30 +39,15 @@ PER_EDGE = 9
 
 
 def require_opencascade() -> None:
-    """Refuse to go on without OpenCascade.
-
-    Raises
-    ------
-    InputError
-        If it is not installed.
-    """
+    """Refuse to go on without OpenCascade."""
     library("OCP", "CAD files need OpenCascade", "cad")
 
 
-def to_face(surface: TensorSurface, size: float) -> Any:
-    """Make a face of a surface, with all of its edges; those that have collapsed are marked as degenerate.
-
-    Parameters
-    ----------
-    surface : TensorSurface
-        The surface (m).
-    size : float
-        Size of all surfaces together (m).
-
-    Returns
-    -------
-    TopoDS_Face
-    """
+def to_face(
+    surface: TensorSurface,  # the surface (m)
+    size: float,  # size of all surfaces together (m)
+) -> Any:
+    """Make a face of a surface, with all of its edges; those that have collapsed are marked as degenerate."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
     from OCP.Geom import Geom_BSplineSurface
 
@@ -97,23 +82,12 @@ def _knots(knots: np.ndarray) -> tuple[Any, Any]:
     return arrays
 
 
-def sewn_shape(faces: Sequence[Any], gap: float) -> tuple[Any, list[Any]]:
-    """Sew faces along their common edges: a solid where nothing is left open, otherwise shells.
-
-    Parameters
-    ----------
-    faces : sequence of TopoDS_Face
-        The faces.
-    gap : float
-        Distance (m) up to which edges are one.
-
-    Returns
-    -------
-    shape : TopoDS_Shape
-        The solid, the shell, or several of them in a compound.
-    faces : list of TopoDS_Face
-        What became of every face.
-    """
+def sewn_shape(
+    faces: Sequence[Any],  # the faces
+    gap: float,  # distance (m) up to which edges are one
+) -> tuple[Any, list[Any]]:
+    """Sew faces along their common edges: a solid where nothing is left open, otherwise shells."""
+    # Returns shape: the solid, the shell, or several of them in a compound; faces: what became of every face.
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Sewing
 
     sewing = BRepBuilderAPI_Sewing(gap * MILLIMETRES)
@@ -168,18 +142,10 @@ def _kind(name: str) -> Any:
     return getattr(TopAbs_ShapeEnum, f"TopAbs_{name.upper()}")
 
 
-def free_edges(shape: Any) -> list[np.ndarray]:
-    """Points, shape (9, 3), in metres, of every edge that only one face has; degenerate edges do not count.
-
-    Parameters
-    ----------
-    shape : TopoDS_Shape
-        The shape.
-
-    Returns
-    -------
-    list of ndarray
-    """
+def free_edges(
+    shape: Any,  # the shape
+) -> list[np.ndarray]:
+    """Points, shape (9, 3), in metres, of every edge that only one face has; degenerate edges do not count."""
     from OCP.BRep import BRep_Tool
     from OCP.BRepAdaptor import BRepAdaptor_Curve
     from OCP.collections import (

@@ -38,56 +38,26 @@ MARGIN = 0.5
 
 @dataclass(frozen=True, eq=False)
 class TensorSurface(OneLine):
-    """A B-spline surface with constant knots, and how far it is from the side that it stands for.
+    """A B-spline surface with constant knots, and how far it is from the side that it stands for."""
 
-    Parameters
-    ----------
-    knots : tuple of ConstantKnots
-        Knots in u and v.
-    control_points : ndarray, shape (N_u, N_v, 3)
-        Control points (m).
-    error : float
-        Largest distance to the side, at equal parameters (m).
-    angle : float
-        Largest angle between the normals of both, at equal parameters (deg).
-    is_exact : bool
-        Whether it is the side itself, whose knots are straight.
-    """
-
-    knots: tuple[ConstantKnots, ConstantKnots]
-    control_points: np.ndarray
-    error: float = 0.0
-    angle: float = 0.0
-    is_exact: bool = True
+    knots: tuple[ConstantKnots, ConstantKnots]  # knots in u and v
+    control_points: np.ndarray  # (N_u, N_v, 3), control points (m)
+    error: float = 0.0  # largest distance to the side, at equal parameters (m)
+    angle: float = 0.0  # largest angle between the normals of both, at equal parameters (deg)
+    is_exact: bool = True  # whether it is the side itself, whose knots are straight
 
     def lattice(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Points at all pairs of parameters, shape (n_u, n_v, 3)."""
         return _on_lattice(_design(self.knots[0], u), self.control_points, _design(self.knots[1], v))
 
 
-def tensor_surface(side: VolumeSide, tolerance: float, what: str, most: int = MOST_CONTROL) -> TensorSurface:
-    """Make the surface of a side.
-
-    Parameters
-    ----------
-    side : VolumeSide
-        The side.
-    tolerance : float
-        Largest distance (m) from it, where its knots are curved.
-    what : str
-        What the side is called in messages.
-    most : int
-        Control points in a direction at which a refit is given up.
-
-    Returns
-    -------
-    TensorSurface
-
-    Raises
-    ------
-    InputError
-        If the tolerance is not reached with that many control points.
-    """
+def tensor_surface(
+    side: VolumeSide,  # the side
+    tolerance: float,  # largest distance (m) from it, where its knots are curved
+    what: str,  # what the side is called in messages
+    most: int = MOST_CONTROL,  # control points in a direction at which a refit is given up
+) -> TensorSurface:
+    """Make the surface of a side."""
     if side.is_straight:
         exact = TensorSurface((side.edge_knots(0, 0), side.edge_knots(1, 0)), side.control_points)
         return _measured(side, exact)

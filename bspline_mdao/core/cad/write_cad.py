@@ -37,28 +37,16 @@ PROJECTED = 200
 
 @dataclass(frozen=True, eq=False)
 class CadFace(OneLine):
-    """One face of a CAD file.
+    """One face of a CAD file."""
 
-    Parameters
-    ----------
-    name, patch : str
-        Block and side, and the patch, which is its name in the file.
-    n_control : tuple of int
-        Control points in u and v; of the wall first, of the face in the file second.
-    is_exact : bool
-        Whether it is the wall itself, whose knots are straight.
-    error : float
-        Largest distance to the wall, at equal parameters (m).
-    angle : float
-        Largest angle between the normals of both (deg).
-    """
-
+    # name, patch: block and side, and the patch, which is its name in the file
     name: str
     patch: str
+    # control points in u and v; of the wall first, of the face in the file second
     n_control: tuple[tuple[int, int], tuple[int, int]]
-    is_exact: bool
-    error: float
-    angle: float
+    is_exact: bool  # whether it is the wall itself, whose knots are straight
+    error: float  # largest distance to the wall, at equal parameters (m)
+    angle: float  # largest angle between the normals of both (deg)
 
 
 @dataclass(frozen=True, eq=False)

@@ -321,7 +321,7 @@ class CoarseNet(OneLine):
             )
         return gradient
 
-    def _norm(self, gradient: np.ndarray, metric) -> float:
+    def _norm(self, gradient: np.ndarray, metric: np.ndarray | None) -> float:
         """Square of the norm of the gradient on the net: ``g^T M^-1 g``, both of the values of the net."""
         here = self.weights.T @ gradient
         return float(here @ np.linalg.solve(self.mass(metric), here))

@@ -116,7 +116,7 @@ class InteriorPoints(OneLine):
     reach: float = 0.4
     sliding: str | Sequence[str] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not 0.0 < self.reach < 0.5:
             raise InputError(f"'{self.name}': reach is {self.reach}; give a number between 0 and 0.5")
 

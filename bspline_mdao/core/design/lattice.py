@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -94,7 +95,7 @@ class Lattice(OneLine):
     moves: Selection | None = None
     continuity: int = 1
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         points = np.array(self.control_points, dtype=float)
         if points.ndim != 4 or points.shape[3] != 3 or min(points.shape) < 2:
             raise InputError(f"lattice: points of shape {points.shape}; give (n0, n1, n2, 3) with two or more each way")
@@ -115,7 +116,7 @@ class Lattice(OneLine):
         orders: int | Sequence[int] | None = None,
         margin: float = 0.05,
         axes: np.ndarray | None = None,
-        **options,
+        **options: Any,
     ) -> Lattice:
         """Make a lattice in the form of a box, in which coordinates are proportional to lengths.
 
@@ -155,7 +156,11 @@ class Lattice(OneLine):
 
     @classmethod
     def hexahedron(
-        cls, corners: np.ndarray, n: Sequence[int] = (4, 3, 3), orders: int | Sequence[int] | None = None, **options
+        cls,
+        corners: np.ndarray,
+        n: Sequence[int] = (4, 3, 3),
+        orders: int | Sequence[int] | None = None,
+        **options: Any,
     ) -> Lattice:
         """Make a lattice between eight corners, in which coordinates are trilinear: around a swept and tapered wing.
 
@@ -275,7 +280,7 @@ class Lattice(OneLine):
         is_flat = abs(np.linalg.det(edges)) <= INSIDE**2 * self._diagonal**3
         return (points[0, 0, 0], np.linalg.inv(edges)) if is_box and not is_flat else None
 
-    def _require_inside(self, parent: Lattice):
+    def _require_inside(self, parent: Lattice) -> None:
         """Refuse points outside of the parent."""
         _, is_inside = parent.locate(self.points)
         if not is_inside.all():

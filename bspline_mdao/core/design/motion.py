@@ -186,7 +186,7 @@ class UnsteadyGrid(OneLine):
     mover: Mover
     motion: Motion
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.mover.mesh.n_points != len(self.model.control_points):
             raise InputError(
                 f"unsteady grid: the mover's mesh has {self.mover.mesh.n_points} points and the model "

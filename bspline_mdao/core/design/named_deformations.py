@@ -127,7 +127,7 @@ class _Surface:
 def read_points(
     # ``.npy``: shape (n, 3), or (3 n,) with xyz interleaved. ``.csv``, ``.dat``, ``.txt``: three numbers a line, commas
     # or blanks between them; a heading and lines that begin with ``#`` are passed over
-    path,  # path-like
+    path: Path,  # path-like
     n_points: int,  # number of points that there should be
 ) -> np.ndarray:  # (n_points, 3)
     """Read points from a file."""
@@ -194,7 +194,9 @@ class Request:
             allowed = " and ".join(keys) if keys else "no option"
             raise self.fail(f"'{unknown[0]}' is not known here; {self.name} takes {allowed}")
 
-    def number(self, key: str | None = None, default: float = math.nan, low=-math.inf, high=math.inf) -> float:
+    def number(
+        self, key: str | None = None, default: float = math.nan, low: float = -math.inf, high: float = math.inf
+    ) -> float:
         """Read a number, the value itself or an option (``"@"``: the place), between bounds, both excluded."""
         text = self.value if key is None else self.at if key == "@" else self.options.get(key)
         if text is None:

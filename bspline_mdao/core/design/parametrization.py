@@ -76,14 +76,14 @@ class Parametrization(OneLine):
     variables: Sequence[Variable]
     constraints: Sequence = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         require_list(self.variables, "variable", ("name", "units", "auxiliary", "bind"), "parametrization")
         require_list(self.constraints, "linear constraint", ("name", "equations"), "parametrization")
         require_mesh(self.mesh, "parametrization")
         self._require_names()
         self._require_effect()
 
-    def _require_names(self):
+    def _require_names(self) -> None:
         """Refuse names that are taken."""
         names = [variable.name for variable in self.variables]
         twice = [name for n, name in enumerate(names) if name in names[:n]]
@@ -270,7 +270,7 @@ class Parametrization(OneLine):
             rest + matrix @ initial[:n], {name: matrix @ value[:n] for name, value in zip(self.maps, values)}
         )
 
-    def _require_effect(self):
+    def _require_effect(self) -> None:
         """Refuse values that move nothing."""
         for name, pattern in self.pattern.values.items():
             is_idle = np.diff(pattern.tocsc().indptr) == 0

@@ -40,25 +40,16 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class AlongAxis(OneLine, ABC):
-    """A variable along a reference axis.
-
-    Parameters
-    ----------
-    name : str
-        Name of the input of `SurfaceControl`.
-    axis : ReferenceAxis
-        The axis about which it works.
-    on : Lattice, optional
-        Lattice that is moved instead of all rows; what it embeds follows.
-    """
+    """A variable along a reference axis."""
 
     units: ClassVar[str | None] = None
 
-    name: str
-    axis: ReferenceAxis
+    name: str  # name of the input of `SurfaceControl`
+    axis: ReferenceAxis  # the axis about which it works
+    # lattice that is moved instead of all rows; what it embeds follows
     on: Lattice | None = field(default=None, kw_only=True)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not isinstance(self.axis, ReferenceAxis):
             raise InputError(f"'{self.name}': the axis is of type {type(self.axis).__name__}; give a ReferenceAxis")
 
@@ -68,13 +59,7 @@ class AlongAxis(OneLine, ABC):
         return (self.axis,) if self.on is None else (self.axis, *self.on.auxiliary)
 
     def bind(self, layout: Layout) -> DesignMap:
-        """Decide stations and directions on the baseline.
-
-        Raises
-        ------
-        InputError
-            If the axis or its stations do not fit the surface.
-        """
+        """Decide stations and directions on the baseline."""
         design_map = self._bind(self.axis.attach(layout))
         return design_map if self.on is None else self.on.extend(layout, design_map)
 

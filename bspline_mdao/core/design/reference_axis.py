@@ -83,7 +83,7 @@ class ReferenceAxis(OneLine):
     is_curved: bool = field(default=False, kw_only=True)
     order: int = field(default=4, kw_only=True)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "points", as_numbers(self.points, "reference axis"))
         if self.points.ndim != 2 or self.points.shape[1] != 3 or len(self.points) < 2:
             raise InputError(f"reference axis: points of shape {self.points.shape}; give (n, 3), n at least 2")
@@ -293,7 +293,7 @@ class StationSpline(OneLine):
     # have at each station the slope of the parabola through it and its neighbours; two intervals to either side
     order: int = 4
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.order not in (2, 4):
             raise InputError(f"stations: order {self.order}; give 2 for straight lines or 4 for cubics")
         places = np.asarray(self.stations)

@@ -54,13 +54,7 @@ class Selection(OneLine, ABC):
         """Describe the selection so that messages can say 'no point is ...'."""
 
     def rows(self, mesh: MovingMesh) -> np.ndarray:
-        """Rows of the selected points in ``mesh.surface_ids``, ascending.
-
-        Raises
-        ------
-        InputError
-            If there are none, or what is asked for does not exist.
-        """
+        """Rows of the selected points in ``mesh.surface_ids``, ascending."""
         rows = np.flatnonzero(self.mask(mesh))
         if not len(rows):
             raise InputError(f"selection: none of the {len(mesh.surface_ids)} surface control points is {self}")
@@ -192,7 +186,7 @@ class InBox(Selection):
     low: Sequence[float | None] = (None, None, None)
     high: Sequence[float | None] = (None, None, None)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         ends = (_limits(self.low, -np.inf), _limits(self.high, np.inf))
         if {end.shape for end in ends} != {(3,)}:
             raise InputError(f"selection: {self}; give three numbers (or None) for either end")

@@ -92,7 +92,7 @@ class TangentContinuity(OneLine):
     mirror: bool = True
     name: str = "tangent continuity"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not EXACT <= self.tolerance <= COARSEST:
             raise InputError(
                 f"linear constraint '{self.name}': a tolerance of {self.tolerance:g}; give {EXACT:g} to {COARSEST:g}"

@@ -90,7 +90,7 @@ def descend(
     else:
         net = np.ascontiguousarray(net)
 
-        def follow(number: int):
+        def follow(number: int) -> None:
             task = slice(number * _POINTS_PER_TASK, (number + 1) * _POINTS_PER_TASK)
             _descend_each(corners, net, points[task], starts[task], target, parameters[task], distance[task])
 

@@ -89,7 +89,7 @@ class Evaluator(OneLine):
         copies_of = _copies_by_volume(rows, n_rows, copies)
         nodes: list = [None] * len(rows)
 
-        def sort(v: int):
+        def sort(v: int) -> None:
             nodes[v] = sort_nodes(mesh.volumes[v], parameters[v], rows[v], copies_of[v])
 
         run_tasks(sort, len(rows), n_threads_now)
@@ -149,7 +149,7 @@ class Evaluator(OneLine):
         nets = [control_points[ids].reshape(-1) for ids in self.control_ids]
         flat = out.reshape(-1)
 
-        def evaluate(number: int):
+        def evaluate(number: int) -> None:
             chunk = self.chunks[number]
             nodes, net = self.nodes[chunk.volume], nets[chunk.volume]
             if turned is None:
@@ -174,7 +174,7 @@ class Evaluator(OneLine):
         flat = bar.reshape(-1)
         sums: list = [None] * len(self.chunks)
 
-        def accumulate(number: int):
+        def accumulate(number: int) -> None:
             chunk = self.chunks[number]
             nodes = self.nodes[chunk.volume]
             layer_size = nodes.n_control[1] * nodes.n_control[2]
@@ -208,7 +208,13 @@ def _add_at(out, ids, terms):
             out[ids[m], d] += terms[m, d]
 
 
-def _check_rows(mesh: BSplineMesh, parameters, rows, n_rows: int, copies) -> bool:
+def _check_rows(
+    mesh: BSplineMesh,
+    parameters: Sequence[np.ndarray],
+    rows: Sequence[np.ndarray],
+    n_rows: int,
+    copies: np.ndarray | None,
+) -> bool:
     """Check the arguments of `Evaluator.build`; return whether every row belongs to a node."""
     if not len(mesh.volumes) == len(parameters) == len(rows):
         raise InputError(
@@ -241,7 +247,7 @@ def _check_destinations(destinations, n_rows: int) -> bool:
     return bool(count.all())
 
 
-def _copies_by_volume(rows, n_rows: int, copies) -> list[np.ndarray]:
+def _copies_by_volume(rows: Sequence[np.ndarray], n_rows: int, copies: np.ndarray | None) -> list[np.ndarray]:
     """Per volume, the row of each copy and the number of the node that it copies, shape (n, 2)."""
     layout = BlockLayout.of(map(np.shape, rows))
     node_of_row = np.full(n_rows, -1, dtype=np.int64)

@@ -175,5 +175,5 @@ def refined_topology(
     )
 
 
-def _scaled_near_miss(miss: NearMiss, window) -> NearMiss:
+def _scaled_near_miss(miss: NearMiss, window: Window) -> NearMiss:
     return replace(miss, window=window(miss.window), other=None if miss.other is None else window(miss.other))

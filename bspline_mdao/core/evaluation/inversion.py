@@ -153,7 +153,7 @@ class _Search:
     found: float
     n_threads: int
 
-    def descend(self, volume: int, points, starts):
+    def descend(self, volume: int, points: np.ndarray, starts: np.ndarray):
         """Closest points of one volume."""
         return descend(self.mesh.volumes[volume], self.nets[volume], points, starts, self.target, self.n_threads)
 
@@ -171,7 +171,7 @@ def _invert_chunk(search: _Search, nearest, points: np.ndarray):
     return volume, parameters, distance
 
 
-def _try_nearest_others(search: _Search, points, volume, parameters, distance):
+def _try_nearest_others(search: _Search, points: np.ndarray, volume, parameters: np.ndarray, distance) -> None:
     """Search the volumes of the nearest samples but for the first one's; arrays are updated in place."""
     # Most points that are not in the first volume are in one of these, and need not be looked for in all before it.
     ids = np.flatnonzero(distance > search.found)
@@ -188,7 +188,7 @@ def _try_nearest_others(search: _Search, points, volume, parameters, distance):
             volume[rows], parameters[rows], distance[rows] = v, xi[is_nearer], found[is_nearer]
 
 
-def _try_volume(search: _Search, v: int, points, volume, parameters, distance):
+def _try_volume(search: _Search, v: int, points: np.ndarray, volume, parameters: np.ndarray, distance) -> None:
     """Move the points that volume ``v`` holds, or comes nearer to, over to it; all arrays are updated in place."""
     ids = _candidates(search, v, points, volume, parameters, distance)
     xi, found = search.descend(v, points[ids], search.samples[v].starts(points[ids]))
@@ -198,7 +198,7 @@ def _try_volume(search: _Search, v: int, points, volume, parameters, distance):
     volume[ids], parameters[ids], distance[ids] = v, xi[moved], found[moved]
 
 
-def _candidates(search: _Search, v: int, points, volume, parameters, distance) -> np.ndarray:
+def _candidates(search: _Search, v: int, points: np.ndarray, volume, parameters: np.ndarray, distance) -> np.ndarray:
     """Points not found so far that volume ``v`` may be nearer to, and those found in a higher one that it shares."""
     is_shared = search.is_shared[volume, section_codes(parameters), v]
     ids = np.flatnonzero(is_shared | (distance > search.found))
@@ -348,7 +348,7 @@ def _stations(knots: Knots) -> np.ndarray:
     return (np.arange(n_samples) + 0.5) * n_spans / n_samples
 
 
-def _place(knots, at: np.ndarray, parameters: np.ndarray, d: int) -> np.ndarray:
+def _place(knots: Knots, at: np.ndarray, parameters: np.ndarray, d: int) -> np.ndarray:
     """Parameters of stations ``at`` in direction ``d``, where the other two parameters are ``parameters``."""
     breaks = knots.values(parameters[:, (d + 1) % 3].copy(), parameters[:, (d + 2) % 3].copy())
     rows, span = np.arange(at.size), np.floor(at).astype(int)

@@ -73,7 +73,7 @@ def sort_nodes(
     return NodesBySpan(orders, n_control, starts, used, packed, sorted_rows, copy_nodes, copy_rows)
 
 
-def _anchors_and_functions(volume: Volume, parameters) -> tuple[np.ndarray, np.ndarray]:
+def _anchors_and_functions(volume: Volume, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Anchor of each node, and its functions without the anchor's, shape (n, p_0 + p_1 + p_2 - 3)."""
     anchors = np.zeros(len(parameters), dtype=np.int64)
     values = np.empty((len(parameters), sum(volume.orders) - 3))

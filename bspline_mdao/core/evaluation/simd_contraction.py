@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
@@ -133,7 +134,7 @@ class _SubNet:
         """Load line (a, b)."""
         return self._turn(self.emit.load(self.control_points, self._start(a, b), self.width))
 
-    def add(self, a: int, b: int, row):
+    def add(self, a: int, b: int, row: ir.Value) -> None:
         """Add to line (a, b)."""
         start = self._start(a, b)
         old = self.emit.load(self.control_points, start, self.width)
@@ -150,14 +151,14 @@ class _SubNet:
         return self.emit.builder.select(self.is_reversed, self.emit.shuffle(row, row, turned), row)
 
 
-def _line_differences(emit: Emitter, row):
+def _line_differences(emit: Emitter, row: ir.Value):
     """Subtract the first control point of a line from the others."""
     width = row.type.count
     anchors = [width] * 3 + [i % 3 for i in range(width - 3)]
     return emit.subtract(row, emit.shuffle(row, ir.Constant(row.type, [0.0] * width), anchors))
 
 
-def _line_differences_transposed(emit: Emitter, row):
+def _line_differences_transposed(emit: Emitter, row: ir.Value):
     """Subtract the other control points of a line from the first."""
     width = row.type.count
     zero = ir.Constant(row.type, [0.0] * width)
@@ -239,7 +240,7 @@ def sum_over_net_turned(
     return signature, codegen
 
 
-def _emit_functions(emit: Emitter, basis, n, rows, out, orders) -> list[list]:
+def _emit_functions(emit: Emitter, basis, n, rows: ir.Value, out, orders) -> list[list]:
     """Emit the loads of the functions of a group, and requests for what later groups need."""
     n_functions = sum(orders) - 3
     for m in range(n_functions):
@@ -274,7 +275,7 @@ def _emit_sum_over_net(emit: Emitter, net, functions, orders):
     return total
 
 
-def _emit_scatter(emit: Emitter, point, n, rows, out):
+def _emit_scatter(emit: Emitter, point, n, rows: ir.Value, out) -> None:
     """Emit the stores of the first ``n`` lanes to their rows."""
     builder = emit.builder
     done = builder.append_basic_block("done")
@@ -396,7 +397,7 @@ def sum_turns(
 class _Nodes:
     """The nodes that `sum_over_nodes` sums over, group by group."""
 
-    def __init__(self, emit: Emitter, orders, basis, n, points, rows, bar):
+    def __init__(self, emit: Emitter, orders, basis, n, points: np.ndarray, rows: ir.Value, bar: np.ndarray):
         self.emit, self.builder = emit, emit.builder
         self.basis, self.n, self.points, self.rows, self.bar = basis, n, points, rows, bar
         self.orders, self.n_functions = orders, sum(orders) - 3
@@ -405,7 +406,7 @@ class _Nodes:
         per_pass = max(1, MAX_SUMS // (3 * orders[2]))
         self.passes = [lines[first : first + per_pass] for first in range(0, len(lines), per_pass)]
 
-    def emit_line_sums(self, number: int, lines) -> list:
+    def emit_line_sums(self, number: int, lines: Sequence[tuple[int, int]]) -> list:
         """Emit the sums over the nodes for some (a, b), all c and the three components."""
         builder, emit = self.builder, self.emit
         sums = [emit.variable() for _ in range(3 * self.orders[2] * len(lines))]
@@ -441,7 +442,7 @@ class _Nodes:
 
         return load
 
-    def _emit_prefetch(self, i, number: int):
+    def _emit_prefetch(self, i: ir.Value, number: int) -> None:
         """Emit, in turn over the passes, requests for what a later call will need."""
         builder, n_passes = self.builder, len(self.passes)
         group = builder.add(i, builder.add(self.n, constant(GROUPS_AHEAD * LANES)))
@@ -452,12 +453,12 @@ class _Nodes:
             self.emit.prefetch(self.bar, _first_component(builder, self.rows, builder.add(group, constant(lane))))
 
 
-def _point(builder, i, d: int):
+def _point(builder: ir.IRBuilder, i: ir.Value, d: int):
     """Element of `gather_points`' result at which component ``d`` of the group of node ``i`` starts."""
     return builder.add(builder.mul(i, constant(3)), constant(d * LANES))
 
 
-def _emit_add_sums(emit: Emitter, sums, net, first: int):
+def _emit_add_sums(emit: Emitter, sums, net, first: int) -> None:
     """Emit the sums over the lanes, added to ``net`` from element ``first`` on (zeros beyond the last sum)."""
     for block, vector in enumerate(emit.lane_sums([emit.builder.load(variable) for variable in sums])):
         offset = constant(first + block * LANES)
@@ -487,7 +488,7 @@ def _arguments(context: BaseContext, builder: ir.IRBuilder, signature: Signature
     ]
 
 
-def _multiples(builder, stride, count: int) -> list:
+def _multiples(builder: ir.IRBuilder, stride, count: int) -> list:
     """``0, stride, 2 stride, ...``."""
     return [builder.mul(constant(m), stride) for m in range(count)]
 

@@ -78,7 +78,9 @@ def _square(nodes: np.ndarray, solution: FitSolution) -> float:
     return float(((nodes - solution.fitted) ** 2).sum())
 
 
-def _move(problem: FitProblem, followers, parameters, nodes, control_points, progress) -> list[np.ndarray]:
+def _move(
+    problem: FitProblem, followers, parameters, nodes: np.ndarray, control_points, progress: Progress
+) -> list[np.ndarray]:
     """Move the parameters of all entities for fixed control points."""
     n_done, n_nodes = 0, problem.topology.n_nodes
     parameters, nets = [array.copy() for array in parameters], problem.mesh.nets(control_points)
@@ -100,7 +102,7 @@ def project(
     # parameters of the nodes of a whole section, its boundary included; the boundary stays
     parameters,  # (m0, m1, m2, 3)
     is_free,  # sequence of three bool, directions in which the section extends
-    nodes,  # (n, 3), inner nodes of the section, in C order (m)
+    nodes: np.ndarray,  # (n, 3), inner nodes of the section, in C order (m)
     n_steps: int,  # largest number of steps
     close: float = CLOSE,  # a node closer than this fraction of the initial RMS distance is left alone
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -161,7 +163,9 @@ def _step_limits(
     return limits[:, None]
 
 
-def _gauss_newton(volume: Volume, control_points, parameters, free, nodes) -> tuple[np.ndarray, np.ndarray]:
+def _gauss_newton(
+    volume: Volume, control_points, parameters, free: np.ndarray, nodes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Points of the mapping and Gauss-Newton steps of the free parameters, both of shape (n, 3)."""
     points, steps = np.empty_like(nodes), np.zeros_like(nodes)
     is_free = np.isin(np.arange(3), free)

@@ -100,9 +100,9 @@ def _is_narrow(breaks: np.ndarray) -> bool:
 
 def knots_of_segments(
     topology: Topology,  # segments and links
-    parameters,  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
+    parameters: np.ndarray,  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
     # number of control points and order in each direction
-    n_control,  # sequence of three int for every segment
+    n_control: int,  # sequence of three int for every segment
     orders,  # sequence of three int for every segment
     kind: str = "curved",  # one of `KNOT_KINDS`
     sharing: FitNodes | None = None,  # which segments this process has parameters of; all by default
@@ -143,7 +143,7 @@ def joined_corners(
 def knots_of_segment(
     parameters: np.ndarray,  # (L0, L1, L2, 3), parameters of the nodes
     # number of control points and order in each direction
-    n_control,  # sequence of three int
+    n_control: int,  # sequence of three int
     orders,  # sequence of three int
     kind: str = "curved",  # one of `KNOT_KINDS`
 ) -> tuple[Knots, ...]:
@@ -153,7 +153,9 @@ def knots_of_segment(
     return tuple(_direction_knots(parameters, d, int(n_control[d]), int(orders[d]), kind) for d in range(3))
 
 
-def knots_of_segment_jvp(parameters, n_control, orders, kind: str, d_parameters) -> list[np.ndarray]:
+def knots_of_segment_jvp(
+    parameters: np.ndarray, n_control: int, orders, kind: str, d_parameters: np.ndarray
+) -> list[np.ndarray]:
     """Differentiate the knots on the edges: one array of shape (2, 2, N + p) per direction, as in `BilinearKnots`."""
     d_corners = []
     for d, (n, p) in enumerate(zip(n_control, orders)):
@@ -163,7 +165,7 @@ def knots_of_segment_jvp(parameters, n_control, orders, kind: str, d_parameters)
     return d_corners
 
 
-def knots_of_segment_vjp(parameters, n_control, orders, kind: str, corners_bar) -> np.ndarray:
+def knots_of_segment_vjp(parameters: np.ndarray, n_control: int, orders, kind: str, corners_bar) -> np.ndarray:
     """Transpose of `knots_of_segment_jvp`: cotangent of the parameters, shape (L0, L1, L2, 3)."""
     parameters_bar = np.zeros(parameters.shape)
     for d, (n, p) in enumerate(zip(n_control, orders)):

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import chain
 from operator import attrgetter, itemgetter
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -71,7 +72,7 @@ def report_errors(
     )
 
 
-def _compare(problem: FitProblem, nodes, weights: np.ndarray | None, least_squares) -> Fallback | None:
+def _compare(problem: FitProblem, nodes: np.ndarray, weights: np.ndarray | None, least_squares) -> Fallback | None:
     """Count what the control points are, and measure the least squares that they are not; None where they are."""
     if weights is None:
         return None
@@ -87,12 +88,12 @@ def _compare(problem: FitProblem, nodes, weights: np.ndarray | None, least_squar
     return Fallback(tuple(n_points), n_moved, n_invalid, float(np.sqrt(_mean(comm, squares))), float(np.sqrt(largest)))
 
 
-def _gathered(comm, items: list) -> list:
+def _gathered(comm: Any, items: list) -> list:
     """Items of all processes, those of the first one first."""
     return items if comm.size == 1 else [*chain.from_iterable(comm.allgather(items))]
 
 
-def _mean(comm, values: np.ndarray) -> float:
+def _mean(comm: Any, values: np.ndarray) -> float:
     """Mean of the values of all processes."""
     if comm.size == 1:
         return float(values.mean())
@@ -103,7 +104,7 @@ def _mean(comm, values: np.ndarray) -> float:
 def mean_edge(
     shapes,  # sequence of (ni, nj, nk), shapes of the blocks
     nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
-    comm=ONE,  # communicator, processes that have some blocks each
+    comm: Any = ONE,  # communicator, processes that have some blocks each
 ) -> float:  # 0 where no edge has a length
     """Mean length of the cell edges of a grid that have a length."""
     total, count = 0.0, 0
@@ -150,7 +151,9 @@ def count_invalid(problem: FitProblem, solution: FitSolution) -> int:
     return sum(int((~(measure > 0.0)).sum()) for measure in measures)
 
 
-def _find_invalid(problem: FitProblem, parameters, nodes, control_points) -> tuple[int, tuple[InvalidElement, ...]]:
+def _find_invalid(
+    problem: FitProblem, parameters: Sequence[np.ndarray], nodes: np.ndarray, control_points
+) -> tuple[int, tuple[InvalidElement, ...]]:
     """Count the invalid elements of all control meshes and name the worst, and folded cells of the grid in them."""
     measures = corner_measures(problem.mesh.nets(control_points))
     count = sum(int((~(measure > 0.0)).sum()) for measure in measures)
@@ -174,7 +177,9 @@ def _find_invalid(problem: FitProblem, parameters, nodes, control_points) -> tup
     return count, tuple(sorted((element for _, element in in_order), key=attrgetter("measure"))[:MOST_NAMED])
 
 
-def _warn_of_invalid(problem: FitProblem, solution: FitSolution, n_invalid: int, invalid) -> Iterator[str]:
+def _warn_of_invalid(
+    problem: FitProblem, solution: FitSolution, n_invalid: int, invalid: Sequence[InvalidElement]
+) -> Iterator[str]:
     """Say where the control mesh is invalid, and what mends it."""
     if n_invalid:
         worst, n_elements = invalid[0], sum(_n_elements(volume.n_control) for volume in problem.mesh.volumes)

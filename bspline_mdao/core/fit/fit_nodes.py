@@ -74,7 +74,7 @@ class FitNodes:
         return cls._of_blocks(topology, comm, homes, own)._with_others()
 
     @classmethod
-    def _of_blocks(cls, topology: Topology, comm, homes: tuple[int, ...], blocks: tuple[int, ...]) -> FitNodes:
+    def _of_blocks(cls, topology: Topology, comm: Any, homes: tuple[int, ...], blocks: tuple[int, ...]) -> FitNodes:
         """Number the nodes of the blocks of this process."""
         layout = BlockLayout.of(topology.shapes[block] for block in blocks)
         first = dict(zip(blocks, layout.starts.tolist()))

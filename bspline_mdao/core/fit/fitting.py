@@ -139,7 +139,7 @@ def fit_grid(
     return FittedModel(parameters=tuple(parameters), residual=residual if keep_residual else None, **whole)
 
 
-def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool = True, **options) -> FittedBlocks:
+def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool = True, **options: Any) -> FittedBlocks:
     """Fit a grid on several processes, all of which call this; each reads and fits whole blocks.
 
     A corner, edge or face that blocks share is fitted by one process, and its control points are sent to all. The
@@ -402,7 +402,7 @@ def _share_mesh(topology: Topology, volumes: Sequence[Volume]) -> BSplineMesh:
     return BSplineMesh(tuple(volumes), tuple(ids), 1 + max(int(a.max()) for a in ids))
 
 
-def _check_options(corrections: int, method: str):
+def _check_options(corrections: int, method: str) -> None:
     if corrections < 0 or corrections != int(corrections):
         raise InputError(f"fit: {corrections} corrections; give a whole number of cycles of at least 0")
     if method not in METHODS:

@@ -105,7 +105,7 @@ class LiveFit:
         self.mapping.add_change_vjp(bars, nodes_bar)
         return nodes_bar
 
-    def _step_jvp(self, step: FitStep, change: Change, d_nodes, d_control) -> None:
+    def _step_jvp(self, step: FitStep, change: Change, d_nodes: np.ndarray, d_control: np.ndarray) -> None:
         """Solve the differentiated normal equations of an entity."""
         net, residual = self._net_and_residual(step)
         terms = self.mapping.matrix_jvp(step.entity, step.matrix, change)
@@ -113,7 +113,7 @@ class LiveFit:
         right = sum(term.apply_transpose(residual) for term in terms)
         step.solve_residual(moved, right, d_nodes, d_control)
 
-    def _step_vjp(self, step: FitStep, control_bar, nodes_bar, bars: Change) -> None:
+    def _step_vjp(self, step: FitStep, control_bar: np.ndarray, nodes_bar: np.ndarray, bars: Change) -> None:
         """Solve the transposed normal equations of an entity: reverse of `_step_jvp`."""
         moved_bar, right_bar = step.solve_residual_transpose(control_bar, nodes_bar)
         np.add.at(nodes_bar, step.entity.rows, moved_bar)

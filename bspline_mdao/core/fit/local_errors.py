@@ -15,6 +15,7 @@ Theory: ``docs/theory/fit.rst``.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -73,7 +74,7 @@ def _worst_of(arrays, window: Window, across: int, patch: str) -> Iterator[Local
         yield LocalError(error / width, error, width, window.block + 1, i + 1, j + 1, k + 1, patch)
 
 
-def _worst(comm, found: list[LocalError]) -> LocalError | None:
+def _worst(comm: Any, found: list[LocalError]) -> LocalError | None:
     """The worst of all processes, the first of those that are equally bad."""
     if comm.size > 1:
         found = [error for part in comm.allgather(found) for error in part]

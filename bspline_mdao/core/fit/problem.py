@@ -108,7 +108,9 @@ def problem_of_mesh(
 
 def solve_fit(
     problem: FitProblem,
-    parameters,  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
+    parameters: Sequence[
+        np.ndarray
+    ],  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
     nodes: np.ndarray,  # (n_rows, 3), the nodes of this process (m), those of others that it needs as well
     progress: Progress | None = None,  # as for `fit_grid`
 ) -> FitSolution:

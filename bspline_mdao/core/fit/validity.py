@@ -89,7 +89,7 @@ def is_valid(nets: Sequence[np.ndarray]) -> bool:
 def choose_weights(
     problem: FitProblem,
     quasi: QuasiInterpolant,  # the candidates
-    nodes,  # (n_nodes, 3), the grid (m)
+    nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
     # control points by least squares (m); None leaves them out
     least_squares: np.ndarray | None,  # (n_control_points, 3), or None
 ) -> np.ndarray:  # (n_control_points, 6), weights of `CANDIDATES` in each control point; their sum is 1
@@ -167,7 +167,7 @@ def _box(corners: np.ndarray, shape: Sequence[int]) -> tuple[np.ndarray, np.ndar
     return low, np.ceil(corners.max(axis=0)).astype(int).clip(min=low + 1)
 
 
-def _retreat(mesh: BSplineMesh, candidate, base, least: Sequence[np.ndarray]) -> np.ndarray:
+def _retreat(mesh: BSplineMesh, candidate: np.ndarray, base: np.ndarray, least: Sequence[np.ndarray]) -> np.ndarray:
     """Weight of the base in each control point that makes its elements good enough, shape (n_control_points,)."""
     towards = np.zeros(mesh.n_control_points)
     while True:

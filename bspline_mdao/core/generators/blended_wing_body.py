@@ -98,7 +98,7 @@ class BlendedWingBody(OneLine):
     blend: float = 0.9
     tip_length: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         spans = [rib.span for rib in self.ribs]
         if len(spans) < 2 or spans[0] != 0.0 or not all(a < b for a, b in zip(spans, spans[1:])):
             raise InputError(f"blended-wing body: ribs at spans {spans}; give two or more, ascending from 0")

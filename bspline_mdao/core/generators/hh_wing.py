@@ -149,7 +149,10 @@ class FarField(OneLine):
 
 
 def hh_wing_grid(
-    wing: Wing, shape=(45, 65, 33), spacing: Spacing | None = None, far_field: FarField | None = None
+    wing: Wing,
+    shape: Sequence[int | Sequence[int]] = (45, 65, 33),
+    spacing: Spacing | None = None,
+    far_field: FarField | None = None,
 ) -> Grid:
     """Make the canonical twelve-block H-H grid about a wing.
 
@@ -199,7 +202,10 @@ def hh_wing_grid(
 
 
 def infinite_wing_grid(
-    section: Section, shape=(33, 25), spacing: Spacing | None = None, far_field: FarField | None = None
+    section: Section,
+    shape: Sequence[int | Sequence[int]] = (33, 25),
+    spacing: Spacing | None = None,
+    far_field: FarField | None = None,
 ) -> Grid:
     """Make the grid at the root of a rectangular wing of unit chord, between two planes of symmetry.
 

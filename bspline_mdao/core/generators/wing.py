@@ -54,7 +54,7 @@ class Planform(OneLine):
     taper: float = 1.0
     leading_edge_sweep: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         is_positive = self.root_chord > 0.0 and self.semi_span > 0.0 and self.taper > 0.0
         if not (is_positive and abs(self.leading_edge_sweep) < 80.0):
             raise InputError(
@@ -124,7 +124,7 @@ class Section(OneLine):
     lower: np.ndarray
     nose_radius: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("upper", "lower"):
             points = getattr(self, name)
             if points.ndim != 2 or points.shape[0] < 2 or points.shape[1] != 2:
@@ -389,8 +389,8 @@ def surface_grid(
     side: int,  # +1 upper, -1 lower
     counts: tuple[int, ...],  # nodes along the chord and along the span
     # spacings on the surface at the four edges, in arc length (m)
-    leading,
-    trailing,
+    leading: float,
+    trailing: float,
     root,
     tip,
 ) -> np.ndarray:

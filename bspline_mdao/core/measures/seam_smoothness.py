@@ -248,7 +248,16 @@ def _bend(signs: np.ndarray, y: np.ndarray, yy: np.ndarray, x: np.ndarray, xx: n
     return _Bend(normal, f, g, w, *second, value)
 
 
-def _of_bend(bar, signs, bend: _Bend, y, yy, x, xx, xy) -> list[np.ndarray]:
+def _of_bend(
+    bar: np.ndarray,
+    signs: np.ndarray,
+    bend: _Bend,
+    y: np.ndarray,
+    yy: np.ndarray,
+    x: np.ndarray,
+    xx: np.ndarray,
+    xy: np.ndarray,
+) -> list[np.ndarray]:
     """Derivatives of a side's curvature in Y, S_yy, X, S_xx and S_xy, times ``bar``."""
     normal, f, g, w, a, b, c, value = bend
     per = bar / (g * w**1.5)

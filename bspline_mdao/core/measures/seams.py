@@ -198,7 +198,9 @@ def pole_continuity(
     return tuple(sorted(found, key=lambda pole: -pole.kink))
 
 
-def _sides(model: FittedModel, control_points: np.ndarray | None, patches) -> list[SplineSide]:
+def _sides(
+    model: FittedModel, control_points: np.ndarray | None, patches: str | Sequence[str] | None
+) -> list[SplineSide]:
     """Sides on the surface of a model whose control points may have moved."""
     require_kind(model, FittedModel, "the model of seams", "make it with fit_grid(grid)")
     points = model.control_points

@@ -203,7 +203,7 @@ class Cut:
     normal: np.ndarray  # (3,), normal of the plane, of any length; along the span of the wing there
     stream: np.ndarray  # (3,), direction from the leading to the trailing edge, roughly
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not np.linalg.norm(np.cross(self.normal, self.stream)) > 0.0:
             raise InputError(f"cut: normal {self.normal} and stream {self.stream}; give two different directions")
 

@@ -53,32 +53,17 @@ AT_END = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class RidingWalls(OneLine):
-    """Walls of a mesh that rides.
+    """Walls of a mesh that rides."""
 
-    Parameters
-    ----------
-    faces : WallFaces
-        Their faces.
-    rows : ndarray of int, shape (n_wall,)
-        Their nodes, ascending.
-    planes : list of (ndarray of int, ndarray of shape (3,))
-        Nodes of the mesh in planes that walls end on, and the planes' unit normals.
-    fading : scipy.sparse.csr_array, shape (n_points, n_wall)
-        F, but for these planes.
-    layer : WallLayer
-        Nodes that follow them.
-    missed : ndarray, shape (n_wall, 3)
-        d: what the volumes miss of their nodes (m).
-    at, beside : ndarray of int, shape (m,)
-        Numbers of nodes of walls among `rows`, and the nodes of the mesh next to them.
-    """
-
-    faces: WallFaces
-    rows: np.ndarray
+    faces: WallFaces  # their faces
+    rows: np.ndarray  # (n_wall,) of int, their nodes, ascending
+    # list of (ndarray of int, ndarray of shape (3,)) of int, nodes of the mesh in planes that walls end on, and the
+    # planes' unit normals
     planes: list[tuple[np.ndarray, np.ndarray]]
-    fading: csr_array
-    layer: WallLayer
-    missed: np.ndarray
+    fading: csr_array  # scipy.sparse.csr_array, shape (n_points, n_wall), F, but for these planes
+    layer: WallLayer  # nodes that follow them
+    missed: np.ndarray  # (n_wall, 3), d: what the volumes miss of their nodes (m)
+    # at, beside: (m,) of int, numbers of nodes of walls among `rows`, and the nodes of the mesh next to them
     at: np.ndarray
     beside: np.ndarray
 
@@ -305,35 +290,20 @@ class RidingMesh(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class RiddenMesh(OneLine):
-    """A mesh that was moved, and the derivative of its nodes.
+    """A mesh that was moved, and the derivative of its nodes."""
 
-    Parameters
-    ----------
-    of : RidingMesh
-        The map.
-    points : ndarray, shape (n_points, 3)
-        The nodes (m).
-    turned : Frames or None
-        How walls turned of which nothing was asked.
-    layered : Layered or None
-        The nodes that followed walls.
-    """
+    of: RidingMesh  # the map
+    points: np.ndarray  # (n_points, 3), the nodes (m)
+    turned: Frames | None  # how walls turned of which nothing was asked
+    layered: Layered | None  # the nodes that followed walls
 
-    of: RidingMesh
-    points: np.ndarray
-    turned: Frames | None
-    layered: Layered | None
-
-    def jvp(self, d_control_points: np.ndarray, d_wall: np.ndarray | None = None) -> np.ndarray:
-        """Change of the nodes, shape (n_points, 3).
-
-        Parameters
-        ----------
-        d_control_points : ndarray, shape (n_control_points, 3)
-            Change of the control points.
-        d_wall : ndarray, shape (n_asked, 3), optional
-            Change of the places that the nodes of walls were asked for; needed where they were.
-        """
+    def jvp(
+        self,
+        d_control_points: np.ndarray,  # (n_control_points, 3), change of the control points
+        # (n_asked, 3), change of the places that the nodes of walls were asked for; needed where they were
+        d_wall: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Change of the nodes, shape (n_points, 3)."""
         of, change = self.of, np.zeros_like(self.points)
         change[of.rows] = of.evaluator.forward(d_control_points)
         walls = of.walls
@@ -349,20 +319,13 @@ class RiddenMesh(OneLine):
         change[walls.rows] = d_wall
         return change
 
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Transpose of `jvp`.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n_points, 3)
-            Derivative of a scalar with respect to the nodes.
-
-        Returns
-        -------
-        control_points_bar : ndarray, shape (n_control_points, 3)
-        wall_bar : ndarray, shape (n_asked, 3), or None
-            With respect to the places that the nodes of walls were asked for; None where they were not.
-        """
+    def vjp(
+        self,
+        bar: np.ndarray,  # (n_points, 3), derivative of a scalar with respect to the nodes
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Transpose of `jvp`."""
+        # Returns control_points_bar: (n_control_points, 3); wall_bar: (n_asked, 3), with respect to the places that the
+        # nodes of walls were asked for; None where they were not.
         of, bar = self.of, np.array(bar, dtype=float)
         walls, wall_bar = of.walls, None
         if walls is not None and self.layered is not None:
@@ -395,12 +358,10 @@ def _fading(points: np.ndarray, wall: np.ndarray, quads: np.ndarray) -> csr_arra
 
 
 def _on_planes(model: FittedModel, found: PointInversion, points: np.ndarray, planes: list) -> PointInversion:
-    """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there.
-
-    The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it. What
-    is off by round-off is in the plane: all parameters of a section are in its planes but for those across. Parameters
-    that are off an end by round-off are put there, so that nodes stay in planes to the last bit.
-    """
+    """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there."""
+    # The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it.
+    # What is off by round-off is in the plane: all parameters of a section are in its planes but for those across.
+    # Parameters that are off an end by round-off are put there, so that nodes stay in planes to the last bit.
     parameters, near = found.parameters.copy(), ON_PLANE * np.linalg.norm(np.ptp(model.control_points, axis=0))
     for rows, normal in planes:
         for d in range(3):

@@ -35,28 +35,15 @@ cuts of a round nose are an eighth of their width apart where that is the radius
 
 @dataclass(frozen=True, eq=False)
 class GridBoundary:
-    """Boundary quads of the fitted grid on the baseline. Made by `GridBoundary.of`.
+    """Boundary quads of the fitted grid on the baseline. Made by `GridBoundary.of`."""
 
-    Parameters
-    ----------
-    tree : scipy.spatial.cKDTree
-        Their middles.
-    sizes, widths : ndarray, shape (n,)
-        Their longest diagonals, and their areas by these (m).
-    normals : ndarray, shape (n, 3)
-        Their unit normals; zero without area.
-    is_wall : ndarray of bool, shape (n,)
-        Whether they are of a wall.
-    patch : ndarray of str, shape (n,)
-        The patch that they belong to.
-    """
-
-    tree: cKDTree
+    tree: cKDTree  # their middles
+    # sizes, widths: (n,), their longest diagonals, and their areas by these (m)
     sizes: np.ndarray
     widths: np.ndarray
-    normals: np.ndarray
-    is_wall: np.ndarray
-    patch: np.ndarray
+    normals: np.ndarray  # (n, 3), their unit normals; zero without area
+    is_wall: np.ndarray  # (n,) of bool, whether they are of a wall
+    patch: np.ndarray  # (n,), the patch that they belong to
 
     @classmethod
     def of(cls, model: FittedModel) -> GridBoundary:
@@ -96,10 +83,9 @@ class GridBoundary:
 
 
 def _measured(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Longest diagonals of quads by their corners, shape (n, 4, 3), areas by these, and unit normals.
-
-    Normals are zero without area. An area by the diagonal is the width of a long quad, and less than that of a square.
-    """
+    """Longest diagonals of quads by their corners, shape (n, 4, 3), areas by these, and unit normals."""
+    # Normals are zero without area. An area by the diagonal is the width of a long quad, and less than that of a
+    # square.
     areas = area_vectors(x)
     lengths = np.linalg.norm(areas, axis=1)
     normals = np.divide(areas, lengths[:, None], out=np.zeros_like(areas), where=lengths[:, None] > 0.0)
@@ -109,40 +95,20 @@ def _measured(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class WallFaces(OneLine):
-    """Faces of a mesh that are walls.
+    """Faces of a mesh that are walls."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Markers that are walls; one, ``"skin"``, where there are no markers.
-    faces : ndarray of int, shape (n, 4)
-        Faces around the normal into the mesh.
-    marker : ndarray of int, shape (n,)
-        Marker that each belongs to.
-    """
-
-    names: tuple[str, ...]
-    faces: np.ndarray
-    marker: np.ndarray
+    names: tuple[str, ...]  # markers that are walls; one, ``"skin"``, where there are no markers
+    faces: np.ndarray  # (n, 4) of int, faces around the normal into the mesh
+    marker: np.ndarray  # (n,) of int, marker that each belongs to
 
     @classmethod
-    def of(cls, mesh: MixedMesh, boundary: GridBoundary, wanted: Sequence[str] | None = None) -> WallFaces:
-        """Find them.
-
-        Parameters
-        ----------
-        mesh : MixedMesh
-            The mesh.
-        boundary : GridBoundary
-            Boundary of the fitted grid.
-        wanted : sequence of str, optional
-            Markers, by name or pattern, in the place of those that are found.
-
-        Raises
-        ------
-        InputError
-            If a name is that of no marker.
-        """
+    def of(
+        cls,
+        mesh: MixedMesh,  # the mesh
+        boundary: GridBoundary,  # boundary of the fitted grid
+        wanted: Sequence[str] | None = None,  # markers, by name or pattern, in the place of those that are found
+    ) -> WallFaces:
+        """Find them."""
         if not mesh.markers:
             if wanted:
                 raise InputError(f"{mesh.source}: has no markers, so none is '{wanted[0]}'; leave the option out")

@@ -292,7 +292,7 @@ def basis(
 
 
 def basis_gradients(
-    knots,  # Knots, knots of the direction
+    knots: Knots,  # Knots, knots of the direction
     direction: int,  # 0, 1 or 2
     parameters: np.ndarray,  # (n, 3), parameters of the points
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -319,10 +319,10 @@ def _chunks(n: int) -> list[slice]:
 
 
 def basis_jets(
-    knots,
-    xi,
-    s=0.0,
-    t=0.0,
+    knots: Knots,
+    xi: ArrayLike,
+    s: ArrayLike = 0.0,
+    t: ArrayLike = 0.0,
     degree: int = 2,  # highest derivative: 0, 1 or 2
 ) -> tuple[np.ndarray, np.ndarray]:
     """Basis functions with their derivatives in ``(xi, s, t)``, through the knots as well."""
@@ -335,7 +335,7 @@ def basis_jets(
     return spans, jets
 
 
-def _knot_jets(knots, s, t, degree: int) -> np.ndarray:
+def _knot_jets(knots: Knots, s: ArrayLike, t: ArrayLike, degree: int) -> np.ndarray:
     """Jets of the knots in ``(xi, s, t)``, shape (n, N + p, size); they do not depend on ``xi``."""
     jets = np.zeros((s.size, knots.n_control + knots.order, JET_SIZES[degree]))
     jets[..., 0] = knots.values(s, t)

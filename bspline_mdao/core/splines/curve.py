@@ -30,7 +30,7 @@ class Curve:
     control_points: np.ndarray  # (N, d)
     knots: ConstantKnots  # knots, which carry the order
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         points = np.array(self.control_points, dtype=float)
         if points.ndim != 2 or len(points) != self.knots.n_control:
             raise InputError(f"curve: control points of shape {points.shape}; give ({self.knots.n_control}, d)")
@@ -41,7 +41,7 @@ class Curve:
         """Make a curve with evenly spaced inner knots."""
         return cls(control_points, ConstantKnots.uniform(len(control_points), order))
 
-    def __call__(self, xi) -> np.ndarray:
+    def __call__(self, xi: ArrayLike) -> np.ndarray:
         """Points at the parameters ``xi``, shape (n,); returns shape (n, d)."""
         return evaluate(*self._as_volume(), _on_the_curve(xi))
 

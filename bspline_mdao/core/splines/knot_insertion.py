@@ -39,7 +39,7 @@ def insert_knots(
     direction: int,  # 0, 1 or 2
     # values to add, repeated for a higher multiplicity. Into bilinear knots also curved ones, by their values on the
     # four edges, numbered as those of `BilinearKnots`
-    new_knots,  # array_like (m,) or (2, 2, m)
+    new_knots: ArrayLike,  # array_like (m,) or (2, 2, m)
 ):  # volume Volume: the volume with ``m`` more knots; control_points: its control points, ``m`` more in this direction
     """Insert knots in one direction of a volume, whose geometry does not change.
 
@@ -158,7 +158,7 @@ def _constant_knots(volume: Volume, direction: int) -> ConstantKnots:
     return knots
 
 
-def _on_new_knots(volume: Volume, control_points, direction: int, new: Knots, matrix: np.ndarray):
+def _on_new_knots(volume: Volume, control_points: np.ndarray, direction: int, new: Knots, matrix: np.ndarray):
     knots = volume.knots[:direction] + (new,) + volume.knots[direction + 1 :]
     moved = np.moveaxis(np.tensordot(matrix, control_points, axes=(1, direction)), 0, direction)
     return replace(volume, knots=knots), moved

@@ -86,7 +86,7 @@ class ConstantKnots(OneLine):
     knots: np.ndarray
     order: int
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         knots = np.array(self.knots, dtype=float)
         _check_open(knots, self.order, n_dimensions=1, multiplicity=max(self.order - 1, 1))
         object.__setattr__(self, "knots", knots)
@@ -142,7 +142,7 @@ class BilinearKnots(OneLine):
     corners: np.ndarray
     order: int
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         corners = np.array(self.corners, dtype=float, order="C")
         _check_open(corners, self.order, n_dimensions=3, multiplicity=1)
         object.__setattr__(self, "corners", corners)
@@ -250,7 +250,7 @@ class FunctionKnots(OneLine):
     gradient: Callable[[np.ndarray, np.ndarray], np.ndarray]
     hessian: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_counts(self.n_control, self.order)
         s, t = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
         self.values(s, t)
@@ -281,7 +281,7 @@ class FunctionKnots(OneLine):
             raise InputError("knot function: second derivatives are needed here; give `hessian` to FunctionKnots")
         return self._pad(self._call("hessian", s, t, 3))
 
-    def _call(self, name: str, s, t, *components: int) -> np.ndarray:
+    def _call(self, name: str, s: np.ndarray, t: np.ndarray, *components: int) -> np.ndarray:
         result = np.asarray(getattr(self, name)(s, t), dtype=float)
         expected = (s.size, self.n_control - self.order, *components)
         if result.shape != expected:

@@ -23,7 +23,7 @@ class BSplineMesh(OneLine):
     control_ids: tuple[np.ndarray, ...]  # int each (N0, N1, N2)
     n_control_points: int  # length of the list; every point in it belongs to a volume
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "volumes", tuple(self.volumes))
         object.__setattr__(self, "control_ids", tuple(np.ascontiguousarray(ids) for ids in self.control_ids))
         if len(self.volumes) != len(self.control_ids):
@@ -35,7 +35,7 @@ class BSplineMesh(OneLine):
             _check_ids(number, volume, ids, self.n_control_points)
         self._check_all_used()
 
-    def _check_all_used(self):
+    def _check_all_used(self) -> None:
         is_used = np.zeros(self.n_control_points, dtype=bool)
         for ids in self.control_ids:
             is_used[ids] = True
@@ -53,7 +53,7 @@ class BSplineMesh(OneLine):
         return [control_points[ids] for ids in self.control_ids]
 
 
-def _check_ids(number: int, volume: Volume, ids: np.ndarray, n_control_points: int):
+def _check_ids(number: int, volume: Volume, ids: np.ndarray, n_control_points: int) -> None:
     if ids.shape != volume.n_control:
         raise InputError(
             f"B-spline mesh: volume {number} has {volume.n_control} control points and ids of shape {ids.shape}; "

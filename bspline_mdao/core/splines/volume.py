@@ -28,7 +28,7 @@ class Volume(OneLine):
 
     knots: tuple[Knots, ...]  # knots of the directions xi, eta and zeta; they carry order and number of control points
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if len(self.knots) != 3:
             raise InputError(f"volume: knots of {len(self.knots)} directions; give three, or use Volume.of(...)")
         object.__setattr__(self, "knots", tuple(self.knots))
@@ -290,7 +290,7 @@ def _sum_hessians(B, orders, firsts, jets, out):
                             out[q, x, number[k, l]] += jets[q, m, 1 + (l - d) % 3] * sums[m, x]
 
 
-def _as_arrays(volume: Volume, control_points, parameters) -> tuple[np.ndarray, np.ndarray]:
+def _as_arrays(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Control points and parameters as arrays of the right shapes."""
     control_points = np.ascontiguousarray(control_points, dtype=float)
     parameters = np.ascontiguousarray(parameters, dtype=float)
