@@ -25,13 +25,7 @@ __all__ = [
 
 
 def as_array(values, what: str) -> np.ndarray:
-    """Turn numbers into an array of 8-byte reals in C order; complex ones, of complex steps, stay complex.
-
-    Raises
-    ------
-    InputError
-        If they are no numbers, or lists of unequal lengths.
-    """
+    """Turn numbers into an array of 8-byte reals in C order; complex ones, of complex steps, stay complex."""
     try:
         array = np.asarray(values)
         return np.ascontiguousarray(array, dtype=complex if array.dtype.kind == "c" else float)
@@ -40,13 +34,7 @@ def as_array(values, what: str) -> np.ndarray:
 
 
 def as_numbers(values, what: str) -> np.ndarray:
-    """Return numbers as an array of floats of their own, which are not necessarily finite.
-
-    Raises
-    ------
-    InputError
-        If they are no numbers, or lists of unequal lengths.
-    """
+    """Return numbers as an array of floats of their own, which are not necessarily finite."""
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):
@@ -54,13 +42,7 @@ def as_numbers(values, what: str) -> np.ndarray:
 
 
 def as_finite_points(values, n_points: int, what: str) -> np.ndarray:
-    """Return points as an array of shape (n_points, 3) of finite numbers.
-
-    Raises
-    ------
-    InputError
-        If they are something else.
-    """
+    """Return points as an array of shape (n_points, 3) of finite numbers."""
     array = as_array(values, what)
     if array.shape != (n_points, 3):
         raise InputError(f"{what} of shape {array.shape}; give shape ({n_points}, 3)")
@@ -72,13 +54,7 @@ def as_finite_points(values, n_points: int, what: str) -> np.ndarray:
 
 
 def as_vector(values, what: str) -> np.ndarray:
-    """Return a finite vector, shape (3,).
-
-    Raises
-    ------
-    InputError
-        If it is not three finite numbers.
-    """
+    """Return a finite vector, shape (3,)."""
     vector = as_numbers(values, what)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise InputError(f"{what} is {vector.tolist()}; give three finite numbers")
@@ -86,13 +62,7 @@ def as_vector(values, what: str) -> np.ndarray:
 
 
 def as_direction(values, what: str) -> np.ndarray:
-    """Return the unit vector, shape (3,), along a vector of any length.
-
-    Raises
-    ------
-    InputError
-        If it is no finite vector, or zero.
-    """
+    """Return the unit vector, shape (3,), along a vector of any length."""
     vector = as_vector(values, what)
     if not vector.any():
         raise InputError(f"{what} is {vector.tolist()}; give three numbers that are not all zero")
@@ -100,47 +70,25 @@ def as_direction(values, what: str) -> np.ndarray:
 
 
 def as_axes(axes: str, what: str) -> np.ndarray:
-    """Return unit vectors downstream, along the span, and up, shape (3, 3), from names of axes such as "xzy".
-
-    Raises
-    ------
-    InputError
-        If they are not x, y and z in some order.
-    """
+    """Return unit vectors downstream, along the span, and up, shape (3, 3), from names of axes such as "xzy"."""
     if sorted(axes) != ["x", "y", "z"]:
         raise InputError(f"{what}: axes '{axes}'; name x, y and z in the order downstream, along the span, up")
     return np.eye(3)[["xyz".index(axis) for axis in axes]]
 
 
-def require_kind(value, kind: type, what: str, advice: str) -> None:
-    """Refuse an argument of another type.
-
-    Parameters
-    ----------
-    value : object
-        The argument.
-    kind : type
-        What it should be.
-    what, advice : str
-        What it is called, and what to do.
-
-    Raises
-    ------
-    InputError
-        If it is of another type.
-    """
+def require_kind(
+    value,  # the argument
+    kind: type,  # what it should be
+    what: str,  # what, advice: what it is called, and what to do
+    advice: str,
+) -> None:
+    """Refuse an argument of another type."""
     if not isinstance(value, kind):
         raise InputError(f"{what} is of type {type(value).__name__}; {advice}")
 
 
 def require_list(items, kind: str, members: Iterable[str], what: str) -> Sequence:
-    """Return a list of objects of one kind, which is recognised by the members that they need.
-
-    Raises
-    ------
-    InputError
-        If there is no list, or something in it is of another kind.
-    """
+    """Return a list of objects of one kind, which is recognised by the members that they need."""
     if not isinstance(items, Sequence) or isinstance(items, str):
         raise InputError(f"{what}: the {kind}s are one {type(items).__name__}; give a list of them")
     for number, item in enumerate(items, start=1):

@@ -13,29 +13,13 @@ INSTALL = 'pip install "bspline_mdao[{extra}]"'
 """Command that installs an extra, in the quotes that every shell knows."""
 
 
-def library(module: str, need: str, extra: str, otherwise: str = "") -> ModuleType:
-    """Import a module of a library that only some users have.
-
-    Parameters
-    ----------
-    module : str
-        Name of the module.
-    need : str
-        How the message begins: what needs which library, such as ``"files of Gmsh need meshio"``.
-    extra : str
-        Extra that installs it.
-    otherwise : str
-        What can be done without it.
-
-    Returns
-    -------
-    module
-
-    Raises
-    ------
-    InputError
-        If it is not installed; or is, and cannot be imported, as where a library of the system is missing.
-    """
+def library(
+    module: str,  # name of the module
+    need: str,  # how the message begins: what needs which library, such as ``"files of Gmsh need meshio"``
+    extra: str,  # extra that installs it
+    otherwise: str = "",  # what can be done without it
+) -> ModuleType:
+    """Import a module of a library that only some users have."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:

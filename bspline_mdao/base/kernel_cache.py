@@ -16,16 +16,9 @@ PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 
 def ensure_kernel_cache() -> None:
-    """Point numba to a private folder under the temporary one if it can write nowhere else, and say so in one line.
-
-    The folder is the same in the next session, so that kernels are compiled once, unless somebody else has taken its
-    name: cached kernels are code, and come from folders of the user alone. It is passed on to child processes.
-
-    Warns
-    -----
-    RuntimeWarning
-        With the folder in use and how to choose another one.
-    """
+    """Point numba to a private folder under the temporary one if it can write nowhere else, and say so in one line."""
+    # The folder is the same in the next session, so that kernels are compiled once, unless somebody else has taken its
+    # name: cached kernels are code, and come from folders of the user alone. It is passed on to child processes.
     if _can_be_made(_folder_of_variable()) or _can_be_made(_user_folder()) or _is_package_writable():
         return
     import warnings

@@ -33,7 +33,7 @@ class Halo:
     @classmethod
     def of(
         cls,
-        comm,  # communicator, the processes
+        comm: Any,  # communicator, the processes
         n_own: int,  # rows of this process
         # process that holds each row that is wanted, and its number there; its own ones and repetitions are fine
         ranks: np.ndarray,  # int (n,)

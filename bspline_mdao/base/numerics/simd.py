@@ -39,7 +39,7 @@ class Emitter:
     def __init__(self, builder: ir.IRBuilder):
         self.builder = builder
 
-    def load(self, base, offset, width: int = LANES):
+    def load(self, base: ir.Value, offset: ir.Value, width: int = LANES):
         """Load the vector of ``width`` elements that starts at element ``offset``, of any alignment."""
         return self.builder.load(self._vector_pointer(base, offset, width), align=8)
 
@@ -52,7 +52,7 @@ class Emitter:
         """Store a vector from element ``offset`` on."""
         self.builder.store(vector, self._vector_pointer(base, offset, vector.type.count), align=8)
 
-    def broadcast(self, base, element: int):
+    def broadcast(self, base: ir.Value, element: int):
         """Copy one element to all lanes."""
         scalar = self.builder.load(self.builder.gep(base, [constant(element)]))
         first = self.builder.insert_element(ir.Constant(VECTOR, ir.Undefined), scalar, ir.Constant(_INDEX, 0))
@@ -66,7 +66,7 @@ class Emitter:
         """Lane by lane, ``a - b``."""
         return self.builder.fsub(a, b)
 
-    def lane(self, vector, lane: int):
+    def lane(self, vector: ir.Value, lane: int):
         """One lane of a vector."""
         return self.builder.extract_element(vector, ir.Constant(_INDEX, lane))
 
@@ -115,7 +115,7 @@ class Emitter:
             width *= 2
         return vectors
 
-    def loop(self, n, step: int):
+    def loop(self, n: ir.Value, step: int):
         """Context of a loop over ``range(0, n, step)``; gives the index."""
         return cgutils.for_range_slice(self.builder, constant(0), n, constant(step), INT)
 
@@ -133,11 +133,11 @@ class Emitter:
         """Vector of the given lanes of ``a`` followed by ``b``."""
         return self.builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_INDEX, len(lanes)), lanes))
 
-    def _vector_pointer(self, base, offset, width: int):
+    def _vector_pointer(self, base: ir.Value, offset: ir.Value, width: int):
         return self.builder.bitcast(self.builder.gep(base, [offset]), ir.VectorType(LANE, width).as_pointer())
 
 
-def check_emission():
+def check_emission() -> None:
     """Emit a function with the instructions of `Emitter` and let LLVM verify it; raises where their API has moved."""
     module, number = ir.Module(), LANE.as_pointer()
     kind = ir.FunctionType(ir.VoidType(), [number, ir.FloatType().as_pointer(), INT])

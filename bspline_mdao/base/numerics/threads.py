@@ -33,19 +33,19 @@ class Crew:
     def __enter__(self) -> Crew:
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         if self._pool is not None:
             self._pool.shutdown()
 
     def run(
         self,
-        task,  # callable, must not depend on the order of the calls
+        task: Callable,  # callable, must not depend on the order of the calls
         n_tasks: int,  # number of calls
-    ):
+    ) -> None:
         """Call ``task(0) .. task(n_tasks - 1)``, each once, and return when all are done."""
         numbers, is_over = itertools.count(), threading.Event()
 
-        def work():
+        def work() -> None:
             for number in iter(numbers.__next__, None):
                 if number >= n_tasks or is_over.is_set():
                     return
@@ -65,7 +65,7 @@ class Crew:
             other.result()
 
 
-def run_tasks(task, n_tasks: int, n_threads: int):
+def run_tasks(task: Callable, n_tasks: int, n_threads: int) -> None:
     """Call ``task(0) .. task(n_tasks - 1)``, each once, on up to ``n_threads`` threads; see `Crew.run`."""
     # The threads stay for the next call: to start one takes as long as a product with a matrix of some thousand rows.
     n_threads = min(n_threads, n_tasks)
@@ -83,7 +83,7 @@ def _crew(n_threads: int, process: int) -> Crew:
 
 
 def map_tasks(
-    task,  # callable, must not depend on the order of the calls
+    task: Callable,  # callable, must not depend on the order of the calls
     items,  # sequence, what it is called with
     n_threads: int,  # number of threads; with one, the caller's does it all
 ):
@@ -109,16 +109,16 @@ class _BlasLimit:
     # otherwise. threadpoolctl lets only the thread change a limit that changed it first, as long as that thread lives;
     # so it is done in threads that end at once. A limit that the user holds stays.
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._lock, self._n_inside, self._restore = threading.Lock(), 0, None
 
-    def __enter__(self):
+    def __enter__(self) -> None:
         with self._lock:
             if self._n_inside == 0:
                 self._restore = _in_a_thread(lambda: _libraries().limit(limits=1, user_api="blas"))
             self._n_inside += 1
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         with self._lock:
             self._n_inside -= 1
             if self._n_inside == 0:

@@ -53,7 +53,7 @@ _CONTRACT = ("contract",)
 class _Five(types.Type):
     """Type of five numbers of single precision in a register."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__(name="Five")
 
 

@@ -41,7 +41,7 @@ class BlockPattern:
     indptr: np.ndarray  # int64 (n + 1,), where each row starts
     indices: np.ndarray  # int32 (n_blocks,), columns, ascending within a row; the last of every row is the diagonal
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         is_short = np.diff(self.indptr) < 1
         is_wrong = is_short if is_short.any() else self.indices[self.indptr[1:] - 1] != np.arange(self.n)
         if is_wrong.any():
@@ -81,7 +81,7 @@ class BlockMatrix:
     pattern: BlockPattern  # where the blocks are
     data: np.ndarray  # (n_blocks, 3, 3), the blocks. Diagonal ones hold both halves
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.data.shape != (self.pattern.n_blocks, 3, 3):
             shape = (self.pattern.n_blocks, 3, 3)
             raise InputError(f"block matrix: data of shape {self.data.shape}; give shape {shape} as in the pattern")

@@ -84,7 +84,7 @@ class Memory:
     # lives, for the next request of its size. What served the first factorisation does not wait: most are the last,
     # too. Threads may share one. Copies of one, and what is pickled, start empty.
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._idle: dict[int, list[np.ndarray]] = {}
         self._has_served = False
 
@@ -114,7 +114,7 @@ class _Loan:
         self.memory, self.idle = memory, idle
         self.__array_interface__ = memory.__array_interface__
 
-    def __del__(self):
+    def __del__(self) -> None:
         self.idle.append(self.memory)
 
 

@@ -51,7 +51,7 @@ class DistributedPattern(BlockPattern):
         # row of the whole matrix of every corner of all elements; -1 where a point is fixed
         element_rows: np.ndarray,  # int32 (n_elements, m)
         n: int,  # rows of the whole matrix
-        comm,  # communicator, its rank and size count; nothing is sent
+        comm: Any,  # communicator, its rank and size count; nothing is sent
     ) -> tuple[DistributedPattern, np.ndarray, np.ndarray]:
         """Pattern of the rows that a process owns, of a matrix that couples all points of an element."""
         # Rows are dealt out in their order, so many to each process as to any other.

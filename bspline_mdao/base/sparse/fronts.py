@@ -198,7 +198,7 @@ def _drop(alive, n_alive, done):
     return n_alive
 
 
-def _place_blocks(indptr, indices, supernodes: Supernodes, panel_starts):
+def _place_blocks(indptr: np.ndarray, indices: np.ndarray, supernodes: Supernodes, panel_starts):
     """Blocks of the matrix sorted by supernode, and where each of them goes."""
     sizes, n_rows = np.diff(supernodes.firsts).astype(np.int64), np.diff(supernodes.row_starts)
     owner = np.repeat(np.arange(len(sizes)), sizes)

@@ -86,8 +86,8 @@ def incomplete_pattern(graph: Graph, order: np.ndarray, fill: int) -> Incomplete
 def fill_pattern(
     # the graph of the matrix: neighbours of every point, in compressed rows, without the point itself
     neighbour_starts,
-    neighbours,
-    order,  # int (n,), points in the order of elimination
+    neighbours: np.ndarray,
+    order: np.ndarray,  # int (n,), points in the order of elimination
     fill: int,  # level of fill p; 0 keeps the pattern of the matrix
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the strict lower triangle of the incomplete factor with level of fill p, by rows [1]."""

@@ -167,38 +167,31 @@ TILE = 192
 
 
 def rounds(
-    s: int,
+    s: int,  # the supernode
+    # supernodes, fronts, routines, data, factor, kept: as for `bspline_mdao.base.sparse.multifrontal.factorize`; the
+    # updates of the children are among those kept
     supernodes: Supernodes,
     fronts: Fronts,
     routines: Routines,
     data: np.ndarray,
     factor: np.ndarray,
     kept: np.ndarray,
+    # (n_supernodes,) of int, place of the first point of each supernode whose pivot is not positive and finite; left
+    # alone where all are
     failed: np.ndarray,
 ) -> Iterator[list[Callable[[], None]]]:
-    """Yield the tasks of every round of a large front whose children are done, for several threads.
-
-    Columns and rows of the front are cut at multiples of `TILE` and where its own columns end. Each *round* is a set of
-    tasks that can be done at the same time; every tile is touched by one task of a round, so that the order of all
-    sums, hence every bit of the result, is the same for any number of threads. Steps are those of `factorize`::
-
-        round          step  tasks
-        assembly       1     one for each column of tiles: blocks of the matrix and updates of the children
-        pivot          2     the first diagonal tile
-        for each column of tiles k of its own:
-          division     3     all tiles below the diagonal tile k, by its factor
-          subtraction  2, 3  the products of these from all own tiles to their right; (k + 1, k + 1) is also factored
-        update         4     all tiles of the Schur complement of its rows
-
-    Parameters
-    ----------
-    s : int
-        The supernode.
-    supernodes, fronts, routines, data, factor, kept
-        As for `bspline_mdao.base.sparse.multifrontal.factorize`; the updates of the children are among those kept.
-    failed : ndarray of int64, shape (n_supernodes,)
-        Place of the first point of each supernode whose pivot is not positive and finite; left alone where all are.
-    """
+    """Yield the tasks of every round of a large front whose children are done, for several threads."""
+    # Columns and rows of the front are cut at multiples of `TILE` and where its own columns end. Each *round* is a set
+    # of tasks that can be done at the same time; every tile is touched by one task of a round, so that the order of all
+    # sums, hence every bit of the result, is the same for any number of threads. Steps are those of `factorize`:
+    #
+    # round          step  tasks
+    # assembly       1     one for each column of tiles: blocks of the matrix and updates of the children
+    # pivot          2     the first diagonal tile
+    # for each column of tiles k of its own:
+    #   division     3     all tiles below the diagonal tile k, by its factor
+    #   subtraction  2, 3  the products of these from all own tiles to their right; (k + 1, k + 1) is also factored
+    # update         4     all tiles of the Schur complement of its rows
     n_own = 3 * int(supernodes.firsts[s + 1] - supernodes.firsts[s])
     n = n_own + 3 * int(supernodes.row_starts[s + 1] - supernodes.row_starts[s])
     own, rest = _tiles(0, n_own), _tiles(n_own, n)

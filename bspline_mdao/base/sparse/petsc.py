@@ -144,7 +144,7 @@ class _Factor:
         self.inner.apply(_vector(self.share, right), _vector(self.share, x))
         return x
 
-    def _iterated(self, right: np.ndarray, matrix: BlockMatrix, **settings) -> LinearSolution:
+    def _iterated(self, right: np.ndarray, matrix: BlockMatrix, **settings: Any) -> LinearSolution:
         """Solve for a right-hand side of all rows by conjugate gradients: the whole solution, on every process."""
         began, share = time.perf_counter(), self.share
         right = check_right(right, int(share.starts[-1]))
@@ -330,7 +330,7 @@ def _clean_comm(comm: Any) -> Any:
     return comm
 
 
-def _preconditioner(operator, comm, options: dict):
+def _preconditioner(operator, comm: Any, options: dict):
     """Preconditioner of PETSc of an operator; options of the user's come before those given."""
     preconditioner, database = _petsc().PC().create(comm), _petsc().Options(PREFIX)
     ours = {name: value for name, value in options.items() if not database.hasName(name)}
@@ -355,7 +355,7 @@ def _vector(share: DistributedPattern, values: np.ndarray):
     return _petsc().Vec().createWithArray(values.reshape(-1), size=_sizes(share)[0], comm=_petsc_comm(share.comm))
 
 
-def _operator(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, comm):
+def _operator(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, comm: Any):
     """The couplings of each component with itself, as a matrix of hypre; nothing of it is there twice at the end."""
     petsc = _petsc()
     with together(share.comm):
@@ -370,7 +370,7 @@ def _operator(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, co
     return operator
 
 
-def _upper_rows_matrix(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, comm):
+def _upper_rows_matrix(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, comm: Any):
     """The upper triangle, by rows, as PETSc and MUMPS want it of a symmetric matrix."""
     petsc = _petsc()
     with together(share.comm):

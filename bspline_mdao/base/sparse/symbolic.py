@@ -31,8 +31,8 @@ class Supernodes(NamedTuple):
 
 def find_supernodes(
     # the graph
-    starts,  # ndarray of int
-    neighbours,  # ndarray of int
+    starts: np.ndarray,  # ndarray of int
+    neighbours: np.ndarray,  # ndarray of int
     order: np.ndarray,  # int32 (n,), points in the order wanted
 ) -> Supernodes:
     """Analyse the elimination of a graph in a given order, which is changed to an equivalent one."""
