@@ -24,39 +24,29 @@ __all__ = ["FlowTangent"]
 
 @dataclass(frozen=True, eq=False)
 class FlowTangent:
-    """Derivatives of the residual with respect to the states, and solutions with them and with their transpose.
+    """Derivatives of the residual with respect to the states, and solutions with them and with their transpose."""
 
-    What flows out of a cell goes with its surface, 290 m^2 at the far field of a wing and 3 cm^2 at its tip, and what
-    a force feels of a row of the residual with its inverse. So linear systems are solved for rows divided by the
-    surfaces of their cells, and the error of a total is that of the system relative to its right-hand side, times no
-    large number.
+    # What flows out of a cell goes with its surface, 290 m^2 at the far field of a wing and 3 cm^2 at its tip, and what
+    # a force feels of a row of the residual with its inverse. So linear systems are solved for rows divided by the
+    # surfaces of their cells, and the error of a total is that of the system relative to its right-hand side, times no
+    # large number.
 
-    Parameters
-    ----------
-    linearization : Linearization
-        Jacobians of all fluxes.
-    sizes : ndarray, shape (n_cells, 1)
-        Surfaces of the cells (m^2), see `Discretization.sizes`.
-    pattern : FactorPattern
-        Of the preconditioner.
-    """
-
-    linearization: Linearization
-    sizes: np.ndarray
-    pattern: FactorPattern
+    linearization: Linearization  # jacobians of all fluxes
+    sizes: np.ndarray  # (n_cells, 1), surfaces of the cells (m^2), see `Discretization.sizes`
+    pattern: FactorPattern  # of the preconditioner
 
     @classmethod
-    def of(cls, discretization: Discretization, states, areas, stream, pattern: FactorPattern) -> FlowTangent:
+    def of(
+        cls, discretization: Discretization, states: np.ndarray, areas: np.ndarray, stream, pattern: FactorPattern
+    ) -> FlowTangent:
         """Linearise at states, shape (n_cells, 5), for area vectors, shape (n_faces, 3), and a stream, shape (5,)."""
         linearization = discretization.linearize(states, areas, stream)
         return cls(linearization, discretization.sizes(areas), pattern)
 
     @cached_property
     def factor(self) -> Factor:
-        """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner.
-
-        It and that of the transpose make each other, and one of them is kept.
-        """
+        """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner."""
+        # It and that of the transpose make each other, and one of them is kept.
         other = self.__dict__.pop("transposed_factor", None)
         if other is not None:
             return other.into_transposed()
@@ -86,10 +76,8 @@ class FlowTangent:
         )
 
     def solve_transposed(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
-        """Solve with the transpose of the Jacobian with respect to the states.
-
-        Its unknowns are by the surfaces of their cells. Between the preconditioner and the product these cancel.
-        """
+        """Solve with the transpose of the Jacobian with respect to the states."""
+        # Its unknowns are by the surfaces of their cells. Between the preconditioner and the product these cancel.
         return solve_refined(
             self.linearization.state_vjp,
             self.linearization.jacobians.transposed_product,

@@ -61,28 +61,18 @@ there a thread waits for the numbers of the others for as long as it works."""
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """Which rows can be done at a time, and the pattern by columns.
+    """Which rows can be done at a time, and the pattern by columns."""
 
-    Parameters
-    ----------
-    firsts, ends : ndarray of int64, shape (n_chunks,)
-        Rows between which each chunk lies.
-    levels, both : ndarray of int64, shapes (n_levels + 1,) and (2 n_levels + 1,)
-        Chunks with which the levels start, for the rows upwards once, and upwards and then downwards.
-    n_threads : int
-        How many threads the levels can feed.
-    column_starts : ndarray of int64, shape (n + 1,)
-        Where each column of the strict lower triangle starts.
-    column_entries, column_rows : ndarray of int32, shape (n_blocks,)
-        Entries of the columns, and their rows.
-    """
-
+    # firsts, ends: (n_chunks,) of int, rows between which each chunk lies
     firsts: np.ndarray
     ends: np.ndarray
+    # levels, both: (n_levels + 1,) and (2 n_levels + 1,) of int, chunks with which the levels start, for the rows
+    # upwards once, and upwards and then downwards
     levels: np.ndarray
     both: np.ndarray
-    n_threads: int
-    column_starts: np.ndarray
+    n_threads: int  # how many threads the levels can feed
+    column_starts: np.ndarray  # (n + 1,) of int, where each column of the strict lower triangle starts
+    # column_entries, column_rows: (n_blocks,) of int, entries of the columns, and their rows
     column_entries: np.ndarray
     column_rows: np.ndarray
 
@@ -97,16 +87,15 @@ class Schedule:
         return self.both[len(self.levels) - 1 :]
 
     @classmethod
-    def of(cls, starts: np.ndarray, columns: np.ndarray, parts: np.ndarray) -> Schedule:
-        """Cut the rows of a pattern into chunks, one for each part, or more where levels feed more threads.
-
-        Parameters
-        ----------
-        starts, columns : ndarray
-            See `Pattern`; rows of a level are best next to each other.
-        parts : ndarray of int64, shape (n_parts + 1,)
-            Rows between which the parts lie. The first two need nothing of each other, each later one all before it.
-        """
+    def of(
+        cls,
+        starts: np.ndarray,  # starts, columns: see `Pattern`; rows of a level are best next to each other
+        columns: np.ndarray,
+        # (n_parts + 1,) of int, rows between which the parts lie. The first two need nothing of each other, each later
+        # one all before it.
+        parts: np.ndarray,
+    ) -> Schedule:
+        """Cut the rows of a pattern into chunks, one for each part, or more where levels feed more threads."""
         n, wanted, level = len(starts) - 1, thread_count(None), levels_of(starts, columns)
         stage = np.repeat(np.maximum(np.arange(len(parts) - 1), 1), np.diff(parts))
         level += (stage - 1) * (int(level.max(initial=0)) + 1)
@@ -124,10 +113,8 @@ class Schedule:
 
 
 def _chunks(level: np.ndarray, parts: np.ndarray, n_most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First and last rows of chunks, level by level, and the chunks with which the levels start.
-
-    Rows of a level that are next to each other in a part are cut into so many chunks at most.
-    """
+    """First and last rows of chunks, level by level, and the chunks with which the levels start."""
+    # Rows of a level that are next to each other in a part are cut into so many chunks at most.
     n = len(level)
     if not n:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(1, np.int64)
@@ -163,36 +150,25 @@ class Pattern(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class BlockFactor:
-    """Incomplete factor L U of a matrix of 5 x 5 blocks, or of its transpose.
+    """Incomplete factor L U of a matrix of 5 x 5 blocks, or of its transpose."""
 
-    The sweep through the rows upwards reads blocks by rows, the one downwards by columns. Each has its own in the order
-    in which it reads them: scattered blocks take more than twice the time. So a factor serves one of the matrix and its
-    transpose, and `into_transposed` makes that of the other out of it, in the same memory and as fast as a solution.
-
-    Parameters
-    ----------
-    pattern : Pattern
-    lower, upper : ndarray of uint16, shape (n_blocks, 5, 5)
-        Blocks of L below its unit diagonal, by rows, and of U above its diagonal, by columns of the pattern, see
-        `zero_halves`; of the transpose L by columns and U by rows.
-    pivots : ndarray of float32, shape (n, 5, 5)
-        Inverses of the diagonal blocks of U.
-    is_transposed : bool
-        Whether it is the factor of the transpose.
-    """
+    # The sweep through the rows upwards reads blocks by rows, the one downwards by columns. Each has its own in the
+    # order in which it reads them: scattered blocks take more than twice the time. So a factor serves one of the matrix
+    # and its transpose, and `into_transposed` makes that of the other out of it, in the same memory and as fast as a
+    # solution.
 
     pattern: Pattern
+    # lower, upper: (n_blocks, 5, 5), blocks of L below its unit diagonal, by rows, and of U above its diagonal, by
+    # columns of the pattern, see `zero_halves`; of the transpose L by columns and U by rows
     lower: np.ndarray
     upper: np.ndarray
-    pivots: np.ndarray
-    is_transposed: bool = False
+    pivots: np.ndarray  # (n, 5, 5), inverses of the diagonal blocks of U
+    is_transposed: bool = False  # whether it is the factor of the transpose
 
     @classmethod
     def of(cls, pattern: Pattern, lower, upper, diagonal) -> BlockFactor:
-        """Factor a matrix, whose blocks off the diagonal are halves, at their entries, the others by rank.
-
-        They are written over.
-        """
+        """Factor a matrix, whose blocks off the diagonal are halves, at their entries, the others by rank."""
+        # They are written over.
         schedule = pattern.schedule
         rows, chunks = (pattern.starts, pattern.columns), (schedule.firsts, schedule.ends, schedule.levels)
         how, blocks = (*chunks, counters(schedule.levels[-1])), (lower, upper, diagonal)
@@ -200,10 +176,8 @@ class BlockFactor:
         return cls(pattern, lower, _by_columns(upper, schedule), diagonal)
 
     def into_transposed(self) -> BlockFactor:
-        """Factor of the transpose, in the memory of this one, which is none any more.
-
-        Blocks that are by rows are to be by columns, and those by columns by rows: block by block they change places.
-        """
+        """Factor of the transpose, in the memory of this one, which is none any more."""
+        # Blocks that are by rows are to be by columns, and those by columns by rows: block by block they change places.
         entries = self.pattern.schedule.column_entries
         by_rows, by_columns = (self.upper, self.lower) if self.is_transposed else (self.lower, self.upper)
         visit(len(entries), lambda part: _swap(by_rows, entries[part], by_columns[part]))
@@ -229,7 +203,7 @@ class BlockFactor:
         self._sweep(self.pattern.schedule.downwards, 0, x, x, out)
         return out
 
-    def _sweep(self, levels: np.ndarray, turn: int, right, x, out) -> None:
+    def _sweep(self, levels: np.ndarray, turn: int, right: np.ndarray, x: np.ndarray, out) -> None:
         """Do the chunks of some levels, from ``turn`` on downwards."""
         pattern, schedule = self.pattern, self.pattern.schedule
         kernel = _solve_transposed if self.is_transposed else _solve
@@ -280,14 +254,12 @@ def levels_of(starts, columns):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _factorize(starts, columns, firsts, ends, levels, numbers, part, n_parts, lower, upper, diagonal):
-    """Factor row by row in place, the diagonal blocks into their inverses.
-
-    For every entry j of row i of the pattern, ascending; fill outside of the pattern is dropped:
-
-    1. ``L_ij = A_ij - sum_k L_ik U_kj`` and ``U_ji = A_ji - sum_k L_jk U_ki``, over the k < j in both rows.
-    2. ``L_ij = L_ij U_jj^-1``.
-    3. ``U_ii = A_ii - sum_j L_ij U_ji``, and its inverse when the row is done.
-    """
+    """Factor row by row in place, the diagonal blocks into their inverses."""
+    # For every entry j of row i of the pattern, ascending; fill outside of the pattern is dropped:
+    #
+    # 1. ``L_ij = A_ij - sum_k L_ik U_kj`` and ``U_ji = A_ji - sum_k L_jk U_ki``, over the k < j in both rows.
+    # 2. ``L_ij = L_ij U_jj^-1``.
+    # 3. ``U_ii = A_ii - sum_j L_ij U_ji``, and its inverse when the row is done.
     block, inverse = np.empty((BLOCK, BLOCK)), np.empty((BLOCK, BLOCK))
     level = n_tried = 0
     while True:

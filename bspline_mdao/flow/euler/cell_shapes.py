@@ -35,10 +35,8 @@ SOLID = 1e-3
 
 @njit(cache=True, error_model="numpy")
 def face_centres(nodes, corners):
-    """Centres of area and area vectors of faces, shapes (n_faces, 3), of corners, shape (n_faces, 4).
-
-    Real or complex.
-    """
+    """Centres of area and area vectors of faces, shapes (n_faces, 3), of corners, shape (n_faces, 4)."""
+    # Real or complex.
     centres, areas = np.zeros((len(corners), 3), nodes.dtype), np.zeros((len(corners), 3), nodes.dtype)
     for f in range(len(corners)):
         a, b, c, d = _at(nodes, corners[f])
@@ -96,10 +94,8 @@ def _mean(a, b, c, d):
 
 @njit(cache=True, error_model="numpy")
 def cell_shapes(centres, areas, left, right, n_cells):
-    """Centres of cells, shape (n_cells, 3), and sums of the squares of their three edges, shape (n_cells, 3, 3).
-
-    Of centres and area vectors of faces, real or complex.
-    """
+    """Centres of cells, shape (n_cells, 3), and sums of the squares of their three edges, shape (n_cells, 3, 3)."""
+    # Of centres and area vectors of faces, real or complex.
     means, moments, volumes = _pyramids(centres, areas, left, right, n_cells)
     spreads = np.zeros((n_cells, 3, 3), centres.dtype)
     for cell in range(n_cells):
@@ -200,10 +196,8 @@ def cell_shapes_vjp(centres, areas, left, right, places_bar, spreads_bar):
 
 @njit(cache=True, error_model="numpy")
 def _pyramids(centres, areas, left, right, n_cells):
-    """Means of the centres of the faces of cells, and moments and volumes of their pyramids about these.
-
-    Volumes of cells that have none are zero to the last bit.
-    """
+    """Means of the centres of the faces of cells, and moments and volumes of their pyramids about these."""
+    # Volumes of cells that have none are zero to the last bit.
     means, counts = np.zeros((n_cells, 3), centres.dtype), np.zeros(n_cells)
     for f in range(len(left)):
         for side in range(2 if f < len(right) else 1):

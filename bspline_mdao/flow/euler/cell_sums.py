@@ -28,36 +28,22 @@ AHEAD = 24
 
 @dataclass(frozen=True, eq=False)
 class CellSums:
-    """Faces of every cell, and faces whose stencils a cell is in.
+    """Faces of every cell, and faces whose stencils a cell is in."""
 
-    Parameters
-    ----------
-    starts : ndarray of int64, shape (n_cells + 1,)
-        Where the faces of each cell start; cells of other processes are among them.
-    entries : ndarray of int32
-        Faces, ascending; those that a cell is on the right of as ``-1 - face``.
-    stencil_starts : ndarray of int64, shape (n_cells + 1,)
-        Where the stencils with each cell start.
-    stencil_entries : ndarray of int32
-        Four times the face, plus the place of the cell in its stencil.
-    """
-
+    # (n_cells + 1,) of int, where the faces of each cell start; cells of other processes are among them
     starts: np.ndarray
-    entries: np.ndarray
-    stencil_starts: np.ndarray
-    stencil_entries: np.ndarray
+    entries: np.ndarray  # of int, faces, ascending; those that a cell is on the right of as ``-1 - face``
+    stencil_starts: np.ndarray  # (n_cells + 1,) of int, where the stencils with each cell start
+    stencil_entries: np.ndarray  # of int, four times the face, plus the place of the cell in its stencil
 
     @classmethod
-    def of(cls, cells: np.ndarray, has_right: np.ndarray) -> CellSums:
-        """List the faces.
-
-        Parameters
-        ----------
-        cells : ndarray of int, shape (n_faces, 4)
-            Stencil of each face; the second is on its left, the third on its right.
-        has_right : ndarray of bool, shape (n_faces,)
-            Whether there is a cell on its right.
-        """
+    def of(
+        cls,
+        # (n_faces, 4) of int, stencil of each face; the second is on its left, the third on its right
+        cells: np.ndarray,
+        has_right: np.ndarray,  # (n_faces,) of bool, whether there is a cell on its right
+    ) -> CellSums:
+        """List the faces."""
         return cls(*_list(cells, has_right, int(cells.max(initial=-1)) + 1))
 
     def of_faces(self, flux: np.ndarray, n_cells: int) -> np.ndarray:
@@ -75,17 +61,12 @@ class CellSums:
         return out
 
 
-def visit(n: int, task: Callable[[slice], None], per_task: int | None = None) -> None:
-    """Call ``task(range)`` for ranges of ``n`` numbers, on several threads.
-
-    Parameters
-    ----------
-    n : int
-    task : callable
-        Must not depend on the order of the calls, and release the interpreter lock.
-    per_task : int, optional
-        Numbers of a range at least; by default `PER_TASK`.
-    """
+def visit(
+    n: int,
+    task: Callable[[slice], None],  # must not depend on the order of the calls, and release the interpreter lock
+    per_task: int | None = None,  # numbers of a range at least; by default `PER_TASK`
+) -> None:
+    """Call ``task(range)`` for ranges of ``n`` numbers, on several threads."""
     n_threads = thread_count(None)
     n_tasks = max(1, min(TASKS_PER_THREAD * n_threads, n // (per_task or PER_TASK)))
     n_tasks -= n_tasks % n_threads if n_tasks > n_threads else 0  # as many for each

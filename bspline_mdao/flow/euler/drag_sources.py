@@ -28,21 +28,11 @@ _STILL = 1e-12
 
 
 class DragSources(NamedTuple):
-    """Drag coefficient of the pressures on the walls, and the parts of it.
+    """Drag coefficient of the pressures on the walls, and the parts of it."""
 
-    Parameters
-    ----------
-    total : float
-        ``CD``, of the pressures.
-    induced : float
-        ``CD_induced``, from the wake.
-    wave : float
-        Of the entropy that shocks make.
-    """
-
-    total: float
-    induced: float
-    wave: float
+    total: float  # ``CD``, of the pressures
+    induced: float  # ``CD_induced``, from the wake
+    wave: float  # of the entropy that shocks make
 
     @property
     def spurious(self) -> float:

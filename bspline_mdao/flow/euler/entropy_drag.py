@@ -51,43 +51,23 @@ _REST = np.array([1.0, 0.0, 0.0, 0.0, 1.0 / GAMMA])
 
 @dataclass(frozen=True, eq=False)
 class EntropyDrag:
-    """Drag of the entropy that leaves through the far field (Oswatitsch), divided by the dynamic pressure (m^2).
+    """Drag of the entropy that leaves through the far field (Oswatitsch), divided by the dynamic pressure (m^2)."""
 
-    In flow without shocks there should be none. What there is comes from the errors of the discretization, those that
-    wear trailing vortices down included: their part of the induced drag is in the entropy as well, so that the two do
-    not add up to the drag of the pressures.
+    # In flow without shocks there should be none. What there is comes from the errors of the discretization, those that
+    # wear trailing vortices down included: their part of the induced drag is in the entropy as well, so that the two do
+    # not add up to the drag of the pressures.
 
-    Parameters
-    ----------
-    corners : ndarray of int, shape (n_boundary, 4)
-        Rows of the corners of the boundary faces, of this process; area vectors are those of these faces.
-    far : ndarray of int, shape (n_far,)
-        Faces of the far field among them,
-    cells : ndarray of int, shape (n_far,)
-        and their cells.
-    slip : ndarray of int, shape (n_slip,)
-        Faces of walls and planes of symmetry among them,
-    slip_cells : ndarray of int, shape (n_slip, 4)
-        cells that their pressures are extrapolated from,
-    weights : ndarray, shape (n_slip, 4)
-        and weights of these.
-    halo : Halo
-        Exchange of cells with other processes.
-    vortex : FarVortex or None
-        Of the states outside, its faces among the boundary faces.
-    axes : ndarray, shape (3, 3)
-        Rows are the directions downstream, along the span, and up.
-    """
-
+    # (n_boundary, 4) of int, rows of the corners of the boundary faces, of this process; area vectors are those of
+    # these faces
     corners: np.ndarray
-    far: np.ndarray
-    cells: np.ndarray
-    slip: np.ndarray
-    slip_cells: np.ndarray
-    weights: np.ndarray
-    halo: Halo
-    vortex: FarVortex | None
-    axes: np.ndarray
+    far: np.ndarray  # (n_far,) of int, faces of the far field among them,
+    cells: np.ndarray  # (n_far,) of int, and their cells
+    slip: np.ndarray  # (n_slip,) of int, faces of walls and planes of symmetry among them,
+    slip_cells: np.ndarray  # (n_slip, 4) of int, cells that their pressures are extrapolated from,
+    weights: np.ndarray  # (n_slip, 4), and weights of these
+    halo: Halo  # exchange of cells with other processes
+    vortex: FarVortex | None  # of the states outside, its faces among the boundary faces
+    axes: np.ndarray  # (3, 3), rows are the directions downstream, along the span, and up
 
     @classmethod
     def of(cls, discretization: Discretization, axes: np.ndarray) -> EntropyDrag:
@@ -100,7 +80,7 @@ class EntropyDrag:
         ends = faces.corners[first:], far - first, faces.left[far], slip - first
         return cls(*ends, *pressures, discretization.halo, vortex, axes)
 
-    def evaluate(self, states: np.ndarray, areas: np.ndarray, alpha, mach):
+    def evaluate(self, states: np.ndarray, areas: np.ndarray, alpha: float, mach):
         """Drag of states, shape (n_cells, 5), and boundary faces with area vectors (m^2), shape (n_boundary, 3)."""
         stream, seen = free_stream(mach, alpha, self.axes), self.halo.extend(states)
         _, *at = self._at_far_field(seen, areas, stream)
@@ -108,7 +88,9 @@ class EntropyDrag:
         own = np.sum(far_terms(*at, *map(np.zeros_like, at))[0]) + self._rises(seen, stream[4]) @ push
         return summed_number(self.halo.comm, own) / (0.5 * mach**3)
 
-    def jvp(self, states, areas, alpha, mach, d_states, d_areas, d_alpha, d_mach):
+    def jvp(
+        self, states: np.ndarray, areas: np.ndarray, alpha: float, mach, d_states: np.ndarray, d_areas, d_alpha, d_mach
+    ):
         """Change of the drag with the states, the area vectors, the angle (rad) and the Mach number."""
         stream, seen, d_seen = free_stream(mach, alpha, self.axes), self.halo.extend(states), self.halo.extend(d_states)
         by_mach, by_alpha = free_stream_partials(mach, alpha, self.axes)
@@ -124,7 +106,9 @@ class EntropyDrag:
         change = summed_number(self.halo.comm, own) / (0.5 * mach**3)
         return change - 3.0 / mach * self.evaluate(states, areas, alpha, mach) * d_mach
 
-    def vjp(self, states, areas, alpha, mach, bar: float) -> tuple[np.ndarray, np.ndarray, float, float]:
+    def vjp(
+        self, states: np.ndarray, areas: np.ndarray, alpha: float, mach, bar: float
+    ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Derivatives with respect to the states, the area vectors, the angle and the Mach number, times a number."""
         stream, seen, scaled = free_stream(mach, alpha, self.axes), self.halo.extend(states), bar / (0.5 * mach**3)
         far, *at = self._at_far_field(seen, areas, stream)
@@ -151,7 +135,7 @@ class EntropyDrag:
         mach_bar = by_mach @ stream_bar - 3.0 / mach * bar * self.evaluate(states, areas, alpha, mach)
         return states_bar, areas_bar, by_alpha @ stream_bar, mach_bar
 
-    def _at_far_field(self, seen, areas, stream):
+    def _at_far_field(self, seen, areas: np.ndarray, stream):
         """Which faces of the far field have an area, and what `far_terms` takes of them."""
         outside = stream[None] if self.vortex is None else self.vortex.outside(seen, areas, stream)
         far = np.flatnonzero((areas[self.far] != 0.0).any(axis=1))
@@ -178,12 +162,22 @@ class EntropyCoefficient:
         """Take the far field of a grid."""
         return cls(EntropyDrag.of(flow.discretization, flow.axes), flow.corners, area)
 
-    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> dict[str, np.ndarray]:
+    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach) -> dict[str, np.ndarray]:
         """Coefficient by its name; real or complex."""
         boundary = area_vectors(self.nodes.extend(nodes), self.drag.corners)
         return {"CD_entropy": self.drag.evaluate(states, boundary, alpha, mach) / self.area}
 
-    def jvp(self, states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach) -> dict[str, np.ndarray]:
+    def jvp(
+        self,
+        states: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        mach,
+        d_states: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha,
+        d_mach,
+    ) -> dict[str, np.ndarray]:
         """Derivative along a direction in all arguments."""
         seen, d_seen = self.nodes.extend(nodes), self.nodes.extend(d_nodes)
         boundary = area_vectors(seen, self.drag.corners)
@@ -191,7 +185,9 @@ class EntropyCoefficient:
         d_drag = self.drag.jvp(states, boundary, alpha, mach, d_states, d_boundary, d_alpha, d_mach)
         return {"CD_entropy": d_drag / self.area}
 
-    def vjp(self, states, nodes, alpha, mach, bars: dict) -> tuple[np.ndarray, np.ndarray, float, float]:
+    def vjp(
+        self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach, bars: dict
+    ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Apply the transpose of `jvp`: derivatives with respect to states, nodes, angle and Mach number."""
         seen = self.nodes.extend(nodes)
         boundary, drag_bar = area_vectors(seen, self.drag.corners), np.sum(bars["CD_entropy"]) / self.area
@@ -201,11 +197,9 @@ class EntropyCoefficient:
 
 
 def far_terms(b, o, s, u, db, do, ds, du):
-    """Flux of the entropy less v_inf . F by the latter's factor, shape (n,), and its change, on the far field.
-
-    Of states of the cells and outside less that of the stream, both of shape (n, 5), area vectors, shape (n, 3), and
-    the velocity of the stream, shape (3,).
-    """
+    """Flux of the entropy less v_inf . F by the latter's factor, shape (n,), and its change, on the far field."""
+    # Of states of the cells and outside less that of the stream, both of shape (n, 5), area vectors, shape (n, 3), and
+    # the velocity of the stream, shape (3,).
     value, change = _entropy(b, s, u, db, ds, du)
     w, dw, j, dj = 0.5 * (b + o), 0.5 * (db + do), o - b, do - db
     r, dr, e, de, c, dc = 1.0 + w[:, 0], dw[:, 0], w[:, 4], dw[:, 4], w[:, 1:4], dw[:, 1:4]

@@ -32,27 +32,15 @@ RELAXED = 0.3
 
 @dataclass(frozen=True, eq=False)
 class ErrorEstimate(OneLine):
-    """A functional on a grid, and what the adjoint says of it on a finer member of the family.
+    """A functional on a grid, and what the adjoint says of it on a finer member of the family."""
 
-    Parameters
-    ----------
-    value : float
-        On the grid.
-    finer : float
-        As estimated for the finer member.
-    factor : float
-        Cells per direction of the finer member, divided by those of the grid.
-    contributions : ndarray, shape (n_cells,)
-        What the residuals in the cells of the grid contribute to the difference of both.
-    remaining : float
-        A measure of the estimate's own error: what the adjoint changes of the value that is seen on the finer member,
-        and what is changed by bringing states and adjoint nearer to those of the finer member, both without signs.
-    """
-
-    value: float
-    finer: float
-    factor: float
+    value: float  # on the grid
+    finer: float  # as estimated for the finer member
+    factor: float  # cells per direction of the finer member, divided by those of the grid
+    # (n_cells,), what the residuals in the cells of the grid contribute to the difference of both
     contributions: np.ndarray
+    # A measure of the estimate's own error: what the adjoint changes of the value that is seen on the finer member, and
+    # what is changed by bringing states and adjoint nearer to those of the finer member, both without signs
     remaining: float
 
     @property
@@ -73,61 +61,30 @@ class ErrorEstimate(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class FinerMember:
-    """A finer member of the family of a flow's grid, to look at residuals on.
+    """A finer member of the family of a flow's grid, to look at residuals on."""
 
-    Parameters
-    ----------
-    flow : FlowGrid
-        Of the finer member.
-    forces : FlowForces
-        On it.
-    nodes : NodeTransfer
-        Of nodes to the finer member.
-    cells : CellTransfer
-        Of cells.
-    factor : float
-        Cells per direction, relative to those of the grid.
-    baselines : tuple of two ndarray, each of shape (n, 3)
-        Nodes of the baseline, of the grid and of the finer member (m).
-    """
-
-    flow: FlowGrid
-    forces: FlowForces
-    nodes: NodeTransfer
-    cells: CellTransfer
-    factor: float
+    flow: FlowGrid  # of the finer member
+    forces: FlowForces  # on it
+    nodes: NodeTransfer  # of nodes to the finer member
+    cells: CellTransfer  # of cells
+    factor: float  # cells per direction, relative to those of the grid
+    # tuple of two ndarray, each of shape (n, 3), nodes of the baseline, of the grid and of the finer member (m)
     baselines: tuple[np.ndarray, np.ndarray]
 
     @classmethod
     def of(
         cls,
-        flow: FlowGrid,
-        forces: FlowForces,
-        topology: Topology,
-        nodes: np.ndarray,
-        axes: str,
-        factor: float,
+        flow: FlowGrid,  # of the grid
+        forces: FlowForces,  # on it
+        topology: Topology,  # connections of its blocks
+        nodes: np.ndarray,  # (n_nodes, 3), its nodes (m)
+        axes: str,  # see `FlowGrid.of`
+        factor: float,  # cells per direction of the finer member, relative to those of the grid; above 1
+        # tuple of two ndarray, each of shape (n, 3), nodes of the baseline (m), and of the member of that;
+        # displacements from them are interpolated
         baselines: tuple[np.ndarray, np.ndarray],
     ) -> FinerMember:
-        """Refine the grid of a flow.
-
-        Parameters
-        ----------
-        flow : FlowGrid
-            Of the grid.
-        forces : FlowForces
-            On it.
-        topology : Topology
-            Connections of its blocks.
-        nodes : ndarray, shape (n_nodes, 3)
-            Its nodes (m).
-        axes : str
-            See `FlowGrid.of`.
-        factor : float
-            Cells per direction of the finer member, relative to those of the grid; above 1.
-        baselines : tuple of two ndarray, each of shape (n, 3)
-            Nodes of the baseline (m), and of the member of that; displacements from them are interpolated.
-        """
+        """Refine the grid of a flow."""
         finer = refined_topology(topology, factor)
         to_nodes, scheme = NodeTransfer.of(topology, finer), flow.discretization
         finer_nodes = _displaced(to_nodes, baselines, nodes)
@@ -154,11 +111,9 @@ class FinerMember:
         return FinerStates(x, w, residual, w, residual)
 
     def relaxed(self, states: np.ndarray, nodes: np.ndarray, stream: np.ndarray) -> FinerStates:
-        """Prolong the states, and take an inexact step of Newton's method on the finer member, as long as is safe.
-
-        What the prolonged states are wrong by next to walls and edges is short, and large enough there for terms of
-        second order; the step takes most of it away.
-        """
+        """Prolong the states, and take an inexact step of Newton's method on the finer member, as long as is safe."""
+        # What the prolonged states are wrong by next to walls and edges is short, and large enough there for terms of
+        # second order; the step takes most of it away.
         x, w = self.nodes_at(nodes), self.cells.prolong(states)
         field = Field(self.flow.at(x), self.flow.areas(x), stream)
         tangent = FlowTangent.of(field.discretization, w, field.areas, stream, self.flow.pattern)
@@ -170,26 +125,18 @@ class FinerMember:
         return FinerStates(x, w, field.sizes * residual, relaxed, field.sizes * left, tangent)
 
     def estimate(
-        self, value: float, name: str, psi: np.ndarray, finer: FinerStates, alpha: float, mach: float
+        self,
+        value: float,  # on the grid
+        name: str,  # of the output of `FlowForces`, a single number
+        # (n_cells, 5), its adjoint on the grid. It is prolonged, and with relaxed states relaxed as well.
+        psi: np.ndarray,
+        finer: FinerStates,  # of the flow
+        alpha: float,  # alpha, mach: angle of attack (rad) and Mach number
+        mach: float,
     ) -> ErrorEstimate:
-        """Estimate a functional on the finer member after Venditti and Darmofal.
-
-        With states w and an adjoint psi on the finer member, its functional J and residual R, it is
-        ``J(w) - psi^T R(w)``.
-
-        Parameters
-        ----------
-        value : float
-            On the grid.
-        name : str
-            Of the output of `FlowForces`, a single number.
-        psi : ndarray, shape (n_cells, 5)
-            Its adjoint on the grid. It is prolonged, and with relaxed states relaxed as well.
-        finer : FinerStates
-            Of the flow.
-        alpha, mach
-            Angle of attack (rad) and Mach number.
-        """
+        """Estimate a functional on the finer member after Venditti and Darmofal."""
+        # With states w and an adjoint psi on the finer member, its functional J and residual R, it is ``J(w) - psi^T
+        # R(w)``.
 
         def seen(states: np.ndarray) -> float:
             return float(np.ravel(self.forces.evaluate(states, finer.nodes, alpha, mach)[name])[0])
@@ -213,23 +160,14 @@ def _displaced(transfer: NodeTransfer, baselines: tuple[np.ndarray, np.ndarray],
 
 @dataclass(frozen=True, eq=False)
 class FinerStates:
-    """States of a flow on a finer member that it is not solved on.
+    """States of a flow on a finer member that it is not solved on."""
 
-    Parameters
-    ----------
-    nodes : ndarray, shape (n_nodes, 3)
-        Of the finer member (m).
-    prolonged, states : ndarray, shape (n_cells, 5)
-        Interpolated from the grid; and nearer to the flow on the finer member, where they are relaxed.
-    residual, left : ndarray, shape (n_cells, 5)
-        Residuals of both.
-    tangent : FlowTangent, optional
-        Derivatives at the prolonged states; none where they are not relaxed.
-    """
-
-    nodes: np.ndarray
+    nodes: np.ndarray  # (n_nodes, 3), of the finer member (m)
+    # prolonged, states: (n_cells, 5), interpolated from the grid; and nearer to the flow on the finer member, where
+    # they are relaxed
     prolonged: np.ndarray
+    # residual, left: (n_cells, 5), residuals of both
     residual: np.ndarray
     states: np.ndarray
     left: np.ndarray
-    tangent: FlowTangent | None = None
+    tangent: FlowTangent | None = None  # derivatives at the prolonged states; none where they are not relaxed

@@ -23,40 +23,20 @@ __all__ = ["EstimateLoss", "WeightedAdjoint"]
 
 @dataclass(frozen=True, eq=False)
 class WeightedAdjoint:
-    """The adjoint of a functional, and what its contributions count.
+    """The adjoint of a functional, and what its contributions count."""
 
-    Parameters
-    ----------
-    psi : ndarray, shape (n_cells, 5)
-        Adjoint on the grid.
-    bound : float
-        The sum of all contributions without signs that counts one.
-    width : float
-        Contributions below this count by their squares.
-    """
-
-    psi: np.ndarray
-    bound: float
-    width: float
+    psi: np.ndarray  # (n_cells, 5), adjoint on the grid
+    bound: float  # the sum of all contributions without signs that counts one
+    width: float  # contributions below this count by their squares
 
 
 @dataclass(frozen=True, eq=False)
 class EstimateLoss:
-    """Sum over the functionals of all contributions without signs, each by its bound.
+    """Sum over the functionals of all contributions without signs, each by its bound."""
 
-    Parameters
-    ----------
-    member : FinerMember
-        The finer member that residuals are looked at on.
-    adjoints : sequence of WeightedAdjoint
-        One of each functional.
-    stream : ndarray, shape (5,)
-        The free stream.
-    """
-
-    member: FinerMember
-    adjoints: Sequence[WeightedAdjoint]
-    stream: np.ndarray
+    member: FinerMember  # the finer member that residuals are looked at on
+    adjoints: Sequence[WeightedAdjoint]  # one of each functional
+    stream: np.ndarray  # (5,), the free stream
 
     def value(self, states: np.ndarray, nodes: np.ndarray):
         """Loss of states, shape (n_cells, 5), on nodes, shape (n_nodes, 3), in metres; real or complex."""
@@ -80,7 +60,7 @@ class EstimateLoss:
         nodes_bar = member.nodes.prolong_transposed(member.flow.nodes_vjp(x, tangent, bar))
         return float(total), states_bar, nodes_bar
 
-    def _finer(self, states, nodes):
+    def _finer(self, states: np.ndarray, nodes: np.ndarray):
         """States and nodes of the finer member."""
         return self.member.cells.prolong(states), self.member.nodes_at(nodes)
 

@@ -35,26 +35,16 @@ AHEAD = 16
 
 @dataclass(frozen=True, eq=False)
 class FaceJacobians:
-    """Jacobians of the fluxes of all faces in single precision, and products with that of the residual.
-
-    Parameters
-    ----------
-    discretization : Discretization
-    values : ndarray of float32, shape (n_faces, 5, 10)
-        Derivatives of the fluxes with respect to the mean state and to the jump.
-    shock_rows : ndarray of int32, shape (n_faces,)
-        Row in ``shocks`` of each face; -1 where the sensor is shut. No faces where it is shut at all of them.
-    shocks : ndarray of float32, shape (n_shocks, N_SHOCK)
-        See `N_SHOCK`.
-    of_circulation, circulation : ndarray of float32, shape (n_cells, 5)
-        Derivatives of the residual with respect to the circulation of a section, and of that with respect to the
-        states; no cells where the far field has no vortex.
-    """
+    """Jacobians of the fluxes of all faces in single precision, and products with that of the residual."""
 
     discretization: Any  # a type of its own would have the two files import each other
-    values: np.ndarray
+    values: np.ndarray  # (n_faces, 5, 10), derivatives of the fluxes with respect to the mean state and to the jump
+    # (n_faces,) of int, row in ``shocks`` of each face; -1 where the sensor is shut. No faces where it is shut at all
+    # of them.
     shock_rows: np.ndarray
-    shocks: np.ndarray
+    shocks: np.ndarray  # (n_shocks, N_SHOCK), see `N_SHOCK`
+    # of_circulation, circulation: (n_cells, 5), derivatives of the residual with respect to the circulation of a
+    # section, and of that with respect to the states; no cells where the far field has no vortex
     of_circulation: np.ndarray
     circulation: np.ndarray
 
@@ -72,7 +62,7 @@ class FaceJacobians:
             rows = rows if at_shock.any() else rows[:0]  # in slow flow a product costs what it costs without a sensor
         shocks = np.zeros((int(rows.max(initial=-1)) + 1, N_SHOCK), np.float32)
 
-        def fill(part):
+        def fill(part) -> None:
             face_jacobians(*linearization.at(part), values[part], rows[part], shocks)
 
         visit(n, fill)
@@ -86,7 +76,7 @@ class FaceJacobians:
         d_states = discretization.halo.extend(np.ascontiguousarray(d_states, np.float32))
         flux, rest = np.empty((len(self.values), N_STATES), np.float32), (self.shocks, d_states)
 
-        def fill(part):
+        def fill(part) -> None:
             index = stencil.cells[part], stencil.means, stencil.classes[part], self.jump_weights, stencil.lines[part]
             multiply(*index, self.values[part], self.shock_rows[part], *rest, flux[part])
 
@@ -100,7 +90,7 @@ class FaceJacobians:
         bar = discretization.halo.pad(np.ascontiguousarray(bar, np.float32))
         shares, rest = np.empty((len(self.values), 4, N_STATES), np.float32), (self.shocks, bar)
 
-        def fill(part):
+        def fill(part) -> None:
             index = stencil.cells[part], stencil.means, stencil.classes[part], self.jump_weights, stencil.lines[part]
             multiply_transposed(
                 *index, stencil.roles[part], self.values[part], self.shock_rows[part], *rest, shares[part]

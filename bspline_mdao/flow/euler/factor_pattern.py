@@ -38,15 +38,11 @@ In rows of border cells, of which there are few, it is that on any grid: they co
 others, and more is filled in there. It takes 2 to 4 % of the products on two processes, and 3 to 8 % on four."""
 
 
-def factor_pattern(discretization: Discretization, face_sizes: np.ndarray) -> FactorPattern:
-    """Find the pattern of the factor, once per grid; all processes call it together.
-
-    Parameters
-    ----------
-    discretization : Discretization
-    face_sizes : ndarray, shape (n_faces,)
-        Areas of the faces (m^2).
-    """
+def factor_pattern(
+    discretization: Discretization,
+    face_sizes: np.ndarray,  # (n_faces,), areas of the faces (m^2)
+) -> FactorPattern:
+    """Find the pattern of the factor, once per grid; all processes call it together."""
     faces, is_far = discretization.faces, discretization.stencil.roles == FARFIELD
     behind = faces.beyond_left[faces.n_inner :]
     others = np.append(faces.right, np.where(behind == NONE, faces.n_cells, behind))
@@ -111,58 +107,35 @@ class FactorPattern(IncompletePattern):
     @classmethod
     def of(
         cls,
+        # left, right: (n_pairs,) of int, pairs of neighbours; pairs with numbers of n or more, of none, have no place
         left: np.ndarray,
         right: np.ndarray,
+        # (n_pairs,), what is off the diagonal of the matrix of numbers, times -1; of pairs that are there twice the sum
         couplings: np.ndarray,
-        diagonal: np.ndarray,
+        diagonal: np.ndarray,  # (n,), its diagonal: for every cell no less than the sum of its couplings
         *,
-        smallest: float,
-        has_turn: bool = True,
+        smallest: float,  # see `smallest_entry`; 0 for all fill. Neighbours are kept.
+        has_turn: bool = True,  # whether cells are eliminated from both ends to the middle, for two threads
     ) -> FactorPattern:
-        """Order the cells, and find the fill.
-
-        Parameters
-        ----------
-        left, right : ndarray of int, shape (n_pairs,)
-            Pairs of neighbours; pairs with numbers of n or more, of none, have no place.
-        couplings : ndarray, shape (n_pairs,)
-            What is off the diagonal of the matrix of numbers, times -1; of pairs that are there twice the sum.
-        diagonal : ndarray, shape (n,)
-            Its diagonal: for every cell no less than the sum of its couplings.
-        smallest : float
-            See `smallest_entry`; 0 for all fill. Neighbours are kept.
-        has_turn : bool
-            Whether cells are eliminated from both ends to the middle, for two threads.
-        """
+        """Order the cells, and find the fill."""
         is_last = np.zeros(len(diagonal), bool)
         return cls._with_last(left, right, couplings, diagonal, is_last, has_turn, smallest)[0]
 
     @classmethod
     def of_share(
         cls,
+        # left, right, couplings, diagonal: see `of`; numbers of n or more are cells of other processes behind the own
+        # ones, or none
         left: np.ndarray,
         right: np.ndarray,
         couplings: np.ndarray,
         diagonal: np.ndarray,
-        cut: np.ndarray,
-        halo,
-        smallest: float,
+        cut: np.ndarray,  # of int, pairs of an own cell and one of another process at a face
+        halo,  # exchange of cells
+        smallest: float,  # see `of`
     ) -> FactorPattern:
-        """Find the pattern for the cells of one process, its border cells last: all processes call it together.
-
-        They are eliminated from one end to the other: a turn in each of four processes takes 6 to 10 % more products.
-
-        Parameters
-        ----------
-        left, right, couplings, diagonal
-            See `of`; numbers of n or more are cells of other processes behind the own ones, or none.
-        cut : ndarray of int
-            Pairs of an own cell and one of another process at a face.
-        halo : Halo
-            Exchange of cells.
-        smallest : float
-            See `of`.
-        """
+        """Find the pattern for the cells of one process, its border cells last: all processes call it together."""
+        # They are eliminated from one end to the other: a turn in each of four processes takes 6 to 10 % more products.
         n, ends = len(diagonal), np.stack([left[cut], right[cut]])
         own, others = ends.min(axis=0), ends.max(axis=0)
         is_border = np.zeros(n, bool)
@@ -178,18 +151,20 @@ class FactorPattern(IncompletePattern):
         return replace(pattern, border=border, outer=outer)
 
     @classmethod
-    def _with_last(cls, left, right, couplings, diagonal, is_last: np.ndarray, has_turn: bool, smallest: float):
-        """Pattern with some cells as its last rows, between which it has no entries.
-
-        Returns
-        -------
-        pattern : FactorPattern
-            Pairs of two of these cells have places behind its entries.
-        pairs : tuple of two ndarray of int
-            Which pairs of them these are, by the numbers of the rows among the last ones, the later one first.
-        couplings, diagonal : ndarray
-            What elimination of all others leaves of the matrix of numbers there.
-        """
+    def _with_last(
+        cls,
+        left: np.ndarray,
+        right: np.ndarray,
+        couplings: np.ndarray,
+        diagonal: np.ndarray,
+        is_last: np.ndarray,
+        has_turn: bool,
+        smallest: float,
+    ):
+        """Pattern with some cells as its last rows, between which it has no entries."""
+        # Returns pattern: pairs of two of these cells have places behind its entries; pairs: of int, which pairs of
+        # them these are, by the numbers of the rows among the last ones, the later one first; couplings, diagonal: what
+        # elimination of all others leaves of the matrix of numbers there.
         n, n_first = len(diagonal), int(np.count_nonzero(~is_last))
         places, is_own = np.full(len(left), -1), (left < n) & (right < n)
         left, right = left[is_own], right[is_own]
@@ -216,19 +191,12 @@ class FactorPattern(IncompletePattern):
 
 
 def _parts(left: np.ndarray, right: np.ndarray, is_last: np.ndarray, has_turn: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Order of reverse Cuthill and McKee, or the second half of it backwards, and behind both what separates them.
-
-    Two threads take a half each and wait for each other once. An order with such a turn takes hardly more products than
-    one without it, where two halves that both run forwards take half as many more again.
-
-    Returns
-    -------
-    order : ndarray of int32, shape (n,)
-        Some points are behind all others.
-    parts : ndarray of int64, shape (5,)
-        Where the first half, the second, the separator, and these points lie in it; without a turn all are in the
-        first half.
-    """
+    """Order of reverse Cuthill and McKee, or the second half of it backwards, and behind both what separates them."""
+    # Returns order: (n,) of int, some points are behind all others; parts: (5,) of int, where the first half, the
+    # second, the separator, and these points lie in it; without a turn all are in the first half.
+    #
+    # Two threads take a half each and wait for each other once. An order with such a turn takes hardly more products
+    # than one without it, where two halves that both run forwards take half as many more again.
     n, ends = len(is_last), (np.concatenate([left, right]), np.concatenate([right, left]))
     both = csr_array((np.ones(2 * len(left), np.int8), ends), shape=(n, n))
     both.sum_duplicates()
@@ -261,7 +229,7 @@ def _ranks(order: np.ndarray) -> np.ndarray:
     return rank
 
 
-def _lower_rows(left, right, values, n: int) -> csr_array:
+def _lower_rows(left: np.ndarray, right: np.ndarray, values, n: int) -> csr_array:
     """Lower triangle of a symmetric matrix by rows, columns ascending."""
     rows = csr_array((values, (np.maximum(left, right), np.minimum(left, right))), shape=(n, n))
     rows.sum_duplicates()
@@ -270,18 +238,16 @@ def _lower_rows(left, right, values, n: int) -> csr_array:
 
 @njit(cache=True, error_model="numpy")
 def _large_entries(starts, columns, couplings, diagonal, n_first, smallest, smallest_behind):
-    """Find the large entries of the factor L D L^T of a symmetric matrix, row by row; columns ascend.
-
-    Only the first ``n_first`` columns are eliminated: the values of the entries of later rows, and their pivots, are of
-    what is left. What is small differs between the rows up to there and those behind.
-
-    For every row i, from the couplings in it:
-
-    1. Take the next column k, and go on without it where its entry is small and no coupling.
-    2. Add what it fills in, ``a_ij - a_ik a_jk / d_k`` for the rows j in column k that are done, k < j < i, which are
-       columns of this row, and to the pivot ``d_i``.
-    3. When all are taken, put the row in the lists of its columns.
-    """
+    """Find the large entries of the factor L D L^T of a symmetric matrix, row by row; columns ascend."""
+    # Only the first ``n_first`` columns are eliminated: the values of the entries of later rows, and their pivots, are
+    # of what is left. What is small differs between the rows up to there and those behind.
+    #
+    # For every row i, from the couplings in it:
+    #
+    # 1. Take the next column k, and go on without it where its entry is small and no coupling.
+    # 2. Add what it fills in, ``a_ij - a_ik a_jk / d_k`` for the rows j in column k that are done, k < j < i, which are
+    #    columns of this row, and to the pivot ``d_i``.
+    # 3. When all are taken, put the row in the lists of its columns.
     n = len(diagonal)
     found, entries, later = np.empty(8 * n + 64, np.int32), np.empty(8 * n + 64), np.empty(8 * n + 64, np.int64)
     row_of, ends, heads = np.empty(8 * n + 64, np.int32), np.zeros(n + 1, np.int64), np.full(n, -1)

@@ -22,6 +22,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -41,55 +42,27 @@ _FLAT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class FarVortex:
-    """Vortex of a section, by which the states outside the far field differ from the free stream.
+    """Vortex of a section, by which the states outside the far field differ from the free stream."""
 
-    Parameters
-    ----------
-    faces : ndarray of int, shape (n_far,)
-        Faces of the far field, of this process as all here.
-    offsets : ndarray, shape (n_far, 3)
-        From the vortex to their middles (m).
-    walls : ndarray of int, shape (n_wall,)
-        Faces of the walls.
-    cells : ndarray of int, shape (n_wall, 4)
-        Cells whose pressures are extrapolated to them.
-    weights : ndarray, shape (n_wall, 4)
-        Weights of these cells.
-    turn : ndarray, shape (3, 3)
-        Turns the direction of the stream into that of the lift.
-    depth : float
-        Of the grid, along the span (m).
-    halo : Halo
-        Exchange of cells with other processes.
-    """
-
-    faces: np.ndarray
-    offsets: np.ndarray
-    walls: np.ndarray
-    cells: np.ndarray
-    weights: np.ndarray
-    turn: np.ndarray
-    depth: float
-    halo: Halo
+    faces: np.ndarray  # (n_far,) of int, faces of the far field, of this process as all here
+    offsets: np.ndarray  # (n_far, 3), from the vortex to their middles (m)
+    walls: np.ndarray  # (n_wall,) of int, faces of the walls
+    cells: np.ndarray  # (n_wall, 4) of int, cells whose pressures are extrapolated to them
+    weights: np.ndarray  # (n_wall, 4), weights of these cells
+    turn: np.ndarray  # (3, 3), turns the direction of the stream into that of the lift
+    depth: float  # of the grid, along the span (m)
+    halo: Halo  # exchange of cells with other processes
 
     @classmethod
     def of(
-        cls, faces: CellFaces, stencil: Stencil, nodes: np.ndarray, axes: np.ndarray, halo: Halo
+        cls,
+        faces: CellFaces,
+        stencil: Stencil,  # cells and weights of the walls
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
+        axes: np.ndarray,  # (3, 3), rows are the directions downstream, along the span, and up
+        halo: Halo,  # exchange of cells with other processes
     ) -> FarVortex | None:
-        """Find the vortex of a grid between two planes of symmetry across the span; None if the grid is none.
-
-        Parameters
-        ----------
-        faces : CellFaces
-        stencil : Stencil
-            Cells and weights of the walls.
-        nodes : ndarray, shape (n_nodes, 3)
-            Baseline nodes (m).
-        axes : ndarray, shape (3, 3)
-            Rows are the directions downstream, along the span, and up.
-        halo : Halo
-            Exchange of cells with other processes.
-        """
+        """Find the vortex of a grid between two planes of symmetry across the span; None if the grid is none."""
         comm = halo.comm
         walls, far = faces.faces_of("wall"), faces.faces_of("farfield")
         places = nodes @ axes.T
@@ -109,16 +82,13 @@ class FarVortex:
         weights = stencil.means[stencil.classes[walls]]
         return cls(far, offsets, walls, stencil.cells[walls], weights, turn, float(top[0] - bottom[0]), halo)
 
-    def outside(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> np.ndarray:
-        """States outside the far field, shape (n_far, 5), real or complex.
-
-        Parameters
-        ----------
-        states : ndarray, shape (n_cells + n_ghosts, 5)
-        areas : ndarray, shape (n_faces, 3)
-            Area vectors (m^2).
-        stream : ndarray, shape (5,)
-        """
+    def outside(
+        self,
+        states: np.ndarray,  # (n_cells + n_ghosts, 5)
+        areas: np.ndarray,  # (n_faces, 3), area vectors (m^2)
+        stream: np.ndarray,  # (5,)
+    ) -> np.ndarray:
+        """States outside the far field, shape (n_far, 5), real or complex."""
         return self._disturbed(stream, self._circulation(states, areas, stream))
 
     def linearize(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> VortexTangent:
@@ -139,17 +109,17 @@ class FarVortex:
             self, np.stack(columns, axis=2), self.halo.fold(by_state), rise[:, None] * push / impulse, by_stream
         )
 
-    def _pressures(self, states):
+    def _pressures(self, states: np.ndarray):
         """Pressures on the walls, shape (n_wall,)."""
         return np.sum(self.weights * states[self.cells, 4], axis=1)
 
-    def _circulation(self, states, areas, stream):
+    def _circulation(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray):
         """Lift per span divided by density and speed of the stream; pressures count from that of the stream."""
         force = (self._pressures(states) - stream[4]) @ areas[self.walls]
         lift = summed_number(self.halo.comm, force @ (self.turn @ stream[1:4]))
         return lift / (stream[0] * (stream[1:4] @ stream[1:4]) * self.depth)
 
-    def _disturbed(self, stream, circulation):
+    def _disturbed(self, stream: np.ndarray, circulation):
         """States of the stream with a vortex. Faster than sound nothing of it comes upstream."""
         rho, u, p = stream[0], stream[1:4], stream[4]
         speed, sound = u @ u, GAMMA * p / rho
@@ -162,7 +132,7 @@ class FarVortex:
         heat = 1.0 + 0.5 * (GAMMA - 1.0) * (speed - np.sum(v * v, axis=1)) / sound
         return np.column_stack([rho * heat ** (1.0 / (GAMMA - 1.0)), v, p * heat ** (GAMMA / (GAMMA - 1.0))])
 
-    def _disturbed_jvp(self, stream, circulation, d_stream, d_circulation):
+    def _disturbed_jvp(self, stream: np.ndarray, circulation, d_stream: np.ndarray, d_circulation):
         """Change of these states with the stream and the circulation."""
         rho, u, p = stream[0], stream[1:4], stream[4]
         d_rho, du, dp = d_stream[0], d_stream[1:4], d_stream[4]
@@ -189,7 +159,7 @@ class FarVortex:
         return np.column_stack([d_density, dv, pressure * (dp / p + GAMMA / (GAMMA - 1.0) * d_heat / heat)])
 
 
-def _ends(comm, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _ends(comm: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest coordinates of points, shape (n, d), of all processes."""
     lowest, highest = -points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
     return -np.array([largest(comm, x) for x in lowest]), np.array([largest(comm, x) for x in highest])
@@ -202,26 +172,14 @@ _CIRCULATIONS = np.append(np.zeros(N_STATES), 1.0)
 
 @dataclass(frozen=True, eq=False)
 class VortexTangent:
-    """Derivatives of the states outside the far field and of the circulation.
-
-    Parameters
-    ----------
-    vortex : FarVortex
-    outside : ndarray, shape (n_far, 5, 6)
-        Derivatives of the states with respect to the free stream and to the circulation.
-    by_state : ndarray, shape (n_cells, 5)
-        Derivatives of the circulation with respect to the states,
-    by_area : ndarray, shape (n_wall, 3)
-        to the area vectors of the walls
-    by_stream : ndarray, shape (5,)
-        and to the free stream.
-    """
+    """Derivatives of the states outside the far field and of the circulation."""
 
     vortex: FarVortex
+    # (n_far, 5, 6), derivatives of the states with respect to the free stream and to the circulation
     outside: np.ndarray
-    by_state: np.ndarray
-    by_area: np.ndarray
-    by_stream: np.ndarray
+    by_state: np.ndarray  # (n_cells, 5), derivatives of the circulation with respect to the states,
+    by_area: np.ndarray  # (n_wall, 3), to the area vectors of the walls
+    by_stream: np.ndarray  # (5,), and to the free stream
 
     @property
     def by_circulation(self) -> np.ndarray:

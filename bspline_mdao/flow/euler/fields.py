@@ -23,24 +23,15 @@ from .gas import GAMMA, mach_numbers
 __all__ = ["field_values", "node_means", "wall_path", "write_flow"]
 
 
-def field_values(states: np.ndarray, mach: float) -> dict[str, np.ndarray]:
-    """Compute the fields of states.
-
-    Parameters
-    ----------
-    states : ndarray, shape (n, 5)
-        See `.gas`.
-    mach : float
-        Mach number of the free stream.
-
-    Returns
-    -------
-    dict of str to ndarray
-        By name: ``Cp``; ``Mach``; ``velocity``, shape (n, 3), relative to the speed of the free stream; ``density``,
-        relative to that of the free stream; ``entropy`` above that of the free stream, divided by the specific heat at
-        constant volume; ``total_pressure_loss``, the total pressure that is lacking relative to that of the free
-        stream. The last two are zero in flow without shocks and without errors.
-    """
+def field_values(
+    states: np.ndarray,  # (n, 5), see `.gas`
+    mach: float,  # mach number of the free stream
+) -> dict[str, np.ndarray]:
+    """Compute the fields of states."""
+    # Returns by name: ``Cp``; ``Mach``; ``velocity``, shape (n, 3), relative to the speed of the free stream;
+    # ``density``, relative to that of the free stream; ``entropy`` above that of the free stream, divided by the
+    # specific heat at constant volume; ``total_pressure_loss``, the total pressure that is lacking relative to that of
+    # the free stream. The last two are zero in flow without shocks and without errors.
     pressure, local = GAMMA * states[:, 4], mach_numbers(states)
     total = pressure * _total(local) / _total(mach)
     return {
@@ -53,25 +44,16 @@ def field_values(states: np.ndarray, mach: float) -> dict[str, np.ndarray]:
     }
 
 
-def _total(mach):
+def _total(mach: float):
     """Total pressure divided by pressure."""
     return (1.0 + 0.5 * (GAMMA - 1.0) * mach**2) ** (GAMMA / (GAMMA - 1.0))
 
 
-def node_means(topology: Topology, values: np.ndarray) -> np.ndarray:
-    """Means at every node of the values of the cells around it, those beyond interfaces included.
-
-    Parameters
-    ----------
-    topology : Topology
-        How the blocks are joined.
-    values : ndarray, shape (n_cells, n)
-        Blocks in order, each in C order.
-
-    Returns
-    -------
-    ndarray, shape (n_nodes, n)
-    """
+def node_means(
+    topology: Topology,  # how the blocks are joined
+    values: np.ndarray,  # (n_cells, n), blocks in order, each in C order
+) -> np.ndarray:  # (n_nodes, n)
+    """Means at every node of the values of the cells around it, those beyond interfaces included."""
     rows = source_rows(node_copies(topology), np.arange(topology.n_nodes))
     sums, counts = np.zeros((topology.n_nodes, values.shape[1])), np.zeros(topology.n_nodes)
     layout = topology.layout
@@ -85,39 +67,17 @@ def node_means(topology: Topology, values: np.ndarray) -> np.ndarray:
 
 
 def write_flow(
-    path: str | os.PathLike,
-    topology: Topology,
-    grid: Grid,
-    states: np.ndarray,
-    wall_pressures: np.ndarray,
-    mach: float,
+    path: str | os.PathLike,  # ``something.vtm`` for ParaView, ``something.dat`` for Tecplot
+    topology: Topology,  # how the blocks are joined
+    grid: Grid,  # the grid, with its patches
+    states: np.ndarray,  # (n_cells, 5), states of all cells
+    wall_pressures: np.ndarray,  # (n_wall,), pressure coefficients on the wall faces
+    mach: float,  # mach number of the free stream
 ) -> None:
-    """Write the fields of a flow, on nodes and cells, and those on the walls beside them, for ParaView or Tecplot.
-
-    ``path`` is the file of the blocks; that of the walls has ``_walls`` after its name, see `wall_path`. Cells have
-    those of `bspline_mdao.grids.cells.cell_fields` as well. Faces of walls have the fields of the cells behind them,
-    but their own pressures.
-
-    Parameters
-    ----------
-    path : path-like
-        ``something.vtm`` for ParaView, ``something.dat`` for Tecplot.
-    topology : Topology
-        How the blocks are joined.
-    grid : Grid
-        The grid, with its patches.
-    states : ndarray, shape (n_cells, 5)
-        States of all cells.
-    wall_pressures : ndarray, shape (n_wall,)
-        Pressure coefficients on the wall faces.
-    mach : float
-        Mach number of the free stream.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
-    """
+    """Write the fields of a flow, on nodes and cells, and those on the walls beside them, for ParaView or Tecplot."""
+    # ``path`` is the file of the blocks; that of the walls has ``_walls`` after its name, see `wall_path`. Cells have
+    # those of `bspline_mdao.grids.cells.cell_fields` as well. Faces of walls have the fields of the cells behind them,
+    # but their own pressures.
     write = writer_of(path)
     on_cells, on_nodes = field_values(states, mach), field_values(node_means(topology, states), mach)
     layout = topology.layout
@@ -138,7 +98,7 @@ def wall_path(path: str | os.PathLike) -> Path:
     return path.with_name(f"{path.stem}_walls{path.suffix}")
 
 
-def _write_walls(path, topology: Topology, grid: Grid, on_nodes, fields, pressures) -> None:
+def _write_walls(path: str | os.PathLike, topology: Topology, grid: Grid, on_nodes, fields, pressures) -> None:
     """Write the faces of the walls, with the pressures that act on them, in the order of these: patch after patch."""
     walls = [face for face in topology.boundary if face.kind == "wall"]
     walls = [face for name in dict.fromkeys(face.patch for face in walls) for face in walls if face.patch == name]

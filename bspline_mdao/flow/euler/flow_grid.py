@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -35,64 +36,27 @@ _FLAT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class FlowGrid:
-    """Faces and stencils, the pattern of the preconditioner, and the axes of the flow.
+    """Faces and stencils, the pattern of the preconditioner, and the axes of the flow."""
 
-    Parameters
-    ----------
-    discretization : Discretization
-        On the baseline, see `at`.
-    axes : ndarray, shape (3, 3)
-        Rows are the directions downstream, along the span, and up.
-    walls : Walls
-        Those of all processes.
-    kinks : Kinks
-        Faces with weights of their own.
-    face_sizes : ndarray of float32, shape (n_faces,)
-        Areas of the faces of the baseline (m^2).
-    corners : Halo
-        Exchange of nodes with other processes. All arrays of nodes are those of this process.
-    """
-
-    discretization: Discretization
-    axes: np.ndarray
-    walls: Walls
-    kinks: Kinks
-    face_sizes: np.ndarray
-    corners: Halo = ALONE
+    discretization: Discretization  # on the baseline, see `at`
+    axes: np.ndarray  # (3, 3), rows are the directions downstream, along the span, and up
+    walls: Walls  # those of all processes
+    kinks: Kinks  # faces with weights of their own
+    face_sizes: np.ndarray  # (n_faces,), areas of the faces of the baseline (m^2)
+    corners: Halo = ALONE  # exchange of nodes with other processes. All arrays of nodes are those of this process.
 
     @classmethod
     def of(
         cls,
-        topology: Topology,
-        nodes: np.ndarray,
-        axes: str = "xzy",
+        topology: Topology,  # connections of its blocks, with declared patches
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), of the share of this process
+        axes: str = "xzy",  # axes of the grid that point downstream, along the span, and up
         *,
-        partition: Partition | None = None,
-        comm=ONE,
-        **settings,
+        partition: Partition | None = None,  # who has which cells, where there are several processes
+        comm: Any = ONE,  # the processes
+        **settings: Any,  # of the `Discretization`
     ) -> FlowGrid:
-        """Find the faces, stencils and preconditioner pattern of a grid.
-
-        Parameters
-        ----------
-        topology : Topology
-            Connections of its blocks, with declared patches.
-        nodes : ndarray, shape (n_nodes, 3)
-            Baseline nodes (m), of the share of this process.
-        axes : str
-            Axes of the grid that point downstream, along the span, and up.
-        partition : Partition, optional
-            Who has which cells, where there are several processes.
-        comm : communicator
-            The processes.
-        **settings
-            Of the `Discretization`.
-
-        Raises
-        ------
-        InputError
-            If a part of the boundary is not declared as wall, symmetry or far field, or the axes cannot be used.
-        """
+        """Find the faces, stencils and preconditioner pattern of a grid."""
         if comm.size == 1:
             discretization, corners = Discretization.of(CellFaces.of(topology, nodes), **settings), ALONE
             walls = Walls.of(discretization.faces)
@@ -154,13 +118,7 @@ class FlowGrid:
         return float(ends.sum(axis=0).max())
 
     def require_volumes(self, nodes: np.ndarray) -> None:
-        """Refuse cells with negative volumes.
-
-        Raises
-        ------
-        InputError
-            If there are any, on all processes with the words of the first one that has some.
-        """
+        """Refuse cells with negative volumes."""
         seen = self.corners.extend(nodes)
         with together(self.comm):
             self.faces.require_volumes(seen)
@@ -178,18 +136,13 @@ class FlowGrid:
         """Transposed product of `areas_jvp`."""
         return self.corners.fold(area_vectors_vjp(self.corners.extend(nodes), self.faces.corners, bar))
 
-    def nodes_jvp(self, nodes: np.ndarray, tangent: Linearization, d_nodes: np.ndarray) -> np.ndarray:
-        """Change of the residual, shape (n_cells, 5), with the nodes, shape (n_nodes, 3).
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            Where it is differentiated (m).
-        tangent : Linearization
-            There, of what `at` returns.
-        d_nodes : ndarray, shape (n_nodes, 3)
-            The direction (m).
-        """
+    def nodes_jvp(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), where it is differentiated (m)
+        tangent: Linearization,  # there, of what `at` returns
+        d_nodes: np.ndarray,  # (n_nodes, 3), the direction (m)
+    ) -> np.ndarray:
+        """Change of the residual, shape (n_cells, 5), with the nodes, shape (n_nodes, 3)."""
         change = tangent.area_jvp(self.areas_jvp(nodes, d_nodes))
         if self.kinks.n_of_grid:
             d_weights = self.kinks.changes_jvp(self.corners.extend(nodes), self.corners.extend(d_nodes))
@@ -206,11 +159,9 @@ class FlowGrid:
 
 
 def area_vectors(nodes: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Area vectors (m^2), shape (n_faces, 3), of the nodes, shape (n_nodes, 3), at corners, shape (n_faces, 4).
-
-    Half the cross product of the diagonals: the parts of the boundary edges of neighbouring faces cancel, whatever the
-    nodes, so that the area vectors of a cell sum to zero and uniform flow is a solution on any grid.
-    """
+    """Area vectors (m^2), shape (n_faces, 3), of the nodes, shape (n_nodes, 3), at corners, shape (n_faces, 4)."""
+    # Half the cross product of the diagonals: the parts of the boundary edges of neighbouring faces cancel, whatever
+    # the nodes, so that the area vectors of a cell sum to zero and uniform flow is a solution on any grid.
     return quads.area_vectors(nodes[corners])
 
 

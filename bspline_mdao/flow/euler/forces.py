@@ -37,22 +37,33 @@ _FLAT = 1e-6
 
 
 class StateKernel(Protocol):
-    """Functionals of the states, shape (n_cells, 5), the nodes (m), the angle of attack (rad) and the Mach number.
+    """Functionals of the states, shape (n_cells, 5), the nodes (m), the angle of attack (rad) and the Mach number."""
 
-    Of several processes, each gives its cells and nodes.
-    """
+    # Of several processes, each gives its cells and nodes.
 
     @property
     def outputs(self) -> tuple[str, ...]:
         """Their names."""
 
-    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> dict[str, Any]:
+    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach) -> dict[str, Any]:
         """Values by name; real or complex."""
 
-    def jvp(self, states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach) -> dict[str, Any]:
+    def jvp(
+        self,
+        states: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        mach,
+        d_states: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha,
+        d_mach,
+    ) -> dict[str, Any]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
 
-    def vjp(self, states, nodes, alpha, mach, bars: dict) -> tuple[np.ndarray, np.ndarray, float, float]:
+    def vjp(
+        self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach, bars: dict
+    ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name."""
 
 
@@ -62,55 +73,25 @@ KERNELS: dict[str, Callable[[FlowGrid, float], StateKernel]] = {"entropy": Entro
 
 @dataclass(frozen=True, eq=False)
 class FlowForces:
-    """The functionals of a flow: pressures on walls, `WingCoefficients` of these, and what is made of the states.
+    """The functionals of a flow: pressures on walls, `WingCoefficients` of these, and what is made of the states."""
 
-    Parameters
-    ----------
-    walls : Walls
-        The walls of all processes.
-    pressure : WallPressure
-        ``Cp``.
-    wing : WingCoefficients
-        Of the forces on walls.
-    kernels : tuple of StateKernel
-        Of the states.
-    """
-
-    walls: Walls
-    pressure: WallPressure
-    wing: WingCoefficients
-    kernels: tuple[StateKernel, ...]
+    walls: Walls  # the walls of all processes
+    pressure: WallPressure  # ``Cp``
+    wing: WingCoefficients  # of the forces on walls
+    kernels: tuple[StateKernel, ...]  # of the states
 
     @classmethod
     def of(
         cls,
-        flow: FlowGrid,
-        nodes: np.ndarray,
-        area: float,
+        flow: FlowGrid,  # its faces and axes
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
+        area: float,  # area, chord: reference area (m^2) of what the grid shows, and chord (m)
         chord: float = 1.0,
-        reference=(0.0, 0.0, 0.0),
+        reference=(0.0, 0.0, 0.0),  # point that moments are taken about (m)
+        # of bool, hinge moments, and which wall faces belong to the patches of each
         hinges: Sequence[tuple[HingeMoment, np.ndarray]] = (),
     ) -> FlowForces:
-        """Find the walls, the strips of the wing and the far field of a grid.
-
-        Parameters
-        ----------
-        flow : FlowGrid
-            Its faces and axes.
-        nodes : ndarray, shape (n_nodes, 3)
-            Baseline nodes (m).
-        area, chord : float
-            Reference area (m^2) of what the grid shows, and chord (m).
-        reference : sequence of three float
-            Point that moments are taken about (m).
-        hinges : sequence of (HingeMoment, ndarray of bool)
-            Hinge moments, and which wall faces belong to the patches of each.
-
-        Raises
-        ------
-        InputError
-            If there is no wall, it has no span, a reference cannot be used, or the plane of symmetry is not at span 0.
-        """
+        """Find the walls, the strips of the wing and the far field of a grid."""
         wall, on_walls = flow.walls.corners, flow.walls.nodes(nodes)
         if not len(wall):
             raise InputError("flow: no patch is a wall, so that there are no forces; declare what the body is")
@@ -129,18 +110,14 @@ class FlowForces:
     def __repr__(self) -> str:
         return f"<forces on {len(self.walls.corners)} wall faces>"
 
-    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> dict[str, np.ndarray]:
-        """Compute all outputs by name; real or complex.
-
-        Parameters
-        ----------
-        states : ndarray, shape (n_cells, 5)
-            States of all cells; here and below, those of this process.
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of the grid (m), as well.
-        alpha, mach : float
-            Angle of attack (rad) and Mach number.
-        """
+    def evaluate(
+        self,
+        states: np.ndarray,  # (n_cells, 5), states of all cells; here and below, those of this process
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m), as well
+        alpha: float,  # alpha, mach: angle of attack (rad) and Mach number
+        mach: float,
+    ) -> dict[str, np.ndarray]:
+        """Compute all outputs by name; real or complex."""
         on_walls, pressure = self.walls.nodes(nodes), self.pressure.evaluate(states, mach)
         areas = area_vectors(on_walls, self.walls.corners)
         found = {"Cp": pressure, **self.wing.evaluate(pressure[:, None] * areas, on_walls, alpha)}
@@ -148,7 +125,17 @@ class FlowForces:
             found |= kernel.evaluate(states, nodes, alpha, mach)
         return found
 
-    def jvp(self, states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach) -> dict[str, np.ndarray]:
+    def jvp(
+        self,
+        states: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        mach,
+        d_states: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha,
+        d_mach,
+    ) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         on_walls, d_on_walls, wall = self.walls.nodes(nodes), self.walls.nodes(d_nodes), self.walls.corners
         areas, d_areas = area_vectors(on_walls, wall), area_vectors_jvp(on_walls, wall, d_on_walls)
@@ -159,14 +146,11 @@ class FlowForces:
             found |= kernel.jvp(states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach)
         return found
 
-    def vjp(self, states, nodes, alpha, mach, bars: dict) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name.
-
-        Returns
-        -------
-        tuple
-            Derivatives with respect to the states, the nodes, the angle (1/rad) and the Mach number.
-        """
+    def vjp(
+        self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach, bars: dict
+    ) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name."""
+        # Returns derivatives with respect to the states, the nodes, the angle (1/rad) and the Mach number.
         on_walls, pressure = self.walls.nodes(nodes), self.pressure.evaluate(states, mach)
         areas = area_vectors(on_walls, self.walls.corners)
         forces_bar, walls_bar, alpha_bar = self.wing.vjp(pressure[:, None] * areas, on_walls, alpha, bars)
@@ -196,24 +180,12 @@ def _planes_of_symmetry(flow: FlowGrid, nodes: np.ndarray) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class WallPressure:
-    """Pressure coefficients on the wall faces, from the pressures that their fluxes have.
+    """Pressure coefficients on the wall faces, from the pressures that their fluxes have."""
 
-    Parameters
-    ----------
-    cells : ndarray of int, shape (n_own, 3)
-        Cells that the pressure of a face of this process is extrapolated from.
-    weights : ndarray, shape (n_own, 3)
-        Their weights.
-    halo : Halo
-        Exchange of cells with other processes.
-    walls : Walls
-        The walls of all processes.
-    """
-
-    cells: np.ndarray
-    weights: np.ndarray
-    halo: Halo
-    walls: Walls
+    cells: np.ndarray  # (n_own, 3) of int, cells that the pressure of a face of this process is extrapolated from
+    weights: np.ndarray  # (n_own, 3), their weights
+    halo: Halo  # exchange of cells with other processes
+    walls: Walls  # the walls of all processes
 
     @classmethod
     def of(cls, flow: FlowGrid) -> WallPressure:

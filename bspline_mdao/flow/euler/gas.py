@@ -19,27 +19,17 @@ N_STATES = 5
 """Numbers per cell."""
 
 
-def free_stream(mach, alpha, axes: np.ndarray) -> np.ndarray:
-    """State of the free stream.
-
-    Parameters
-    ----------
-    mach : float or complex
-        Mach number.
-    alpha : float or complex
-        Angle of attack (rad).
-    axes : ndarray, shape (3, 3)
-        Rows are the directions downstream at zero angle, along the span, and up.
-
-    Returns
-    -------
-    ndarray, shape (5,)
-    """
+def free_stream(
+    mach,  # mach number
+    alpha: float,  # angle of attack (rad)
+    axes: np.ndarray,  # (3, 3), rows are the directions downstream at zero angle, along the span, and up
+) -> np.ndarray:  # (5,)
+    """State of the free stream."""
     velocity = mach * stream_axes(alpha, axes)[0]
     return np.concatenate([[1.0], velocity, [1.0 / GAMMA]])
 
 
-def free_stream_partials(mach, alpha, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def free_stream_partials(mach, alpha: float, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Differentiate `free_stream` with respect to the Mach number and the angle (1/rad): two arrays of shape (5,)."""
     drag, lift = stream_axes(alpha, axes)
     return np.concatenate([[0.0], drag, [0.0]]), np.concatenate([[0.0], mach * lift, [0.0]])

@@ -37,45 +37,33 @@ __all__ = ["Border", "BorderedFactor"]
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """Border cells of a process with those of others that they see, and the pairs of them that have blocks.
+    """Border cells of a process with those of others that they see, and the pairs of them that have blocks."""
 
-    Own cells come first, in the order of their rows, and own pairs: those of two own cells, then those at the faces of
-    the cut.
+    # Own cells come first, in the order of their rows, and own pairs: those of two own cells, then those at the faces
+    # of the cut.
 
-    Parameters
-    ----------
-    cells, pairs : Halo
-        Exchange of rows of cells and of pairs.
-    n_inside : int
-        Pairs of two own cells.
-    left, right : ndarray of int, shape (n_pairs,)
-        Cells of the pairs.
-    """
-
+    # cells, pairs: exchange of rows of cells and of pairs
     cells: Halo
     pairs: Halo
-    n_inside: int
+    n_inside: int  # pairs of two own cells
+    # left, right: (n_pairs,) of int, cells of the pairs
     left: np.ndarray
     right: np.ndarray
 
     @classmethod
     def of(
-        cls, comm, n: int, inside: tuple[np.ndarray, np.ndarray], own: np.ndarray, others: np.ndarray, ranks: np.ndarray
+        cls,
+        comm: Any,  # the processes
+        n: int,  # own border cells
+        # tuple of two ndarray of int, shape (n_inside,) of int, pairs of two own border cells
+        inside: tuple[np.ndarray, np.ndarray],
+        # own, others, ranks: (n_cut,) of int, for each face of the cut the own cell, the number of the other one among
+        # the border cells of its process, and that process
+        own: np.ndarray,
+        others: np.ndarray,
+        ranks: np.ndarray,
     ) -> Border:
-        """Settle what is seen of the borders of others: all processes call it together.
-
-        Parameters
-        ----------
-        comm : communicator
-            The processes.
-        n : int
-            Own border cells.
-        inside : tuple of two ndarray of int, shape (n_inside,)
-            Pairs of two own border cells.
-        own, others, ranks : ndarray of int, shape (n_cut,)
-            For each face of the cut the own cell, the number of the other one among the border cells of its process,
-            and that process.
-        """
+        """Settle what is seen of the borders of others: all processes call it together."""
         cells, places = Halo.of(comm, n, ranks, others)
         left, right = np.append(inside[0], own), np.append(inside[1], places)
         names = np.stack([cells.owners(), cells.extend(np.arange(n))])
@@ -107,40 +95,28 @@ def _find(names: np.ndarray, owners: np.ndarray, numbers: np.ndarray) -> tuple[n
 
 @dataclass(frozen=True, eq=False)
 class BorderedFactor:
-    """Factor of the cells of a process, whose border cells are solved for with those of others.
+    """Factor of the cells of a process, whose border cells are solved for with those of others."""
 
-    Parameters
-    ----------
-    inner : BlockFactor
-        Of the own cells: the last rows, those of the border, have entries in columns of inner cells alone, and
-        blocks of one for pivots.
-    outer : BlockFactor
-        Of the border cells that this process sees, of what elimination of the inner cells leaves there.
-    cells : Halo
-        Exchange of border cells.
-    """
-
+    # of the own cells: the last rows, those of the border, have entries in columns of inner cells alone, and blocks of
+    # one for pivots
     inner: BlockFactor
+    # of the border cells that this process sees, of what elimination of the inner cells leaves there
     outer: BlockFactor
-    cells: Halo
+    cells: Halo  # exchange of border cells
 
     @classmethod
-    def of(cls, pattern: Pattern, border: Border, outer_pattern, lower, upper, diagonal) -> BorderedFactor:
-        """Factor a matrix in place, see `BlockFactor.of`: all processes call it together.
-
-        Parameters
-        ----------
-        pattern : Pattern
-            Of the own cells.
-        border : Border
-        outer_pattern : FactorPattern
-            Of the border cells that this process sees, made of the pairs of the border.
-        lower, upper : ndarray of uint16, shape (n_entries + n_own_pairs, 5, 5)
-            Blocks at the entries of the pattern, then of the own pairs of border cells: of the rows of their left cells
-            in ``lower``, of the right ones in ``upper``.
-        diagonal : ndarray of float32, shape (n, 5, 5)
-            By rank.
-        """
+    def of(
+        cls,
+        pattern: Pattern,  # of the own cells
+        border: Border,
+        outer_pattern,  # of the border cells that this process sees, made of the pairs of the border
+        # lower, upper: (n_entries + n_own_pairs, 5, 5), blocks at the entries of the pattern, then of the own pairs of
+        # border cells: of the rows of their left cells in ``lower``, of the right ones in ``upper``
+        lower: np.ndarray,
+        upper: np.ndarray,
+        diagonal: np.ndarray,  # (n, 5, 5), by rank
+    ) -> BorderedFactor:
+        """Factor a matrix in place, see `BlockFactor.of`: all processes call it together."""
         m, n_first = len(pattern.columns), len(diagonal) - border.cells.n_own
         rest = lower[m:], upper[m:], diagonal[n_first:].copy()
         inner = BlockFactor.of(pattern, lower[:m], upper[:m], diagonal)
@@ -184,10 +160,8 @@ def _eliminate_diagonal(starts, columns, lower, upper, first, end, diagonal):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _eliminate(starts, columns, lower, upper, left, right, first, end, at_left, at_right):
-    """Take from the blocks of pairs of border rows what elimination of the inner cells takes.
-
-    ``A_ij - L_ik U_kj`` and ``A_ji - L_jk U_ki`` over the inner cells k that both rows have.
-    """
+    """Take from the blocks of pairs of border rows what elimination of the inner cells takes."""
+    # ``A_ij - L_ik U_kj`` and ``A_ji - L_jk U_ki`` over the inner cells k that both rows have.
     for pair in range(first, end):
         i, j = left[pair], right[pair]
         low, up = load_half_block(at_left, 25 * pair), load_half_block(at_right, 25 * pair)

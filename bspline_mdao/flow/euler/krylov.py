@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -49,23 +50,12 @@ PIECE = 2_048
 
 @dataclass(frozen=True, eq=False)
 class KrylovSolution:
-    """Solution of a linear system by GMRES.
+    """Solution of a linear system by GMRES."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (n_cells, 5)
-    n_products : int
-        Products with the matrix.
-    is_converged : bool
-        Whether the tolerance was reached.
-    left : float
-        Norm of the residual relative to that of the right-hand side.
-    """
-
-    x: np.ndarray
-    n_products: int
-    is_converged: bool
-    left: float
+    x: np.ndarray  # (n_cells, 5)
+    n_products: int  # products with the matrix
+    is_converged: bool  # whether the tolerance was reached
+    left: float  # norm of the residual relative to that of the right-hand side
 
 
 def solve_system(
@@ -74,7 +64,7 @@ def solve_system(
     right: np.ndarray,
     tolerance: float,
     max_products: int = 2000,
-    comm=ONE,
+    comm: Any = ONE,
     most_left: float = np.inf,
 ) -> KrylovSolution:
     """Solve a linear system in the states of all cells by GMRES [1], restarted and preconditioned from the right.
@@ -111,7 +101,7 @@ def solve_system(
       the Gram-Schmidt QR factorization", Math. Comp. 30 (1976), 772-795.
     """
 
-    def apply(vector):
+    def apply(vector: np.ndarray):
         return product(precondition(vector.reshape(right.shape))).ravel()
 
     size, n_products = norm(right, comm), 0
@@ -137,7 +127,7 @@ def solve_system(
     return KrylovSolution(x, n_products, left <= target, part)
 
 
-def _cycle(apply, basis, rest, beta, target, comm) -> tuple[np.ndarray, float]:
+def _cycle(apply, basis: np.ndarray, rest, beta, target, comm: Any) -> tuple[np.ndarray, float]:
     """Weights of the vectors that reduce the residual most, steps 1 to 4, and what they leave of it."""
     most = len(basis) - 1
     triangle, rotations, reduced = np.zeros((most, most)), np.zeros((most, 2)), np.zeros(most + 1)
@@ -162,11 +152,9 @@ def _cycle(apply, basis, rest, beta, target, comm) -> tuple[np.ndarray, float]:
     return solve_triangular(triangle[:n, :n], reduced[:n]), abs(reduced[n])
 
 
-def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm, out: np.ndarray) -> tuple[np.ndarray, float]:
-    """Take the last of orthonormal vectors away from a product, then its parts along all of them, and normalise it.
-
-    Returns these parts, and the length of what is left; the product is written over.
-    """
+def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm: Any, out: np.ndarray) -> tuple[np.ndarray, float]:
+    """Take the last of orthonormal vectors away from a product, then its parts along all of them, and normalise it."""
+    # Returns these parts, and the length of what is left; the product is written over.
     last = np.zeros(len(basis), vector.dtype)
     last[-1] = 1.0
     parts, square, left = _parts(summed(comm, _subtract_and_multiply(basis, last, vector)))
@@ -255,7 +243,7 @@ def solve_roughly(
     right: np.ndarray,
     tolerance: float,
     max_products: int = 2000,
-    comm=ONE,
+    comm: Any = ONE,
     most_left: float = np.inf,
 ) -> KrylovSolution:
     """Solve a linear system in single precision, whatever the size of its right-hand side; the solution is in double.
@@ -269,34 +257,24 @@ def solve_roughly(
 
 
 def solve_refined(
-    product: Callable,
+    product: Callable,  # product with the matrix, in double precision
+    # rough_product, precondition: product with a matrix that is the same up to rounding in single precision, and
+    # approximate solution with it
     rough_product: Callable,
     precondition: Callable,
-    right: np.ndarray,
+    right: np.ndarray,  # right, tolerance, max_products, comm: see `solve_system`; products are those of both kinds
     tolerance: float,
     max_products: int = MOST_REFINED,
-    comm=ONE,
+    comm: Any = ONE,
+    # (n_cells, 1), what unknowns are multiplied by in the system whose matrix is of the size of one
     scale: np.ndarray | float = 1.0,
 ) -> KrylovSolution:
-    """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.
-
-    Iterative refinement, of solutions in single precision by residuals in double precision:
-
-    1. Find the true residual of the solution so far.
-    2. End where it is small enough, or where the last correction has not halved it.
-    3. Solve for a correction in single precision, and add it.
-
-    Parameters
-    ----------
-    product : callable
-        Product with the matrix, in double precision.
-    rough_product, precondition : callable
-        Product with a matrix that is the same up to rounding in single precision, and approximate solution with it.
-    right, tolerance, max_products, comm
-        See `solve_system`; products are those of both kinds.
-    scale : ndarray, shape (n_cells, 1), or float
-        What unknowns are multiplied by in the system whose matrix is of the size of one.
-    """
+    """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves."""
+    # Iterative refinement, of solutions in single precision by residuals in double precision:
+    #
+    # 1. Find the true residual of the solution so far.
+    # 2. End where it is small enough, or where the last correction has not halved it.
+    # 3. Solve for a correction in single precision, and add it.
     x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
     size = norm(right, comm)
     asked = tolerance * size

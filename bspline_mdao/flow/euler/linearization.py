@@ -28,26 +28,14 @@ __all__ = ["Linearization", "through_face"]
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """Derivatives of the residual; methods `..._jvp` and `..._vjp` are exact products with its Jacobian.
-
-    Parameters
-    ----------
-    discretization : Discretization
-    states : ndarray, shape (n_cells + n_ghosts, 5)
-        Where it is differentiated, with the cells of other processes. Must not change.
-    areas : ndarray, shape (n_faces, 3)
-        Area vectors (m^2). Must not change.
-    outside : ndarray, shape (n_faces, 5)
-        States outside the far field, by the number of the face.
-    vortex : VortexTangent, optional
-        Derivatives of these states, where they are not the free stream.
-    """
+    """Derivatives of the residual; methods `..._jvp` and `..._vjp` are exact products with its Jacobian."""
 
     discretization: Any  # a type of its own would have the two files import each other
+    # (n_cells + n_ghosts, 5), where it is differentiated, with the cells of other processes. Must not change.
     states: np.ndarray
-    areas: np.ndarray
-    outside: np.ndarray
-    vortex: VortexTangent | None
+    areas: np.ndarray  # (n_faces, 3), area vectors (m^2). Must not change.
+    outside: np.ndarray  # (n_faces, 5), states outside the far field, by the number of the face
+    vortex: VortexTangent | None  # derivatives of these states, where they are not the free stream
 
     @cached_property
     def jacobians(self) -> FaceJacobians:
@@ -72,7 +60,7 @@ class Linearization:
         discretization, bar = self.discretization, self._seen(bar)
         shares = np.zeros((len(self.areas), 4, N_STATES))
 
-        def fill(part):
+        def fill(part) -> None:
             state_shares(*self.at(part), bar, shares[part])
 
         visit(len(shares), fill)
@@ -100,18 +88,18 @@ class Linearization:
         still = np.zeros_like(self.states), np.zeros_like(self.areas)
         return self._sum_changes(*still, self.discretization.at_far_field(vortex.by_circulation))
 
-    def _change(self, d_states, d_areas, d_stream) -> np.ndarray:
+    def _change(self, d_states: np.ndarray, d_areas: np.ndarray, d_stream: np.ndarray) -> np.ndarray:
         """Change of the residual in a direction, which counts cells of other processes."""
         d_far = self.vortex.outside_jvp(d_states, d_areas, d_stream) if self.vortex else d_stream
         return self._sum_changes(d_states, d_areas, self.discretization.at_far_field(d_far))
 
-    def _sum_changes(self, d_states, d_areas, d_outside) -> np.ndarray:
+    def _sum_changes(self, d_states: np.ndarray, d_areas: np.ndarray, d_outside) -> np.ndarray:
         """Change of the residual with states, area vectors and the states outside."""
         dtype = np.result_type(d_states, d_areas, d_outside)
         d_states, d_areas = (np.ascontiguousarray(d, dtype) for d in (d_states, d_areas))
         flux = np.zeros((len(d_areas), N_STATES), dtype)
 
-        def fill(part):
+        def fill(part) -> None:
             flux_changes(*self.at(part), d_states, d_areas[part], d_outside[part], flux[part])
 
         visit(len(flux), fill)

@@ -17,22 +17,12 @@ from .reconstruction import face_state, shock_sensor
 __all__ = ["mean_jvp", "mean_vjp"]
 
 
-def mean_jvp(tangent: Linearization, ids: np.ndarray, d_weights: np.ndarray) -> np.ndarray:
-    """Change of the residual with the weights of some mean states.
-
-    Parameters
-    ----------
-    tangent : Linearization
-        Where it is differentiated.
-    ids : ndarray of int, shape (n,)
-        Numbers of inner faces.
-    d_weights : ndarray, shape (n, 4)
-        Change of the weights of their four cells.
-
-    Returns
-    -------
-    ndarray, shape (n_cells, 5)
-    """
+def mean_jvp(
+    tangent: Linearization,  # where it is differentiated
+    ids: np.ndarray,  # (n,) of int, numbers of inner faces
+    d_weights: np.ndarray,  # (n, 4), change of the weights of their four cells
+) -> np.ndarray:  # (n_cells, 5)
+    """Change of the residual with the weights of some mean states."""
     discretization, flux = tangent.discretization, np.zeros((len(tangent.areas), N_STATES))
     flux[ids] = mean_changes(*_at(tangent, ids), d_weights)
     return discretization.sums.of_faces(flux, discretization.faces.n_cells)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -78,23 +79,12 @@ takes, and a third more than that about a flat plate at 4 degrees."""
 
 @dataclass(frozen=True, eq=False)
 class FlowSolution:
-    """States of all cells, with the history of the residual.
+    """States of all cells, with the history of the residual."""
 
-    Parameters
-    ----------
-    states : ndarray, shape (n_cells, 5)
-    stream : ndarray, shape (5,)
-        The free stream.
-    history : tuple of NewtonStep
-        The first is the state at the start.
-    tolerance : float
-        Residual that was asked for.
-    """
-
-    states: np.ndarray
-    stream: np.ndarray
-    history: tuple[NewtonStep, ...]
-    tolerance: float
+    states: np.ndarray  # (n_cells, 5)
+    stream: np.ndarray  # (5,), the free stream
+    history: tuple[NewtonStep, ...]  # the first is the state at the start
+    tolerance: float  # residual that was asked for
 
     @property
     def residual(self) -> float:
@@ -205,7 +195,9 @@ def solve_flow(
     return FlowSolution(states, stream, tuple(history), tolerance)
 
 
-def relative_residual(discretization: Discretization, states, areas, stream, tolerance: float = 1e-10) -> float:
+def relative_residual(
+    discretization: Discretization, states: np.ndarray, areas: np.ndarray, stream: np.ndarray, tolerance: float = 1e-10
+) -> float:
     """Norm of the residual of states relative to that of the uniform stream; arguments are those of `solve_flow`."""
     field = Field(discretization, areas, stream)
     return field.norm(field.residual(states)) / field.scale(tolerance)
@@ -282,14 +274,16 @@ class _StepSystem:
     factor: Factor
 
     @classmethod
-    def of(cls, field: Field, pattern: FactorPattern, states, cfl, is_long, factor=None) -> _StepSystem:
+    def of(
+        cls, field: Field, pattern: FactorPattern, states: np.ndarray, cfl: float, is_long: bool, factor=None
+    ) -> _StepSystem:
         """Linearise, add time terms to the diagonal, and factor a compact neighbour, unless there is a factor."""
         discretization = field.discretization
         linearization = discretization.linearize(states, field.areas, field.stream)
         diagonal = (time_terms(discretization, states, field.areas, is_long) / cfl).astype(np.float32)
         return cls(field, linearization, diagonal, factor or compact_factor(linearization, pattern, diagonal))
 
-    def solve(self, residual, part, most_left) -> tuple[np.ndarray | None, int]:
+    def solve(self, residual: np.ndarray, part: float, most_left) -> tuple[np.ndarray | None, int]:
         """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
         product, comm = self.linearization.jacobians.product, self.field.discretization.halo.comm
         system = by_surface(product, self.factor.solve, self.field.sizes, self.diagonal)
@@ -297,7 +291,7 @@ class _StepSystem:
         is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.left < WORTH
         return (solution.x if is_usable else None), solution.n_products
 
-    def course(self, update, last, residual) -> Course:
+    def course(self, update: np.ndarray, last, residual: np.ndarray) -> Course:
         """Where an update leads, after the one before."""
         if update is None:
             return UNKNOWN
@@ -306,7 +300,7 @@ class _StepSystem:
         return course_of(update, last, residual, held, self.field.discretization.halo.comm)
 
 
-def advance(field: Field, states, residual, update):
+def advance(field: Field, states: np.ndarray, residual: np.ndarray, update: np.ndarray):
     """Take as much of a step as keeps the states physical and the residual bounded."""
     if update is None:
         return states, residual, 0.0
@@ -321,7 +315,7 @@ def advance(field: Field, states, residual, update):
     return states, residual, 0.0
 
 
-def _physical_length(states: np.ndarray, update: np.ndarray, comm) -> float:
+def _physical_length(states: np.ndarray, update: np.ndarray, comm: Any) -> float:
     """Largest part of a step, up to all of it, at which no density or pressure falls by more than `LARGEST_FALL`."""
     fall = largest(comm, np.max(-update[:, [0, 4]] / states[:, [0, 4]], initial=-np.inf))
     return min(1.0, LARGEST_FALL / max(fall, np.finfo(float).tiny))

@@ -17,17 +17,10 @@ BACK = -0.5
 
 @dataclass(frozen=True)
 class Course:
-    """Where an update leads.
+    """Where an update leads."""
 
-    Parameters
-    ----------
-    turn : float
-        Cosine of the angle to the update before.
-    growth : float
-        CFL number times the rate at which what it is made of grows in pseudo-time, negative where that decays.
-    """
-
-    turn: float = 1.0
+    turn: float = 1.0  # cosine of the angle to the update before
+    # CFL number times the rate at which what it is made of grows in pseudo-time, negative where that decays
     growth: float = -np.inf
 
     @property
@@ -42,27 +35,11 @@ UNKNOWN = Course()
 
 @dataclass(frozen=True)
 class NewtonStep:
-    """Record of a Newton step.
+    """Record of a Newton step."""
 
-    Parameters
-    ----------
-    residual : float
-        Norm of the residual after it, relative to that of the uniform stream.
-    cfl : float
-        CFL number.
-    n_products : int
-        Products with the Jacobian.
-    length : float
-        Part of the step that was taken; 0 where none was.
-    course : Course
-        Where it leads.
-    hovers_from : float
-        Lowest residual before the run began to hover; 0 where it does not hover.
-    """
-
-    residual: float
-    cfl: float
-    n_products: int
-    length: float
-    course: Course = UNKNOWN
-    hovers_from: float = 0.0
+    residual: float  # norm of the residual after it, relative to that of the uniform stream
+    cfl: float  # CFL number
+    n_products: int  # products with the Jacobian
+    length: float  # part of the step that was taken; 0 where none was
+    course: Course = UNKNOWN  # where it leads
+    hovers_from: float = 0.0  # lowest residual before the run began to hover; 0 where it does not hover

@@ -51,16 +51,12 @@ Factor = BlockFactor | BorderedFactor
 """What solves, and solves transposed, with an approximation of the Jacobian."""
 
 
-def compact_factor(linearization: Linearization, pattern: FactorPattern, diagonal: np.ndarray) -> Factor:
-    """Factor the compact neighbour of a Jacobian: all processes call it together.
-
-    Parameters
-    ----------
-    linearization : Linearization
-    pattern : FactorPattern
-    diagonal : ndarray, shape (n_cells, 5, 5)
-        What is added to the blocks on the diagonal.
-    """
+def compact_factor(
+    linearization: Linearization,
+    pattern: FactorPattern,
+    diagonal: np.ndarray,  # (n_cells, 5, 5), what is added to the blocks on the diagonal
+) -> Factor:
+    """Factor the compact neighbour of a Jacobian: all processes call it together."""
     stencil = linearization.discretization.stencil
     lower, upper = (zero_halves((pattern.n_entries, *diagonal.shape[1:])) for _ in range(2))
     placed = np.empty(diagonal.shape, np.float32)
@@ -85,10 +81,8 @@ def _place(
     face_starts, faces, first, end, cells, means, classes, roles, jacobians, dissipation, shock_rows, shocks,
     states, excess, rank, places, lower, upper, diagonal,
 ):  # fmt: skip
-    """Add the blocks of all faces of a range of cells; a block between two cells is added where the later row is.
-
-    Own cells are later than those of other processes.
-    """
+    """Add the blocks of all faces of a range of cells; a block between two cells is added where the later row is."""
+    # Own cells are later than those of other processes.
     n_own, half, carried = len(rank), np.float32(0.5), np.zeros((5, 5), np.float32)
     for cell in range(first, end):
         row = rank[cell]
@@ -128,10 +122,8 @@ def _place(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _place_behind(first, cells, means, classes, jacobians, rank, places, lower, upper):
-    """Add the blocks of boundary faces at the second cells inwards, which have what the third ones have too.
-
-    Apart from the others: a block may be where another row, and another thread, adds too.
-    """
+    """Add the blocks of boundary faces at the second cells inwards, which have what the third ones have too."""
+    # Apart from the others: a block may be where another row, and another thread, adds too.
     for f in range(first, len(cells)):
         if places[f] < 0:
             continue
@@ -150,12 +142,10 @@ def _half_way(left, right, block):
 
 
 def carried_excess(linearization: Linearization) -> np.ndarray:
-    """Half the speed, times the area, that is taken from the dissipation of every face, shape (n_faces,), float32.
-
-    Across flat cells the rounding of the speed that carries entropy and vorticity is a thousand times what the flow
-    carries along them. The Jacobian dissipates a third difference by it, which smooth fields hardly have; the compact
-    neighbour's first difference would tie all cells of a layer together.
-    """
+    """Half the speed, times the area, that is taken from the dissipation of every face, shape (n_faces,), float32."""
+    # Across flat cells the rounding of the speed that carries entropy and vorticity is a thousand times what the flow
+    # carries along them. The Jacobian dissipates a third difference by it, which smooth fields hardly have; the compact
+    # neighbour's first difference would tie all cells of a layer together.
     stencil, areas = linearization.discretization.stencil, linearization.areas
     n_seen, sizes = len(linearization.states), np.linalg.norm(areas, axis=1)
     largest, out = np.zeros((n_seen, 4)), np.zeros(len(areas), np.float32)
@@ -192,36 +182,27 @@ def _excess(cells, roles, areas, sizes, states, middle, out):
 def time_terms(
     discretization: Discretization, states: np.ndarray, areas: np.ndarray, is_long: bool = False
 ) -> np.ndarray:
-    """Diagonal of the pseudo-time term at a CFL number of one, shape (n_cells, 5, 5).
-
-    Derivatives of the conserved quantities with respect to the states, times the volume of a cell divided by its time
-    step: half the sum of the wave speeds through its faces or, for long time steps, what that is in a cube with the
-    middle ones. In a flat cell at a wall those are the speeds along the wall, so that all cells of a layer move on
-    with the flow outside.
-    """
+    """Diagonal of the pseudo-time term at a CFL number of one, shape (n_cells, 5, 5)."""
+    # Derivatives of the conserved quantities with respect to the states, times the volume of a cell divided by its time
+    # step: half the sum of the wave speeds through its faces or, for long time steps, what that is in a cube with the
+    # middle ones. In a flat cell at a wall those are the speeds along the wall, so that all cells of a layer move on
+    # with the flow outside.
     out = np.zeros((len(states), 5, 5))
     _time_terms(discretization.stencil.cells, discretization.stencil.roles, areas, states, is_long, out)
     return out
 
 
 def by_surface(
-    product: Callable, solve: Callable, sizes: np.ndarray, blocks: np.ndarray | None = None
+    product: Callable,  # product, solve: of arrays of shape (n_cells, 5); what the product returns is written over
+    solve: Callable,
+    sizes: np.ndarray,  # (n_cells, 1), surfaces of the cells (m^2), see `Discretization.sizes`
+    blocks: np.ndarray | None = None,  # (n_cells, 5, 5), blocks on the diagonal, which the product leaves out
 ) -> tuple[Callable, Callable]:
-    """Product with a matrix and approximate solution with it, of float32, for rows divided by the surfaces of cells.
-
-    Parameters
-    ----------
-    product, solve : callable
-        Of arrays of shape (n_cells, 5); what the product returns is written over.
-    sizes : ndarray, shape (n_cells, 1)
-        Surfaces of the cells (m^2), see `Discretization.sizes`.
-    blocks : ndarray of float32, shape (n_cells, 5, 5), optional
-        Blocks on the diagonal, which the product leaves out.
-    """
+    """Product with a matrix and approximate solution with it, of float32, for rows divided by the surfaces of cells."""
     single = sizes.ravel().astype(np.float32)
     inverse = 1.0 / single
 
-    def divided(x):
+    def divided(x: np.ndarray):
         change = product(x)
         return _scaled_rows(inverse, change, change) if blocks is None else add_blocks(blocks, x, inverse, change)
 

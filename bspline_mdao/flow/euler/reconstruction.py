@@ -44,43 +44,23 @@ _FULL = np.array([[-1, 7, 7, -1], [0, -12, 12, 0], [12, -36, 36, -12]]) / 12.0
 
 @dataclass(frozen=True, eq=False)
 class Stencil:
-    """Cells and weights of every face.
+    """Cells and weights of every face."""
 
-    Parameters
-    ----------
-    cells : ndarray of int, shape (n_faces, 4)
-        Cells a, b, c, d; where there is none, b or c with weight 0. At boundary faces c is the third cell inwards.
-    means : ndarray, shape (n_classes, 4)
-        Weights in the mean state by the class of a face.
-    classes : ndarray of int, shape (n_faces,)
-        Class of each face; where grid lines turn faces have classes of their own, see `.kinks`.
-    differences : ndarray, shape (n_lines, 2, 4)
-        Weights in the first and the third difference by what the line through a face is like.
-    lines : ndarray of int8, shape (n_faces,)
-        What the line through each face is like.
-    roles : ndarray of int8, shape (n_faces,)
-        `INNER`, `FARFIELD` or `SLIP`.
-    sums : CellSums
-        Sums over the faces of every cell.
-    """
-
+    # (n_faces, 4) of int, cells a, b, c, d; where there is none, b or c with weight 0. At boundary faces c is the third
+    # cell inwards.
     cells: np.ndarray
-    means: np.ndarray
+    means: np.ndarray  # (n_classes, 4), weights in the mean state by the class of a face
+    # (n_faces,) of int, class of each face; where grid lines turn faces have classes of their own, see `.kinks`
     classes: np.ndarray
+    # (n_lines, 2, 4), weights in the first and the third difference by what the line through a face is like
     differences: np.ndarray
-    lines: np.ndarray
-    roles: np.ndarray
-    sums: CellSums
+    lines: np.ndarray  # (n_faces,) of int, what the line through each face is like
+    roles: np.ndarray  # (n_faces,) of int, `INNER`, `FARFIELD` or `SLIP`
+    sums: CellSums  # sums over the faces of every cell
 
     @classmethod
     def of(cls, faces: CellFaces) -> Stencil:
-        """Choose cells and weights by what lies along the grid line through each face.
-
-        Raises
-        ------
-        InputError
-            If a patch is of a kind that says nothing about the flow.
-        """
+        """Choose cells and weights by what lies along the grid line through each face."""
         edge = faces.left[faces.n_inner :]
         b, c = faces.left, np.append(faces.right, np.where(faces.third == NONE, edge, faces.third))
         a, d = faces.beyond_left, np.append(faces.beyond_right, edge)
@@ -113,10 +93,8 @@ class Stencil:
         return self.cells[faces], *by_class, self.roles[faces]
 
     def smooth_jumps(self, dissipation: float) -> np.ndarray:
-        """Weights in the jump by what the line is like, shape (n_lines, 4), where there is no shock.
-
-        Of a line of two cells they are zero.
-        """
+        """Weights in the jump by what the line is like, shape (n_lines, 4), where there is no shock."""
+        # Of a line of two cells they are zero.
         jumps = self.differences[:, FIRST].copy()
         jumps[:_N_INNER_LINES] = dissipation * self.differences[:_N_INNER_LINES, THIRD]
         return jumps
@@ -184,10 +162,8 @@ def face_weights(means, differences, role, dissipation, sigma, out):
 
 @njit(cache=True, error_model="numpy")
 def shock_sensor(states, cells, threshold):
-    """Sensor of shocks at an inner face, from 0 in smooth flow to 1.
-
-    Also its derivatives with respect to the pressures of the four cells, and to the states of the first and the last.
-    """
+    """Sensor of shocks at an inner face, from 0 in smooth flow to 1."""
+    # Also its derivatives with respect to the pressures of the four cells, and to the states of the first and the last.
     kink, pressure_gradient = _kink(states, cells, threshold)
     gate, first_gradient, last_gradient = _gate(states, cells)
     return gate * kink, _scale(gate, pressure_gradient), _scale(kink, first_gradient), _scale(kink, last_gradient)
@@ -210,10 +186,8 @@ def _kink(states, cells, threshold):
 
 @njit(cache=True, error_model="numpy")
 def _gate(states, cells):
-    """Smooth step from 0 in slow flow to 1 at the speed of sound, and its derivatives with respect to two states.
-
-    It is of the mean square of the Mach numbers of the outer cells: one next to a shock still sees what is ahead.
-    """
+    """Smooth step from 0 in slow flow to 1 at the speed of sound, and its derivatives with respect to two states."""
+    # It is of the mean square of the Mach numbers of the outer cells: one next to a shock still sees what is ahead.
     first, first_gradient = _mach_squared(states, cells[0])
     last, last_gradient = _mach_squared(states, cells[3])
     t = (0.5 * (first + last) - SHUT) / (OPEN - SHUT)

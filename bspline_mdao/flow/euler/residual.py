@@ -37,42 +37,21 @@ SHOCK_THRESHOLD = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Discretization:
-    """Discretisation of steady flow by second-order finite volumes.
+    """Discretisation of steady flow by second-order finite volumes."""
 
-    Parameters
-    ----------
-    faces : CellFaces
-        Cells and faces; their patches are of the kinds wall, symmetry or farfield.
-    stencil : Stencil
-        Cells and weights at every face.
-    dissipation : float
-        Part of the third difference that is dissipated.
-    shock_threshold : float
-        Relative second difference of the pressure at which a face is half that of a shock; 0 for no sensor.
-    halo : Halo
-        Exchange of cells with other processes.
-    vortex : FarVortex, optional
-        That of a section, in the states outside the far field.
-    """
-
-    faces: CellFaces
-    stencil: Stencil
-    dissipation: float = DISSIPATION
+    faces: CellFaces  # cells and faces; their patches are of the kinds wall, symmetry or farfield
+    stencil: Stencil  # cells and weights at every face
+    dissipation: float = DISSIPATION  # part of the third difference that is dissipated
+    # relative second difference of the pressure at which a face is half that of a shock; 0 for no sensor
     shock_threshold: float = 0.0
-    halo: Halo = ALONE
-    vortex: FarVortex | None = None
+    halo: Halo = ALONE  # exchange of cells with other processes
+    vortex: FarVortex | None = None  # that of a section, in the states outside the far field
 
     @classmethod
     def of(
         cls, faces: CellFaces, dissipation: float = DISSIPATION, shock_threshold: float = 0.0, halo: Halo = ALONE
     ) -> Discretization:
-        """Choose the stencils of all faces.
-
-        Raises
-        ------
-        InputError
-            If a patch is of a kind that says nothing about the flow.
-        """
+        """Choose the stencils of all faces."""
         return cls(faces, Stencil.of(faces), dissipation, shock_threshold, halo)
 
     def uniform(self, stream: np.ndarray) -> np.ndarray:
@@ -84,37 +63,25 @@ class Discretization:
         return norm(rows, self.halo.comm)
 
     def sizes(self, areas: np.ndarray) -> np.ndarray:
-        """Areas (m^2) of the surfaces of all cells, shape (n_cells, 1), of area vectors; never nil.
-
-        Residuals are compared per surface: in a plain norm the cells of the far field hide those at walls.
-        """
+        """Areas (m^2) of the surfaces of all cells, shape (n_cells, 1), of area vectors; never nil."""
+        # Residuals are compared per surface: in a plain norm the cells of the far field hide those at walls.
         sizes = self.faces.sum_over_cells(np.linalg.norm(areas, axis=1), 1.0)
         return np.maximum(sizes, np.finfo(np.float32).tiny)[:, None]
 
-    def residual(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> np.ndarray:
-        """Sum what flows out of every cell.
-
-        Parameters
-        ----------
-        states : ndarray, shape (n_cells, 5)
-            See `.gas`. Real or complex.
-        areas : ndarray, shape (n_faces, 3)
-            Area vectors (m^2), see `.areas`. Real or complex.
-        stream : ndarray, shape (5,)
-            The free stream. Real or complex.
-
-        Returns
-        -------
-        ndarray, shape (n_cells, 5)
-            Mass, momentum and energy per time.
-        """
+    def residual(
+        self,
+        states: np.ndarray,  # (n_cells, 5), see `.gas`. Real or complex.
+        areas: np.ndarray,  # (n_faces, 3), area vectors (m^2), see `.areas`. Real or complex.
+        stream: np.ndarray,  # (5,), the free stream. Real or complex.
+    ) -> np.ndarray:  # (n_cells, 5), mass, momentum and energy per time
+        """Sum what flows out of every cell."""
         dtype = np.result_type(states, areas, stream, self.stencil.means)
         states, areas, stream = (np.ascontiguousarray(array, dtype) for array in (states, areas, stream))
         states, stencil = self.halo.extend(states), self.stencil.cast(dtype)
         outside, rest = self.outside(states, areas, stream), (self.dissipation, self.shock_threshold)
         flux = np.zeros((self.faces.n_faces, N_STATES), dtype)
 
-        def fill(part):
+        def fill(part) -> None:
             fluxes(*stencil.part(part), areas[part], states, outside[part], *rest, flux[part])
 
         visit(len(flux), fill)
@@ -134,10 +101,8 @@ class Discretization:
         return np.broadcast_to(room, shape)
 
     def linearize(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> Linearization:
-        """Differentiate the residual with respect to the states, the area vectors and the free stream.
-
-        The arrays are kept, and must not change.
-        """
+        """Differentiate the residual with respect to the states, the area vectors and the free stream."""
+        # The arrays are kept, and must not change.
         states, areas, stream = (np.ascontiguousarray(array) for array in (states, areas, stream))
         states = self.halo.extend(states)
         vortex = self.vortex.linearize(states, areas, stream) if self.vortex else None
@@ -151,10 +116,8 @@ class Discretization:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def fluxes(cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, out):
-    """Fluxes through all faces out of the cells on their left, shape (n_faces, 5), which are zero before.
-
-    Faces without area, as on a collapsed edge, have no flux; the sensor and the speeds would divide by it.
-    """
+    """Fluxes through all faces out of the cells on their left, shape (n_faces, 5), which are zero before."""
+    # Faces without area, as on a collapsed edge, have no flux; the sensor and the speeds would divide by it.
     for f in range(len(cells)):
         s = (areas[f, 0], areas[f, 1], areas[f, 2])
         if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:

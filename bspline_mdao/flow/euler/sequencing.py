@@ -9,6 +9,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -34,24 +35,14 @@ SMALLEST = 250
 
 @dataclass(frozen=True, eq=False)
 class CoarseLevel:
-    """A coarser member of a grid.
+    """A coarser member of a grid."""
 
-    Parameters
-    ----------
-    flow : FlowGrid
-        Its faces, scheme and preconditioner.
-    picked : ndarray of int, shape (n_nodes of the member,)
-        Rows of its nodes among those of the finer grid.
-    parents : ndarray of int, shape (n_cells of the finer grid,)
-        Cell of the member that each cell of the finer grid lies in.
-    nodes, cells : Halo
-        Exchange of nodes of the finer grid and of cells of the member with other processes, where planes between
-        their pieces are not planes of the member.
-    """
-
-    flow: FlowGrid
-    picked: np.ndarray
+    flow: FlowGrid  # its faces, scheme and preconditioner
+    picked: np.ndarray  # (n_nodes of the member,) of int, rows of its nodes among those of the finer grid
+    # (n_cells of the finer grid,) of int, cell of the member that each cell of the finer grid lies in
     parents: np.ndarray
+    # nodes, cells: exchange of nodes of the finer grid and of cells of the member with other processes, where planes
+    # between their pieces are not planes of the member
     nodes: Halo = ALONE
     cells: Halo = ALONE
 
@@ -65,37 +56,17 @@ class CoarseLevel:
 
 
 def coarse_levels(
-    topology: Topology,
-    nodes: np.ndarray,
-    n_levels: int,
-    axes: str = "xzy",
+    topology: Topology,  # connections of the blocks of the grid, with declared patches
+    nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
+    n_levels: int,  # number of members
+    axes: str = "xzy",  # see `FlowGrid.of`
     *,
+    # partition, comm: see `FlowGrid.of`; a cell of a member is where its first cell of the finer grid is
     partition: Partition | None = None,
-    comm=ONE,
-    **settings,
-):
-    """Make coarser members of a grid, each of the one before: once per grid.
-
-    Parameters
-    ----------
-    topology : Topology
-        Connections of the blocks of the grid, with declared patches.
-    nodes : ndarray, shape (n_nodes, 3)
-        Baseline nodes (m).
-    n_levels : int
-        Number of members.
-    axes : str
-        See `FlowGrid.of`.
-    partition, comm
-        See `FlowGrid.of`; a cell of a member is where its first cell of the finer grid is.
-    **settings
-        Of the `Discretization`.
-
-    Returns
-    -------
-    list of CoarseLevel
-        The finest first.
-    """
+    comm: Any = ONE,
+    **settings: Any,  # of the `Discretization`
+):  # the finest first
+    """Make coarser members of a grid, each of the one before: once per grid."""
     levels = []
     for _ in range(n_levels):
         scaling = IndexScaling.of(topology, 0.5)
@@ -136,34 +107,19 @@ def useful_levels(topology: Topology) -> int:
 def states_from_coarse(
     levels: list[CoarseLevel], nodes: np.ndarray, stream: np.ndarray, is_long: bool = False
 ) -> np.ndarray | None:
-    """Solve on the coarser members for states to start from on the grid; None, for the uniform stream, without any.
-
-    Parameters and states are those of `coarse_flows` and `spread_from`.
-    """
+    """Solve on the coarser members for states to start from on the grid; None, for the uniform stream, without any."""
+    # Parameters and states are those of `coarse_flows` and `spread_from`.
     return spread_from(levels, coarse_flows(levels, nodes, stream, is_long))
 
 
 def coarse_flows(
-    levels: list[CoarseLevel], nodes: np.ndarray, stream: np.ndarray, is_long: bool = False
-) -> list[FlowSolution]:
-    """Solve roughly on the coarser members, on each from the flow on the next.
-
-    Parameters
-    ----------
-    levels : list of CoarseLevel
-        The finest first.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of the grid as it is now (m).
-    stream : ndarray, shape (5,)
-        The free stream.
-    is_long : bool
-        Whether flat cells have long time steps there too: a bubble at the foot of a shock would stay in the start.
-
-    Returns
-    -------
-    list of FlowSolution
-        The finest member's first.
-    """
+    levels: list[CoarseLevel],  # the finest first
+    nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid as it is now (m)
+    stream: np.ndarray,  # (5,), the free stream
+    # whether flat cells have long time steps there too: a bubble at the foot of a shock would stay in the start
+    is_long: bool = False,
+) -> list[FlowSolution]:  # the finest member's first
+    """Solve roughly on the coarser members, on each from the flow on the next."""
     if not levels:
         return []
     level, coarse_nodes = levels[0], levels[0].pick(nodes)
@@ -213,7 +169,7 @@ def _first_at(kept: np.ndarray, index: int) -> int:
     return int(np.searchsorted(kept, index))
 
 
-def _shared(fine: Partition, coarse: Partition, planes, comm) -> tuple[np.ndarray, np.ndarray, tuple[Halo, Halo]]:
+def _shared(fine: Partition, coarse: Partition, planes, comm: Any) -> tuple[np.ndarray, np.ndarray, tuple[Halo, Halo]]:
     """Places of the nodes and parents of one process in extended arrays of the finer grid and the member."""
     rows, parents = [np.zeros(0, int)], [np.zeros(0, int)]
     starts = fine.layout.starts

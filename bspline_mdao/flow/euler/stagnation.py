@@ -22,6 +22,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -49,20 +50,15 @@ LARGEST_RISE, LEAST_RISE = 10.0, 1.5
 no sign against it."""
 
 
-def course_of(update, last, residual, held, comm) -> Course:
-    """Tell where an update leads.
-
-    Parameters
-    ----------
-    update, last : ndarray, shape (n_cells, 5)
-        The update and the one before, which may be missing.
-    residual : ndarray, shape (n_cells, 5)
-        Before the step.
-    held : ndarray, shape (n_cells, 5)
-        The time terms' product with the update, ``T dW / CFL``, in the units of the residual.
-    comm : communicator
-        The processes.
-    """
+def course_of(
+    update: np.ndarray,  # update, last: (n_cells, 5), the update and the one before, which may be missing
+    last: np.ndarray,
+    residual: np.ndarray,  # (n_cells, 5), before the step
+    # (n_cells, 5), the time terms' product with the update, ``T dW / CFL``, in the units of the residual
+    held: np.ndarray,
+    comm: Any,  # the processes
+) -> Course:
+    """Tell where an update leads."""
     last = np.zeros_like(update) if last is None else last
     pairs = (update, last), (update, update), (last, last), (held, residual), (held, held)
     along, new, old, driven, slowed = summed(comm, np.array([np.einsum("ij,ij", a, b) for a, b in pairs]))

@@ -41,30 +41,14 @@ _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeE
 
 @dataclass(frozen=True, eq=False)
 class StatesFile:
-    """States of a flow and what it was a flow of.
+    """States of a flow and what it was a flow of."""
 
-    Parameters
-    ----------
-    states : ndarray, shape (n_cells, 5)
-        States of all cells.
-    shapes : tuple of (int, int, int)
-        Nodes of every block in each direction.
-    alpha, mach : float
-        Angle of attack (deg) and Mach number.
-    residual : float
-        Residual, relative to that of the uniform stream.
-
-    Raises
-    ------
-    InputError
-        If they are no states of a gas in cells of these blocks: a flow that starts from others ends in them.
-    """
-
-    states: np.ndarray
-    shapes: tuple[tuple[int, ...], ...]
+    states: np.ndarray  # (n_cells, 5), states of all cells
+    shapes: tuple[tuple[int, ...], ...]  # nodes of every block in each direction
+    # alpha, mach: angle of attack (deg) and Mach number
     alpha: float
     mach: float
-    residual: float
+    residual: float  # residual, relative to that of the uniform stream
 
     def __post_init__(self) -> None:
         """Refuse what no flow can start from, whoever wrote it."""
@@ -86,13 +70,7 @@ class StatesFile:
                 raise InputError(f"the states have {name} {value!r:.40}, which is no number; save them again")
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write the file; one that is there is replaced only when the new one is complete.
-
-        Raises
-        ------
-        InputError
-            If it cannot be written.
-        """
+        """Write the file; one that is there is replaced only when the new one is complete."""
         numbers = {"alpha": self.alpha, "Mach_number": self.mach, "residual": self.residual}
         document = json.dumps({"shapes": self.shapes, **numbers}).encode()
         with replaced_hdf5_file(path) as file, deferred_interrupts():
@@ -103,13 +81,7 @@ class StatesFile:
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> StatesFile:
-        """Read a file and check it.
-
-        Raises
-        ------
-        InputError
-            If it is missing, damaged, or another file.
-        """
+        """Read a file and check it."""
         if not Path(path).is_file():
             raise InputError(f"{path}: there is no such file; save states by save_states of a flow")
         if not h5py.is_hdf5(path):
@@ -134,28 +106,11 @@ class StatesFile:
             raise InputError(f"{path}: the states are damaged; run the flow without them and save it again") from error
 
 
-def read_states(path: str | os.PathLike, topology: Topology) -> tuple[np.ndarray, float]:
-    """Read states for a grid: its own, or those of another member of its family, interpolated in index space.
-
-    Parameters
-    ----------
-    path : path-like
-        File that `StatesFile.save` made.
-    topology : Topology
-        Topology of the grid.
-
-    Returns
-    -------
-    states : ndarray, shape (n_cells, 5)
-        States of all cells.
-    alpha : float
-        Their angle of attack (deg).
-
-    Raises
-    ------
-    InputError
-        As `StatesFile.load`; also if the states are of a grid that is no member of the family.
-    """
+def read_states(
+    path: str | os.PathLike,  # file that `StatesFile.save` made
+    topology: Topology,  # topology of the grid
+) -> tuple[np.ndarray, float]:  # states: (n_cells, 5), states of all cells; alpha: their angle of attack (deg)
+    """Read states for a grid: its own, or those of another member of its family, interpolated in index space."""
     file = StatesFile.load(path)
     if file.shapes == tuple(map(tuple, topology.shapes)):
         return file.states, file.alpha

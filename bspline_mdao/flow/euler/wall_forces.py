@@ -22,35 +22,22 @@ __all__ = ["WallForces"]
 
 @dataclass(frozen=True, eq=False)
 class WallForces:
-    """Forces on the nodes of a surface from the states of all cells. Made by `WallForces.of`.
+    """Forces on the nodes of a surface from the states of all cells. Made by `WallForces.of`."""
 
-    Parameters
-    ----------
-    faces : ndarray of int, shape (n_faces,)
-        Wall faces that belong to the surface.
-    shares : csr_array, shape (n_points, n_faces)
-        Part of the force on each face that each node takes.
-    pressure : WallPressure
-        Pressure coefficients on all wall faces.
-    """
-
-    faces: np.ndarray
-    shares: csr_array
-    pressure: WallPressure
+    faces: np.ndarray  # (n_faces,) of int, wall faces that belong to the surface
+    shares: csr_array  # (n_points, n_faces), part of the force on each face that each node takes
+    pressure: WallPressure  # pressure coefficients on all wall faces
 
     @classmethod
-    def of(cls, flow: FlowGrid, quads: np.ndarray, rows: np.ndarray) -> WallForces:
-        """Find the wall faces of a flow, or of a part of it, that a surface is made of.
-
-        Parameters
-        ----------
-        flow : FlowGrid
-            Faces and stencils of the flow.
-        quads : ndarray of int, shape (n_quads, 4)
-            Numbers of the corners of the surface's quads; those that are no wall of the flow get no force.
-        rows : ndarray of int, shape (n_points,)
-            Row in the grid vector of each node of the surface, ascending.
-        """
+    def of(
+        cls,
+        flow: FlowGrid,  # faces and stencils of the flow
+        # (n_quads, 4) of int, numbers of the corners of the surface's quads; those that are no wall of the flow get no
+        # force
+        quads: np.ndarray,
+        rows: np.ndarray,  # (n_points,) of int, row in the grid vector of each node of the surface, ascending
+    ) -> WallForces:
+        """Find the wall faces of a flow, or of a part of it, that a surface is made of."""
         walls = flow.walls
         ours = walls.faces_on(rows[quads])
         corners = walls.rows_of_corners[ours]
@@ -63,23 +50,27 @@ class WallForces:
         """Number of wall faces."""
         return len(self.faces)
 
-    def evaluate(self, states: np.ndarray, nodes: np.ndarray, mach, dynamic_pressure) -> np.ndarray:
-        """Forces (N) on the nodes of the surface, shape (n_points, 3); real or complex.
-
-        Parameters
-        ----------
-        states : ndarray, shape (n_cells, 5)
-            States of all cells.
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of the grid (m).
-        mach : float
-            Mach number of the free stream.
-        dynamic_pressure : float
-            Its dynamic pressure (Pa).
-        """
+    def evaluate(
+        self,
+        states: np.ndarray,  # (n_cells, 5), states of all cells
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m)
+        mach: float,  # mach number of the free stream
+        dynamic_pressure: float,  # its dynamic pressure (Pa)
+    ) -> np.ndarray:
+        """Forces (N) on the nodes of the surface, shape (n_points, 3); real or complex."""
         return dynamic_pressure * self._reduced(states, nodes, mach)
 
-    def jvp(self, states, nodes, mach, dynamic_pressure, d_states, d_nodes, d_mach, d_dynamic_pressure) -> np.ndarray:
+    def jvp(
+        self,
+        states: np.ndarray,
+        nodes: np.ndarray,
+        mach,
+        dynamic_pressure,
+        d_states: np.ndarray,
+        d_nodes: np.ndarray,
+        d_mach,
+        d_dynamic_pressure,
+    ) -> np.ndarray:
         """Change of the forces along a direction in all arguments."""
         walls = self.pressure.walls
         on_walls, d_on_walls = walls.nodes(nodes), walls.nodes(d_nodes)
@@ -90,15 +81,10 @@ class WallForces:
         return dynamic_pressure * change + d_dynamic_pressure * self._reduced(states, nodes, mach)
 
     def vjp(
-        self, states, nodes, mach, dynamic_pressure, bar: np.ndarray
+        self, states: np.ndarray, nodes: np.ndarray, mach, dynamic_pressure, bar: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Apply the transpose of `jvp` to derivatives with respect to the forces, shape (n_points, 3).
-
-        Returns
-        -------
-        tuple
-            Derivatives with respect to the states, the nodes, the Mach number and the dynamic pressure.
-        """
+        """Apply the transpose of `jvp` to derivatives with respect to the forces, shape (n_points, 3)."""
+        # Returns derivatives with respect to the states, the nodes, the Mach number and the dynamic pressure.
         on_walls, pressure = self.pressure.walls.nodes(nodes), self.pressure.evaluate(states, mach)[self.faces]
         areas, forces_bar = area_vectors(on_walls, self._corners), self.shares.T @ bar
         pressure_bar = np.zeros(len(self.pressure.walls.corners))
@@ -108,7 +94,7 @@ class WallForces:
         nodes_bar = self.pressure.walls.nodes_vjp(walls_bar)
         return states_bar, nodes_bar, mach_bar, np.sum(forces_bar * areas * pressure[:, None])
 
-    def _reduced(self, states, nodes, mach):
+    def _reduced(self, states: np.ndarray, nodes: np.ndarray, mach):
         """Forces divided by the dynamic pressure (m^2)."""
         areas = area_vectors(self.pressure.walls.nodes(nodes), self._corners)
         return self.shares @ (self.pressure.evaluate(states, mach)[self.faces, None] * areas)

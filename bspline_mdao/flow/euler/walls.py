@@ -24,31 +24,18 @@ __all__ = ["Walls"]
 
 @dataclass(frozen=True, eq=False)
 class Walls:
-    """Wall faces of all processes, in the order of the patches.
+    """Wall faces of all processes, in the order of the patches."""
 
-    Parameters
-    ----------
-    comm : communicator
-        The processes.
-    corners : ndarray of int, shape (n_wall, 4)
-        Corners of all wall faces, in `nodes`.
-    rows : ndarray of int, shape (n_nodes,), or None
-        Rows in the grid vector of these nodes, ascending; None where they are all of the grid, of one process.
-    own : ndarray of int, shape (n_own,)
-        Wall faces whose cells this process has.
-    held, places : ndarray of int, shape (n_held,)
-        Nodes of this process that are on walls, and which of `nodes` they are.
-    n_held : int
-        Nodes of this process.
-    """
-
-    comm: Any
-    corners: np.ndarray
+    comm: Any  # the processes
+    corners: np.ndarray  # (n_wall, 4) of int, corners of all wall faces, in `nodes`
+    # (n_nodes,) of int, rows in the grid vector of these nodes, ascending; None where they are all of the grid, of one
+    # process
     rows: np.ndarray | None
-    own: np.ndarray
+    own: np.ndarray  # (n_own,) of int, wall faces whose cells this process has
+    # held, places: (n_held,) of int, nodes of this process that are on walls, and which of `nodes` they are
     held: np.ndarray
     places: np.ndarray
-    n_held: int
+    n_held: int  # nodes of this process
 
     @classmethod
     def of(cls, faces: CellFaces) -> Walls:

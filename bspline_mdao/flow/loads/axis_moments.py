@@ -19,68 +19,45 @@ __all__ = ["AxisMoment"]
 
 @dataclass(frozen=True, eq=False)
 class AxisMoment(OneLine):
-    """Coefficient of the moment of some forces about an axis, positive by the right hand from its first point on.
+    """Coefficient of the moment of some forces about an axis, positive by the right hand from its first point on."""
 
-    Parameters
-    ----------
-    points : csr_array, shape (n_forces, n_nodes)
-        Weights of the nodes of a grid in the points that forces act at.
-    weights : ndarray, shape (n_forces,)
-        Part of each force that counts.
-    ends : csr_array, shape (2, n_nodes)
-        Weights of the nodes in the two points of the axis; none where it does not move with the grid.
-    offsets : ndarray, shape (2, 3)
-        What is added to these (m).
-    volume : float
-        Reference area times reference chord (m^3).
-    """
-
-    points: csr_array
-    weights: np.ndarray
+    points: csr_array  # (n_forces, n_nodes), weights of the nodes of a grid in the points that forces act at
+    weights: np.ndarray  # (n_forces,), part of each force that counts
+    # (2, n_nodes), weights of the nodes in the two points of the axis; none where it does not move with the grid
     ends: csr_array
-    offsets: np.ndarray
-    volume: float
+    offsets: np.ndarray  # (2, 3), what is added to these (m)
+    volume: float  # reference area times reference chord (m^3)
 
     @classmethod
-    def about_fixed(cls, points: csr_array, weights: np.ndarray, axis, volume: float) -> AxisMoment:
+    def about_fixed(cls, points: csr_array, weights: np.ndarray, axis: int, volume: float) -> AxisMoment:
         """Take an axis that stays, given by two points (m), shape (2, 3)."""
         none = csr_array((2, points.shape[1]))
         return cls(points, weights, none, np.array(axis, dtype=float), volume)
 
     @classmethod
-    def bending(cls, points: csr_array, nodes: np.ndarray, axes: np.ndarray, reference, volume: float) -> AxisMoment:
-        """Take the moment that bends a wing upwards about its plane of symmetry.
-
-        The axis points downstream, through span 0 and the height of the reference point; forces on both halves of a
-        whole wing add up.
-
-        Parameters
-        ----------
-        points : csr_array, shape (n_forces, n_nodes)
-            See above.
-        nodes : ndarray, shape (n_nodes, 3)
-            Baseline nodes (m), which tell the side that a force is on.
-        axes : ndarray, shape (3, 3)
-            Rows are the directions downstream, along the span, and up.
-        reference : sequence of three float
-            The reference point (m).
-        volume : float
-            See above.
-        """
+    def bending(
+        cls,
+        points: csr_array,  # (n_forces, n_nodes), see above
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), which tell the side that a force is on
+        axes: np.ndarray,  # (3, 3), rows are the directions downstream, along the span, and up
+        reference,  # the reference point (m)
+        volume: float,  # see above
+    ) -> AxisMoment:
+        """Take the moment that bends a wing upwards about its plane of symmetry."""
+        # The axis points downstream, through span 0 and the height of the reference point; forces on both halves of a
+        # whole wing add up.
         middle = np.asarray(reference, dtype=float) * (1.0 - np.abs(axes[1]))
         sides = np.sign(points @ nodes @ axes[1])
         return cls.about_fixed(points, sides, [middle, middle + np.linalg.det(axes) * axes[0]], volume)
 
     def evaluate(self, forces: np.ndarray, nodes: np.ndarray):
-        """Coefficient of forces divided by the dynamic pressure (m^2), shape (n_forces, 3); real or complex.
-
-        Nodes are those of the grid (m), shape (n_nodes, 3).
-        """
+        """Coefficient of forces divided by the dynamic pressure (m^2), shape (n_forces, 3); real or complex."""
+        # Nodes are those of the grid (m), shape (n_nodes, 3).
         start, direction, _ = self._axis(nodes)
         arms = self.points @ nodes - start
         return self.weights @ np.cross(arms, forces) @ direction / self.volume
 
-    def jvp(self, forces, nodes, d_forces, d_nodes):
+    def jvp(self, forces: np.ndarray, nodes: np.ndarray, d_forces, d_nodes: np.ndarray):
         """Derivative of `evaluate` along a direction in both arguments."""
         start, direction, length = self._axis(nodes)
         d_ends = self.ends @ d_nodes
@@ -90,7 +67,7 @@ class AxisMoment(OneLine):
         d_moment = self.weights @ (np.cross(arms, d_forces) + np.cross(d_arms, forces))
         return (d_moment @ direction + self.weights @ np.cross(arms, forces) @ d_direction) / self.volume
 
-    def vjp(self, forces, nodes, bar: float) -> tuple[np.ndarray, np.ndarray]:
+    def vjp(self, forces: np.ndarray, nodes: np.ndarray, bar: float) -> tuple[np.ndarray, np.ndarray]:
         """Apply the transpose of `jvp`: derivatives with respect to the forces and the nodes, times a number."""
         start, direction, length = self._axis(nodes)
         arms, parts = self.points @ nodes - start, bar / self.volume * self.weights[:, None]
@@ -100,7 +77,7 @@ class AxisMoment(OneLine):
         ends_bar = np.stack([-line_bar - arms_bar.sum(axis=0), line_bar])
         return parts * np.cross(direction, arms), self.points.T @ arms_bar + self.ends.T @ ends_bar
 
-    def _axis(self, nodes):
+    def _axis(self, nodes: np.ndarray):
         """First point, direction, and length of what is between the points."""
         start, end = self.ends @ nodes + self.offsets
         length = np.sqrt(np.sum((end - start) ** 2))

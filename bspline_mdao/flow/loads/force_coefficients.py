@@ -20,87 +20,65 @@ __all__ = ["ForceCoefficients"]
 
 @dataclass(frozen=True, eq=False)
 class ForceCoefficients:
-    """Coefficients of lift, ``CL``, drag, ``CD``, and moments about the axes x, y and z of the grid, ``CM``.
+    """Coefficients of lift, ``CL``, drag, ``CD``, and moments about the axes x, y and z of the grid, ``CM``."""
 
-    Parameters
-    ----------
-    points : csr_array, shape (n_forces, n_nodes)
-        Weights of the nodes of a grid in the points that forces act at.
-    axes : ndarray, shape (3, 3)
-        Rows are the directions downstream, along the span, and up.
-    area, chord : float
-        Reference area (m^2) and chord (m).
-    reference : sequence of three float
-        Point that moments are taken about (m).
-
-    Raises
-    ------
-    InputError
-        If the area or the chord is not a positive number, or the point is none.
-    """
-
-    points: csr_array
-    axes: np.ndarray
+    points: csr_array  # (n_forces, n_nodes), weights of the nodes of a grid in the points that forces act at
+    axes: np.ndarray  # (3, 3), rows are the directions downstream, along the span, and up
+    # area, chord: reference area (m^2) and chord (m)
     area: float
     chord: float
-    reference: Sequence[float]
+    reference: Sequence[float]  # point that moments are taken about (m)
 
     outputs = ("CL", "CD", "CM")
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, value, unit in (("area", self.area, "square metres"), ("chord", self.chord, "metres")):
             if not isinstance(value, Real) or not 0.0 < value < np.inf:
                 raise InputError(f"flow: reference {name} {value}; give a positive number of {unit}")
         if np.shape(self.reference) != (3,) or not np.isfinite(self.reference).all():
             raise InputError(f"flow: moment reference {self.reference}; give the coordinates x, y and z of a point")
 
-    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> dict[str, np.ndarray]:
-        """Coefficients by name; real or complex.
-
-        Parameters
-        ----------
-        forces : ndarray, shape (n_forces, 3)
-            Forces divided by the dynamic pressure (m^2).
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of the grid (m).
-        alpha : float
-            Angle of attack (rad).
-        """
+    def evaluate(
+        self,
+        forces: np.ndarray,  # (n_forces, 3), forces divided by the dynamic pressure (m^2)
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m)
+        alpha: float,  # angle of attack (rad)
+    ) -> dict[str, np.ndarray]:
+        """Coefficients by name; real or complex."""
         moment = np.cross(self._arms(nodes), forces).sum(axis=0)
         return self._coefficients(self._directions(alpha) @ forces.sum(axis=0), moment)
 
-    def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> dict[str, np.ndarray]:
+    def jvp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+    ) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         d_moment = np.cross(self._arms(nodes), d_forces) + np.cross(self.points @ d_nodes, forces)
         turned = d_alpha * (self._slopes(alpha) @ forces.sum(axis=0))
         return self._coefficients(self._directions(alpha) @ d_forces.sum(axis=0) + turned, d_moment.sum(axis=0))
 
-    def vjp(self, forces, nodes, alpha, bars: dict) -> tuple[np.ndarray, np.ndarray, float]:
-        """Apply the transpose of `jvp` to derivatives with respect to some of the coefficients, by name.
-
-        Returns
-        -------
-        tuple
-            Derivatives with respect to the forces, shape (n_forces, 3), the nodes, shape (n_nodes, 3), and the angle
-            (1/rad).
-        """
+    def vjp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, bars: dict
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Apply the transpose of `jvp` to derivatives with respect to some of the coefficients, by name."""
+        # Returns derivatives with respect to the forces, shape (n_forces, 3), the nodes, shape (n_nodes, 3), and the
+        # angle (1/rad).
         force_bar = np.hstack([bars.get("CL", 0.0), bars.get("CD", 0.0)]) / self.area
         moment_bar = bars.get("CM", np.zeros(3)) / (self.area * self.chord)
         forces_bar = force_bar @ self._directions(alpha) + np.cross(moment_bar, self._arms(nodes))
         nodes_bar = self.points.T @ np.cross(forces, moment_bar)
         return forces_bar, nodes_bar, force_bar @ self._slopes(alpha) @ forces.sum(axis=0)
 
-    def _arms(self, nodes):
+    def _arms(self, nodes: np.ndarray):
         return self.points @ nodes - np.asarray(self.reference)
 
-    def _directions(self, alpha):
+    def _directions(self, alpha: float):
         """Directions of lift and of drag, shape (2, 3)."""
         return stream_axes(alpha, self.axes)[::-1]
 
-    def _slopes(self, alpha):
+    def _slopes(self, alpha: float):
         """Derivatives of the directions with respect to the angle."""
         drag, lift = stream_axes(alpha, self.axes)
         return np.stack([-drag, lift])
 
-    def _coefficients(self, force, moment):
+    def _coefficients(self, force: np.ndarray, moment):
         return {"CL": force[0] / self.area, "CD": force[1] / self.area, "CM": moment / self.chord / self.area}

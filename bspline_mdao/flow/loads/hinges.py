@@ -59,7 +59,7 @@ class HingeMoment(OneLine):
     reference_chord: float | None = None
     patches: Any = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not self.name.isidentifier():
             raise InputError(f"hinge '{self.name}': give a name of letters, digits and _, such as 'aileron'")
         for what in ("chord", "span"):

@@ -12,21 +12,17 @@ import numpy as np
 __all__ = ["panel_pressures", "panel_pressures_jvp", "panel_pressures_vjp"]
 
 
-def panel_pressures(forces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Differences of the pressure coefficients below and above panels, shape (n - 1, m - 1); real or complex.
-
-    Parameters
-    ----------
-    forces : ndarray, shape (n - 1, m - 1, 3)
-        Forces on the panels divided by the dynamic pressure (m^2).
-    nodes : ndarray, shape (n, m, 3)
-        Nodes of the lattice (m), from the leading edge on, and from the left tip to the root.
-    """
+def panel_pressures(
+    forces: np.ndarray,  # (n - 1, m - 1, 3), forces on the panels divided by the dynamic pressure (m^2)
+    # (n, m, 3), nodes of the lattice (m), from the leading edge on, and from the left tip to the root
+    nodes: np.ndarray,
+) -> np.ndarray:
+    """Differences of the pressure coefficients below and above panels, shape (n - 1, m - 1); real or complex."""
     normals = _area_vectors(nodes)
     return _dot(forces, normals) / _dot(normals, normals)
 
 
-def panel_pressures_jvp(forces, nodes, d_forces, d_nodes) -> np.ndarray:
+def panel_pressures_jvp(forces: np.ndarray, nodes: np.ndarray, d_forces, d_nodes: np.ndarray) -> np.ndarray:
     """Derivative of `panel_pressures` along a direction in both arguments, shape (n - 1, m - 1)."""
     normals, d_normals = _area_vectors(nodes), _area_vectors_jvp(nodes, d_nodes)
     square = _dot(normals, normals)
@@ -34,14 +30,10 @@ def panel_pressures_jvp(forces, nodes, d_forces, d_nodes) -> np.ndarray:
     return (_dot(d_forces, normals) + _dot(forces - 2.0 * values[..., None] * normals, d_normals)) / square
 
 
-def panel_pressures_vjp(forces, nodes, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Apply the transpose of `panel_pressures_jvp` to derivatives with respect to the differences.
-
-    Returns
-    -------
-    forces_bar : ndarray, shape (n - 1, m - 1, 3)
-    nodes_bar : ndarray, shape (n, m, 3)
-    """
+def panel_pressures_vjp(
+    forces: np.ndarray, nodes: np.ndarray, bar: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:  # forces_bar: (n - 1, m - 1, 3); nodes_bar: (n, m, 3)
+    """Apply the transpose of `panel_pressures_jvp` to derivatives with respect to the differences."""
     normals = _area_vectors(nodes)
     square = _dot(normals, normals)
     values = _dot(forces, normals) / square

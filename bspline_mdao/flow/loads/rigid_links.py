@@ -112,12 +112,14 @@ class RigidLinks(OneLine):
         t, theta = u[:, :3], u[:, 3:]
         return self.weights @ (t - np.cross(theta, beam)) + np.cross(self.weights @ theta, x)
 
-    def displacements_jvp(self, x, beam, u, d_x, d_beam, d_u) -> np.ndarray:
+    def displacements_jvp(self, x: np.ndarray, beam: np.ndarray, u: np.ndarray, d_x, d_beam, d_u) -> np.ndarray:
         """Change of the displacements along a direction in all arguments."""
         turned = self.weights @ -np.cross(u[:, 3:], d_beam) + np.cross(self.weights @ u[:, 3:], d_x)
         return self.displacements(x, beam, d_u) + turned
 
-    def displacements_vjp(self, x, beam, u, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def displacements_vjp(
+        self, x: np.ndarray, beam: np.ndarray, u: np.ndarray, bar: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Transpose of `displacements_jvp`: derivatives with respect to all arguments."""
         theta = u[:, 3:]
         return np.cross(bar, self.weights @ theta), np.cross(theta, self.weights.T @ bar), self.loads(x, beam, bar)
@@ -137,13 +139,15 @@ class RigidLinks(OneLine):
         sums = self.weights.T @ forces
         return np.hstack([sums, self.weights.T @ np.cross(x, forces) - np.cross(beam, sums)])
 
-    def loads_jvp(self, x, beam, forces, d_x, d_beam, d_forces) -> np.ndarray:
+    def loads_jvp(self, x: np.ndarray, beam: np.ndarray, forces: np.ndarray, d_x, d_beam, d_forces) -> np.ndarray:
         """Change of the loads along a direction in all arguments."""
         change = self.loads(x, beam, d_forces)
         change[:, 3:] += self.weights.T @ np.cross(d_x, forces) - np.cross(d_beam, self.weights.T @ forces)
         return change
 
-    def loads_vjp(self, x, beam, forces, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def loads_vjp(
+        self, x: np.ndarray, beam: np.ndarray, forces: np.ndarray, bar: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Transpose of `loads_jvp`: derivatives with respect to all arguments."""
         moments_bar = bar[:, 3:]
         x_bar = np.cross(forces, self.weights @ moments_bar)

@@ -23,42 +23,31 @@ _N = 19
 
 @dataclass(frozen=True, eq=False)
 class SectionLoads:
-    """Place along the span (m), chord (m), and coefficients of lift, drag and moment of every strip.
+    """Place along the span (m), chord (m), and coefficients of lift, drag and moment of every strip."""
 
-    Lift is that of the span load: at right angles to the stream and to the strip's trace in the plane across the
-    stream; drag is along the stream; both are divided by the chord and the width of the trace. The moment is about the
-    quarter chord, positive where it turns the nose up, divided by the square of the chord. The chord goes from the
-    middle of the strip's leading edge to that of its trailing edge, the points being those that were foremost and last
-    on the baseline.
+    # Lift is that of the span load: at right angles to the stream and to the strip's trace in the plane across the
+    # stream; drag is along the stream; both are divided by the chord and the width of the trace. The moment is about
+    # the quarter chord, positive where it turns the nose up, divided by the square of the chord. The chord goes from
+    # the middle of the strip's leading edge to that of its trailing edge, the points being those that were foremost and
+    # last on the baseline.
 
-    Parameters
-    ----------
-    strips : SpanStrips
-        The n strips of the wing.
-    points : csr_array, shape (n_forces, n_nodes)
-        Weights of the nodes of the grid in the points that forces act at.
-    """
-
-    strips: SpanStrips
-    points: csr_array
+    strips: SpanStrips  # the n strips of the wing
+    points: csr_array  # (n_forces, n_nodes), weights of the nodes of the grid in the points that forces act at
 
     outputs = SECTION_LOADS
 
-    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> dict[str, np.ndarray]:
-        """Compute them by name, each of shape (n,); real or complex.
-
-        Parameters
-        ----------
-        forces : ndarray, shape (n_forces, 3)
-            Forces divided by the dynamic pressure (m^2).
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of the grid (m).
-        alpha : float
-            Angle of attack (rad).
-        """
+    def evaluate(
+        self,
+        forces: np.ndarray,  # (n_forces, 3), forces divided by the dynamic pressure (m^2)
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m)
+        alpha: float,  # angle of attack (rad)
+    ) -> dict[str, np.ndarray]:
+        """Compute them by name, each of shape (n,); real or complex."""
         return self._named(_Strip(self._numbers(forces, nodes, alpha)).values)
 
-    def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> dict[str, np.ndarray]:
+    def jvp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+    ) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         weights = self.strips.face_weights
         forces, nodes, d_forces, d_nodes = map(self._turned, (forces, nodes, d_forces, d_nodes))
@@ -68,15 +57,12 @@ class SectionLoads:
         strip = _Strip(self._joined(weights @ forces, weights @ np.cross(arms, forces), nodes, alpha))
         return self._named(strip.slopes(change))
 
-    def vjp(self, forces, nodes, alpha, bars: dict) -> tuple[np.ndarray, np.ndarray, float]:
-        """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name.
-
-        Returns
-        -------
-        tuple
-            Derivatives with respect to the forces, shape (n_forces, 3), the nodes, shape (n_nodes, 3), and the angle
-            (1/rad).
-        """
+    def vjp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, bars: dict
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name."""
+        # Returns derivatives with respect to the forces, shape (n_forces, 3), the nodes, shape (n_nodes, 3), and the
+        # angle (1/rad).
         strip, n = _Strip(self._numbers(forces, nodes, alpha)), self.strips.n_strips
         jacobian = strip.slopes(np.broadcast_to(np.eye(_N)[:, None], (_N, n, _N)))  # (values, numbers, strips)
         value_bars = np.stack([bars.get(name, 0.0) * np.ones(n) for name in SECTION_LOADS])
@@ -93,13 +79,13 @@ class SectionLoads:
             nodes_bar += edge.T @ stations_bar
         return forces_bar @ self.strips.axes, nodes_bar @ self.strips.axes, bar[:, 18].sum()
 
-    def _numbers(self, forces, nodes, alpha) -> np.ndarray:
+    def _numbers(self, forces: np.ndarray, nodes: np.ndarray, alpha: float) -> np.ndarray:
         """What the loads of each strip are made of, shape (n, 19)."""
         forces, nodes = self._turned(forces), self._turned(nodes)
         weights = self.strips.face_weights
         return self._joined(weights @ forces, weights @ np.cross(self.points @ nodes, forces), nodes, alpha)
 
-    def _joined(self, on_strips, moments, nodes, alpha) -> np.ndarray:
+    def _joined(self, on_strips, moments, nodes: np.ndarray, alpha: float) -> np.ndarray:
         leading, trailing = self.strips.leading @ nodes, self.strips.trailing @ nodes
         angle = np.full((len(on_strips), 1), alpha)
         return np.hstack([on_strips, moments, leading[:-1], leading[1:], trailing[:-1], trailing[1:], angle])
@@ -177,12 +163,12 @@ class _Strip:
         return np.stack([x * self.cosine + z * self.sine, y, z * self.cosine - x * self.sine], axis=1)
 
     @staticmethod
-    def _reduced(vectors):
+    def _reduced(vectors: np.ndarray):
         """Force, moment, and middles of the edges, each of shape (3, ..., n)."""
         return vectors[0], vectors[1], 0.5 * (vectors[2] + vectors[3]), 0.5 * (vectors[4] + vectors[5])
 
     @staticmethod
-    def _across(point, force, moment):
+    def _across(point, force: np.ndarray, moment):
         """Moment about a point, along the span and up, shape (2, ..., n)."""
         about_span = moment[1] - (point[2] * force[0] - point[0] * force[2])
         return np.stack([about_span, moment[2] - (point[0] * force[1] - point[1] * force[0])])

@@ -29,58 +29,27 @@ _SHORT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class SpanStrips:
-    """Strips from the left tip to the plane of symmetry, or to the right tip of a whole wing.
+    """Strips from the left tip to the plane of symmetry, or to the right tip of a whole wing."""
 
-    Parameters
-    ----------
-    face_weights : csr_array, shape (n, n_faces)
-        Weights of the wall faces in every strip; those of a face add up to 1.
-    trailing : csr_array, shape (n + 1, n_nodes)
-        Weights of the nodes of the grid in the points of the trailing edge at the stations.
-    leading : csr_array, shape (n + 1, n_nodes)
-        The same for the leading edge: the foremost points of the baseline.
-    axes : ndarray, shape (3, 3)
-        Rows are the directions downstream, along the span towards the last strip, and up.
-    is_symmetric : bool
-        The wing is one half of a symmetric one, whose plane is span 0.
-    """
-
-    face_weights: csr_array
+    face_weights: csr_array  # (n, n_faces), weights of the wall faces in every strip; those of a face add up to 1
+    # (n + 1, n_nodes), weights of the nodes of the grid in the points of the trailing edge at the stations
     trailing: csr_array
-    leading: csr_array
-    axes: np.ndarray
-    is_symmetric: bool
+    leading: csr_array  # (n + 1, n_nodes), the same for the leading edge: the foremost points of the baseline
+    axes: np.ndarray  # (3, 3), rows are the directions downstream, along the span towards the last strip, and up
+    is_symmetric: bool  # the wing is one half of a symmetric one, whose plane is span 0
 
     @classmethod
     def of(
         cls,
+        # (n_faces, 4) of int, rows of the corners of its wall faces in the grid, such as ``CellFaces.corners``
         corners: np.ndarray,
-        nodes: np.ndarray,
-        axes: np.ndarray,
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
+        axes: np.ndarray,  # (3, 3), rows are the directions downstream, along the span and up
         *,
-        is_symmetric: bool = True,
-        n_strips: int = 16,
+        is_symmetric: bool = True,  # the wing is one half of a symmetric one about span 0
+        n_strips: int = 16,  # strips, where the grid has none of its own
     ) -> SpanStrips:
-        """Divide the wall of a wing into strips.
-
-        Parameters
-        ----------
-        corners : ndarray of int, shape (n_faces, 4)
-            Rows of the corners of its wall faces in the grid, such as ``CellFaces.corners``.
-        nodes : ndarray, shape (n_nodes, 3)
-            Baseline nodes (m).
-        axes : ndarray, shape (3, 3)
-            Rows are the directions downstream, along the span and up.
-        is_symmetric : bool
-            The wing is one half of a symmetric one about span 0.
-        n_strips : int
-            Strips, where the grid has none of its own.
-
-        Raises
-        ------
-        InputError
-            If there are no faces or they have no span.
-        """
+        """Divide the wall of a wing into strips."""
         span = nodes[np.unique(corners)] @ axes[1]
         if not np.ptp(span) > 0.0:
             raise InputError("span strips: the wall has no extent along the span; give other axes, or wall patches")
@@ -101,11 +70,9 @@ class SpanStrips:
 
 
 def _numbered(corners: np.ndarray, span: np.ndarray) -> np.ndarray | None:
-    """Number of the strip of every quad from the tip, where grid lines close around the wing; else None.
-
-    Opposite edges of a quad belong to one row of quads. Rows along the span end in the plane of symmetry, at edges of
-    one quad alone; those around the sections do not end.
-    """
+    """Number of the strip of every quad from the tip, where grid lines close around the wing; else None."""
+    # Opposite edges of a quad belong to one row of quads. Rows along the span end in the plane of symmetry, at edges of
+    # one quad alone; those around the sections do not end.
     edges, is_boundary = _edges(corners)
     rows = _rows_of_edges(edges, len(is_boundary))
     ends = np.zeros(rows.max() + 1, dtype=bool)
@@ -122,10 +89,8 @@ def _numbered(corners: np.ndarray, span: np.ndarray) -> np.ndarray | None:
 
 
 def _edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number of the edge from every corner to the next, shape (n, 4), and whether an edge has one quad alone.
-
-    Edges of no length are none of these: each has a number of its own.
-    """
+    """Number of the edge from every corner to the next, shape (n, 4), and whether an edge has one quad alone."""
+    # Edges of no length are none of these: each has a number of its own.
     ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1), axis=-1).reshape(-1, 2)
     is_none = ends[:, 0] == ends[:, 1]
     ends[is_none, 1] = -1 - np.arange(is_none.sum())
@@ -178,7 +143,7 @@ def _last_nodes(stations: np.ndarray, rows: np.ndarray, downstream: np.ndarray) 
     return csr_array((weights, (stations, rows)), shape=(len(furthest), len(downstream)))
 
 
-def _of_equal_width(corners, nodes, axes, n_strips) -> tuple[csr_array, ...]:
+def _of_equal_width(corners: np.ndarray, nodes: np.ndarray, axes: np.ndarray, n_strips: int) -> tuple[csr_array, ...]:
     """Weights of the faces in strips of equal width, and points of the trailing and leading edge between these."""
     span, downstream, edges = nodes @ axes[1], nodes @ axes[0], edges_of_quads(corners)
     used = span[corners]

@@ -10,7 +10,7 @@ RADIAN = np.pi / 180.0
 """One degree in radians."""
 
 
-def stream_axes(alpha, axes: np.ndarray) -> np.ndarray:
+def stream_axes(alpha: float, axes: np.ndarray) -> np.ndarray:
     """Directions of drag and lift, shape (2, 3); the second is the derivative of the first with respect to the angle.
 
     Parameters

@@ -36,13 +36,17 @@ class WingKernel(Protocol):
     def outputs(self) -> tuple[str, ...]:
         """Their names."""
 
-    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> dict[str, Any]:
+    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha: float) -> dict[str, Any]:
         """Values by name; real or complex."""
 
-    def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> dict[str, Any]:
+    def jvp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+    ) -> dict[str, Any]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
 
-    def vjp(self, forces, nodes, alpha, bars: dict) -> tuple[np.ndarray, np.ndarray, float]:
+    def vjp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, bars: dict
+    ) -> tuple[np.ndarray, np.ndarray, float]:
         """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name."""
 
 
@@ -70,17 +74,21 @@ class InducedCoefficients:
 
     outputs = ("CD_induced", "span_load")
 
-    def evaluate(self, forces, nodes, alpha) -> dict[str, Any]:
+    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha: float) -> dict[str, Any]:
         return self._named(*self.induced.evaluate(forces, nodes, alpha))
 
-    def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> dict[str, Any]:
+    def jvp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+    ) -> dict[str, Any]:
         return self._named(*self.induced.jvp(forces, nodes, alpha, d_forces, d_nodes, d_alpha))
 
-    def vjp(self, forces, nodes, alpha, bars: dict) -> tuple[np.ndarray, np.ndarray, float]:
+    def vjp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, bars: dict
+    ) -> tuple[np.ndarray, np.ndarray, float]:
         drag_bar = bars.get("CD_induced", 0.0) / self.area
         return self.induced.vjp(forces, nodes, alpha, bars.get("span_load", 0.0), drag_bar)
 
-    def _named(self, load, drag):
+    def _named(self, load: np.ndarray, drag):
         return {"CD_induced": drag / self.area, "span_load": load}
 
 
@@ -95,13 +103,17 @@ class MomentCoefficient:
     def outputs(self) -> tuple[str, ...]:
         return (self.name,)
 
-    def evaluate(self, forces, nodes, alpha) -> dict[str, Any]:
+    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha: float) -> dict[str, Any]:
         return {self.name: self.moment.evaluate(forces, nodes)}
 
-    def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> dict[str, Any]:
+    def jvp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+    ) -> dict[str, Any]:
         return {self.name: self.moment.jvp(forces, nodes, d_forces, d_nodes)}
 
-    def vjp(self, forces, nodes, alpha, bars: dict) -> tuple[np.ndarray, np.ndarray, float]:
+    def vjp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, bars: dict
+    ) -> tuple[np.ndarray, np.ndarray, float]:
         return (*self.moment.vjp(forces, nodes, np.sum(bars[self.name])), 0.0)
 
 
@@ -116,49 +128,24 @@ KERNELS: dict[str, Callable[[Wing], WingKernel]] = {
 
 @dataclass(frozen=True, eq=False)
 class WingCoefficients:
-    """All functionals of the forces on a wing, and moments about the hinges of control surfaces.
+    """All functionals of the forces on a wing, and moments about the hinges of control surfaces."""
 
-    Parameters
-    ----------
-    coefficients : ForceCoefficients
-        Points that forces act at, and the references.
-    induced : InducedDrag
-        The wake.
-    kernels : tuple of WingKernel
-        What computes the functionals.
-    """
-
-    coefficients: ForceCoefficients
-    induced: InducedDrag
-    kernels: tuple[WingKernel, ...]
+    coefficients: ForceCoefficients  # points that forces act at, and the references
+    induced: InducedDrag  # the wake
+    kernels: tuple[WingKernel, ...]  # what computes the functionals
 
     @classmethod
     def of(
         cls,
-        coefficients: ForceCoefficients,
+        coefficients: ForceCoefficients,  # coefficients, induced: see above
         induced: InducedDrag,
-        nodes: np.ndarray,
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
+        # of bool, parts of the wall and their axes, and which faces belong to the patches of each
         hinges: Sequence[tuple[HingeMoment, np.ndarray]] = (),
+        # (n_forces, 4) of int, corners of the wall faces that the forces are on, which hinges need
         faces: np.ndarray = NO_FACES,
     ) -> WingCoefficients:
-        """Make the kernels.
-
-        Parameters
-        ----------
-        coefficients, induced
-            See above.
-        nodes : ndarray, shape (n_nodes, 3)
-            Baseline nodes (m).
-        hinges : sequence of (HingeMoment, ndarray of bool)
-            Parts of the wall and their axes, and which faces belong to the patches of each.
-        faces : ndarray of int, shape (n_forces, 4), optional
-            Corners of the wall faces that the forces are on, which hinges need.
-
-        Raises
-        ------
-        InputError
-            If a hinge has no faces, or its name is another's.
-        """
+        """Make the kernels."""
         points, references = coefficients.points, (coefficients.area, coefficients.chord)
         wing = Wing(coefficients, induced, nodes)
         keys = dict.fromkeys(each.kernel for each in FUNCTIONALS.values() if each.kernel in KERNELS)
@@ -176,27 +163,24 @@ class WingCoefficients:
         """Moments about axes, by name."""
         return {kernel.name: kernel.moment for kernel in self.kernels if isinstance(kernel, MomentCoefficient)}
 
-    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> dict[str, np.ndarray]:
-        """Compute them for forces divided by the dynamic pressure (m^2), nodes (m) and an angle of attack (rad).
-
-        Arguments are those of `ForceCoefficients.evaluate`.
-        """
+    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha: float) -> dict[str, np.ndarray]:
+        """Compute them for forces divided by the dynamic pressure (m^2), nodes (m) and an angle of attack (rad)."""
+        # Arguments are those of `ForceCoefficients.evaluate`.
         return _merged(kernel.evaluate(forces, nodes, alpha) for kernel in self.kernels)
 
-    def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> dict[str, np.ndarray]:
+    def jvp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+    ) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         at = forces, nodes, alpha, d_forces, d_nodes, d_alpha
         return _merged(kernel.jvp(*at) for kernel in self.kernels)
 
-    def vjp(self, forces, nodes, alpha, bars: dict) -> tuple[np.ndarray, np.ndarray, float]:
-        """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name.
-
-        Returns
-        -------
-        tuple
-            Derivatives with respect to the forces, shape (n_forces, 3), the nodes, shape (n_nodes, 3), and the angle
-            (1/rad).
-        """
+    def vjp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, bars: dict
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name."""
+        # Returns derivatives with respect to the forces, shape (n_forces, 3), the nodes, shape (n_nodes, 3), and the
+        # angle (1/rad).
         forces_bar, nodes_bar, alpha_bar = np.zeros_like(forces), np.zeros_like(nodes), 0.0
         for kernel in self.kernels:
             if not bars.keys().isdisjoint(kernel.outputs):

@@ -56,21 +56,12 @@ def _closed(outputs: set[str], next_of: Callable[[set[str]], set[str]]) -> set[s
     return reached
 
 
-def flow_solves(component: om.ImplicitComponent, state: str) -> dict[str, int]:
-    """Linear solves of a state that the totals of the driver take in both modes, one by one.
-
-    Parameters
-    ----------
-    component : openmdao.api.ImplicitComponent
-        What solves for the state.
-    state : str
-        Name of the state.
-
-    Returns
-    -------
-    dict of str to int
-        By ``"fwd"`` and ``"rev"``: design variables that the state depends on, responses that depend on it.
-    """
+def flow_solves(
+    component: om.ImplicitComponent,  # what solves for the state
+    state: str,  # name of the state
+) -> dict[str, int]:
+    """Linear solves of a state that the totals of the driver take in both modes, one by one."""
+    # Returns by ``"fwd"`` and ``"rev"``: design variables that the state depends on, responses that depend on it.
     model, name = component._problem_meta["model_ref"](), {f"{component.pathname}.{state}"}
     before, after = outputs_upstream(model, name), outputs_downstream(model, name)
     designs = model.get_design_vars().values()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ...core.mesh.surface import SurfaceGrid
 from ...core.om.component import CheckedOnProcesses, add_bar, direction_in, fails_together
@@ -125,7 +126,7 @@ class EulerFlow(Copied, om.Group):
     array([0.3])
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self)
         declare_references(self.options)
@@ -138,7 +139,7 @@ class EulerFlow(Copied, om.Group):
         self.options.declare("trim", types=bool, default=False, desc="solve for alpha at a given lift")
         declare_solver(self.options)
 
-    def setup(self):
+    def setup(self) -> None:
         """Add the solution and what is made of it."""
         model = self.options["model"]
         self._partition, nodes = self._pieces()
@@ -285,13 +286,13 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces and axes")
         self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
         self.options.declare("forces", types=FlowForces, recordable=False, desc="what sums them")
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         check_on_grid(self, self.options["flow"], self.options["nodes"])
         self._forces, self._is_looked_at = self.options["forces"], False
@@ -306,7 +307,7 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
             if name not in FUNCTIONALS:
                 self.add_output(name, desc="hinge moment")
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Sum the pressures on the walls, and the rest of the outputs."""
         at = _at(inputs)
         for name, value in self._forces.evaluate(*at).items():
@@ -318,7 +319,7 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
                 if self.comm.rank == 0:
                     warn_of_spurious_drag(self.pathname, sources)
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         if mode == "fwd":
             found = self._forces.jvp(*_at(inputs), *_directions(inputs, d_inputs))
@@ -336,13 +337,13 @@ _UNITS = (1.0, 1.0, RADIAN, 1.0)
 """Inputs in the order of the kernel's arguments, and their units in those of the kernel."""
 
 
-def _at(inputs):
+def _at(inputs: Vector):
     """States, nodes, angle (rad) and Mach number."""
     states, nodes = inputs["states"].reshape(-1, N_STATES), inputs[GRID].reshape(-1, 3)
     return states, nodes, RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
 
 
-def _directions(inputs, d_inputs):
+def _directions(inputs: Vector, d_inputs: Vector):
     """Directions in all of these, zero where OpenMDAO leaves one out."""
     states = d_inputs["states"] if "states" in d_inputs else np.zeros_like(inputs["states"])
     d_alpha, d_mach = (d_inputs[name].item() if name in d_inputs else 0.0 for name in _INPUTS[2:])

@@ -9,6 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import openmdao.api as om
+from openmdao.jacobians.jacobian import Jacobian
+from openmdao.vectors.vector import Vector
 
 from ...base.numerics.processes import largest, summed_number
 from ...base.numerics.progress import Progress, shown
@@ -107,7 +109,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         In a run under complex step; products can be checked by complex steps.
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces, scheme and preconditioner")
         self.options.declare("levels", default=[], types=list, recordable=False, desc="coarser members to start on")
@@ -125,7 +127,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Give states to start from, shape (n_cells, 5), and their angle of attack (deg)."""
         self._start = states, alpha
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         flow, nodes = self.options["flow"], self.options["nodes"]
         check_on_grid(self, flow, nodes)
@@ -140,23 +142,23 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         start = at_rest if self._start is None else self._start[0]
         self.add_output("states", val=start.ravel(), distributed=is_shared, desc="density, velocity, pressure of cells")
 
-    def apply_nonlinear(self, inputs, outputs, residuals):
+    def apply_nonlinear(self, inputs: Vector, outputs: Vector, residuals: Vector) -> None:
         """Sum what flows out of every cell."""
         states = outputs["states"].reshape(-1, N_STATES)
         residuals["states"] = self._scheme(inputs).residual(states, *self._at(inputs)).ravel()
 
-    def solve_nonlinear(self, inputs, outputs):
+    def solve_nonlinear(self, inputs: Vector, outputs: Vector) -> None:
         """Solve for the states, from those that are there or else afresh."""
         self._log = ResidualLog(self.pathname, self.options["forces"], self.comm)
         self._return_to_anchor(inputs, outputs)
         self._solve(inputs, outputs, self.options["tolerance"])
         self._tell(self._solution)
 
-    def _declare_angle(self):
+    def _declare_angle(self) -> None:
         """Declare the angle of attack."""
         self.add_input("alpha", units="deg", desc="angle of attack")
 
-    def _solve(self, inputs, outputs, tolerance: float) -> None:
+    def _solve(self, inputs: Vector, outputs: Vector, tolerance: float) -> None:
         """Solve for the states at the inputs, or raise."""
         self._check(inputs)
         if not self._is_mach_said and self.comm.rank == 0:
@@ -175,14 +177,16 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         told = f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(*field)}"
         raise om.AnalysisError(f"{told}; take a smaller angle or Mach number, or a finer or more even grid")
 
-    def linearize(self, inputs, outputs, jacobian):
+    def linearize(self, inputs: Vector, outputs: Vector, jacobian: Jacobian) -> None:
         """Refuse states that are no solution, and differentiate the residual."""
         if not self._is_mode_looked_at:
             self._is_mode_looked_at = True
             warn_of_derivative_mode(self, "states")
         self._tangent_at_solution(inputs, outputs)
 
-    def apply_linear(self, inputs, outputs, d_inputs, d_outputs, d_residuals, mode):
+    def apply_linear(
+        self, inputs: Vector, outputs: Vector, d_inputs: Vector, d_outputs: Vector, d_residuals: Vector, mode: str
+    ) -> None:
         """Apply the Jacobian of the residual at these inputs and states, or its transpose."""
         if "states" not in d_residuals:
             return
@@ -192,7 +196,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         else:
             self._reverse(linearization, inputs, d_inputs, d_outputs, d_residuals)
 
-    def solve_linear(self, d_outputs, d_residuals, mode):
+    def solve_linear(self, d_outputs: Vector, d_residuals: Vector, mode: str) -> None:
         """Solve with the Jacobian at the inputs and states that are there, or with its transpose: the adjoint."""
         with self._unscaled_context(outputs=[self._outputs]):  # OpenMDAO scales them here, and hands none over
             tangent = self._tangent_at_solution(self._inputs, self._outputs)
@@ -207,7 +211,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         if self.options["anchored"]:
             self._anchor = {name: self._outputs[name].copy() for name in self._outputs}
 
-    def _return_to_anchor(self, inputs, outputs) -> None:
+    def _return_to_anchor(self, inputs: Vector, outputs: Vector) -> None:
         """Set the outputs to the solution to start from, unless they are one themselves, such as a restored one."""
         if self._anchor is None:
             return
@@ -249,7 +253,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """The last solution, with its history; None before the first run."""
         return self._solution
 
-    def _forward(self, linearization, inputs, d_inputs, d_outputs, d_residuals):
+    def _forward(self, linearization, inputs: Vector, d_inputs: Vector, d_outputs: Vector, d_residuals: Vector) -> None:
         change = np.zeros((self._discretization.faces.n_cells, N_STATES))
         if "states" in d_outputs:
             change += linearization.state_jvp(d_outputs["states"].reshape(-1, N_STATES))
@@ -261,7 +265,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                 change += linearization.stream_jvp(d_stream * d_inputs[name])
         d_residuals["states"] += change.ravel()
 
-    def _reverse(self, linearization, inputs, d_inputs, d_outputs, d_residuals):
+    def _reverse(self, linearization, inputs: Vector, d_inputs: Vector, d_outputs: Vector, d_residuals: Vector) -> None:
         bar = d_residuals["states"].reshape(-1, N_STATES)
         if "states" in d_outputs:
             d_outputs["states"] += linearization.state_vjp(bar).ravel()
@@ -272,7 +276,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             if name in d_inputs:
                 d_inputs[name] += d_stream @ linearization.stream_vjp(bar)
 
-    def _tangent_at_solution(self, inputs, outputs) -> FlowTangent:
+    def _tangent_at_solution(self, inputs: Vector, outputs: Vector) -> FlowTangent:
         """Derivatives of the residual at a solution; others have none that mean anything to the flow."""
         states = outputs["states"].reshape(-1, N_STATES)
         residual = relative_residual(self._scheme(inputs), states, *self._at(inputs))
@@ -283,7 +287,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             )
         return self._tangent_at(inputs, outputs)
 
-    def _tangent_at(self, inputs, outputs) -> FlowTangent:
+    def _tangent_at(self, inputs: Vector, outputs: Vector) -> FlowTangent:
         """Derivatives of the residual: the last ones if they are those at these inputs and states."""
         point = (outputs["states"], *(inputs[name] for name in INPUTS))
         if self._tangent is None or not self._everywhere(all(map(np.array_equal, point, self._tangent_point))):
@@ -298,7 +302,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     def _discretization(self):
         return self.options["flow"].discretization
 
-    def _scheme(self, inputs) -> Discretization:
+    def _scheme(self, inputs: Vector) -> Discretization:
         """Discretisation with the weights of the grid that is there, found once a design."""
         flow, nodes = self.options["flow"], inputs[GRID].reshape(-1, 3)
         if self._everywhere(np.array_equal(nodes, self.options["nodes"])):
@@ -308,13 +312,13 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             self._last_scheme = nodes.copy(), flow.at(nodes)
         return self._last_scheme[1]
 
-    def _at(self, inputs):
+    def _at(self, inputs: Vector):
         """Area vectors and free stream."""
         flow = self.options["flow"]
         stream = free_stream(inputs["Mach_number"][0], RADIAN * inputs["alpha"][0], flow.axes)
         return flow.areas(inputs[GRID].reshape(-1, 3)), stream
 
-    def _check(self, inputs):
+    def _check(self, inputs: Vector) -> None:
         """Refuse what is no flow."""
         self._check_numbers(inputs)
         nodes = inputs[GRID].reshape(-1, 3)
@@ -326,7 +330,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             ) from error
 
     @fails_together
-    def _check_numbers(self, inputs):
+    def _check_numbers(self, inputs: Vector) -> None:
         """Refuse inputs that are no numbers of a flow."""
         refuse_complex_step(self)
         finite_points(inputs[GRID], GRID, self.msginfo)
@@ -334,7 +338,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         if not 0.0 < inputs["Mach_number"][0] < np.inf:
             raise om.AnalysisError(f"{self.msginfo}: Mach_number is {inputs['Mach_number'][0]}; it has to be positive")
 
-    def _worst_cell(self, discretization, areas, stream) -> str:
+    def _worst_cell(self, discretization, areas: np.ndarray, stream) -> str:
         """Name the cell with the largest residual by its surface, and its Mach number: the same on all processes."""
         states = self._solution.states
         rows = discretization.residual(states, areas, stream) / discretization.sizes(areas)
@@ -350,19 +354,19 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Whether something is true on all processes."""
         return not largest(self.comm, float(not flag))
 
-    def _supersonic(self, states) -> str:
+    def _supersonic(self, states: np.ndarray) -> str:
         """Advise a sensor of shocks where there is none and the flow is supersonic."""
         n_supersonic = int(summed_number(self.comm, int(np.count_nonzero(mach_numbers(states) > 1.0))))
         is_missing = n_supersonic and not self._discretization.shock_threshold
         return f"; it is supersonic in {n_supersonic} cells, set shock_threshold" if is_missing else ""
 
-    def _last_states(self, outputs, stream) -> np.ndarray:
+    def _last_states(self, outputs: Vector, stream) -> np.ndarray:
         """States that are there, with the change of the free stream since they were solved for, if they were."""
         states, last = outputs["states"].reshape(-1, N_STATES), self._converged
         is_solved = last is not None and self._everywhere(np.array_equal(states, last.states))
         return states + (stream - last.stream) if is_solved else states.copy()
 
-    def _stream_partials(self, inputs) -> dict[str, np.ndarray]:
+    def _stream_partials(self, inputs: Vector) -> dict[str, np.ndarray]:
         """Derivatives of the free stream with respect to the inputs, by name."""
         axes = self.options["flow"].axes
         d_stream_d_mach, d_stream_d_alpha = free_stream_partials(
@@ -370,7 +374,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         )
         return {"Mach_number": d_stream_d_mach, "alpha": RADIAN * d_stream_d_alpha}
 
-    def _attempts(self, inputs, outputs, areas, stream, tolerance, tell):
+    def _attempts(self, inputs: Vector, outputs: Vector, areas: np.ndarray, stream, tolerance, tell: Progress):
         """Yield solutions, each by a surer way than the last."""
         flow, levels = (self.options[name] for name in ("flow", "levels"))
         settings = {"tolerance": tolerance, "max_steps": self.options["max_steps"]}
@@ -386,13 +390,13 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         how = {name: value for name, value in settings.items() if name != "pattern"}
         yield from cold_solutions(flow, levels, inputs[GRID].reshape(-1, 3), areas, stream, **how)
 
-    def _is_given(self, outputs) -> bool:
+    def _is_given(self, outputs: Vector) -> bool:
         """Whether the states are those that were given to start from."""
         given = self._start
         is_so = given is not None and np.array_equal(outputs["states"].reshape(-1, N_STATES), given[0])
         return given is not None and self._everywhere(is_so)
 
-    def _from_nearby(self, inputs, outputs, field, start, settings) -> FlowSolution:
+    def _from_nearby(self, inputs: Vector, outputs: Vector, field, start, settings) -> FlowSolution:
         """Solve with the last Jacobian while that does, and then by steps with their own."""
         tangent = self._tangent or self._tangent_at(inputs, outputs)
         how = {name: value for name, value in settings.items() if name != "pattern"}
@@ -404,12 +408,12 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         solution = solve_flow(*field, states=nearby.states, **settings)
         return replace(solution, history=nearby.history[:-1] + solution.history)
 
-    def _progress(self, inputs, tolerance: float, tell: Progress):
+    def _progress(self, inputs: Vector, tolerance: float, tell: Progress):
         """What Newton's method calls with every step: it moves a bar, and prints a line where that is asked for."""
         nodes, alpha, mach = inputs[GRID].reshape(-1, 3), RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
         is_printed = self.options["iprint"] > 1
 
-        def told(step, states):
+        def told(step, states: np.ndarray) -> None:
             digits = np.log(max(step.residual, tolerance)) / np.log(tolerance)
             tell(float(np.clip(digits, 0.0, 1.0)), f"residual {step.residual:.1e}")
             if is_printed:
@@ -425,7 +429,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             if self.comm.rank == 0:
                 print(f"{self.pathname}: {end}{advice}", flush=True)
 
-    def _set_solver_print(self, level=2, depth=1e99, type_="all", debug_print=None):
+    def _set_solver_print(self, level=2, depth=1e99, type_="all", debug_print=None) -> None:
         """Take the level that ``set_solver_print`` gives nonlinear solvers."""
         if type_ != "LN":
             self.options["iprint"] = level

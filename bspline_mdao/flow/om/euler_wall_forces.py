@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ...core.mesh.surface import SurfaceGrid
 from ...core.om.component import CheckedOnProcesses, add_bar, direction_in
@@ -54,13 +55,13 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces and axes")
         self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
         self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="walls of the flow")
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         flow, nodes, surface = (self.options[name] for name in ("flow", "nodes", "surface"))
         check_on_grid(self, flow, nodes)
@@ -78,7 +79,7 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
         self.add_input("dynamic_pressure", val=np.nan, units="Pa")
         self.add_output("wall_forces", val=np.zeros(3 * surface.n_points), units="N")
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Share the pressures on the faces among their corners."""
         pressure = inputs["dynamic_pressure"][0]
         if not 0.0 < pressure.real < np.inf:
@@ -87,7 +88,7 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
             )
         outputs["wall_forces"] = self._forces.evaluate(*self._at(inputs)).ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         if "wall_forces" not in d_outputs:
             return
@@ -98,12 +99,12 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
             for name, bar in zip(INPUTS, bars):
                 add_bar(d_inputs, name, np.asarray(bar))
 
-    def _at(self, inputs):
+    def _at(self, inputs: Vector):
         """States, nodes, Mach number and dynamic pressure."""
         states, nodes, mach, pressure = (inputs[name] for name in INPUTS)
         return states.reshape(-1, N_STATES), nodes.reshape(-1, 3), mach[0], pressure[0]
 
-    def _along(self, inputs, d_inputs):
+    def _along(self, inputs: Vector, d_inputs: Vector):
         """Directions in all of these, zero where OpenMDAO leaves one out."""
         states = d_inputs["states"] if "states" in d_inputs else np.zeros_like(inputs["states"])
         d_mach, d_pressure = (d_inputs[name].item() if name in d_inputs else 0.0 for name in INPUTS[2:])

@@ -29,35 +29,14 @@ __all__ = ["load_states", "save_states", "write_fields"]
 
 
 def write_fields(
-    path: str | os.PathLike,
-    state: EulerState,
-    forces: om.ExplicitComponent,
-    topology: Topology,
-    header: GridHeader,
-    partition: Partition,
+    path: str | os.PathLike,  # ``something.vtm`` or ``something.dat``
+    state: EulerState,  # the solved states
+    forces: om.ExplicitComponent,  # gives the pressure coefficients on the walls
+    topology: Topology,  # of the grid
+    header: GridHeader,  # names and patches of the grid
+    partition: Partition,  # who has which pieces
 ) -> None:
-    """Write the fields of a flow that has run, see `write_flow`.
-
-    Parameters
-    ----------
-    path : path-like
-        ``something.vtm`` or ``something.dat``.
-    state : EulerState
-        The solved states.
-    forces : EulerForces
-        Gives the pressure coefficients on the walls.
-    topology : Topology
-        Of the grid.
-    header : GridHeader
-        Names and patches of the grid.
-    partition : Partition
-        Who has which pieces.
-
-    Raises
-    ------
-    InputError
-        If no flow is there, or a file cannot be written.
-    """
+    """Write the fields of a flow that has run, see `write_flow`."""
     _require_flow(state)
     nodes = _whole(state.comm, state.get_val(GRID, from_src=False).reshape(-1, 3), partition, "rows")
     states = _whole(state.comm, state.get_val("states").reshape(-1, N_STATES), partition, "cells")
@@ -76,21 +55,10 @@ def save_states(path: str | os.PathLike, state: EulerState, topology: Topology, 
     on_first(state.comm, lambda: file.save(path))
 
 
-def load_states(path: str | os.PathLike, comm, topology: Topology, partition: Partition) -> tuple[np.ndarray, float]:
-    """Read states to start from, those of a member of the grid's family perhaps.
-
-    Returns
-    -------
-    states : ndarray, shape (n_cells, 5)
-        Of the cells of this process.
-    alpha : float
-        Their angle of attack (deg).
-
-    Raises
-    ------
-    InputError
-        If the file is missing, damaged or no file of states, or is of another grid.
-    """
+def load_states(
+    path: str | os.PathLike, comm: Any, topology: Topology, partition: Partition
+) -> tuple[np.ndarray, float]:  # states: (n_cells, 5), of the cells of this process; alpha: their angle of attack (deg)
+    """Read states to start from, those of a member of the grid's family perhaps."""
     whole, alpha = on_first(comm, lambda: read_states(path, topology))
     return (whole if comm.size == 1 else whole[partition.share(comm.rank).cells]), alpha
 
@@ -102,7 +70,7 @@ def _require_flow(state: EulerState) -> FlowSolution:
     return state.solution
 
 
-def _whole(comm, part: np.ndarray, partition: Partition, what: str) -> Any:
+def _whole(comm: Any, part: np.ndarray, partition: Partition, what: str) -> Any:
     """Rows of the whole grid, of those that each process has: nodes (``rows``) or ``cells``."""
     if comm.size == 1:
         return part

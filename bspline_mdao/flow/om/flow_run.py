@@ -12,21 +12,13 @@ from .euler_state import EulerState
 __all__ = ["run_flow"]
 
 
-def run_flow(problem: om.Problem) -> dict:
-    """Run a problem with a flow, such as `EulerFlow` or `LatticeFlow`, and sum it up.
-
-    Parameters
-    ----------
-    problem : openmdao.api.Problem
-        The problem, set up.
-
-    Returns
-    -------
-    dict
-        Lift and drags such as ``CL`` and ``CD_induced``, as far as the flow has them, and ``seconds`` of wall time,
-        those of other components included. By the Euler equations also ``n_cells``, ``n_steps`` of Newton's method,
-        ``n_products`` with the Jacobian, and the last ``residual``, relative to that of the uniform stream.
-    """
+def run_flow(
+    problem: om.Problem,  # the problem, set up
+) -> dict:
+    """Run a problem with a flow, such as `EulerFlow` or `LatticeFlow`, and sum it up."""
+    # Returns lift and drags such as ``CL`` and ``CD_induced``, as far as the flow has them, and ``seconds`` of wall
+    # time, those of other components included. By the Euler equations also ``n_cells``, ``n_steps`` of Newton's method,
+    # ``n_products`` with the Jacobian, and the last ``residual``, relative to that of the uniform stream.
     problem.final_setup()
     start = time.perf_counter()
     problem.run_model()

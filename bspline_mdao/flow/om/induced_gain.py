@@ -13,27 +13,16 @@ __all__ = ["InducedGain", "induced_gains"]
 
 @dataclass(frozen=True)
 class InducedGain(OneLine):
-    """By how much an induced drag has fallen, all relative to that of the baseline and divided by the lift squared.
+    """By how much an induced drag has fallen, all relative to that of the baseline and divided by the lift squared."""
 
-    The square takes out that the lift of an angle of attack differs from grid to grid: errors are estimated at the
-    angle, and designs compared at the lift.
+    # The square takes out that the lift of an angle of attack differs from grid to grid: errors are estimated at the
+    # angle, and designs compared at the lift.
 
-    Parameters
-    ----------
-    name : str
-        Name of the induced drag.
-    gain : float
-        On the grid.
-    finer : float
-        As estimated for the finer member.
-    doubt : float
-        What that may be wrong by: the larger ``remaining`` of both drags. Designs of one wing have much of their errors
-        in common.
-    """
-
-    name: str
-    gain: float
-    finer: float
+    name: str  # name of the induced drag
+    gain: float  # on the grid
+    finer: float  # as estimated for the finer member
+    # what that may be wrong by: the larger ``remaining`` of both drags. Designs of one wing have much of their errors
+    # in common.
     doubt: float
 
     @property

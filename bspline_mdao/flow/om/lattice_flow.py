@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 from scipy.sparse import csr_array, diags_array, eye_array, kron
 
 from ...core.measures.camber_surface import CamberSurface
@@ -97,7 +98,7 @@ class LatticeFlow(Copied, om.Group):
     array([0.3])
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self)
         declare_references(self.options)
@@ -108,7 +109,7 @@ class LatticeFlow(Copied, om.Group):
         self.options.declare("ends", default=None, desc="ends of the lattice along the span, m")
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Add the lattice, its solution, and what is made of that."""
         _add_solution(self, self._add_camber(), {name: self.options[name] for name in REFERENCES})
 
@@ -141,18 +142,12 @@ class LatticeFlow(Copied, om.Group):
 
 
 class UnfoldedLattice(SurfaceMeasure):
-    """The camber surface of a wing, as a lattice none of whose panels is folded.
+    """The camber surface of a wing, as a lattice none of whose panels is folded."""
 
-    Variables and options are those of `SurfaceMeasure`, the measure being a `CamberSurface`.
-
-    Raises
-    ------
-    om.AnalysisError
-        In a run, if a node is not finite, or if panels are folded, with their number and the first one.
-    """
+    # Variables and options are those of `SurfaceMeasure`, the measure being a `CamberSurface`.
 
     @fails_together
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Lay the lattice and look at its panels."""
         super().compute(inputs, outputs)
         measure = self.options["measure"]
@@ -168,36 +163,20 @@ class UnfoldedLattice(SurfaceMeasure):
 def lattice_camber(
     surface: SurfaceGrid, axes: str, n_chord: int = N_CHORD, n_span: int = N_SPAN, ends=None
 ) -> CamberSurface:
-    """The lattice that a `LatticeFlow` with these options lays into walls.
-
-    Raises
-    ------
-    InputError
-        If the walls have no camber surface.
-    """
+    """The lattice that a `LatticeFlow` with these options lays into walls."""
     if ends is None:  # the root, and a place a quarter of a strip short of the tip
         span = np.abs(surface.points[:, "xyz".find(axes[1:2])])
         ends = float(span.min()), float(span.min() + np.ptp(span) * (n_span - 1) / (n_span - 0.75))
     return CamberSurface.of(surface, n_chord, n_span, axes=axes, ends=ends)
 
 
-def lattice_lift(camber: CamberSurface, reference_area: float, alpha: float, mach: float) -> float:
-    """Lift coefficient of a lattice, as `LatticeFlow` has it.
-
-    Parameters
-    ----------
-    camber : CamberSurface
-        The lattice.
-    reference_area : float
-        Of the half wing (m^2).
-    alpha, mach : float
-        Angle of attack (deg) and Mach number.
-
-    Raises
-    ------
-    InputError
-        If OpenAeroStruct is not there.
-    """
+def lattice_lift(
+    camber: CamberSurface,  # the lattice
+    reference_area: float,  # of the half wing (m^2)
+    alpha: float,  # alpha, mach: angle of attack (deg) and Mach number
+    mach: float,
+) -> float:
+    """Lift coefficient of a lattice, as `LatticeFlow` has it."""
     problem = om.Problem(reports=None)
     _add_solution(problem.model, camber, {"reference_area": reference_area})
     problem.model.set_input_defaults("camber_surface", val=camber.evaluate(camber.surface.points), units="m")
@@ -227,18 +206,10 @@ def _add_solution(group: om.Group, camber: CamberSurface, references: Mapping[st
     group.set_input_defaults("Mach_number", val=0.3)
 
 
-def folded_panels(lattice: np.ndarray) -> np.ndarray:
-    """Find panels one of whose corners points the other way than the panel, or than a neighbour of it.
-
-    Parameters
-    ----------
-    lattice : ndarray, shape (n_chord, n_span, 3)
-        Nodes (m).
-
-    Returns
-    -------
-    ndarray of bool, shape (n_chord - 1, n_span - 1)
-    """
+def folded_panels(
+    lattice: np.ndarray,  # (n_chord, n_span, 3), nodes (m)
+) -> np.ndarray:  # (n_chord - 1, n_span - 1) of bool
+    """Find panels one of whose corners points the other way than the panel, or than a neighbour of it."""
     chordwise, spanwise = np.diff(lattice, axis=0), np.diff(lattice, axis=1)
     normals = np.cross(lattice[1:, 1:] - lattice[:-1, :-1], lattice[:-1, 1:] - lattice[1:, :-1])
     folded = np.zeros(normals.shape[:2], dtype=bool)
@@ -298,13 +269,13 @@ class LatticeForces(Copied, om.ExplicitComponent):
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("camber", types=CamberSurface, recordable=False, desc="the lattice on the baseline")
         declare_references(self.options)
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         camber = self.options["camber"]
         n_chord, n_span, _ = camber.shape
@@ -318,21 +289,21 @@ class LatticeForces(Copied, om.ExplicitComponent):
         self._wing = self._coefficients()
 
     @fails_together
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Sum the forces on the panels."""
         for name, value in self._wing.evaluate(*self._arguments(inputs)).items():
             outputs[name] = value
         outputs["delta_Cp"] = panel_pressures(*(inputs[name] for name in _VECTORS))
 
     @fails_together
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         if mode == "fwd":
             self._forward(inputs, d_inputs, d_outputs)
         else:
             self._reverse(inputs, d_inputs, d_outputs)
 
-    def _forward(self, inputs, d_inputs, d_outputs):
+    def _forward(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector) -> None:
         forces, nodes = (direction_in(d_inputs, inputs, name) @ self._axes for name in _VECTORS)
         d_alpha = RADIAN * d_inputs["alpha"].item() if "alpha" in d_inputs else 0.0
         found = self._wing.jvp(*self._arguments(inputs), forces, nodes, d_alpha)
@@ -343,7 +314,7 @@ class LatticeForces(Copied, om.ExplicitComponent):
         for name in d_outputs:
             d_outputs[name] += found[name]
 
-    def _reverse(self, inputs, d_inputs, d_outputs):
+    def _reverse(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector) -> None:
         bars = {name: d_outputs[name] for name in d_outputs if name != "delta_Cp"}
         *vector_bars, alpha_bar = self._wing.vjp(*self._arguments(inputs), bars)
         for name, bar in zip(_VECTORS, vector_bars):
@@ -359,7 +330,7 @@ class LatticeForces(Copied, om.ExplicitComponent):
     def _axes(self) -> np.ndarray:
         return self.options["camber"].axes
 
-    def _arguments(self, inputs):
+    def _arguments(self, inputs: Vector):
         """Forces, nodes and angle (rad), in the axes of the grid."""
         forces, nodes = (inputs[name].reshape(-1, 3) @ self._axes for name in _VECTORS)
         return forces, nodes, RADIAN * inputs["alpha"][0]

@@ -9,6 +9,7 @@ import warnings
 from typing import NamedTuple
 
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ...errors import MachNumberWarning
 
@@ -40,16 +41,12 @@ LATTICE = MachRange(0.0, 0.5)
 (``docs/theory/vortex_lattice.rst``). The rule of Prandtl and Glauert knows no shocks."""
 
 
-def warn_of_mach_number(path: str, mach: float, known: MachRange) -> bool:
-    """Warn where a Mach number is out of a range, and say whether it is.
-
-    Parameters
-    ----------
-    path : str
-        Path of a component of the flow.
-    mach : float
-    known : MachRange
-    """
+def warn_of_mach_number(
+    path: str,  # path of a component of the flow
+    mach: float,
+    known: MachRange,
+) -> bool:
+    """Warn where a Mach number is out of a range, and say whether it is."""
     fault = known.fault(mach)
     if fault:
         warnings.warn(f"{path.rpartition('.')[0] or 'flow'}: {fault}", MachNumberWarning, stacklevel=2)
@@ -57,21 +54,20 @@ def warn_of_mach_number(path: str, mach: float, known: MachRange) -> bool:
 
 
 class MachWatch(om.ExplicitComponent):
-    """Looks at the Mach number of a flow whose components are those of others.
+    """Looks at the Mach number of a flow whose components are those of others."""
 
-    ===============  =====  =====  =====  =====================
-    name             role   shape  units  meaning
-    ===============  =====  =====  =====  =====================
-    ``Mach_number``  input  (1,)          of the free stream
-    ===============  =====  =====  =====  =====================
-    """
+    # ===============  =====  =====  =====  =====================
+    # name             role   shape  units  meaning
+    # ===============  =====  =====  =====  =====================
+    # ``Mach_number``  input  (1,)          of the free stream
+    # ===============  =====  =====  =====  =====================
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the input."""
         self._is_said = False
         self.add_input("Mach_number", val=0.0, desc="of the free stream")
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Warn once."""
         if not self._is_said and self.comm.rank == 0:
             mach = float(inputs["Mach_number"][0].real)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..euler.forces import FlowForces
@@ -14,38 +16,27 @@ HEAD = f"{'step':>6} {'residual':>10} {'CFL':>9} {'products':>9} {'length':>7} {
 
 
 class ResidualLog:
-    """Print a line for every Newton step of a run, below a head line; of several processes the first one prints.
+    """Print a line for every Newton step of a run, below a head line; of several processes the first one prints."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the component.
-    forces : FlowForces
-        Gives lift and drag of the states.
-    comm : communicator
-        The processes, all of which tell each step.
-    shows_alpha : bool
-        Whether there is a column for the angle of attack, as where it is solved for.
-    """
-
-    def __init__(self, name: str, forces: FlowForces, comm, shows_alpha: bool = False):
+    def __init__(
+        self,
+        name: str,  # name of the component
+        forces: FlowForces,  # gives lift and drag of the states
+        comm: Any,  # the processes, all of which tell each step
+        shows_alpha: bool = False,  # whether there is a column for the angle of attack, as where it is solved for
+    ):
         self.name, self.forces, self.comm, self.shows_alpha = name, forces, comm, shows_alpha
         self.n_steps = 0
 
-    def tell(self, step: NewtonStep, states: np.ndarray, nodes: np.ndarray, alpha: float, mach: float) -> None:
-        """Print the line of a step.
-
-        Parameters
-        ----------
-        step : NewtonStep
-            The step.
-        states : ndarray, shape (n_cells, 5)
-            States after it.
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of the grid (m).
-        alpha, mach : float
-            Angle of attack (rad) and Mach number.
-        """
+    def tell(
+        self,
+        step: NewtonStep,  # the step
+        states: np.ndarray,  # (n_cells, 5), states after it
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m)
+        alpha: float,  # alpha, mach: angle of attack (rad) and Mach number
+        mach: float,
+    ) -> None:
+        """Print the line of a step."""
         found = self.forces.evaluate(states, nodes, alpha, mach)
         if not self.n_steps:
             self._print(f"{self.name}\n{HEAD}{' alpha, deg' if self.shows_alpha else ''}")

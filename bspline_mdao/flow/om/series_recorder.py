@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from openmdao.recorders.case_recorder import CaseRecorder
@@ -70,7 +71,7 @@ class SeriesRecorder(CaseRecorder):
         self._n_written = -1
         self._is_major_known = self._is_failing = False
 
-    def startup(self, recording_requester, comm=None):
+    def startup(self, recording_requester, comm: Any = None) -> None:
         """Begin the series anew; called by OpenMDAO."""
         super().startup(recording_requester, comm)
         self._lines, self._last, self._n_written = [], None, -1
@@ -80,29 +81,29 @@ class SeriesRecorder(CaseRecorder):
         if self._is_major_known and "record_derivatives" in options:
             options["record_derivatives"] = True
 
-    def record_metadata_system(self, system, run_number=None):
+    def record_metadata_system(self, system, run_number=None) -> None:
         """Options of systems have no place here."""
 
-    def record_metadata_solver(self, solver, run_number=None):
+    def record_metadata_solver(self, solver, run_number=None) -> None:
         """Nor have those of solvers."""
 
-    def record_iteration_driver(self, recording_requester, data, metadata):
+    def record_iteration_driver(self, recording_requester, data, metadata) -> None:
         """Keep what the model holds now, and write it where every run of the model is wanted."""
         problem = recording_requester._problem()
         self._last = self._counter, Snapshot.of(problem, f"iteration {self._counter}")
         if not self._is_major_known:
             self._write(problem.comm)
 
-    def record_derivatives_driver(self, recording_requester, data, metadata):
+    def record_derivatives_driver(self, recording_requester, data, metadata) -> None:
         """Write the last run of the model: the driver has asked for its derivatives."""
         self._write(recording_requester._problem().comm)
 
-    def shutdown(self):
+    def shutdown(self) -> None:
         """Write the last run of the model, where that has not been done; called by ``Problem.cleanup``."""
         if self._last is not None and self._record_on_proc is not False:
             self._try(self._write_files)
 
-    def _write(self, comm) -> None:
+    def _write(self, comm: Any) -> None:
         """Write the last run of the model, once; of several processes the first one does."""
         if self._last is not None and self._last[0] != self._n_written:
             self._try(lambda: on_first(comm, self._write_files))

@@ -207,7 +207,7 @@ def _gathered(systems, system, name: str, value: np.ndarray) -> np.ndarray:
     return whole.ravel()
 
 
-def _share(systems, comm) -> Share:
+def _share(systems, comm: Any) -> Share:
     """Nodes and cells of this process, as the components say that have parts of the grid."""
     for system in systems:
         given = "partition" in system.options and system.options["partition"]

@@ -28,20 +28,15 @@ ROUNDED = 5e-4
 what the wake's sum leaves out; twist that waves to the errors of the grid was by 1e-3."""
 
 
-def drag_sources(flow: FlowGrid, forces: FlowForces, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> DragSources:
-    """Divide the drag of the pressures into that of the wake, of shocks, and what is spurious.
-
-    Parameters
-    ----------
-    flow : FlowGrid
-    forces : FlowForces
-    states : ndarray, shape (n_cells, 5)
-        A solution.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
-    alpha, mach : float
-        Angle of attack (rad) and Mach number.
-    """
+def drag_sources(
+    flow: FlowGrid,
+    forces: FlowForces,
+    states: np.ndarray,  # (n_cells, 5), A solution
+    nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
+    alpha: float,  # alpha, mach: angle of attack (rad) and Mach number
+    mach: float,
+) -> DragSources:
+    """Divide the drag of the pressures into that of the wake, of shocks, and what is spurious."""
     values = forces.evaluate(states, nodes, alpha, mach)
     total, induced = (float(np.ravel(values[name])[0]) for name in ("CD", "CD_induced"))
     wave = wave_drag(flow.discretization, states, flow.areas(nodes), mach) / forces.wing.coefficients.area

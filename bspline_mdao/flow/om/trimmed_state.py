@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import openmdao.api as om
+from openmdao.jacobians.jacobian import Jacobian
+from openmdao.vectors.vector import Vector
 
 from ...core.om.component import add_bar, direction_in, finite_values
 from ...names import GRID
@@ -76,7 +78,7 @@ class TrimmedState(EulerState):
         with the angle.
     """
 
-    def solve_nonlinear(self, inputs, outputs):
+    def solve_nonlinear(self, inputs: Vector, outputs: Vector) -> None:
         """Solve for states and angle, from those that are there."""
         self._log = ResidualLog(self.pathname, self.options["forces"], self.comm, shows_alpha=True)
         finite_values(inputs["CL_target"], "CL_target", self.msginfo)
@@ -90,16 +92,18 @@ class TrimmedState(EulerState):
             raise
         self._tell(self._solution)
 
-    def apply_nonlinear(self, inputs, outputs, residuals):
+    def apply_nonlinear(self, inputs: Vector, outputs: Vector, residuals: Vector) -> None:
         """Sum what flows out of every cell, and compare the lift."""
         super().apply_nonlinear(_merged(inputs, outputs), outputs, residuals)
         residuals["alpha"] = self._lift(inputs, outputs) - inputs["CL_target"]
 
-    def linearize(self, inputs, outputs, jacobian):
+    def linearize(self, inputs: Vector, outputs: Vector, jacobian: Jacobian) -> None:
         """Refuse states that are no solution, and differentiate the residual."""
         super().linearize(_merged(inputs, outputs), outputs, jacobian)
 
-    def apply_linear(self, inputs, outputs, d_inputs, d_outputs, d_residuals, mode):
+    def apply_linear(
+        self, inputs: Vector, outputs: Vector, d_inputs: Vector, d_outputs: Vector, d_residuals: Vector, mode: str
+    ) -> None:
         """Apply the Jacobian of both residuals at these inputs and outputs, or its transpose."""
         at, names = _merged(inputs, outputs), [name for name in (GRID, "Mach_number") if name in d_inputs]
         d_at = {name: d_inputs[name] for name in names}
@@ -119,13 +123,11 @@ class TrimmedState(EulerState):
             if "CL_target" in d_inputs:
                 d_inputs["CL_target"] -= bar
 
-    def solve_linear(self, d_outputs, d_residuals, mode):
-        """Solve with the Jacobian of both residuals, or with its transpose: the adjoint at a given lift.
-
-        With A the Jacobian of the states, its column r for the angle, and the row l of the lift with its end s, the
-        solution is that of A for the right-hand side, less what the angle, ``(c - l.y) / (s - l.z)``, takes away:
-        ``A z = r`` is solved once a design. The transpose has rows for columns.
-        """
+    def solve_linear(self, d_outputs: Vector, d_residuals: Vector, mode: str) -> None:
+        """Solve with the Jacobian of both residuals, or with its transpose: the adjoint at a given lift."""
+        # With A the Jacobian of the states, its column r for the angle, and the row l of the lift with its end s, the
+        # solution is that of A for the right-hand side, less what the angle, ``(c - l.y) / (s - l.z)``, takes away: ``A
+        # z = r`` is solved once a design. The transpose has rows for columns.
         with self._unscaled_context(outputs=[self._outputs]):
             at, outputs = _merged(self._inputs, self._outputs), self._outputs
             tangent = self._tangent_at_solution(at, outputs)
@@ -151,14 +153,14 @@ class TrimmedState(EulerState):
     def _inputs_of_flow(self):
         return _merged(self._inputs, self._outputs)
 
-    def _declare_angle(self):
+    def _declare_angle(self) -> None:
         self._sensitivity: _Sensitivity | None = None
         self._borders: dict = {}
         self.add_input("CL_target", desc="lift coefficient")
         start = 2.0 if self._start is None else self._start[1]
         self.add_output("alpha", val=start, units="deg", desc="angle of attack")
 
-    def _trim(self, inputs, outputs) -> None:
+    def _trim(self, inputs: Vector, outputs: Vector) -> None:
         """Solve for the states, and change the angle until the lift is right."""
         target, final = inputs["CL_target"].item(), self.options["tolerance"]
         tolerance, before = max(final, FIRST_TOLERANCE), np.inf
@@ -183,7 +185,7 @@ class TrimmedState(EulerState):
         self._tangent = None  # that of an angle on the way
         self._solution = self._converged = replace(self._solution, history=history)
 
-    def _sensitivity_at(self, inputs, outputs) -> _Sensitivity:
+    def _sensitivity_at(self, inputs: Vector, outputs: Vector) -> _Sensitivity:
         """How states and lift change with the angle."""
         at = _merged(inputs, outputs)
         tangent = self._tangent_at(at, outputs)
@@ -194,7 +196,7 @@ class TrimmedState(EulerState):
         one = {"alpha": np.ones(1)}
         return _Sensitivity(states, self._lift_jvp(at, outputs, one, {"states": states}))
 
-    def _change(self, outputs, sensitivity: _Sensitivity, lack: float, target: float) -> None:
+    def _change(self, outputs: Vector, sensitivity: _Sensitivity, lack: float, target: float) -> None:
         """Change the angle, and the states with it, by what the lift lacks."""
         alpha, slope, states = outputs["alpha"].item(), sensitivity.lift, outputs["states"].reshape(-1, N_STATES)
         change = float(np.clip(lack / slope, -LARGEST_CHANGE, LARGEST_CHANGE)) if slope > 0.0 else np.inf
@@ -209,34 +211,34 @@ class TrimmedState(EulerState):
             outputs["states"] = moved.ravel()
         outputs["alpha"] = alpha + change
 
-    def _solved(self, tangent, right, mode, tolerance=None) -> np.ndarray:
+    def _solved(self, tangent, right: np.ndarray, mode, tolerance=None) -> np.ndarray:
         """Solve with the Jacobian of the states, or its transpose."""
         solve = tangent.solve if mode == "fwd" else tangent.solve_transposed
         return self._accepted(solve(right, tolerance or self.options["linear_tolerance"]))
 
-    def _lift(self, inputs, outputs):
+    def _lift(self, inputs: Vector, outputs: Vector):
         """Lift coefficient; real or complex."""
         return self.options["forces"].evaluate(*_arguments(_merged(inputs, outputs), outputs))["CL"]
 
-    def _lift_jvp(self, at, outputs, d_at, d_outputs) -> float:
+    def _lift_jvp(self, at, outputs: Vector, d_at, d_outputs: Vector) -> float:
         """Change of the lift coefficient with states, nodes, angle and Mach number, zero where there is none."""
         states = np.asarray(d_outputs["states"]) if "states" in d_outputs else np.zeros_like(outputs["states"])
         alpha, mach = (np.asarray(d_at[name]).item() if name in d_at else 0.0 for name in ("alpha", "Mach_number"))
         along = states.reshape(-1, N_STATES), direction_in(d_at, at, GRID), RADIAN * alpha, mach
         return float(self.options["forces"].jvp(*_arguments(at, outputs), *along)["CL"])
 
-    def _lift_vjp(self, at, outputs, bar: float) -> dict[str, np.ndarray]:
+    def _lift_vjp(self, at, outputs: Vector, bar: float) -> dict[str, np.ndarray]:
         """Derivatives of the lift coefficient times a number, by name of the input or output."""
         states, nodes, alpha, mach = self.options["forces"].vjp(*_arguments(at, outputs), {"CL": np.array(bar)})
         return {"states": states, GRID: nodes, "alpha": np.asarray(RADIAN * alpha), "Mach_number": np.asarray(mach)}
 
 
-def _merged(inputs, outputs) -> Mapping[str, np.ndarray]:
+def _merged(inputs: Vector, outputs: Vector) -> Mapping[str, np.ndarray]:
     """Inputs of `EulerState`, of which the angle is an output here."""
     return {GRID: inputs[GRID], "alpha": outputs["alpha"], "Mach_number": inputs["Mach_number"]}
 
 
-def _arguments(at, outputs):
+def _arguments(at, outputs: Vector):
     """States, nodes, angle (rad) and Mach number."""
     states, nodes = outputs["states"].reshape(-1, N_STATES), at[GRID].reshape(-1, 3)
     return states, nodes, RADIAN * at["alpha"].item(), at["Mach_number"].item()

@@ -7,8 +7,12 @@ Theory: ``docs/theory/vortex_lattice.rst``.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import openmdao.api as om
+from openmdao.jacobians.jacobian import Jacobian
+from openmdao.vectors.vector import Vector
 
 from ...base.extras import library
 from ...core.om.component import SMOOTH_STEP, fails_together
@@ -86,7 +90,7 @@ class VortexLattice(Copied, om.Group):
     ['CD', 'CD_panels', 'CL']
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("n_chord", types=int, lower=2, desc="nodes along the chord")
         self.options.declare("n_span", types=int, lower=2, desc="nodes along the span")
@@ -94,7 +98,7 @@ class VortexLattice(Copied, om.Group):
         self.options.declare("reference_area", default=None, desc="fixed reference area of the whole wing, m**2")
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Add OpenAeroStruct's components and those of the wake."""
         sizes = {name: self.options[name] for name in ("n_chord", "n_span", "symmetry")}
         surface = lattice_surface(**sizes)
@@ -118,7 +122,7 @@ class VortexLattice(Copied, om.Group):
         """Name of the lattice's own area."""
         return "S_ref" if self.options["reference_area"] is None else "S_mesh"
 
-    def _add_panel_forces(self, surface):
+    def _add_panel_forces(self, surface) -> None:
         """From the forces on the panels to their coefficients."""
         lift_drag = openaerostruct("aerodynamics.lift_drag").LiftDrag(surface=surface)
         self.add_subsystem("forces", lift_drag, promotes_inputs=["alpha"])
@@ -132,7 +136,7 @@ class VortexLattice(Copied, om.Group):
         for name in ("L", "D"):
             self.connect(f"forces.{name}", f"coefficients.{name}")
 
-    def _add_moment(self, surface):
+    def _add_moment(self, surface) -> None:
         """From the forces on the panels to the coefficients of their moments."""
         areas = [("S_ref_total", "S_ref"), ("wing_S_ref", self._mesh_area)]
         self.add_subsystem(
@@ -178,14 +182,14 @@ class LatticeStates(Copied, om.Group):
         In ``setup``, if OpenAeroStruct is not there.
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("n_chord", types=int, lower=2, desc="nodes along the chord")
         self.options.declare("n_span", types=int, lower=2, desc="nodes along the span")
         self.options.declare("symmetry", types=bool, default=True, desc="the lattice is one half of the wing")
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Add OpenAeroStruct's components."""
         surface = lattice_surface(self.options["n_chord"], self.options["n_span"], self.options["symmetry"])
         self.add_subsystem(
@@ -233,14 +237,14 @@ class WakeForces(Copied, om.ExplicitComponent):
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("n_chord", types=int, desc="nodes along the chord")
         self.options.declare("n_span", types=int, desc="nodes along the span")
         self.options.declare("symmetry", types=bool, default=True, desc="the lattice is one half of the wing")
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         n_chord, n_span = self.options["n_chord"], self.options["n_span"]
         self.add_input("camber_surface", shape=(n_chord, n_span, 3), units="m")
@@ -253,7 +257,7 @@ class WakeForces(Copied, om.ExplicitComponent):
             self.add_output(name, **declaration(functional, {"strips": n_span - 1}))
 
     @fails_together
-    def setup_partials(self):
+    def setup_partials(self) -> None:
         """Declare what may differ from zero: the last row of nodes and of rings."""
         n_chord, n_span = self.options["n_chord"], self.options["n_span"]
         nodes = np.arange((n_chord - 1) * n_span * 3, n_chord * n_span * 3)
@@ -269,7 +273,7 @@ class WakeForces(Copied, om.ExplicitComponent):
         self.set_check_partial_options("*", method="fd", form="central", step=SMOOTH_STEP)
 
     @fails_together
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Sum lift and drag of the strips."""
         wake, speed, area = self._wake(inputs), inputs["velocity"], inputs["S_ref"]
         outputs["CL"] = 2.0 * wake.lift / (speed * area)
@@ -277,7 +281,7 @@ class WakeForces(Copied, om.ExplicitComponent):
         outputs["span_load"] = 2.0 * wake.circulations / speed
 
     @fails_together
-    def compute_partials(self, inputs, partials):
+    def compute_partials(self, inputs: Vector, partials: Jacobian) -> None:
         """Differentiate the sums over the strips."""
         wake, speed, area = self._wake(inputs), inputs["velocity"], inputs["S_ref"]
         drag_factor = 2.0 / (speed**2 * area)
@@ -288,7 +292,9 @@ class WakeForces(Copied, om.ExplicitComponent):
         partials["span_load", "Mach_number"] = 2.0 * wake.circulations / speed * self._relative_mach_slope(inputs)
         partials["span_load", "velocity"] = -2.0 * wake.circulations / speed**2
 
-    def _force_partials(self, inputs, partials, name, power, force, bars, factor):
+    def _force_partials(
+        self, inputs: Vector, partials: Jacobian, name: str, power, force: np.ndarray, bars, factor
+    ) -> None:
         """Differentiate a coefficient whose force goes with a power of the circulations, and its factor."""
         points_bar, circulations_bar = bars
         partials[name, "camber_surface"] = factor * (points_bar @ self._turn(inputs)).ravel()
@@ -297,30 +303,30 @@ class WakeForces(Copied, om.ExplicitComponent):
         partials[name, "velocity"] = -power * factor * force / inputs["velocity"]
         partials[name, "S_ref"] = -factor * force / inputs["S_ref"]
 
-    def _wake(self, inputs) -> Wake:
+    def _wake(self, inputs: Vector) -> Wake:
         """Trace of the last row in the plane across the wind, and the circulations in physical space."""
         trailing, turn = inputs["camber_surface"][-1], self._turn(inputs)
         rings = inputs["circulations"][-(self.options["n_span"] - 1) :]
         return Wake(trailing @ turn.T, self._circulation_per_ring(inputs) * rings, self.options["symmetry"])
 
     @staticmethod
-    def _circulation_per_ring(inputs):
+    def _circulation_per_ring(inputs: Vector):
         """Circulation in physical space divided by that of a ring, which is negative where it lifts."""
         return -1.0 / (1.0 - inputs["Mach_number"] ** 2)
 
     @staticmethod
-    def _relative_mach_slope(inputs):
+    def _relative_mach_slope(inputs: Vector):
         """Relative change of the circulations with the Mach number, the rings being fixed."""
         return 2.0 * inputs["Mach_number"] / (1.0 - inputs["Mach_number"] ** 2)
 
     @staticmethod
-    def _alpha_bar(inputs, points_bar):
+    def _alpha_bar(inputs: Vector, points_bar):
         """Derivative with respect to alpha (1/deg), from those with respect to the trace."""
         alpha, trailing = np.radians(inputs["alpha"][0]), inputs["camber_surface"][-1]
         return np.radians(points_bar[:, 1] @ -(np.cos(alpha) * trailing[:, 0] + np.sin(alpha) * trailing[:, 2]))
 
     @staticmethod
-    def _turn(inputs) -> np.ndarray:
+    def _turn(inputs: Vector) -> np.ndarray:
         """Rows are the axes of the Trefftz plane, shape (2, 3)."""
         alpha = inputs["alpha"][0] * np.pi / 180.0
         zero = 0.0 * alpha
@@ -328,28 +334,17 @@ class WakeForces(Copied, om.ExplicitComponent):
 
 
 def openaerostruct(module: str):
-    """Import a module of OpenAeroStruct, which is wanted by flow components alone.
-
-    Raises
-    ------
-    InputError
-        If it is not there.
-    """
+    """Import a module of OpenAeroStruct, which is wanted by flow components alone."""
     return library(f"openaerostruct.{module}", "the vortex lattice needs OpenAeroStruct", "vlm")
 
 
-def lattice_surface(n_chord: int, n_span: int, symmetry: bool = True, **settings) -> dict:
-    """Describe a wing to OpenAeroStruct: its components take sizes and the side of the wing from a mesh.
-
-    Parameters
-    ----------
-    n_chord, n_span : int
-        Nodes of the lattice.
-    symmetry : bool
-        The lattice is the left half of a symmetric wing.
-    **settings
-        Further entries of the dictionary.
-    """
+def lattice_surface(
+    n_chord: int,  # n_chord, n_span: nodes of the lattice
+    n_span: int,
+    symmetry: bool = True,  # the lattice is the left half of a symmetric wing
+    **settings: Any,  # further entries of the dictionary
+) -> dict:
+    """Describe a wing to OpenAeroStruct: its components take sizes and the side of the wing from a mesh."""
     mesh = np.zeros((n_chord, n_span, 3))
     mesh[..., 0] = np.linspace(0.0, 1.0, n_chord)[:, None]
     mesh[..., 1] = np.linspace(-1.0, 0.0 if symmetry else 1.0, n_span)

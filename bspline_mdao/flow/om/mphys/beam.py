@@ -51,7 +51,7 @@ class BeamBuilder(Builder):
     (2, 6)
     """
 
-    def __init__(self, nodes: np.ndarray, spar: Spar, radius, generation: int | None = None):
+    def __init__(self, nodes: np.ndarray, spar: Spar, radius: float, generation: int | None = None):
         self._nodes, self._generation = as_finite_points(nodes, len(nodes), "nodes of the beam"), generation
         self._options = {"nodes": self._nodes, "spar": spar, "radius": tuple(radius), "generation": generation}
         _distances_from_root(self._nodes)
@@ -109,14 +109,14 @@ class Beam(Copied, om.Group):
         In ``setup``, if OpenAeroStruct is not there.
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("nodes", types=np.ndarray, recordable=False, desc="nodes on the baseline")
         self.options.declare("spar", types=Spar, recordable=False, desc="material, and thickness of the wall")
         self.options.declare("radius", types=tuple, recordable=False, desc="outer radius, m")
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
-    def setup(self):
+    def setup(self) -> None:
         """Put OpenAeroStruct's groups between two components that translate."""
         nodes, spar, n = self.options["nodes"], self.options["spar"], len(self.options["nodes"])
         loads = names_of(self.options["generation"], self.msginfo).struct_loads

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import openmdao.api as om
@@ -92,7 +93,7 @@ class FlowBuilder(Builder):
         self._results = FLOW_RESULTS if results is None else results
         self._surface, self._comm = surface or SurfaceGrid.of(model), ONE
 
-    def initialize(self, comm) -> None:
+    def initialize(self, comm: Any) -> None:
         """Take the communicator of the processes that solve the flow: MPhys or the script calls this first."""
         self._comm = comm
 
@@ -176,7 +177,7 @@ class EulerBuilder(FlowBuilder):
         comoving: bool = False,
         generation: int | None = None,
         scenario: str = "aerodynamic",
-        **options,
+        **options: Any,
     ):
         surface = surface or SurfaceGrid.of(model)
         if scenario == "aerostructural":
@@ -239,7 +240,7 @@ class FlowGroup(Copied, om.Group):
         In ``setup``, if forces are wanted of a flow that has none.
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("flow", types=Callable, recordable=False, desc="makes the group that solves the flow")
         self.options.declare("n_nodes", types=int, desc="number of nodes of the grid")
@@ -248,7 +249,7 @@ class FlowGroup(Copied, om.Group):
         self.options.declare("warper", default=None, recordable=False, desc="moves the grid before the flow is solved")
         self.options.declare("n_loaded", default=None, desc="nodes of the surface that get forces")
 
-    def setup(self):
+    def setup(self) -> None:
         """Put the flow between two components that translate; in a coupling, with its movement and its loads."""
         names, n_loaded = names_of(self.options["generation"], self.msginfo), self.options["n_loaded"]
         conditions = _conditions(3 * self.options["n_nodes"], names, self.comm)
@@ -272,7 +273,7 @@ class FlowGroup(Copied, om.Group):
             self.add_subsystem("loads", SolverLoads(n_points=n_loaded), promotes_outputs=["*"])
             self.connect(f"flow.{WALL_FORCES}", f"loads.{WALL_FORCES}")
 
-    def configure(self):
+    def configure(self) -> None:
         """Refuse a flow that does not fit: without forces for a structure, or with the whole grid on each process."""
         outputs = {meta["prom_name"] for meta in self.flow.get_io_metadata("output").values()}
         if self.options["n_loaded"] is not None and WALL_FORCES not in outputs:
@@ -292,7 +293,7 @@ _PARTS = {"shape_by_conn": True, "distributed": True}, {"copy_shape": VOLUME, "d
 """How the nodes of the grid come in and go out where each process has some of them."""
 
 
-def _conditions(size: int, names: Names, comm) -> list[Renaming]:
+def _conditions(size: int, names: Names, comm: Any) -> list[Renaming]:
     """Names of MPhys for the inputs of a flow group; of several processes each has its nodes of the grid."""
     degrees = {"val": 2.0, "units": "deg"}
     given, handed = ({"shape": size}, {"shape": size}) if comm.size == 1 else _PARTS
@@ -308,10 +309,8 @@ _LIFT = Renaming("CL_target", "lift_of_flow", {"val": 0.3, "tags": INPUT}, {"val
 
 
 def _pressure(names: Names) -> Renaming:
-    """Name of MPhys for the dynamic pressure; that of the flow may be the same.
-
-    It has to be given, so that the input is no number. The output is one: solvers look at what outputs were before.
-    """
+    """Name of MPhys for the dynamic pressure; that of the flow may be the same."""
+    # It has to be given, so that the input is no number. The output is one: solvers look at what outputs were before.
     as_input = {"val": float("nan"), "units": "Pa", "tags": INPUT}
     return Renaming(names.dynamic_pressure, "pressure_of_stream", as_input, {"val": 0.0, "units": "Pa"})
 

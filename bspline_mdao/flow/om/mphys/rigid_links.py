@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 from mphys import Builder
+from openmdao.vectors.vector import Vector
 
 from ....base.numerics.processes import summed
 from ....core.om.check_directions import check_along_directions
@@ -54,11 +55,11 @@ class _Linked(CheckedOnProcesses, om.ExplicitComponent):
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("links", types=RigidLinks, recordable=False, desc="what hangs on which nodes of the beam")
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the coordinates of both sides."""
         n_points, n_nodes = self.options["links"].weights.shape
         self._rows = nodes_of_rank(None, n_points, "points", self.comm, self.msginfo)
@@ -68,12 +69,12 @@ class _Linked(CheckedOnProcesses, om.ExplicitComponent):
         check_along_directions(self, SMOOTH_STEP)
 
     @fails_together
-    def _at(self, inputs, name, width):
+    def _at(self, inputs: Vector, name: str, width):
         """Points, beam, and what is transferred."""
         x, beam = (finite_points(inputs[known], known, self.msginfo) for known in (X_JIG, X_STRUCT))
         return x, beam, inputs[name].reshape(-1, width)
 
-    def _along(self, inputs, d_inputs, name, width):
+    def _along(self, inputs: Vector, d_inputs: Vector, name: str, width):
         """Directions in all of these, zero where OpenMDAO leaves one out."""
         names = (X_JIG, 3), (X_STRUCT, 3), (name, width)
         return [(d_inputs[n] if n in d_inputs else 0.0 * inputs[n]).reshape(-1, size) for n, size in names]
@@ -99,18 +100,18 @@ class LinkedDisplacements(_Linked):
         Which nodes of the beam each node of the surface hangs on.
     """
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         super().setup()
         self.add_input(U_STRUCT, val=np.zeros(N_DOF * self._n_nodes), tags=COUPLING)
         nothing = np.zeros(3 * len(self._rows))
         self.add_output(U_AERO, val=nothing, distributed=self.comm.size > 1, tags=COUPLING)
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Displace the points of this process."""
         outputs[U_AERO] = self._here.displacements(*self._at(inputs, U_STRUCT, N_DOF)).ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         if U_AERO not in d_outputs:
             return
@@ -147,12 +148,12 @@ class LinkedLoads(_Linked):
         1 or 2: the MPhys whose names are used; by default the one that is installed.
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         super().initialize()
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         super().setup()
         self._loads = names_of(self.options["generation"], self.msginfo).struct_loads
@@ -160,12 +161,12 @@ class LinkedLoads(_Linked):
         self.add_input(F_AERO, val=nothing, distributed=self.comm.size > 1, tags=COUPLING)
         self.add_output(self._loads, val=np.zeros(N_DOF * self._n_nodes), tags=COUPLING)
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Sum the forces of all processes."""
         loads = self._here.loads(*self._at(inputs, F_AERO, 3))
         outputs[self._loads] = summed(self.comm, loads).ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         if self._loads not in d_outputs:
             return
