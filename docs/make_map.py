@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "bspline_mdao"
 PICTURE = ROOT / "docs" / "_static" / "map.svg"
 
-WIDTH, BAND, BOX, HEIGHT, GAP = 1080, 190, 150, 46, 30
+WIDTH, BAND, BOX, HEIGHT, GAP = 1080, 200, 150, 46, 30
 """Pixels: of the picture, of the column with the layers' names, of a box in both directions, between two floors."""
 
 COLORS = ("#f4f4f4", "#eef5ea", "#e8f0f8", "#f8efe4", "#f3ebf7", "#fbe9e9")
@@ -111,10 +111,15 @@ def reduced(arrows: Mapping[str, set[str]]) -> dict[str, set[str]]:
     return {name: targets.difference(*map(reached, targets)) for name, targets in arrows.items()}
 
 
-def summary(name: str) -> str:
-    """First words of the docstring of a folder, up to a colon or full stop."""
+def first_line(name: str) -> str:
+    """First line of the docstring of a folder."""
     text = ast.get_docstring(ast.parse((PACKAGE / name / "__init__.py").read_text())) or ""
-    return text.split("\n")[0].split(":")[0].rstrip(".").replace("`", "")
+    return text.split("\n")[0].rstrip(".").replace("`", "")
+
+
+def summary(name: str) -> str:
+    """First words of the docstring of a folder, up to a colon."""
+    return first_line(name).split(":")[0]
 
 
 def wrapped(text: str, length: int, lines: int) -> list[str]:
@@ -146,7 +151,7 @@ def band(name: str, top: float, color: str) -> tuple[list[str], float]:
     }
     within = {place: targets & set(within) for place, targets in within.items()}
     rows, arrows = (floors(within), reduced(within)) if within else ([], {})
-    height = max(len(rows), 1) * (HEIGHT + GAP) + 6
+    height = max(len(rows) * (HEIGHT + GAP) + 6, 92)
     at: dict[str, tuple[float, float]] = {}
     for n, row in enumerate(rows):
         wish = {place: sum(at[target][0] for target in arrows[place]) / max(len(arrows[place]), 1) for place in row}
@@ -159,7 +164,7 @@ def band(name: str, top: float, color: str) -> tuple[list[str], float]:
     out = [
         f'<rect x="8" y="{top:.0f}" width="{WIDTH - 16}" height="{height:.0f}" rx="8" fill="{color}" stroke="#999"/>'
     ]
-    out += texts(20, top + 6, f"{name}/", wrapped(summary(name).partition(".")[0], 34, 5), "start")
+    out += texts(20, top + 6, f"{name}/", wrapped(first_line(name), 30, 6), "start")
     for place in sorted(arrows):
         for target in sorted(arrows[place]):
             (x, y), (u, v) = at[place], at[target]

@@ -1,1 +1,1 @@
-"""Common ground: threads, SIMD instructions, vectors, and transfinite interpolation."""
+"""Processes, threads, memory, progress and small linear algebra: what all folders share."""
