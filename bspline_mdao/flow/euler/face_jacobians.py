@@ -19,9 +19,10 @@ from ...base.numerics.processes import summed_number
 from ...base.numerics.vec5 import add_product, add_scaled, lane_sums, load, prefetch, store, zeros
 from .cell_sums import visit
 from .flux import STILL
-from .flux_derivatives import face_flux_jvp, face_flux_vjp
+from .flux_derivatives import face_flux_jvp
 from .gas import N_STATES
-from .reconstruction import INNER, SLIP, face_state, face_weights, shock_sensor
+from .reconstruction import INNER, face_state, face_weights, shock_sensor
+from .wall_boundary import state_jacobian
 
 __all__ = ["FaceJacobians"]
 
@@ -152,11 +153,7 @@ def face_jacobians(
         if at >= 0:
             sigma, by_pressure, by_first, by_last = shock_sensor(states, near, threshold)
         mean, jump, mean_slope, jump_slope = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
-        if role == SLIP:
-            for n in range(3):
-                values[f, 1 + n, 4] = s[n]
-            continue
-        state_jacobian(mean, jump, s, sigma, values[f])
+        state_jacobian(role, mean, jump, s, sigma, values[f])
         if at >= 0:
             face_weights(w, d, role, dissipation, sigma, face_weight)
             column = face_flux_jvp(mean, jump, s, sigma, mean_slope, jump_slope, STILL, 1.0)
@@ -166,28 +163,6 @@ def face_jacobians(
                 row[1 + k], row[5 + k], row[9 + k] = face_weight[0, k], face_weight[1, k], by_pressure[k]
             for n in range(5):
                 row[13 + n], row[18 + n], row[23 + n] = by_first[n], by_last[n], column[n]
-
-
-_UNIT = tuple(tuple(float(n == m) for n in range(N_STATES)) for m in range(N_STATES))
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def state_jacobian(mean, jump, s, sigma, jacobian):
-    """Fill in the derivatives of the flux with respect to mean state and jump, shape (5, 10).
-
-    One after the other, and written out: what is multiplied by zero is not compiled.
-    """
-    _put(jacobian[0], face_flux_vjp(mean, jump, s, sigma, _UNIT[0]))
-    _put(jacobian[1], face_flux_vjp(mean, jump, s, sigma, _UNIT[1]))
-    _put(jacobian[2], face_flux_vjp(mean, jump, s, sigma, _UNIT[2]))
-    _put(jacobian[3], face_flux_vjp(mean, jump, s, sigma, _UNIT[3]))
-    _put(jacobian[4], face_flux_vjp(mean, jump, s, sigma, _UNIT[4]))
-
-
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _put(row, bars):
-    for m in range(N_STATES):
-        row[m], row[N_STATES + m] = bars[0][m], bars[1][m]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

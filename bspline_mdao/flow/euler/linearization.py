@@ -19,9 +19,10 @@ from ...base.numerics.processes import summed
 from .cell_sums import visit
 from .face_jacobians import FaceJacobians
 from .far_field import VortexTangent
-from .flux_derivatives import face_flux_jvp, face_flux_vjp
+from .flux_derivatives import face_flux_vjp
 from .gas import N_STATES
-from .reconstruction import FARFIELD, INNER, SLIP, face_state, face_weights, shock_sensor
+from .reconstruction import FARFIELD, INNER, face_state, face_weights, shock_sensor
+from .wall_boundary import flux_through_jvp, flux_through_vjp
 
 __all__ = ["Linearization", "through_face"]
 
@@ -157,12 +158,8 @@ def flux_changes(
                 change += by_first[n] * d_states[near[0], n] + by_last[n] * d_states[near[3], n]
         mean, jump, mean_slope, jump_slope = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
         d_mean, d_jump, _, _ = face_state(d_states, near, w, d, role, d_outside[f], dissipation, sigma)
-        if role == SLIP:
-            for n in range(3):
-                out[f, 1 + n] = d_mean[4] * s[n] + mean[4] * ds[n]
-            continue
         d_mean, d_jump = _moved(d_mean, change, mean_slope), _moved(d_jump, change, jump_slope)
-        flux = face_flux_jvp(mean, jump, s, sigma, d_mean, d_jump, ds, change)
+        flux = flux_through_jvp(role, mean, jump, s, sigma, d_mean, d_jump, ds, change)
         for n in range(5):
             out[f, n] = flux[n]
 
@@ -207,13 +204,8 @@ def state_shares(
         if has_sensor:
             sigma, by_pressure, by_first, by_last = shock_sensor(states, near, threshold)
         face_weights(w, d, role, dissipation, sigma, face_weight)
-        if role == SLIP:
-            push = through[1] * s[0] + through[2] * s[1] + through[3] * s[2]
-            for k in range(4):
-                out[f, k, 4] = face_weight[0, k] * push
-            continue
         mean, jump, mean_slope, jump_slope = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
-        mean_bar, jump_bar, _, sense = face_flux_vjp(mean, jump, s, sigma, through)
+        mean_bar, jump_bar, _, sense = flux_through_vjp(role, mean, jump, s, sigma, through)
         for k in range(4):
             for n in range(5):
                 out[f, k, n] = face_weight[0, k] * mean_bar[n] + face_weight[1, k] * jump_bar[n]
@@ -242,11 +234,7 @@ def area_bars(
         if role == INNER and threshold > 0.0:
             sigma = shock_sensor(states, near, threshold)[0]
         mean, jump, _, _ = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
-        if role == SLIP:
-            for n in range(3):
-                out[f, n] = mean[4] * through[1 + n]
-            continue
-        _, _, area_bar, _ = face_flux_vjp(mean, jump, s, sigma, through)
+        _, _, area_bar, _ = flux_through_vjp(role, mean, jump, s, sigma, through)
         for n in range(3):
             out[f, n] = area_bar[n]
 

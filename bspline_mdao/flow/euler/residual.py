@@ -1,6 +1,7 @@
 """The residual of steady flow on a grid, R(W): the sum of the fluxes out of every cell.
 
-The flux through a face is in `.flux`, the states that it is of in `.reconstruction`, derivatives in `.linearization`.
+The flux through a face is in `.flux`, at walls in `.wall_boundary`, the states that it is of in `.reconstruction`,
+those outside the far field in `.far_field`, derivatives in `.linearization`.
 The residual depends on the grid through the area vectors of the faces and, where grid lines turn, through the weights
 of their mean states, see `.kinks`: a discretisation has those of one grid. Of several processes each has the rows of
 its own cells; their states see those of others through a halo.
@@ -20,10 +21,10 @@ from ...base.numerics.processes import norm
 from ...grids.cells.cell_faces import CellFaces
 from .cell_sums import CellSums, visit
 from .far_field import FarVortex
-from .flux import face_flux
 from .gas import N_STATES
 from .linearization import Linearization
-from .reconstruction import INNER, SLIP, Stencil, face_state, shock_sensor
+from .reconstruction import INNER, Stencil, face_state, shock_sensor
+from .wall_boundary import flux_through
 
 __all__ = ["DISSIPATION", "SHOCK_THRESHOLD", "Discretization"]
 
@@ -127,10 +128,6 @@ def fluxes(cells, means, classes, differences, lines, roles, areas, states, outs
         if role == INNER and threshold > 0.0:
             sigma = shock_sensor(states, near, threshold)[0]
         mean, jump, _, _ = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
-        if role == SLIP:
-            for n in range(3):
-                out[f, 1 + n] = mean[4] * s[n]
-            continue
-        flux = face_flux(mean, jump, s, sigma)
+        flux = flux_through(role, mean, jump, s, sigma)
         for n in range(5):
             out[f, n] = flux[n]
