@@ -51,6 +51,13 @@ def bent_slope(x, at):
     return 2.0 * x if x.real > at else 2.0 * at
 
 
+def with_a_constant(x):
+    return SCALE * x
+
+
+hidden = Kernel(with_a_constant)
+
+
 def every_operation(x, k, y):
     a, (b, c), _ = x[0], (x[1], x[2]), x[3]
     low = -a / (SCALE + b * b) - c**3 + k / c
@@ -59,7 +66,8 @@ def every_operation(x, k, y):
     u = times(root, (a, turned))
     nested = dot2(times(turned, u), (b, y[1][1] - 2.0)) / (1.0 / (1.0 + low * low))
     first = bent(nested * 0.1, k)
-    return first, (u, low), x[3], k
+    lone = -(b * c**2)
+    return first, (u, low, lone), x[3], k
 
 
 SHAPES = {"x": 4, "y": (2, 2)}
@@ -102,7 +110,7 @@ def test_the_change_is_the_complex_step_and_the_derivative_backward_its_transpos
     np.testing.assert_allclose(change, expected, rtol=1e-13, atol=1e-13 * np.abs(expected).max())
     bar = rng.standard_normal(len(change))
     numbers = iter(bar)
-    back = flat(vjp(x, k, y, (next(numbers), ((next(numbers), next(numbers)), next(numbers)), *numbers)))
+    back = flat(vjp(x, k, y, (next(numbers), ((next(numbers), next(numbers)), next(numbers), next(numbers)), *numbers)))
     assert back @ step == pytest.approx(bar @ change, rel=1e-12, abs=1e-12)
 
 
@@ -178,6 +186,11 @@ def with_a_kink(x):
     return abs(x) + np.maximum(x, 0.0)
 
 
+def of_two_things(x):
+    SCALE = x * x
+    return hidden(SCALE)
+
+
 def of_what_is_unknown(x):
     return x * POINT
 
@@ -201,6 +214,7 @@ def of_a_name_of_a_derivative(x):
         (assigned_twice, "names are assigned once"),
         (into_an_array, "names are assigned once, and no arrays"),
         (with_a_kink, "abs"),
+        (of_two_things, "SCALE stands for two things"),
         (of_what_is_unknown, "POINT is no number"),
         (of_a_power, "has no derivative here"),
         (of_a_name_of_a_derivative, "d_x are names of derivatives"),

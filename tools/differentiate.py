@@ -31,25 +31,26 @@ from types import ModuleType
 
 ROOT = Path(__file__).parents[1]
 
-Shape = "int | tuple[Shape, ...]"
-"""Number of numbers of a tuple, 0 for a number, or shapes of its parts."""
+BOTH, FORWARD = ("_jvp", "_vjp"), ("_jvp",)
+"""Which of the two are wanted."""
 
-FILES: dict[str, tuple[tuple[str, str, dict], ...]] = {
+FILES: dict[str, tuple[tuple[str, str, dict, tuple[str, ...]], ...]] = {
     "bspline_mdao/flow/euler/flux_derivatives.py": (
-        ("bspline_mdao.flow.euler.flux", "face_flux", {"w": 5, "j": 5, "s": 3, "shock": 0}),
+        ("bspline_mdao.flow.euler.flux", "face_flux", {"w": 5, "j": 5, "s": 3, "shock": 0}, BOTH),
     ),
     "bspline_mdao/flow/euler/face_centre_derivatives.py": (
-        ("bspline_mdao.flow.euler.face_centre", "face_centre", {"a": 3, "b": 3, "c": 3, "d": 3}),
+        ("bspline_mdao.flow.euler.face_centre", "face_centre", {"a": 3, "b": 3, "c": 3, "d": 3}, BOTH),
     ),
     "bspline_mdao/flow/euler/kink_weights_derivatives.py": (
-        ("bspline_mdao.flow.euler.kink_weights", "free_changes", {"face": (3, 3, 3, 3, 3, (3, 3, 3))}),
+        ("bspline_mdao.flow.euler.kink_weights", "free_changes", {"face": (3, 3, 3, 3, 3, (3, 3, 3))}, BOTH),
     ),
     "bspline_mdao/flow/euler/kink_bounds_derivatives.py": (
-        ("bspline_mdao.flow.euler.kink_weights", "bounded_changes", {"free": 4}),
+        ("bspline_mdao.flow.euler.kink_weights", "bounded_changes", {"free": 4}, BOTH),
     ),
 }
 """Files that are written: modules and names of the kernels, and shapes of the arguments by which they are
-differentiated; the others are constants."""
+differentiated, the others being constants: the size of a tuple, 0 for a number, or shapes of its parts. Last which of
+the two derivatives are wanted."""
 
 SLOPES = {"sqrt": "0.5 / y", "exp": "y", "log": "1.0 / x", "sin": "np.cos(x)", "cos": "-np.sin(x)"}
 """Derivatives of functions of NumPy, of their argument x and value y."""
@@ -65,15 +66,16 @@ class NotStraight(Exception):
 
 @dataclass
 class Kernel:
-    """Straight-line code with one operation that is no sum or product at most in each line.
+    """Straight-line code on numbers: what is divided by, and values of functions, have lines of their own.
 
-    ``lines`` are pairs of a name and what it is; ``active`` are the names that change; ``result`` is a tree of tuples.
+    ``lines`` are pairs of a name and what it is; ``active`` are the names that change; ``imports`` are the modules that
+    names are from.
     """
 
     lines: list[tuple[ast.Name, ast.expr]] = field(default_factory=list)
     active: list[ast.Name] = field(default_factory=list)
     used: set[str] = field(default_factory=set)
-    imports: set[tuple[str, str]] = field(default_factory=set)
+    imports: dict[str, str] = field(default_factory=dict)
     unnamed: list[ast.Name] = field(default_factory=list)  # may take the name that the source gives them
 
     def follow(self, function: Callable, arguments: tuple):
@@ -177,7 +179,8 @@ class Kernel:
                 value = ast.BinOp(left, operation, self._part(right))
                 return self._part(value) if of_active else value
             case ast.Pow() if not self.is_active(right):
-                return ast.BinOp(self._part(left), operation, right)
+                value, is_number = ast.BinOp(self._part(left), operation, right), isinstance(right, ast.Constant)
+                return value if is_number else self._part(value)
         raise NotStraight(f"{ast.unparse(ast.BinOp(left, operation, right))}: has no derivative here")
 
     def _call(self, function: ast.expr, arguments: list, scope: Callable):
@@ -186,7 +189,8 @@ class Kernel:
                 return self._part(ast.Call(function, [self._part(arguments[0])], []))
             case ast.Name(name) if name in scope.__globals__:
                 if f"{name}_slope" in scope.__globals__:
-                    self.imports |= {(inspect.getmodule(scope).__name__, one) for one in (name, f"{name}_slope")}
+                    self._import(name, scope)
+                    self._import(f"{name}_slope", scope)
                     return self._part(ast.Call(function, [self._part(arguments[0]), *arguments[1:]], []))
                 called = getattr(scope.__globals__[name], "py_func", None)
                 if called is not None:
@@ -199,9 +203,16 @@ class Kernel:
         """A number of the module of a function, by its name."""
         if not isinstance(scope.__globals__.get(name), int | float):
             raise NotStraight(f"{scope.__name__}: {name} is no number")
-        self.imports.add((inspect.getmodule(scope).__name__, name))
-        self.used.add(name)
+        self._import(name, scope)
         return ast.Name(name)
+
+    def _import(self, name: str, scope: Callable) -> None:
+        """Take a name from the module of a function, or from where that has it."""
+        home = _home(inspect.getmodule(scope), name)
+        if self.imports.get(name, home) != home or (name in self.used and name not in self.imports):
+            raise NotStraight(f"{scope.__name__}: {name} stands for two things")
+        self.imports[name] = home
+        self.used.add(name)
 
 
 def _refused(node: ast.AST, scope: Callable) -> NotStraight:
@@ -228,8 +239,7 @@ def _factors(line: ast.expr, value: ast.Name) -> tuple[list[tuple[ast.expr, ast.
             lower = base if power == 2 else ast.BinOp(base, ast.Pow(), ast.Constant(power - 1))
             return [(base, _times(ast.Constant(float(power)), lower), False)], None
         case ast.BinOp(base, ast.Pow(), power):
-            lower = ast.BinOp(base, ast.Pow(), ast.BinOp(power, ast.Sub(), ast.Constant(1.0)))
-            return [(base, _times(power, lower), False)], None
+            return [(base, _times(power, value), False)], base
         case ast.Call(ast.Attribute(_, name), [of], _):
             slope = _replaced(ast.parse(SLOPES[name], mode="eval").body, {"x": of, "y": value})
             if isinstance(slope, ast.BinOp) and isinstance(slope.op, ast.Div):
@@ -275,7 +285,8 @@ def _terms(term: ast.expr, is_less: bool) -> Iterator[tuple[ast.expr, bool]]:
 
 def _minus(term: ast.expr) -> ast.expr:
     """A term with the other sign."""
-    if isinstance(term, ast.BinOp) and "/" not in ast.unparse(term):  # a quotient may stand elsewhere, as it is
+    is_product = isinstance(term, ast.BinOp) and isinstance(term.op, ast.Mult)
+    if is_product and "/" not in ast.unparse(term):  # a quotient may stand elsewhere, as it is
         return ast.BinOp(_minus(term.left), term.op, term.right)
     return ast.UnaryOp(ast.USub(), term)
 
@@ -351,8 +362,8 @@ def _living(lines: list[tuple[str, str]], result: str) -> str:
     return "\n".join(reversed(kept))
 
 
-def derivatives(function: Callable, shapes: dict) -> tuple[str, set[tuple[str, str]]]:
-    """Source of the two derivatives of a function, and what it imports: modules and names."""
+def derivatives(function: Callable, shapes: dict, wanted: tuple[str, ...] = BOTH) -> tuple[str, dict[str, str]]:
+    """Source of the derivatives of a function, and the modules of what it imports, by the name."""
     name, kernel = function.__name__, Kernel()
     arguments = list(inspect.signature(function).parameters)
     kernel.used |= set(arguments) - {one for one, shape in shapes.items() if shape == 0}
@@ -363,21 +374,22 @@ def derivatives(function: Callable, shapes: dict) -> tuple[str, set[tuple[str, s
     derived = {f"d_{one.id}" for one in kernel.active} | {f"{one.id}_bar" for one in kernel.active}
     if clash := sorted(derived & kernel.used):
         raise NotStraight(f"{name}: {', '.join(clash)} are names of derivatives")
-    forward, backward = _forward(kernel, trees, result), _backward(kernel, trees, result)
     by = ", ".join(f"``{one}``" for one in shapes)
-    source = f'''
+    sources = {
+        "_jvp": f'''
 @njit({OPTIONS})
 def {name}_jvp({", ".join([*arguments, *(f"d_{one}" for one in shapes)])}):
     """Change of `{name}` with {by}."""
-{forward}
-
-
+{_forward(kernel, trees, result)}
+''',
+        "_vjp": f'''
 @njit({OPTIONS})
 def {name}_vjp({", ".join([*arguments, "bar"])}):
     """Transpose of `{name}_jvp`: derivatives with respect to {by}."""
-{backward}
-'''
-    return source, kernel.imports
+{_backward(kernel, trees, result)}
+''',
+    }
+    return "\n\n".join(sources[one] for one in wanted), kernel.imports
 
 
 def _forward(kernel: Kernel, trees: dict, result) -> str:
@@ -419,15 +431,15 @@ def _unpacked(trees: dict, form: str) -> list[tuple[str, str]]:
 
 def module(name: str) -> str:
     """Source of a file of `FILES`."""
-    sources, imports = [], set()
-    for of_module, kernel, shapes in FILES[name]:
+    sources, imports = [], {}
+    for of_module, kernel, shapes, wanted in FILES[name]:
         function = getattr(importlib.import_module(of_module), kernel).py_func
-        source, needed = derivatives(function, shapes)
+        source, needed = derivatives(function, shapes, wanted)
         sources.append(source)
-        imports |= {(_home(importlib.import_module(one), constant), constant) for one, constant in needed}
+        imports |= needed
     body = "\n\n".join(sources)
-    kernels = " and ".join(f"`{kernel}`" for _, kernel, _ in FILES[name])
-    lines = sorted(f"from {_relative(home, name)} import {constant}" for home, constant in imports)
+    kernels = " and ".join(f"`{kernel}`" for _, kernel, _, _ in FILES[name])
+    lines = sorted(f"from {_relative(home, name)} import {constant}" for constant, home in imports.items())
     numpy = "import numpy as np\n" if "np." in body else ""
     return f'''"""Derivatives of {kernels}.
 
