@@ -35,6 +35,11 @@ BOTH, FORWARD = ("_jvp", "_vjp"), ("_jvp",)
 """Which of the two are wanted."""
 
 FILES: dict[str, tuple[tuple[str, str, dict, tuple[str, ...]], ...]] = {
+    "bspline_mdao/core/movement/spring_pulls_derivatives.py": (  # symmetric in the corners: their own transposes
+        ("bspline_mdao.core.movement.spring_pulls", "lineal_pull", {"a": 3, "b": 3}, FORWARD),
+        ("bspline_mdao.core.movement.spring_pulls", "angular_pull", {"vertex": 3, "a": 3, "b": 3}, FORWARD),
+        ("bspline_mdao.core.movement.spring_pulls", "solid_pull", {"vertex": 3, "a": 3, "b": 3, "c": 3}, FORWARD),
+    ),
     "bspline_mdao/flow/euler/flux_derivatives.py": (
         ("bspline_mdao.flow.euler.flux", "face_flux", {"w": 5, "j": 5, "s": 3, "shock": 0}, BOTH),
     ),
