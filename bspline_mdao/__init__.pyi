@@ -14,6 +14,7 @@ from . import mphys as mphys
 from . import parallel as parallel
 from . import plotting as plotting
 from . import riding as riding
+from . import scripts as scripts
 from . import splines as splines
 from . import testing as testing
 from .base.numerics.progress import show_progress as show_progress

@@ -1,4 +1,4 @@
-"""What belongs to optimisations besides their drivers: combinations of responses, and records that stay short."""
+"""What belongs to optimisations besides their drivers: combinations of responses, records, and runs to compare."""
 
 import lazy_loader
 

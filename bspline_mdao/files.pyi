@@ -9,6 +9,7 @@ from .grids.io.meshes.files import read_mesh as read_mesh
 from .grids.io.openfoam import CaseField as CaseField
 from .grids.io.openfoam import write_case as write_case
 from .grids.io.openfoam import write_polymesh as write_polymesh
+from .grids.io.patches import read_patches as read_patches
 from .grids.io.plane_grids import lift_plane_grid as lift_plane_grid
 from .grids.io.tecplot import write_tecplot as write_tecplot
 from .grids.io.vtk import write_vtk as write_vtk

@@ -1,4 +1,4 @@
-"""Builders and components of MPhys."""
+"""Builders and components of MPhys, and the points of its solvers in a grid."""
 
 import lazy_loader
 

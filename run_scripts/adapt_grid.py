@@ -13,7 +13,7 @@ import openmdao.api as om
 
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, ORANGE, figure
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 
 MACH, ALPHA = 0.5, 1.25
 """Mach number and angle (deg) of the flow that the grid is adapted to: without shocks, so that the drag is zero."""

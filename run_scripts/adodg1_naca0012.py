@@ -18,9 +18,9 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import disagreement, nlopt, optimise_with, scipy_slsqp
-from bspline_mdao.grids.topology.grid import Block, Grid, Patch
-from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao import Grid
+from bspline_mdao.drivers import disagreement, nlopt, recorded, scipy_slsqp
+from bspline_mdao.grids import Block, Patch, Window
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import (
     GRAY,
@@ -31,7 +31,7 @@ from bspline_mdao.plotting import (
     figure,
     wall_quads,
 )
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 MACH = 0.85
@@ -127,7 +127,12 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
         problem.setup(mode="rev")
         problem.run_model()
     totals = check_totals(perturb_design(away, size=0.02), n_directions=1, step=0.005, levels=2)
-    runs = optimise_with(drivers, lambda: pose(model, combinations), 1e-9, iterations, figures, name)
+    runs = {}
+    for driver, make_driver in drivers.items():
+        problem = pose(model, combinations)
+        problem.driver = make_driver(1e-9, iterations)
+        with recorded(problem, figures, f"{name}_{driver}") as runs[driver]:
+            problem.run_driver()
     if figures:
         with figure(figures, name, (11.0, 7.0)) as canvas:
             draw(canvas, model, start, runs)

@@ -11,7 +11,7 @@ import numpy as np
 from bspline_mdao import FittedModel, fit_grid
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_net, figure, patch_faces
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 
 
 def main(paper: bool = False, figures=None) -> dict:

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 
 import bspline_mdao as bm
-from bspline_mdao.core.evaluation.inversion import invert_points
-from bspline_mdao.core.splines.volume import evaluate_gradients
-from bspline_mdao.grids.cells.curved_grid import CurvedGrid
+from bspline_mdao.grids import CurvedGrid
 from bspline_mdao.plotting import BLUE, GREEN, ORANGE, PURPLE, figure
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
+from bspline_mdao.splines import evaluate_gradients, invert_points
 
 DEGREES = {1: BLUE, 2: ORANGE, 3: GREEN, 4: PURPLE}
 """Degrees of elements and their colours."""

@@ -13,9 +13,9 @@ from mphys import Multipoint
 from mphys.scenarios import ScenarioAeroStructural
 
 import bspline_mdao as bm
-from bspline_mdao.flow.om.aerostructure import Spar
+from bspline_mdao.flow import Spar
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals
 
 SIZES = {False: (9, 7, 6), True: (17, 17, 13)}

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bspline_mdao.core.splines.basis import basis
-from bspline_mdao.core.splines.knots import ConstantKnots
 from bspline_mdao.plotting import figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
+from bspline_mdao.splines import ConstantKnots, basis
 
 KNOTS = ConstantKnots([0, 0, 0, 0, 0.1, 0.2, 0.5, 1, 1, 1, 1], order=4)
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bspline_mdao.core.splines.curve import Curve, uniform_parameters
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
+from bspline_mdao.splines import Curve, uniform_parameters
 
 N_CONTROL, N_MESH = 11, 41
 CLUSTER, STRENGTH = 0.6, 0.75  # the adapted control points gather about here, this much

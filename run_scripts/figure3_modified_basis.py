@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bspline_mdao.core.splines.basis import basis, basis_jets
-from bspline_mdao.core.splines.knots import BilinearKnots
 from bspline_mdao.plotting import figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
+from bspline_mdao.splines import BilinearKnots, basis, basis_jets
 
 ORDER, FUNCTION = 4, 3  # cubic; the fourth of seven functions, numbered from 0
 EDGE_KNOTS = ([0.15, 0.3, 0.45], [0.5, 0.7, 0.85])  # inner knots in eta at zeta = 0 and 1

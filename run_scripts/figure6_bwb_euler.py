@@ -14,8 +14,7 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.flow.om.flow_run import run_flow
-from bspline_mdao.flow.openfoam import openfoam_forces
+from bspline_mdao.flow import openfoam_forces, run_flow
 from bspline_mdao.names import GRID, SURFACE_CONTROL_POINTS
 from bspline_mdao.plotting import (
     BLUE,
@@ -32,7 +31,7 @@ from bspline_mdao.plotting import (
     patch_faces,
     wall_quads,
 )
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 
 MACH, ALPHA = 0.3, 4.0
 

@@ -17,11 +17,10 @@ from scipy.signal import find_peaks
 from threadpoolctl import threadpool_limits
 
 import bspline_mdao as bm
-from bspline_mdao.base.sparse.cholesky import Cholesky
-from bspline_mdao.grids.cells.grid_quality import GridQuality
-from bspline_mdao.grids.cells.report import report_quality
+from bspline_mdao.grids import GridQuality, report_quality
+from bspline_mdao.movers import Cholesky
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 
 CASES = {
     "figure4_m6": (bm.generators.onera_m6_grid, bm.generators.rectangular_wing),

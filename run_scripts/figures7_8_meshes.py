@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 import bspline_mdao as bm
-from bspline_mdao.grids.cells.grid_quality import GridQuality
-from bspline_mdao.grids.cells.report import report_quality
+from bspline_mdao.grids import GridQuality, report_quality
 from bspline_mdao.plotting import Camera, Scene, draw_scene, figure, patch_faces
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 
 CASES = {
     "figure7_m6": (bm.generators.onera_m6_grid, bm.generators.rectangular_wing),

@@ -22,11 +22,11 @@ import openmdao.api as om
 from scipy.optimize import brentq, minimize_scalar
 
 import bspline_mdao as bm
-from bspline_mdao.flow.om.flow_run import run_flow
-from bspline_mdao.grids.topology.grid import Block, Grid, Patch
-from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao import Grid
+from bspline_mdao.flow import run_flow
+from bspline_mdao.grids import Block, Patch, Window
 from bspline_mdao.plotting import BLUE, GREEN, ORANGE, PURPLE, figure
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 
 FACTORS = (2 / 3, 1.0, 3 / 2, 9 / 4)
 """Cells per direction of the members, relative to those of the sizes below."""

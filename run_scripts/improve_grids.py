@@ -15,11 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from bspline_mdao import FitWarning, Grid, InputError, fit_grid, read_grid
-from bspline_mdao.adaptation import improve_grid
-from bspline_mdao.core.adaptation.improvement import Improvement
-from bspline_mdao.grids.cells.grid_quality import GridQuality
-from bspline_mdao.grids.io.patch_guess import with_guessed_patches
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.adaptation import Improvement, improve_grid
+from bspline_mdao.grids import GridQuality, with_guessed_patches
+from bspline_mdao.scripts import run
 
 GRIDS = {
     "multi-ascii.xyz": (),

@@ -15,10 +15,10 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
+from bspline_mdao.drivers import nlopt, recorded, scipy_slsqp
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_history, figure, wing_section
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals
 
 SIZES = {True: ((45, 65, 33), (13, 13, 9), 1, "y"), False: ((11, 9, 11), (7, 5, 7), 2, "xyz")}
@@ -165,7 +165,12 @@ def main(paper: bool = False, figures=None, increments: int | None = None, drive
     """
     shape, n_control, n_increments, axes = SIZES[paper]
     design = InverseDesign(shape, n_control, increments or n_increments, axes)
-    runs = optimise_with(drivers, design.problem, TOLERANCE, 2000)
+    runs = {}
+    for driver, make_driver in drivers.items():
+        problem = design.problem()
+        problem.driver = make_driver(TOLERANCE, 2000)
+        with recorded(problem) as runs[driver]:
+            problem.run_driver()
     part_of_the_way = started(design)
     if figures:
         draw(figures, design, runs)

@@ -18,9 +18,13 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import RecordedRun, nlopt, optimise
+from bspline_mdao.design import CoarseNet, DesignLevel, Local, OnPatch, Parametrization, unused_gradient
+from bspline_mdao.drivers import RecordedRun, even_pressures, nlopt, recorded
+from bspline_mdao.generators import onera_m6_grid, onera_m6_planform
+from bspline_mdao.measures import EnclosedVolume, SurfaceGrid, Thickness
+from bspline_mdao.movers import LinearElasticity, moving_mesh
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, figure
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 MACH, LIFT, THINNEST = 0.5, 0.27, 0.9
@@ -55,32 +59,32 @@ def make_model(shape, n_control) -> bm.FittedModel:
     """Make the grid about the M6 and fit it."""
     stream, normal, span = n_control
     counts = [(i, j, k) for k, j, i in product(span, normal, stream)]
-    return bm.fit_grid(bm.generators.onera_m6_grid(shape), n_control=counts, keep_residual=False)
+    return bm.fit_grid(onera_m6_grid(shape), n_control=counts, keep_residual=False)
 
 
-def make_net(model: bm.FittedModel) -> bm.design.CoarseNet:
+def make_net(model: bm.FittedModel) -> CoarseNet:
     """Make the coarsest net of parts of the heights of control points off the edges and the tip."""
-    mesh = bm.movers.moving_mesh(model)
-    upper, lower = (bm.design.OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
+    mesh = moving_mesh(model)
+    upper, lower = (OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
     sides = (upper & ~lower) | (lower & ~upper)
     heights = np.abs(mesh.points[mesh.surface_ids][sides.mask(mesh), 1])
-    variable = bm.design.Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None)
-    return bm.design.CoarseNet.of(model, mesh, variable, n=FEWEST)
+    variable = Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None)
+    return CoarseNet.of(model, mesh, variable, n=FEWEST)
 
 
-def pose(model: bm.FittedModel, level: bm.design.DesignLevel) -> om.Problem:
+def pose(model: bm.FittedModel, level: DesignLevel) -> om.Problem:
     """Pose the problem of a level. Not yet set up."""
-    wall, planform = bm.measures.SurfaceGrid.of(model, "wing*"), bm.generators.onera_m6_planform()
+    wall, planform = SurfaceGrid.of(model, "wing*"), onera_m6_planform()
     span = planform.semi_span * np.array([0.02, 0.9])
     leading, trailing = (np.column_stack([planform.x(part, span), 0.0 * span, span]) for part in (0.1, 0.9))
     geometry = bm.GridMovement(
         model=model,
-        parametrization=bm.design.Parametrization(level.net.mesh, [level.net]),
+        parametrization=Parametrization(level.net.mesh, [level.net]),
         measures=[
-            bm.measures.Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
-            bm.measures.EnclosedVolume.of(wall, relative=True),
+            Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
+            EnclosedVolume.of(wall, relative=True),
         ],
-        mover=bm.movers.LinearElasticity(level.net.mesh, n_increments=3),
+        mover=LinearElasticity(level.net.mesh, n_increments=3),
         fit=False,
         quality=False,
     )
@@ -121,20 +125,24 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
     model = make_model(*sizes)
     net = make_net(model)
 
-    def solve(level: bm.design.DesignLevel, tolerance: float, name: str) -> RecordedRun:
-        return optimise(lambda: pose(model, level), nlopt(tolerance, iterations), folder / f"m6_levels_{name}.sql")
+    def solve(level: DesignLevel, tolerance: float, name: str) -> RecordedRun:
+        problem = pose(model, level)
+        problem.driver = nlopt(tolerance, iterations)
+        with recorded(problem, folder, f"m6_levels_{name}") as run:
+            problem.run_driver()
+        return run
 
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(figures or temporary)
-        displacements = bm.design.DesignLevel.first(net.refine(net.missing()), *PARTS, unit=UNIT)
-        columns = displacements.columns @ bm.drivers.even_pressures(pose(model, displacements), model, "combinations")
+        displacements = DesignLevel.first(net.refine(net.missing()), *PARTS, unit=UNIT)
+        columns = displacements.columns @ even_pressures(pose(model, displacements), model, "combinations")
         nets, metric = (displacements.net, net), np.linalg.inv(columns @ columns.T)
-        finest, coarsest = (bm.design.DesignLevel.first(each, *PARTS, unit=CHANGE, metric=metric) for each in nets)
+        finest, coarsest = (DesignLevel.first(each, *PARTS, unit=CHANGE, metric=metric) for each in nets)
         ways = {n: [solve(each, tolerance, n)] for n, each in (("displacements", displacements), ("pressures", finest))}
         levels, runs, used = [coarsest], [solve(coarsest, SOON, "1")], []
         for n, ends in enumerate((SOON, tolerance), start=1):
             level, problem = levels[-1], runs[-1].problem
-            gradient = bm.design.unused_gradient(problem, level.net)
+            gradient = unused_gradient(problem, level.net)
             used.append(level.net.part_used(gradient, metric))
             knots = level.net.where_to_refine(gradient, n_knots, metric) if n == 1 else level.net.missing()
             levels.append(level.refined(problem, knots, folder / f"m6_levels_{n}.sql"))
@@ -176,7 +184,7 @@ def counts(runs: list[RecordedRun], least: float) -> dict:
     return {"flows": flows + len(course), "gradients": gradients + len(differentiated), "within": within}
 
 
-def draw(canvas, levels: list[bm.design.DesignLevel], ways: dict, least: float) -> None:
+def draw(canvas, levels: list[DesignLevel], ways: dict, least: float) -> None:
     """Draw the drag over the flow solutions, and where the levels have points."""
     drag, planform = canvas.subplots(1, 2)
     mesh, start = levels[0].net.mesh, 1

@@ -16,12 +16,15 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
-from bspline_mdao.grids.cells.grid_quality import GridQuality
-from bspline_mdao.grids.cells.report import report_quality
+from bspline_mdao.design import Chord, Local, OnPatch, Parametrization, ReferenceAxis, Sweep, Twist
+from bspline_mdao.drivers import combine, disagreement, even_pressures, nlopt, recorded, run_at, scipy_slsqp
+from bspline_mdao.generators import onera_m6_grid, onera_m6_planform
+from bspline_mdao.grids import GridQuality, report_quality
+from bspline_mdao.measures import EnclosedVolume, ProjectedArea, SurfaceGrid, Thickness
+from bspline_mdao.movers import LinearElasticity, moving_mesh
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import draw_designs, figure
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 LIFT, ALPHA = 0.25, 3.0
@@ -66,42 +69,40 @@ def make_model(shape, n_control) -> bm.FittedModel:
     """Make the grid about the M6 and fit it; all members of its family have the wing of the fit."""
     stream, normal, span = n_control
     counts = [(i, j, k) for k, j, i in product(span, normal, stream)]
-    return bm.fit_grid(bm.generators.onera_m6_grid(shape), n_control=counts, keep_residual=False)
+    return bm.fit_grid(onera_m6_grid(shape), n_control=counts, keep_residual=False)
 
 
 def pose(
     model: bm.FittedModel, stations: int, flow: str, mach: float, combinations: np.ndarray | None = None
 ) -> om.Problem:
     """Pose the problem. Not yet set up. Without combinations of the heights, they are variables themselves."""
-    mesh, wall = bm.movers.moving_mesh(model), bm.measures.SurfaceGrid.of(model, "wing*")
-    quarter, trailing = (bm.design.ReferenceAxis.of(mesh, at=part) for part in (0.25, 1.0))
+    mesh, wall = moving_mesh(model), SurfaceGrid.of(model, "wing*")
+    quarter, trailing = (ReferenceAxis.of(mesh, at=part) for part in (0.25, 1.0))
     # control points but those of edges and tip move by parts of their heights: the sides do not meet at thin places
-    upper, lower = (bm.design.OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
+    upper, lower = (OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
     sides = (upper & ~lower) | (lower & ~upper)
     heights = np.abs(mesh.points[mesh.surface_ids][sides.mask(mesh), 1])
     variables = [  # from the sections outwards; the tip stays where it is along the span
-        bm.design.Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None),
-        bm.design.Chord(
-            "chord", quarter, 2
-        ),  # straight edges: with more stations these wave, which no finer grid rewards
-        bm.design.Twist("twist", trailing, stations),
-        bm.design.Sweep("sweep", quarter),
+        Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None),
+        Chord("chord", quarter, 2),  # straight edges: with more stations these wave, which no finer grid rewards
+        Twist("twist", trailing, stations),
+        Sweep("sweep", quarter),
     ]
-    planform = bm.generators.onera_m6_planform()
+    planform = onera_m6_planform()
     span = planform.semi_span * np.array([0.02, 0.9])
     leading, trailing = (np.column_stack([planform.x(part, span), 0.0 * span, span]) for part in (0.1, 0.9))
     measures = [  # relative to the M6, thickness along lines between the edges
-        bm.measures.Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
-        bm.measures.EnclosedVolume.of(wall, relative=True),
-        bm.measures.ProjectedArea.of(wall, relative=True),
+        Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
+        EnclosedVolume.of(wall, relative=True),
+        ProjectedArea.of(wall, relative=True),
     ]
-    mover = bm.movers.LinearElasticity(mesh, n_increments=3)
-    parametrization = bm.design.Parametrization(mesh, variables)
+    mover = LinearElasticity(mesh, n_increments=3)
+    parametrization = Parametrization(mesh, variables)
     geometry = bm.GridMovement(model=model, parametrization=parametrization, measures=measures, mover=mover, fit=False)
     area = planform.semi_span**2 * 2.0 / planform.aspect_ratio
     problem, (make_flow, options, drag) = om.Problem(reports=None), FLOWS[flow]
     if combinations is not None:
-        problem.model.add_subsystem("combine", bm.drivers.combine("heights", combinations), promotes=["*"])
+        problem.model.add_subsystem("combine", combine("heights", combinations), promotes=["*"])
     problem.model.add_subsystem("geometry", geometry, promotes=["*"])
     problem.model.add_subsystem("flow", make_flow(model=model, reference_area=area, **options), promotes=["*"])
     problem.model.add_subsystem("drag", om.ExecComp(f"drag = {drag}"), promotes=["*"])
@@ -160,9 +161,7 @@ def main(
 
     combinations = None
     if flow == "euler":
-        combinations = bm.drivers.even_pressures(
-            pose(model, stations, flow, mach), model, "heights", linear_tolerance=1e-6
-        )
+        combinations = even_pressures(pose(model, stations, flow, mach), model, "heights", linear_tolerance=1e-6)
 
     def make_problem(member: bm.FittedModel = model) -> om.Problem:
         return pose(member, stations, flow, mach, combinations)
@@ -175,7 +174,12 @@ def main(
     for problem in (start, away):
         problem.setup(mode="rev")
         problem.run_model()
-    runs = optimise_with(drivers, make_problem, tolerance, 300, figures, name)
+    runs = {}
+    for driver, make_driver in drivers.items():
+        problem = make_problem()
+        problem.driver = make_driver(tolerance, 300)
+        with recorded(problem, figures, f"{name}_{driver}") as runs[driver]:
+            problem.run_driver()
     if figures:
         with figure(figures, name, (9.5, 9.0)) as canvas:
             draw_designs(canvas, model, start, runs, "drag", "drag (counts)", 1e-4)

@@ -15,9 +15,9 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
+from bspline_mdao.drivers import RecordedRun, nlopt, recorded, scipy_slsqp
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, RED, draw_history, draw_net, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals, perturb_design
 
 AREA = (36.0 * np.pi) ** (1.0 / 3.0)
@@ -69,6 +69,17 @@ def started(body: Body) -> om.Problem:
     return perturb_design(problem)
 
 
+def solve(body: Body, drivers) -> dict[str, RecordedRun]:
+    """Find the least area with every driver."""
+    runs: dict[str, RecordedRun] = {}
+    for driver, make_driver in drivers.items():
+        problem = body.problem()
+        problem.driver = make_driver(TOLERANCE, 500)
+        with recorded(problem) as runs[driver]:
+            problem.run_driver()
+    return runs
+
+
 def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     """Round the cube on several grids with every driver.
 
@@ -92,7 +103,7 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     """
     n_nodes, n_control = SIZES[paper]
     bodies = {n: [Body(m, n) for m in n_nodes] for n in n_control}
-    solved = {n: [optimise_with(drivers, body.problem, TOLERANCE, 500) for body in row] for n, row in bodies.items()}
+    solved = {n: [solve(body, drivers) for body in row] for n, row in bodies.items()}
     body, runs = bodies[n_control[-1]][-1], solved[n_control[-1]][-1]
     best, start = next(reversed(runs.values())).problem, started(body)
 

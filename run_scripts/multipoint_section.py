@@ -14,7 +14,7 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
+from bspline_mdao.drivers import disagreement, nlopt, recorded, run_at, scipy_slsqp
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import (
     GRAY,
@@ -25,7 +25,7 @@ from bspline_mdao.plotting import (
     figure,
     wall_quads,
 )
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 MACH_NUMBERS = {"slow": 0.72, "fast": 0.75}
@@ -129,7 +129,12 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
     for problem in (start, away):
         problem.setup(mode="rev")
         problem.run_model()
-    runs = optimise_with(drivers, lambda: pose(model, combinations), 1e-10, iterations, figures, name)
+    runs = {}
+    for driver, make_driver in drivers.items():
+        problem = pose(model, combinations)
+        problem.driver = make_driver(1e-10, iterations)
+        with recorded(problem, figures, f"{name}_{driver}") as runs[driver]:
+            problem.run_driver()
     if figures:
         with figure(figures, name, (11.0, 7.0)) as canvas:
             draw(canvas, model, start, runs)

@@ -14,8 +14,8 @@ import time
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.base.numerics.processes import from_all, world
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.parallel import from_all, world
+from bspline_mdao.scripts import pick_size, run
 
 SIZES = {
     "quick": ((9, 9, 7), (6, 5, 4), (3, 9)),

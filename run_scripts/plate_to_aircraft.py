@@ -17,12 +17,11 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
-from bspline_mdao.grids.cells.grid_quality import GridQuality
-from bspline_mdao.grids.cells.report import report_quality
+from bspline_mdao.drivers import disagreement, nlopt, recorded, run_at, scipy_slsqp
+from bspline_mdao.grids import GridQuality, report_quality
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import draw_designs, figure
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 MACH, LIFT, ALPHA = 0.3, 0.3, 2.0
@@ -166,7 +165,12 @@ def main(
     for problem in (start, away):
         problem.setup(mode="rev")
         problem.run_model()
-    runs = optimise_with(drivers, make_problem, tolerance, 300, figures, name)
+    runs = {}
+    for driver, make_driver in drivers.items():
+        problem = make_problem()
+        problem.driver = make_driver(tolerance, 300)
+        with recorded(problem, figures, f"{name}_{driver}") as runs[driver]:
+            problem.run_driver()
     if figures:
         with figure(figures, name, (9.5, 9.0)) as canvas:
             draw_designs(canvas, model, start, runs, "drag", "drag (counts)", 1e-4)

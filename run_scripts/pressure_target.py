@@ -17,20 +17,13 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
-from bspline_mdao.grids.cells.quads import area_vectors
+from bspline_mdao.design import Local, OnPatch, Parametrization
+from bspline_mdao.drivers import nlopt, recorded, scipy_slsqp
+from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.movers import LinearElasticity, moving_mesh
 from bspline_mdao.names import GRID
-from bspline_mdao.plotting import (
-    BLUE,
-    GRAY,
-    ORANGE,
-    draw_history,
-    draw_optimality,
-    faces_around,
-    figure,
-    wall_quads,
-)
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_history, draw_optimality, faces_around, figure, wall_quads
+from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals
 
 MACH, ALPHA = 0.3, 2.0
@@ -65,18 +58,19 @@ class PressureTarget:
     def __init__(self, shape, n_control):
         stream, normal, span = n_control
         counts = [(i, j, k) for k, j, i in product(span, normal, stream)]
-        self.model = bm.fit_grid(bm.generators.onera_m6_grid(shape), n_control=counts)
-        self.mesh = bm.movers.moving_mesh(self.model)
-        upper, lower = (bm.design.OnPatch(self.model, f"wing_{side}") for side in ("upper", "lower"))
+        self.model = bm.fit_grid(onera_m6_grid(shape), n_control=counts)
+        self.mesh = moving_mesh(self.model)
+        upper, lower = (OnPatch(self.model, f"wing_{side}") for side in ("upper", "lower"))
         sides = (upper & ~lower) | (lower & ~upper)  # not the control points that both share, of edges and tip
-        self.variable = bm.design.Local("heights", sides, "y")
+        self.variable = Local("heights", sides, "y")
         points = self.mesh.points[self.mesh.surface_ids][sides.mask(self.mesh)]
         self.heights = HEIGHT * points[:, 1] * smooth_noise((points - points.min(axis=0)) / np.ptp(points, axis=0))
         self.target = started(self.flight(), heights=self.heights).get_val("Cp").copy()
 
         start = started(self.flight(), "fwd", heights=0.0 * self.heights)
         self.walls = self.model.regenerate().to_vector().reshape(-1, 3)[wall_quads(self.model)]
-        areas = np.linalg.norm(area_vectors(self.walls), axis=1)
+        diagonals = self.walls[:, 2] - self.walls[:, 0], self.walls[:, 3] - self.walls[:, 1]
+        areas = 0.5 * np.linalg.norm(np.cross(*diagonals), axis=1)
         self.weights = areas / (areas @ (start.get_val("Cp") - self.target) ** 2)
         derivative = np.sqrt(self.weights)[:, None] * start.compute_totals(["Cp"], ["heights"])["Cp", "heights"]
         _, values, modes = np.linalg.svd(derivative, full_matrices=False)
@@ -84,11 +78,8 @@ class PressureTarget:
 
     def flight(self) -> om.Problem:
         """From the heights to the pressures. Not set up."""
-        problem, parametrization = om.Problem(reports=None), bm.design.Parametrization(self.mesh, [self.variable])
-        mover, flow = (
-            bm.movers.LinearElasticity(self.mesh, n_increments=1),
-            bm.EulerFlow(model=self.model, reference_area=AREA),
-        )
+        problem, parametrization = om.Problem(reports=None), Parametrization(self.mesh, [self.variable])
+        mover, flow = (LinearElasticity(self.mesh, n_increments=1), bm.EulerFlow(model=self.model, reference_area=AREA))
         geometry = bm.GridMovement(model=self.model, parametrization=parametrization, mover=mover, fit=False)
         problem.model.add_subsystem("geometry", geometry, promotes=["*"])
         problem.model.add_subsystem("flow", flow, promotes=["*"])
@@ -169,7 +160,12 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
         ``largest_error_of_pressure``.
     """
     design = PressureTarget(*pick_size(SIZES, paper, quick))
-    runs = optimise_with(drivers, design.problem, TOLERANCE / UNIT, 100, figures, "pressure_target")
+    runs = {}
+    for driver, make_driver in drivers.items():
+        problem = design.problem()
+        problem.driver = make_driver(TOLERANCE / UNIT, 100)
+        with recorded(problem, figures, f"pressure_target_{driver}") as runs[driver]:
+            problem.run_driver()
     part = next(iter(runs.values())).problem.get_val("combinations") / 3.0
     part_of_the_way = started(design.problem(), combinations=part)
     if figures:

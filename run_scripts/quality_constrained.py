@@ -10,7 +10,6 @@ totals, and a picture of the grids and the histories.
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +17,11 @@ import openmdao.api as om
 from scipy.sparse import csr_array
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
-from bspline_mdao.grids.cells.grid_quality import GridQuality
-from bspline_mdao.grids.cells.report import report_quality
+from bspline_mdao.drivers import nlopt, recorded, scipy_slsqp
+from bspline_mdao.grids import GridQuality, report_quality
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import BLUE, GRAY, RED, draw_history, draw_net, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals, perturb_design
 
 ANGLE = np.radians(45.0)
@@ -149,7 +147,12 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     turn, numbers, runs = Turn(*SIZES[paper]), {}, {}
     start = started(turn)
     for kind, is_constrained in {"unconstrained": False, "constrained": True}.items():
-        runs[kind] = optimise_with(drivers, partial(turn.problem, is_constrained), TOLERANCE, 600)
+        runs[kind] = {}
+        for driver, make_driver in drivers.items():
+            problem = turn.problem(is_constrained)
+            problem.driver = make_driver(TOLERANCE, 600)
+            with recorded(problem) as runs[kind][driver]:
+                problem.run_driver()
         numbers[kind] = {name: result.numbers() | turn.summary(result.problem) for name, result in runs[kind].items()}
     if figures:
         draw(figures, turn, runs)

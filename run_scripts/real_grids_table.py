@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bspline_mdao import FittedModel, Grid, InputError, fit_grid, read_grid
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 
 
 def main(paper: bool = False, folder=None) -> dict:

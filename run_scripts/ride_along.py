@@ -16,7 +16,7 @@ import numpy as np
 
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, figure
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 
 SIZES = {
     "quick": ((8, 9, 7), (9, 11, 8)),

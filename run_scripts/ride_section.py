@@ -17,7 +17,7 @@ import numpy as np
 
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, GRAY, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 
 N_AROUND = {False: (64, 160), True: (48, 96)}
 """Cells around the section of the grid that is fitted and of the mesh, also at the small size (True)."""

@@ -18,11 +18,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import bspline_mdao as bm
-from bspline_mdao.core.movement.young_modulus import ConstantLaw, InverseVolumeLaw, WallDistanceLaw
-from bspline_mdao.grids.cells.grid_quality import GridQuality
-from bspline_mdao.grids.cells.report import judge_move
-from bspline_mdao.grids.io.patch_guess import with_guessed_patches
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.grids import GridQuality, judge_move, with_guessed_patches
+from bspline_mdao.movers import ConstantLaw, InverseVolumeLaw, WallDistanceLaw
+from bspline_mdao.scripts import run
 
 CANONICAL = {
     "plate": (bm.generators.flat_plate_grid, bm.generators.generic_blended_wing_body),

@@ -21,18 +21,20 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import bspline_mdao as bm
-from bspline_mdao.base.sparse.cholesky import Cholesky
-from bspline_mdao.base.sparse.conjugate_gradient import ConjugateGradients
+from bspline_mdao.generators import (
+    fit_shape,
+    flat_plate_grid,
+    generic_blended_wing_body,
+    onera_m6_grid,
+    rectangular_wing,
+)
+from bspline_mdao.movers import Cholesky, ConjugateGradients, LinearElasticity, PetscMultigrid, moving_grid, moving_mesh
 from bspline_mdao.plotting import BLUE, ORANGE, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 
 CASES = {
-    "onera_m6": ("ONERA M6 to rectangular wing", bm.generators.onera_m6_grid, bm.generators.rectangular_wing),
-    "blended_wing_body": (
-        "flat plate to blended-wing body",
-        bm.generators.flat_plate_grid,
-        bm.generators.generic_blended_wing_body,
-    ),
+    "onera_m6": ("ONERA M6 to rectangular wing", onera_m6_grid, rectangular_wing),
+    "blended_wing_body": ("flat plate to blended-wing body", flat_plate_grid, generic_blended_wing_body),
 }
 SIZES = {"onera_m6": ((45, 65, 33), (13, 13, 9)), "blended_wing_body": ((45, 45, 45), (9, 9, 9))}
 SMALL = ((9, 9, 9), (5, 5, 5))
@@ -48,7 +50,7 @@ At half the paper's cells per direction a Cholesky factor takes 5 GB; twice as m
 """
 
 SOLVERS = {"conjugate_gradients": ConjugateGradients(), "cholesky": Cholesky(n_threads=1)}
-SOLVERS |= {"multigrid": bm.movers.PetscMultigrid()} if find_spec("petsc4py") else {}
+SOLVERS |= {"multigrid": PetscMultigrid()} if find_spec("petsc4py") else {}
 SLOWEST_GROWTH = 4 / 3
 """Power with which the time of conjugate gradients grows at least: iterations as the points along an edge."""
 
@@ -76,7 +78,7 @@ class Series:
         """Time a move as the paper does it, with what follows it, and return the moved points."""
         with threadpool_limits(1):
             start = time.process_time()
-            mover = bm.movers.LinearElasticity(mesh, n_increments=5, solver=solver, keep_factors=False)
+            mover = LinearElasticity(mesh, n_increments=5, solver=solver, keep_factors=False)
             movement = mover.move(mesh.points, surface)
             finish(movement.points)
             self.cpu_seconds.append(time.process_time() - start)
@@ -143,15 +145,15 @@ def study(name: str, shape, n_control, levels, seconds: float) -> dict:
 def pose(name: str, grid, n_control):
     """Fit a grid: the model, its control mesh, and where the surface control points move to."""
     model = bm.fit_grid(grid, n_control=n_control, keep_residual=False)  # Eq. (3) alone, as in the paper
-    mesh = bm.movers.moving_mesh(model)
+    mesh = moving_mesh(model)
     model.grid_map()  # what the nodes depend on is found once per model
-    return model, mesh, bm.generators.fit_shape(model, mesh.surface_ids, CASES[name][2]())
+    return model, mesh, fit_shape(model, mesh.surface_ids, CASES[name][2]())
 
 
 def pose_nodes(model, target: np.ndarray, factor: float):
     """Make a member of the grid family ready to move node by node to where moved control points put its surface."""
     start, wanted = (bm.family_member(model, factor, points) for points in (model.control_points, target))
-    mesh, ids = bm.movers.moving_grid(bm.find_topology(start), start.to_vector().reshape(-1, 3))
+    mesh, ids = moving_grid(bm.find_topology(start), start.to_vector().reshape(-1, 3))
     points = np.empty((mesh.n_points, 3))
     points[ids] = wanted.to_vector().reshape(-1, 3)
     return mesh, points[mesh.surface_ids]

@@ -12,7 +12,6 @@ and of kinks and jumps along the seams.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,9 +20,9 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with
+from bspline_mdao.drivers import nlopt, recorded
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, PURPLE, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals, perturb_design
 
 LARGER = 1.15
@@ -31,8 +30,6 @@ LARGER = 1.15
 
 TOLERANCE = 1e-12
 """Of the area (m^2)."""
-
-DRIVER = {"NLopt LD_SLSQP": nlopt}
 
 SIZES = {False: (17, 7), True: (33, 11)}
 """Nodes and control points along the edges of each side, at the larger size (True) and small."""
@@ -113,7 +110,10 @@ def main(paper: bool = False, figures=None, folder=None) -> dict:
     ball = Ball(*SIZES[paper])
     bodies, seams, numbers = {}, {}, {}
     for name, (tolerance, bound) in WAYS.items():
-        (done,) = optimise_with(DRIVER, partial(ball.problem, tolerance, bound), TOLERANCE, 300).values()
+        problem = ball.problem(tolerance, bound)
+        problem.driver = nlopt(TOLERANCE, 300)
+        with recorded(problem) as done:
+            problem.run_driver()
         bodies[name] = done.problem
         points = ball.control_points(done.problem)
         seams[name] = bm.measures.seam_continuity(ball.model, points)

@@ -13,9 +13,9 @@ import numpy as np
 
 from bspline_mdao import FittedModel, Grid, fit_grid
 from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
-from bspline_mdao.grids.cells.hexahedron import cell_quality
+from bspline_mdao.grids import cell_quality
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_net, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 
 CORRECTIONS = 3
 """Rounds of parameter correction (Hoschek) of the corrected fits."""

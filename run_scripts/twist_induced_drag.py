@@ -17,9 +17,9 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
+from bspline_mdao.drivers import disagreement, nlopt, recorded, run_at, scipy_slsqp
 from bspline_mdao.plotting import draw_designs, figure
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 PLANFORM = bm.generators.Planform(root_chord=1.0, semi_span=3.0)
@@ -113,7 +113,12 @@ def main(
     start = pose(model, stations, flow)
     start.setup(mode="rev")
     start.run_model()
-    runs = optimise_with(drivers, lambda: pose(model, stations, flow), tolerance, 50, figures, name)
+    runs = {}
+    for driver, make_driver in drivers.items():
+        problem = pose(model, stations, flow)
+        problem.driver = make_driver(tolerance, 50)
+        with recorded(problem, figures, f"{name}_{driver}") as runs[driver]:
+            problem.run_driver()
 
     def summary(problem: om.Problem) -> dict:
         finer = run_at(problem, pose(model.member(FINER), stations, flow))

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from bspline_mdao import fit_grid
-from bspline_mdao.core.design.motion import UnsteadyGrid, flapping, pitching
+from bspline_mdao.design import UnsteadyGrid, flapping, pitching
 from bspline_mdao.generators import onera_m6_grid
-from bspline_mdao.grids.cells.hexahedron import cell_quality
+from bspline_mdao.grids import cell_quality
 from bspline_mdao.movers import LinearElasticity, moving_mesh
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_net, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 from bspline_mdao.testing import richardson
 
 PERIOD = 1.0

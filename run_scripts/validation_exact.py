@@ -14,11 +14,13 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.om.flow_run import run_flow
+from bspline_mdao.flow import run_flow
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, PURPLE, figure, wall_quads
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
+
+GAMMA = 1.4
+"""Ratio of specific heats."""
 
 ALPHA = 4.0
 """Angle of attack of the section (deg)."""

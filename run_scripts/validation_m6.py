@@ -14,11 +14,10 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.flow.euler.residual import SHOCK_THRESHOLD
-from bspline_mdao.flow.om.flow_run import run_flow
+from bspline_mdao.flow import run_flow
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import BLUE, RED, faces_around, figure, wall_quads
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 
 MACH, ALPHA = 0.8395, 3.06
 """Of the stream; angle of attack (deg)."""
@@ -85,7 +84,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
 
 def flow_problem(model: bm.FittedModel, area: float, iprint: int) -> om.Problem:
     """Pose the flow."""
-    flow = bm.EulerFlow(model=model, reference_area=area, shock_threshold=SHOCK_THRESHOLD, iprint=iprint)
+    flow = bm.EulerFlow(model=model, reference_area=area, iprint=iprint)
     problem = om.Problem(flow, reports=None)
     problem.setup(mode="rev")
     problem.set_val("Mach_number", MACH)

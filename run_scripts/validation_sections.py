@@ -15,13 +15,12 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.flow.euler.residual import SHOCK_THRESHOLD
-from bspline_mdao.flow.om.flow_run import run_flow
-from bspline_mdao.grids.io.patch_guess import guess_patches
-from bspline_mdao.grids.topology.grid import Block, Grid
+from bspline_mdao import Grid
+from bspline_mdao.flow import run_flow
+from bspline_mdao.grids import Block, guess_patches
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, figure, wall_quads
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 
 ALPHA = 1.25
 """Angle of attack (deg)."""
@@ -127,7 +126,7 @@ def every_second_node(grid: bm.Grid) -> bm.Grid:
 
 def solve(model: bm.FittedModel, mach: float, axes: str, iprint: int) -> tuple[dict, np.ndarray]:
     """Solve a flow; returns its numbers, and the places along the chord and pressures of the wall faces, (2, n)."""
-    options = {"reference_area": 1.0, "shock_threshold": SHOCK_THRESHOLD, "axes": axes, "iprint": iprint}
+    options = {"reference_area": 1.0, "axes": axes, "iprint": iprint}
     problem = om.Problem(bm.EulerFlow(model=model, **options), reports=None)
     problem.setup(mode="rev")
     problem.set_val("Mach_number", mach)

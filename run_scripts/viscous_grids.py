@@ -21,17 +21,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import bspline_mdao as bm
-from bspline_mdao.core.fit.surface_fit import SurfaceFollower
-from bspline_mdao.core.movement.wall_inverse_distance import move_nodes
-from bspline_mdao.core.walls.wall_correction import WallCorrection
-from bspline_mdao.grids.cells.first_cells import FirstCells
-from bspline_mdao.grids.cells.grid_quality import GridQuality
-from bspline_mdao.grids.cells.report import judge_move
-from bspline_mdao.grids.io.patch_guess import with_guessed_patches
-from bspline_mdao.grids.topology.grid import Patch
-from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.grids import GridQuality, Patch, Window, judge_move, with_guessed_patches
+from bspline_mdao.movers import WallCorrection, move_nodes
 from bspline_mdao.plotting import draw_first_heights, draw_wall_cells
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
+from bspline_mdao.splines import SurfaceFollower
 
 SECTIONS = (*(f"pitch={angle}deg" for angle in (5, 20, 45)), *(f"thickness={factor}" for factor in (1.3, 0.8, 0.7)))
 """What is asked of sections between two planes."""
@@ -267,7 +261,7 @@ def draw(folder, grids: dict[str, bm.Grid], ways: Sequence[str]) -> None:
     """Draw the edges of grids before and after a move, and the heights of their first cells."""
     ratios = {}
     for name in filter(PICTURED.get, grids):
-        grid, deformation, cells = grids[name], PICTURED[name], FirstCells.of_baseline(grids[name])
+        grid, deformation, cells = grids[name], PICTURED[name], GridQuality.of_baseline(grids[name]).first_cells
         moved = {way: WAYS[way](grid).move(deformation) for way in ways}
         ratios[f"{Path(name).stem}\n{deformation}"] = {way: cells.ratios(nodes) for way, nodes in moved.items()}
         file = f"viscous_{re.sub(r'[^a-z0-9]', '_', Path(name).stem.lower())}"

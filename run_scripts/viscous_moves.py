@@ -22,14 +22,13 @@ from scipy.interpolate import BSpline
 from threadpoolctl import threadpool_limits
 
 import bspline_mdao as bm
-from bspline_mdao.core.design.section_formulas import rotation
-from bspline_mdao.core.fit.surface_fit import SurfaceFollower
-from bspline_mdao.core.mesh.frame import mesh_frame
-from bspline_mdao.core.walls.wall_correction import WallCorrection
-from bspline_mdao.grids.cells.grid_quality import GridQuality
-from bspline_mdao.grids.cells.report import judge_move
-from bspline_mdao.grids.io.patch_guess import with_guessed_patches
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.design import parse_deformation
+from bspline_mdao.generators import Spacing, infinite_wing_grid, naca_section, onera_m6_grid
+from bspline_mdao.grids import GridQuality, judge_move, with_guessed_patches
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import ComovingFrame, LinearElasticity, Rotations, WallCorrection, mesh_frame, moving_mesh
+from bspline_mdao.scripts import run
+from bspline_mdao.splines import SurfaceFollower
 
 FILES = {
     "bwb": "../strangers/pyhyp_bwb_9blocks.xyz",
@@ -45,20 +44,10 @@ EVERY = {"_coarse": 2, "_quarter": 4}
 """What stands behind the name of a real grid of which every second or fourth node is taken."""
 
 MADE = {
-    "section": partial(
-        bm.generators.infinite_wing_grid,
-        bm.generators.naca_section(),
-        (17, 21),
-        bm.generators.Spacing(1e-5, 5e-3, 5e-3),
-    ),
-    "section_fine": partial(
-        bm.generators.infinite_wing_grid,
-        bm.generators.naca_section(),
-        (41, 65),
-        bm.generators.Spacing(1e-6, 2e-3, 2e-3),
-    ),
-    "hh_m6": partial(bm.generators.onera_m6_grid, (23, 41, 17), bm.generators.Spacing(off_wall=1e-5)),
-    "hh_m6_fine": partial(bm.generators.onera_m6_grid, (21, 61, 15), bm.generators.Spacing(off_wall=1e-6)),
+    "section": partial(infinite_wing_grid, naca_section(), (17, 21), Spacing(1e-5, 5e-3, 5e-3)),
+    "section_fine": partial(infinite_wing_grid, naca_section(), (41, 65), Spacing(1e-6, 2e-3, 2e-3)),
+    "hh_m6": partial(onera_m6_grid, (23, 41, 17), Spacing(off_wall=1e-5)),
+    "hh_m6_fine": partial(onera_m6_grid, (21, 61, 15), Spacing(off_wall=1e-6)),
 }
 """Grids that are made, of a section or the ONERA M6."""
 
@@ -79,9 +68,9 @@ WINGLET = "bend=90deg@0.8,length=0.1"
 """The last tenth of the span stands upright behind a short arc."""
 
 WAYS = {
-    "rotations": bm.movers.Rotations,
-    "going along": lambda mesh: bm.movers.ComovingFrame(bm.movers.Rotations(mesh)),
-    "10 increments": lambda mesh: bm.movers.LinearElasticity(mesh, n_increments=10),
+    "rotations": Rotations,
+    "going along": lambda mesh: ComovingFrame(Rotations(mesh)),
+    "10 increments": lambda mesh: LinearElasticity(mesh, n_increments=10),
 }
 """Ways to move a control mesh: by the rotations of its surface; the same with a far field that goes along with the
 rigid part of the motion, which is what a warper of walls alone does; and linear elasticity."""
@@ -177,7 +166,7 @@ class Body:
 
     def __post_init__(self):
         self.model = bm.fit_grid(self.grid)
-        self.mesh, self.surface = bm.movers.moving_mesh(self.model), bm.measures.SurfaceGrid.of(self.model)
+        self.mesh, self.surface = moving_mesh(self.model), SurfaceGrid.of(self.model)
         self.frame = mesh_frame(self.mesh)
         self.local = self.frame.to_local(self.surface.points)
         self.is_section = all(2 in shape for shape in self.grid.shapes)  # one cell deep
@@ -218,7 +207,8 @@ class Body:
         if motion.startswith("rigid"):
             angle = np.deg2rad(float(motion.partition("=")[2]))
             centre = np.array([0.25 * frame.chord, frame.middle_at(0.0)[1]])
-            local[:, :2] = centre + (local[:, :2] - centre) @ rotation(angle).T
+            cos, sin = np.cos(angle), np.sin(angle)
+            local[:, :2] = centre + (local[:, :2] - centre) @ [[cos, -sin], [sin, cos]]
         elif motion == "bump":  # 5 % of the chord on the upper side
             up = self.surface_normals() @ frame.axes[1] > 0.0
             middle = np.flatnonzero(up)[np.argmin(np.hypot(along - 0.5, s / frame.span - 0.5)[up])]
@@ -240,7 +230,7 @@ class Body:
             local[:, 1] += 8.0 * (t * (1.0 - t)) ** 2 * np.maximum(height, 0.0)
         else:
             words = {"bumps": f"bumps={0.02 * chord:.6g},seed=1,wavelength={0.5 * chord:.6g}", "winglet": WINGLET}
-            asked = bm.design.parse_deformation(words.get(motion, motion), self.model, self.mesh)
+            asked = parse_deformation(words.get(motion, motion), self.model, self.mesh)
             return asked.apply_to_nodes(self.surface.points, self.surface.on_planes(self.model))
         shift = np.where((local == self.local).all(axis=1)[:, None], 0.0, frame.to_space(local) - self.surface.points)
         for ids, normal in self.surface.on_planes(self.model):

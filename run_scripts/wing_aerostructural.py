@@ -12,10 +12,10 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
-from bspline_mdao.flow.om.aerostructure import Aerostructure, Spar
+from bspline_mdao.drivers import nlopt, recorded, scipy_slsqp
+from bspline_mdao.flow import Aerostructure, Spar
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_ellipse, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals
 
 SIZES = {
@@ -103,7 +103,12 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     start = pose(*wing)
     start.setup(mode="rev")
     start.run_model()
-    runs = optimise_with(drivers, lambda: pose(*wing), TOLERANCE, 100)
+    runs = {}
+    for driver, make_driver in drivers.items():
+        problem = pose(*wing)
+        problem.driver = make_driver(TOLERANCE, 100)
+        with recorded(problem) as runs[driver]:
+            problem.run_driver()
     if figures:
         draw(figures, {"initial": start, **{name: found.problem for name, found in runs.items()}})
         om.n2(start, outfile=str(Path(figures) / "wing_aerostructural.html"), show_browser=False)

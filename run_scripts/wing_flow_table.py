@@ -15,12 +15,11 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.flow.om.flow_run import run_flow
-from bspline_mdao.flow.openfoam import openfoam_forces
-from bspline_mdao.grids.io.patch_guess import guess_patches
+from bspline_mdao.flow import openfoam_forces, run_flow
+from bspline_mdao.grids import guess_patches
 from bspline_mdao.names import GRID
 from bspline_mdao.plotting import BLUE, GREEN, ORANGE, PURPLE, RED, draw_pressures, figure, wall_quads
-from bspline_mdao.studio.run_script import pick_size, run
+from bspline_mdao.scripts import pick_size, run
 
 COLORS = {"EulerFlow": BLUE, "LatticeFlow": GREEN, "OpenFOAM": ORANGE, "ADflow": RED, "vortex lattice": PURPLE}
 TITLES = {"hh_naca0012": "rectangular wing NACA 0012, 4°", "onera_m6": "ONERA M6, 3.06°"}

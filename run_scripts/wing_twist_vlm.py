@@ -13,10 +13,14 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
-from bspline_mdao.flow.loads.induced_drag import Wake, least_drag
+from bspline_mdao.design import Chord, Parametrization, ReferenceAxis, Sweep, Taper, Twist
+from bspline_mdao.drivers import nlopt, recorded, scipy_slsqp
+from bspline_mdao.flow import VortexLattice, Wake, least_drag
+from bspline_mdao.generators import FarField, Spacing, hh_wing_grid, rectangular_wing
+from bspline_mdao.measures import CamberSurface, SurfaceGrid
+from bspline_mdao.movers import LinearElasticity, moving_mesh
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_ellipse, figure
-from bspline_mdao.studio.run_script import run
+from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals
 
 LIFT, ALPHA, MACH = 0.5, 4.0, 0.3
@@ -51,34 +55,28 @@ class Wing:
 
     def __init__(self, paper: bool):
         shape, n_control, spacing, self.lattice_shape, self.least_chord = SIZES[paper]
-        planform = bm.generators.rectangular_wing().planform
-        grid = bm.generators.hh_wing_grid(
-            bm.generators.rectangular_wing(), shape, bm.generators.Spacing(*spacing), bm.generators.FarField(10.0)
-        )
+        planform = rectangular_wing().planform
+        grid = hh_wing_grid(rectangular_wing(), shape, Spacing(*spacing), FarField(10.0))
         self.model = bm.fit_grid(grid, n_control=n_control)
-        self.mesh = bm.movers.moving_mesh(self.model)
-        self.lattice = bm.measures.CamberSurface.of(
-            bm.measures.SurfaceGrid.of(self.model, "wing*"), *self.lattice_shape
-        )
+        self.mesh = moving_mesh(self.model)
+        self.lattice = CamberSurface.of(SurfaceGrid.of(self.model, "wing*"), *self.lattice_shape)
         self.area, self.aspect_ratio = 2.0 * planform.root_chord * planform.semi_span, planform.aspect_ratio
 
     def problem(self, case: str) -> om.Problem:
         """Pose a case. Not yet set up."""
-        trailing = bm.design.ReferenceAxis.of(self.mesh, at=1.0)  # variables about it leave the trace of the wake alone
-        twist, chord = bm.design.Twist("twist", trailing, STATIONS), bm.design.Chord("chord", trailing, STATIONS)
-        swept = [bm.design.Taper("taper", trailing), twist, bm.design.Sweep("sweep", trailing)]
-        parametrization = bm.design.Parametrization(
-            self.mesh, {"twist": [twist], "chord": [chord], "swept": swept}[case]
-        )
+        trailing = ReferenceAxis.of(self.mesh, at=1.0)  # variables about it leave the trace of the wake alone
+        twist, chord = Twist("twist", trailing, STATIONS), Chord("chord", trailing, STATIONS)
+        swept = [Taper("taper", trailing), twist, Sweep("sweep", trailing)]
+        parametrization = Parametrization(self.mesh, {"twist": [twist], "chord": [chord], "swept": swept}[case])
         geometry = bm.GridMovement(
             model=self.model,
             parametrization=parametrization,
             measures=[self.lattice],
-            mover=bm.movers.LinearElasticity(self.mesh, n_increments=1),
+            mover=LinearElasticity(self.mesh, n_increments=1),
             fit=False,
         )
         lattice = dict(zip(("n_chord", "n_span"), self.lattice_shape))
-        flow = bm.flow.VortexLattice(**lattice, reference_area=self.area)
+        flow = VortexLattice(**lattice, reference_area=self.area)
         problem = om.Problem(reports=None)
         top = problem.model
         top.add_subsystem("geometry", geometry, promotes=["*"])
@@ -121,7 +119,12 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     wing, numbers, wings = Wing(paper), {}, {}
     for case in CASES:
         start = started(wing.problem(case))
-        runs = optimise_with(drivers, lambda case=case: wing.problem(case), TOLERANCE, 100)
+        runs = {}
+        for driver, make_driver in drivers.items():
+            problem = wing.problem(case)
+            problem.driver = make_driver(TOLERANCE, 100)
+            with recorded(problem) as runs[driver]:
+                problem.run_driver()
         wings[case] = {"initial": start, **{name: found.problem for name, found in runs.items()}}
         numbers[case] = {
             "totals": check_totals(perturbed(wing, case))._asdict(),

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.checks import as_axes
+from ..base.display import OneLine
 from ..errors import InputError
 from ..grids.cells.cell_faces import CellFaces
 from ..grids.cells.quads import area_vectors
@@ -41,18 +42,29 @@ GAMMA, GAS_CONSTANT, PRESSURE, TEMPERATURE = 1.4, 8314.47 / 28.9, 1e5, 300.0
 
 
 @dataclass(frozen=True, eq=False)
-class Forces:
-    """What OpenFOAM finds."""
+class Forces(OneLine):
+    """What OpenFOAM finds.
 
-    # CL, CD: lift and drag coefficients
+    Parameters
+    ----------
+    CL, CD : float
+        Lift and drag coefficients.
+    Cp : ndarray, shape (n_wall,)
+        Pressure coefficient on the faces of walls, in the order of ``CellFaces.faces_of("wall")``.
+    residuals : dict of ndarray, shape (n_iterations,)
+        Initial residual of every equation over the iterations.
+    is_converged : bool
+        Whether all of them came below the tolerance.
+    seconds : float
+        Wall time of the solver.
+    """
+
     CL: float
     CD: float
-    # (n_wall,), pressure coefficient on the faces of walls, in the order of ``CellFaces.faces_of("wall")``
     Cp: np.ndarray
-    # dict of ndarray, shape (n_iterations,), initial residual of every equation over the iterations
     residuals: dict[str, np.ndarray]
-    is_converged: bool  # whether all of them came below the tolerance
-    seconds: float  # wall time of the solver
+    is_converged: bool
+    seconds: float
 
     @property
     def n_iterations(self) -> int:
@@ -62,12 +74,19 @@ class Forces:
 
 @dataclass(frozen=True)
 class Stream:
-    """Free stream."""
+    """Free stream.
 
-    # mach, alpha: mach number and angle of attack (deg)
+    Parameters
+    ----------
+    mach, alpha : float
+        Mach number and angle of attack (deg).
+    axes : str
+        Axes of the grid that point downstream, along the span and up.
+    """
+
     mach: float
     alpha: float
-    axes: str = "xzy"  # axes of the grid that point downstream, along the span and up
+    axes: str = "xzy"
 
     @property
     def directions(self) -> tuple[np.ndarray, np.ndarray]:
@@ -86,15 +105,50 @@ class Stream:
 
 
 def openfoam_forces(
-    topology: Topology,  # how the blocks of the grid are joined, with its patches
-    nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m)
-    mach: float,  # mach, alpha: mach number and angle of attack (deg)
+    topology: Topology,
+    nodes: np.ndarray,
+    mach: float,
     alpha: float,
-    reference_area: float,  # of the half that is in the grid, if it is a half (m^2)
-    axes: str = "xzy",  # axes of the grid that point downstream, along the span and up
-    max_iterations: int = 1000,  # iterations after which it ends all the same
-) -> Forces | None:  # none, after a line that says so, where OpenFOAM is not installed
-    """Solve the flow about a body with OpenFOAM."""
+    reference_area: float,
+    axes: str = "xzy",
+    max_iterations: int = 1000,
+) -> Forces | None:
+    """Solve the flow about a body with OpenFOAM.
+
+    Parameters
+    ----------
+    topology : Topology
+        How the blocks of the grid are joined, with its patches.
+    nodes : ndarray, shape (n_nodes, 3)
+        Nodes of the grid (m).
+    mach, alpha : float
+        Mach number and angle of attack (deg).
+    reference_area : float
+        Of the half that is in the grid, if it is a half (m^2).
+    axes : str
+        Axes of the grid that point downstream, along the span and up.
+    max_iterations : int
+        Iterations after which it ends all the same.
+
+    Returns
+    -------
+    Forces or None
+        None, after a line that says so, where OpenFOAM is not installed.
+
+    Raises
+    ------
+    InputError
+        If no patch is a wall, or OpenFOAM stops with an error.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.flow import openfoam_forces
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> model = fit_grid(onera_m6_grid((9, 8, 7)))
+    >>> nodes = model.regenerate().to_vector().reshape(-1, 3)
+    >>> forces = openfoam_forces(model.topology, nodes, 0.5, 3.0, reference_area=0.75)  # doctest: +SKIP
+    """
     if shutil.which("rhoSimpleFoam") is None:
         print("OpenFOAM is not installed; skipped")
         return None
@@ -114,8 +168,19 @@ def openfoam_forces(
     return Forces(lift, drag, Cp, read_residuals(log), "solution converged" in log, seconds)
 
 
-def run(program: str, case: Path) -> str:  # what it printed
-    """Run a program of OpenFOAM on a case."""
+def run(program: str, case: Path) -> str:
+    """Run a program of OpenFOAM on a case.
+
+    Returns
+    -------
+    str
+        What it printed.
+
+    Raises
+    ------
+    InputError
+        If it fails.
+    """
     environment = {"WM_PROJECT_DIR": HOME, **os.environ}
     done = subprocess.run([program, "-case", str(case)], env=environment, capture_output=True, text=True, check=False)
     if done.returncode != 0:

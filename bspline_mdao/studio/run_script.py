@@ -55,7 +55,7 @@ def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
 
     Examples
     --------
-    >>> from bspline_mdao.studio.run_script import run
+    >>> from bspline_mdao.scripts import run
     >>> def main(n: int = 3, quick: bool = False):
     ...     return {"n": n, "quick": quick}
     >>> _ = run(main, ["--n", "5", "--quick"])

@@ -7,7 +7,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao.core.om.drivers.recorded_run import nlopt
+from bspline_mdao.drivers import nlopt
 
 pytestmark = pytest.mark.slow
 

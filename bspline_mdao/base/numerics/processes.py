@@ -56,7 +56,19 @@ ONE = OneProcess()
 
 
 def world() -> Any:
-    """Communicator of all processes that a launcher of MPI has started; `ONE` where there is no launcher."""
+    """Communicator of all processes that a launcher of MPI has started.
+
+    Returns
+    -------
+    communicator
+        mpi4py's; where there is no launcher one process, with ``rank`` 0 and ``size`` 1.
+
+    Examples
+    --------
+    >>> from bspline_mdao.parallel import world
+    >>> world().rank < world().size
+    True
+    """
     # mpi4py is imported only where the environment says that there are several.
     if n_launched() < 2:
         return ONE
@@ -73,13 +85,28 @@ def n_launched() -> int:
 
 
 @contextmanager
-def together(
-    comm: Any,  # communicator, the processes, all of which come here
-) -> Iterator[None]:
-    """Raise on all processes what the first one raises, in a body without collective calls."""
-    # Within another one it does nothing: the outer one tells.
-    # `Exception` What the process of lowest rank that failed has raised, with its words: on that process itself, and on
-    # all others as well. One that cannot be sent is raised there as a RuntimeError
+def together(comm: Any) -> Iterator[None]:
+    """Raise on all processes what one of them raises, in a body without collective calls.
+
+    Within another one it does nothing: the outer one does it.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes, all of which come here.
+
+    Raises
+    ------
+    Exception
+        What the process of lowest rank that failed has raised, with its words: on that process itself, and on all
+        others as well, where one that cannot be sent is a RuntimeError.
+
+    Examples
+    --------
+    >>> from bspline_mdao.parallel import together, world
+    >>> with together(world()):
+    ...     part = 2.0  # what may fail on some process
+    """
     if comm.size == 1 or _INSIDE.get():
         yield
         return
@@ -102,7 +129,7 @@ def together(
 _INSIDE: ContextVar[bool] = ContextVar("inside together", default=False)
 
 
-def _first_that(comm: Any, is_so: bool) -> int:
+def _first_that(comm, is_so: bool) -> int:
     """Lowest rank of which something is true; the number of processes where it is true of none."""
     import numpy as np
 
@@ -122,11 +149,29 @@ def _packed(failure: Exception | None) -> bytes:
     return packed
 
 
-def summed(
-    comm: Any,  # communicator, the processes
-    array: np.ndarray,  # of the same shape on all of them
-) -> np.ndarray:  # the array itself where there is one process
-    """Sum of an array of every process, on every one of them: the same bits everywhere."""
+def summed(comm, array: np.ndarray) -> np.ndarray:
+    """Sum of an array of every process, on every one of them: the same bits everywhere.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes, all of which come here.
+    array : ndarray
+        Of the same shape on all of them.
+
+    Returns
+    -------
+    ndarray
+        The sum; the array itself where there is one process.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao.parallel import summed, world
+    >>> comm = world()
+    >>> summed(comm, np.ones(2)) / comm.size
+    array([1., 1.])
+    """
     if comm.size == 1:
         return array
     import numpy as np
@@ -136,13 +181,13 @@ def summed(
     return total
 
 
-def summed_number(comm: Any, number: float) -> float:
+def summed_number(comm, number: float) -> float:
     """Sum of a number of every process, on every one of them: the same bits everywhere."""
     return number if comm.size == 1 else comm.allreduce(number)
 
 
 def gathered(
-    comm: Any,  # communicator, the processes
+    comm,  # communicator, the processes
     array: np.ndarray,  # (n, ...), n may differ between them
 ) -> np.ndarray:  # (sum of n, ...)
     """Rows of the arrays of all processes one after another, on every one of them."""
@@ -152,11 +197,31 @@ def gathered(
 
 
 def from_all(comm: Any, item: Any) -> list:
-    """What every process gives, in the order of their ranks, on every one of them."""
+    """What every process gives, in the order of their ranks, on every one of them.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes, all of which come here.
+    item : object
+        Of this process; it is pickled.
+
+    Returns
+    -------
+    list
+        One item of each.
+
+    Examples
+    --------
+    >>> from bspline_mdao.parallel import from_all, world
+    >>> comm = world()
+    >>> from_all(comm, comm.rank) == list(range(comm.size))
+    True
+    """
     return [item] if comm.size == 1 else comm.allgather(item)
 
 
-def from_first(comm: Any, value: Any) -> Any:
+def from_first(comm, value: Any) -> Any:
     """What the first process has, on all of them."""
     return value if comm.size == 1 else comm.bcast(value, root=0)
 
@@ -168,7 +233,7 @@ def node_of(comm: Any) -> Any:
     return comm.Split_type(MPI.COMM_TYPE_SHARED)
 
 
-def norm(array: np.ndarray, comm: Any = ONE) -> float:
+def norm(array: np.ndarray, comm=ONE) -> float:
     """Euclidean norm of an array whose rows several processes hold; the same bits on all of them."""
     import numpy as np
 
@@ -177,12 +242,12 @@ def norm(array: np.ndarray, comm: Any = ONE) -> float:
     return float(np.sqrt(summed(comm, np.array([np.linalg.norm(array) ** 2]))[0]))
 
 
-def largest(comm: Any, value: float) -> float:
+def largest(comm, value: float) -> float:
     """Largest of the numbers of all processes, on every one of them."""
     return float(value) if comm.size == 1 else float(max(comm.allgather(float(value))))
 
 
-def on_first(comm: Any, task: Callable[[], Any]) -> Any:
+def on_first(comm, task: Callable[[], Any]) -> Any:
     """Result of a task that the first process does for all; what it raises, all raise."""
     if comm.size == 1:
         return task()

@@ -15,11 +15,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
+from ..display import OneLine
+
 __all__ = ["SpringNetwork"]
 
 
 @dataclass(frozen=True, eq=False)
-class SpringNetwork:
+class SpringNetwork(OneLine):
     """Displacement of points between prescribed and fixed ones, as a linear map of the prescribed displacement."""
 
     ids: np.ndarray  # int (n_free,), the points that are displaced, ascending

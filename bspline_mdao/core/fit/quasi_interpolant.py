@@ -23,6 +23,7 @@ import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
 
+from ...base.display import OneLine
 from ...base.numerics.processes import summed
 from ...grids.topology.block_layout import BlockLayout
 from ..evaluation.evaluator import Evaluator
@@ -146,7 +147,7 @@ class QuasiInterpolant:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceQuasiInterpolant:
+class SurfaceQuasiInterpolant(OneLine):
     """Q with some iterations for the control points of a surface, which depend on the surface's nodes alone."""
 
     sampling: csr_array  # (n_surface, n), Q

@@ -175,8 +175,22 @@ def _fit_of_surface(model: FittedModel, surface_ids: np.ndarray) -> tuple[FitOpe
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceFollower:
-    """Surface control points that follow surface nodes smoothly. Made by `SurfaceFollower.of`."""
+class SurfaceFollower(OneLine):
+    """Surface control points that follow surface nodes smoothly. Made by `SurfaceFollower.of`.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import SurfaceGrid
+    >>> from bspline_mdao.movers import moving_mesh
+    >>> from bspline_mdao.splines import SurfaceFollower
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> mesh, surface = moving_mesh(model), SurfaceGrid.of(model)
+    >>> moved = SurfaceFollower.of(model, mesh, surface).at(1.1 * surface.points).control_points
+    >>> bool(abs(moved - 1.1 * mesh.points[mesh.surface_ids]).max() < 1e-10)
+    True
+    """
 
     quasi: SurfaceQuasiInterpolant  # from the nodes of the surface to its control points
     mesh: MovingMesh  # its surface points are those that follow; those in planes of symmetry stay in them
@@ -253,7 +267,7 @@ class SurfaceFollower:
 
 
 @dataclass(frozen=True, eq=False)
-class FollowedSurface:
+class FollowedSurface(OneLine):
     """Control points that followed nodes, and their derivative."""
 
     of: SurfaceFollower  # what made them

@@ -24,23 +24,43 @@ _FLAT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Plane(OneLine):
-    """A plane of symmetry."""
+    """A plane of symmetry.
 
-    normal: np.ndarray  # (3,), unit normal
-    offset: float  # distance from the origin along the normal (m)
-    roughness: float = 0.0  # largest distance of a node that is in it (m)
+    Parameters
+    ----------
+    normal : ndarray, shape (3,)
+        Unit normal.
+    offset : float
+        Distance from the origin along the normal (m).
+    roughness : float
+        Largest distance of a node that is in it (m).
+    """
+
+    normal: np.ndarray
+    offset: float
+    roughness: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
-    """Coordinates along the stream, normal to it and along the span."""
+class Frame(OneLine):
+    """Coordinates along the stream, normal to it and along the span.
 
-    origin: np.ndarray  # (3,), upstream end of the root (m)
-    axes: np.ndarray  # (3, 3), orthonormal rows: stream, normal, span
-    # chord, span: extent of the surface along the stream and along the span (m)
+    Parameters
+    ----------
+    origin : ndarray, shape (3,)
+        Upstream end of the root (m).
+    axes : ndarray, shape (3, 3)
+        Orthonormal rows: stream, normal, span.
+    chord, span : float
+        Extent of the surface along the stream and along the span (m).
+    middle : ndarray, shape (2, 2)
+        Stream and normal coordinate of the middle line at the root, and their slopes along the span.
+    """
+
+    origin: np.ndarray
+    axes: np.ndarray
     chord: float
     span: float
-    # (2, 2), stream and normal coordinate of the middle line at the root, and their slopes along the span
     middle: np.ndarray
 
     def to_local(self, points: np.ndarray) -> np.ndarray:
@@ -99,7 +119,35 @@ def surface_frame(points: np.ndarray, planes: tuple[Plane, ...] = ()) -> Frame:
 
 
 def mesh_frame(mesh: MovingMesh) -> Frame:
-    """Find the directions of the surface of a control mesh by `surface_frame`."""
+    """Find the directions of the surface of a control mesh, along the stream, normal to it and along the span.
+
+    The span is normal to a plane of symmetry that the surface ends on, and starts there; without one it is the longest
+    side of the box about the surface. The stream is the longer of the other two sides.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        The control mesh.
+
+    Returns
+    -------
+    Frame
+        Its ``chord`` and ``span`` (m); ``to_local`` and ``to_space`` turn points.
+
+    Raises
+    ------
+    InputError
+        If the surface has no span.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.movers import mesh_frame, moving_mesh
+    >>> frame = mesh_frame(moving_mesh(fit_grid(onera_m6_grid((9, 8, 7)))))
+    >>> frame.axes[2].round(6).tolist()
+    [0.0, 0.0, 1.0]
+    """
     return surface_frame(mesh.points[mesh.surface_ids], mesh_planes(mesh))
 
 
@@ -114,7 +162,7 @@ def mesh_planes(mesh: MovingMesh) -> tuple[Plane, ...]:
     return tuple(planes)
 
 
-def _span_axis(points: np.ndarray, planes: tuple[Plane, ...]):
+def _span_axis(points, planes):
     """Direction of the span, away from the plane it starts on, and where it starts."""
     if not planes:
         axis = int(np.argmax(np.ptp(points, axis=0)))
@@ -124,7 +172,7 @@ def _span_axis(points: np.ndarray, planes: tuple[Plane, ...]):
     return side * plane.normal, side * plane.offset
 
 
-def _across(axis: int):
+def _across(axis):
     """Two directions at right angles to an axis, each along a coordinate axis as far as may be; shape (2, 3)."""
     main = int(np.argmax(np.abs(axis)))
     rows = []
@@ -135,7 +183,7 @@ def _across(axis: int):
     return np.array(rows)
 
 
-def _middle_line(local: np.ndarray):
+def _middle_line(local):
     """Straight line through the middles of slices of the span."""
     span = local[:, 2]
     number = np.minimum((_BINS * span / span.max()).astype(int), _BINS - 1)

@@ -21,14 +21,37 @@ from ..mesh.surface import SurfaceGrid
 __all__ = ["move_nodes"]
 
 
-def move_nodes(
-    nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m)
-    surface: SurfaceGrid,  # its walls
-    target: np.ndarray,  # (surface.n_points, 3), where the nodes of the walls go (m)
-    # part of the size of the walls within which nodes follow the nearest ones; the default is IDWarp's
-    reach: float = 0.25,
-) -> np.ndarray:  # (n_nodes, 3), moved nodes (m)
-    """Move all nodes of a grid with those of its walls."""
+def move_nodes(nodes: np.ndarray, surface: SurfaceGrid, target: np.ndarray, reach: float = 0.25) -> np.ndarray:
+    """Move all nodes of a grid with those of its walls.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (n_nodes, 3)
+        Nodes of the grid (m).
+    surface : SurfaceGrid
+        Its walls.
+    target : ndarray, shape (surface.n_points, 3)
+        Where the nodes of the walls go (m).
+    reach : float
+        Part of the size of the walls within which nodes follow the nearest ones; the default is IDWarp's.
+
+    Returns
+    -------
+    ndarray, shape (n_nodes, 3)
+        Moved nodes (m).
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import SurfaceGrid
+    >>> from bspline_mdao.movers import move_nodes
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> nodes, surface = model.regenerate().to_vector().reshape(-1, 3), SurfaceGrid.of(model)
+    >>> moved = move_nodes(nodes, surface, surface.points + [0.0, 0.01, 0.0])
+    >>> bool(abs(moved[surface.rows] - surface.points - [0.0, 0.01, 0.0]).max() < 1e-10)
+    True
+    """
     rotations, areas = _rotations(surface, target), _areas(surface)
     centres, moved = surface.points, target
     for plane in surface.planes:  # what is on the other side of a plane of symmetry counts too

@@ -258,18 +258,28 @@ def _as_points(*parameters) -> list[np.ndarray]:
     return [np.ascontiguousarray(a) for a in arrays]
 
 
-def basis(
-    knots: Knots,  # Knots, knots of this direction, see `bspline_mdao.core.splines.knots`
-    xi: ArrayLike,  # array_like (n,), parameter of this direction
-    # the other two parameters, in cyclic order. Constant knots do not look at them
-    s: ArrayLike = 0.0,  # array_like (n,)
-    t: ArrayLike = 0.0,  # array_like (n,)
-) -> tuple[np.ndarray, np.ndarray]:
+def basis(knots: Knots, xi: ArrayLike, s: ArrayLike = 0.0, t: ArrayLike = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Basis functions at points, Eq. (4).
+
+    Parameters
+    ----------
+    knots : BilinearKnots, ConstantKnots or FunctionKnots
+        Knots of this direction.
+    xi : array_like, shape (n,)
+        Parameter of this direction.
+    s, t : array_like, shape (n,)
+        The other two parameters, in cyclic order. Constant knots do not look at them.
+
+    Returns
+    -------
+    spans : ndarray of int, shape (n,)
+        Span of each point; the functions that differ from zero are ``span - p + 1 .. span``.
+    values : ndarray, shape (n, p)
+        Their values.
 
     Examples
     --------
-    >>> from bspline_mdao.core.splines.knots import ConstantKnots
+    >>> from bspline_mdao.splines import ConstantKnots, basis
     >>> spans, values = basis(ConstantKnots.uniform(n_control=5, order=3), [0.0, 0.5])
     >>> spans
     array([2, 3])
@@ -277,8 +287,6 @@ def basis(
     array([[1.   , 0.   , 0.   ],
            [0.125, 0.75 , 0.125]])
     """
-    # returns spans int (n,): span of each point; the functions that differ from zero are ``span - p + 1 .. span``
-    # returns values (n, p): their values
     xi, s, t = _as_points(xi, s, t)
     spans, values = np.empty(xi.size, dtype=np.int64), np.empty((xi.size, knots.order))
     if isinstance(knots, BilinearKnots):
@@ -292,7 +300,7 @@ def basis(
 
 
 def basis_gradients(
-    knots: Knots,  # Knots, knots of the direction
+    knots,  # Knots, knots of the direction
     direction: int,  # 0, 1 or 2
     parameters: np.ndarray,  # (n, 3), parameters of the points
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -318,24 +326,37 @@ def _chunks(n: int) -> list[slice]:
     return [slice(start, start + 4096) for start in range(0, n, 4096)]
 
 
-def basis_jets(
-    knots: Knots,
-    xi: ArrayLike,
-    s: ArrayLike = 0.0,
-    t: ArrayLike = 0.0,
-    degree: int = 2,  # highest derivative: 0, 1 or 2
-) -> tuple[np.ndarray, np.ndarray]:
-    """Basis functions with their derivatives in ``(xi, s, t)``, through the knots as well."""
-    # knots, xi, s, t: as for `basis`
-    # returns spans int (n,): span of each point
-    # returns jets (n, p, 1 or 4 or 10): jets of the functions, see `JET_SIZES`
+def basis_jets(knots, xi, s=0.0, t=0.0, degree: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """Basis functions with their derivatives in ``(xi, s, t)``, through the knots as well.
+
+    Parameters
+    ----------
+    knots, xi, s, t
+        As for `basis`.
+    degree : int
+        Highest derivative: 0, 1 or 2.
+
+    Returns
+    -------
+    spans : ndarray of int, shape (n,)
+        Span of each point.
+    jets : ndarray, shape (n, p, 1 or 4 or 10)
+        Values, then first derivatives in xi, s and t, then second ones: xi xi, xi s, xi t, s s, s t, t t.
+
+    Examples
+    --------
+    >>> from bspline_mdao.splines import ConstantKnots, basis_jets
+    >>> spans, jets = basis_jets(ConstantKnots.uniform(n_control=5, order=3), [0.5], degree=1)
+    >>> jets[0, :, 1].sum().item()  # values add up to 1, and so derivatives to 0
+    0.0
+    """
     xi, s, t = _as_points(xi, s, t)
     spans, jets = np.empty(xi.size, dtype=np.int64), np.empty((xi.size, knots.order, JET_SIZES[degree]))
     _jets_at_points(_knot_jets(knots, s, t, degree), knots.order, xi, spans, jets)
     return spans, jets
 
 
-def _knot_jets(knots: Knots, s: ArrayLike, t: ArrayLike, degree: int) -> np.ndarray:
+def _knot_jets(knots, s, t, degree: int) -> np.ndarray:
     """Jets of the knots in ``(xi, s, t)``, shape (n, N + p, size); they do not depend on ``xi``."""
     jets = np.zeros((s.size, knots.n_control + knots.order, JET_SIZES[degree]))
     jets[..., 0] = knots.values(s, t)

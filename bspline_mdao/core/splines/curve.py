@@ -10,25 +10,34 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...base.display import OneLine
 from ...errors import InputError
 from .knots import ConstantKnots
 from .volume import Volume, evaluate, evaluate_gradients
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(OneLine):
     """A B-spline curve; a mapping of [0, 1] to an interval where its control points have one coordinate.
+
+    Parameters
+    ----------
+    control_points : ndarray, shape (N, d)
+        Control points.
+    knots : ConstantKnots
+        Knots, which carry the order.
 
     Examples
     --------
+    >>> from bspline_mdao.splines import Curve
     >>> curve = Curve.uniform([[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]], order=3)
     >>> curve([0.0, 0.5])
     array([[0., 0.],
            [1., 1.]])
     """
 
-    control_points: np.ndarray  # (N, d)
-    knots: ConstantKnots  # knots, which carry the order
+    control_points: np.ndarray
+    knots: ConstantKnots
 
     def __post_init__(self) -> None:
         points = np.array(self.control_points, dtype=float)
@@ -58,14 +67,29 @@ def _on_the_curve(xi: ArrayLike) -> np.ndarray:
     return np.asarray(xi, dtype=float)[:, None] * [1.0, 0.0, 0.0]
 
 
-def uniform_parameters(
-    curve: Curve,  # a curve with one coordinate and strictly monotone control points, hence itself strictly monotone
-    n: int,  # number of mesh points, at least 2
-) -> np.ndarray:  # (n,), increasing from 0 to 1
+def uniform_parameters(curve: Curve, n: int) -> np.ndarray:
     """Parameters of which the image is a uniform one-dimensional mesh, section II.B.
+
+    Parameters
+    ----------
+    curve : Curve
+        A curve with one coordinate and strictly monotone control points, hence itself strictly monotone.
+    n : int
+        Number of mesh points, at least 2.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Increasing from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If the curve is not monotone, or n is below 2.
 
     Examples
     --------
+    >>> from bspline_mdao.splines import Curve, uniform_parameters
     >>> curve = Curve.uniform([[0.0], [1.0], [2.0], [3.0], [4.0]], order=3)
     >>> curve(uniform_parameters(curve, 5)).ravel().round(12)
     array([0., 1., 2., 3., 4.])

@@ -74,10 +74,39 @@ def evaluate(
     return points
 
 
-def evaluate_gradients(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:  # (n, d, 3)
-    """First derivatives of the points in xi, eta and zeta, the grid metrics, through curved knots as well."""
-    # `InputError` if an array has the wrong shape
-    # volume, control_points, parameters: as for `evaluate`
+def evaluate_gradients(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    """First derivatives of the points in xi, eta and zeta, the grid metrics, through curved knots as well.
+
+    Parameters
+    ----------
+    volume : Volume
+        Knots of a block, such as ``model.mesh.volumes[b]`` of a fitted grid.
+    control_points : ndarray, shape (ni, nj, nk, d)
+        Its control points, such as ``model.mesh.nets(model.control_points)[b]``.
+    parameters : ndarray, shape (n, 3)
+        Parameters of the points, from 0 to 1.
+
+    Returns
+    -------
+    ndarray, shape (n, d, 3)
+        Derivatives of every coordinate in xi, eta and zeta.
+
+    Raises
+    ------
+    InputError
+        If an array has the wrong shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.splines import evaluate_gradients
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> net = model.mesh.nets(model.control_points)[0]
+    >>> evaluate_gradients(model.mesh.volumes[0], net, np.array([[0.5, 0.5, 0.5]])).shape
+    (1, 3, 3)
+    """
     control_points, parameters = _as_arrays(volume, control_points, parameters)
     gradients = np.empty((len(parameters), control_points.shape[3], 3))
     for at in _chunks(parameters):

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.display import OneLine
 from ...errors import MovementError
 from .planes import MirrorMeans
 from .polar import nearest_rotations, rotation_changes
@@ -24,10 +25,16 @@ SAME_PLANE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class RigidPart:
-    """The map from moved points to the nearest rigid motion."""
+class RigidPart(OneLine):
+    """The map from moved points to the nearest rigid motion.
 
-    normals: np.ndarray  # (n_planes, 3), unit normals of planes that stay where they are
+    Parameters
+    ----------
+    normals : ndarray, shape (n_planes, 3)
+        Unit normals of planes that stay where they are.
+    """
+
+    normals: np.ndarray
 
     @property
     def _along(self) -> np.ndarray:
@@ -36,7 +43,13 @@ class RigidPart:
         return rows[: np.count_nonzero(sizes > SAME_PLANE)]
 
     def at(self, initial: np.ndarray, moved: np.ndarray) -> RigidMotion:
-        """Nearest rigid motion of points, shape (n, 3), before and after (m)."""
+        """Nearest rigid motion of points, shape (n, 3), before and after (m).
+
+        Raises
+        ------
+        MovementError
+            If the points are turned inside out as a whole.
+        """
         along = self._along
         arms = initial - initial.mean(axis=0), moved - moved.mean(axis=0)
         matrices, stiffness, is_fine = (arms[1].T @ arms[0])[None].copy(), np.empty((1, 3, 3)), np.ones(1, dtype=bool)
@@ -56,16 +69,33 @@ class RigidPart:
 
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
-    """A rigid motion ``x -> R x + shift``, and its derivative in the points that it was found for."""
+    """A rigid motion ``x -> R x + shift``, and its derivative in the points that it was found for.
 
-    rotation: np.ndarray  # (3, 3), R
-    shift: np.ndarray  # (3,), shift (m)
-    # tuple of two ndarray of shape (n, 3), the points before and after less their means (m)
+    Parameters
+    ----------
+    rotation : ndarray, shape (3, 3)
+        R.
+    shift : ndarray, shape (3,)
+        Shift (m).
+    arms : tuple of two ndarray of shape (n, 3)
+        The points before and after less their means (m).
+    mean : ndarray, shape (3,)
+        Mean of those before (m).
+    in_planes : ndarray, shape (3, 3)
+        Projector onto what shifts may do.
+    stiffness : ndarray, shape (1, 3, 3)
+        ``tr(S) I - S``, see `.polar`.
+    mirrored : MirrorMeans or None
+        Mean with the mirror image; None where nothing turns.
+    """
+
+    rotation: np.ndarray
+    shift: np.ndarray
     arms: tuple[np.ndarray, np.ndarray]
-    mean: np.ndarray  # (3,), mean of those before (m)
-    in_planes: np.ndarray  # (3, 3), projector onto what shifts may do
-    stiffness: np.ndarray  # (1, 3, 3), ``tr(S) I - S``, see `.polar`
-    mirrored: MirrorMeans | None  # mean with the mirror image; None where nothing turns
+    mean: np.ndarray
+    in_planes: np.ndarray
+    stiffness: np.ndarray
+    mirrored: MirrorMeans | None
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Take points, shape (n, 3), along."""

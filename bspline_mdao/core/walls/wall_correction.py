@@ -23,6 +23,7 @@ import numpy as np
 from numba import njit
 from scipy import sparse
 
+from ...base.display import OneLine
 from ...base.numerics.mean_planes import mean_planes
 from ...base.sparse.spring_network import SpringNetwork
 from ...grids.topology.held_nodes import HeldNodes
@@ -41,31 +42,74 @@ INDEPENDENT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class WallCorrection:
-    """The linear map from the displacement of wall nodes to that of all nodes, and its transpose."""
+class WallCorrection(OneLine):
+    """The linear map from the displacement of wall nodes to that of all nodes, and its transpose.
 
-    # It reproduces the displacement of the wall, is zero on all other boundaries but within a segment of where a wall
-    # ends on them, and keeps nodes in planes of symmetry if the displacement of the wall does. Made by
-    # `WallCorrection.of`.
+    It reproduces the displacement of the wall, is zero on all other boundaries but within a segment of where a wall
+    ends on them, and keeps nodes in planes of symmetry if the displacement of the wall does. Made by
+    `WallCorrection.of`.
 
-    rows: np.ndarray  # (n_wall,) of int, rows of the wall nodes in the grid vector
-    wall_ids: np.ndarray  # (n_corners_on_wall,) of int, which of them are corners of pieces
-    corner_rows: np.ndarray  # (n_corners,) of int, rows of the corners that follow the network
-    corner_ids: np.ndarray  # (n_corners,) of int, which of the network's free points they are
-    network: SpringNetwork  # their displacement from that of the wall's corners
-    levels: tuple[Sections, ...]  # edges, faces and insides of the pieces
-    copies: np.ndarray  # (n_copies, 2) of int, rows that are copies, and the rows that they copy
-    n_nodes: int  # rows of the grid vector
+    Parameters
+    ----------
+    rows : ndarray of int, shape (n_wall,)
+        Rows of the wall nodes in the grid vector.
+    wall_ids : ndarray of int, shape (n_corners_on_wall,)
+        Which of them are corners of pieces.
+    corner_rows : ndarray of int, shape (n_corners,)
+        Rows of the corners that follow the network.
+    corner_ids : ndarray of int, shape (n_corners,)
+        Which of the network's free points they are.
+    network : SpringNetwork
+        Their displacement from that of the wall's corners.
+    levels : tuple of Sections
+        Edges, faces and insides of the pieces.
+    copies : ndarray of int, shape (n_copies, 2)
+        Rows that are copies, and the rows that they copy.
+    n_nodes : int
+        Rows of the grid vector.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.measures import SurfaceGrid
+    >>> from bspline_mdao.movers import WallCorrection
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> nodes, surface = model.regenerate().to_vector().reshape(-1, 3), SurfaceGrid.of(model)
+    >>> correction = WallCorrection.of(model.topology, nodes, surface.rows)
+    >>> wall = nodes[surface.rows] + [0.0, 0.01, 0.0]
+    >>> _ = correction.meet(nodes, wall)
+    >>> bool(np.abs(nodes[surface.rows] - wall).max() < 1e-13)
+    True
+    """
+
+    rows: np.ndarray
+    wall_ids: np.ndarray
+    corner_rows: np.ndarray
+    corner_ids: np.ndarray
+    network: SpringNetwork
+    levels: tuple[Sections, ...]
+    copies: np.ndarray
+    n_nodes: int
 
     @classmethod
-    def of(
-        cls,
-        topology: Topology,  # topology of the grid
-        nodes: np.ndarray,  # (n_nodes, 3), the baseline (m)
-        # (n_wall,) of int, rows in the grid vector of the nodes whose displacement is known, each shared node once
-        rows: np.ndarray,
-    ) -> WallCorrection:
-        """Prepare the map of a baseline grid."""
+    def of(cls, topology: Topology, nodes: np.ndarray, rows: np.ndarray) -> WallCorrection:
+        """Prepare the map of a baseline grid.
+
+        Parameters
+        ----------
+        topology : Topology
+            Topology of the grid.
+        nodes : ndarray, shape (n_nodes, 3)
+            The baseline (m).
+        rows : ndarray of int, shape (n_wall,)
+            Rows in the grid vector of the nodes whose displacement is known, each shared node once.
+
+        Returns
+        -------
+        WallCorrection
+        """
         sharing, whole = node_sharing(topology), topology.layout.numbers
         source = sharing.source_rows()
         wall = source[rows]
@@ -92,11 +136,14 @@ class WallCorrection:
         free = corners[network.ids]
         return cls(wall, wall_ids, free, np.arange(len(free)), network, levels, sharing.copies, topology.n_nodes)
 
-    def part(
-        self,
-        rows: np.ndarray,  # of int, rows of nodes that are no copies
-    ) -> WallCorrection:
-        """Return what the correction of some nodes depends on; of all others it is zero."""
+    def part(self, rows: np.ndarray) -> WallCorrection:
+        """Return what the correction of some nodes depends on; of all others it is zero.
+
+        Parameters
+        ----------
+        rows : ndarray of int
+            Rows of nodes that are no copies.
+        """
         is_wanted = np.zeros(self.n_nodes, dtype=bool)
         is_wanted[rows] = True
         levels = [level.part(is_wanted) for level in self.levels[::-1]][::-1]
@@ -125,12 +172,21 @@ class WallCorrection:
         """Memory that it takes (B)."""
         return sum(level.n_bytes for level in self.levels) + self.rows.nbytes + self.copies.nbytes
 
-    def meet(
-        self,
-        nodes: np.ndarray,  # (n_nodes, 3), nodes (m), overwritten by the corrected ones
-        wall: np.ndarray,  # (n_wall, 3), where the wall nodes are to be (m)
-    ) -> np.ndarray:  # (n_wall, 3), the mismatch before (m)
-        """Correct nodes, shape (n_nodes, 3), in place, so that those of the wall are where they are given."""
+    def meet(self, nodes: np.ndarray, wall: np.ndarray) -> np.ndarray:
+        """Correct nodes, shape (n_nodes, 3), in place, so that those of the wall are where they are given.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes (m), overwritten by the corrected ones.
+        wall : ndarray, shape (n_wall, 3)
+            Where the wall nodes are to be (m).
+
+        Returns
+        -------
+        ndarray, shape (n_wall, 3)
+            The mismatch before (m).
+        """
         mismatch = wall - nodes[self.rows]
         if mismatch.any():
             nodes += self.forward(mismatch)

@@ -10,24 +10,43 @@ from dataclasses import dataclass
 import numpy as np
 import openmdao.api as om
 
+from ...base.display import OneLine
 from ...core.om.component import fails_together
 from ...core.om.model_option import Copied
 from .vortex_lattice import STREAM, lattice_surface, openaerostruct
 
 
 @dataclass(frozen=True)
-class Spar:
-    """Tubular spar of a wing: material, place in the chord, and wall thickness."""
+class Spar(OneLine):
+    """Tubular spar of a wing: material, place in the chord, and wall thickness.
 
-    # wall thickness at the control points of a B-spline, from the tip to the root (m): where an optimisation starts
+    Parameters
+    ----------
+    thickness : tuple of float
+        Wall thickness at the control points of a B-spline, from the tip to the root (m): where an optimisation starts.
+    youngs_modulus, shear_modulus, allowable_stress : float
+        Of the material (Pa).
+    density : float
+        Of the material (kg/m^3).
+    origin : float
+        Part of the chord at which it lies.
+    weight_ratio : float
+        Mass of the wing's structure relative to that of the spar.
+
+    Examples
+    --------
+    >>> from bspline_mdao.flow import Spar
+    >>> Spar((0.003, 0.004, 0.005)).thickness[-1]  # at the root
+    0.005
+    """
+
     thickness: tuple[float, ...]
-    # youngs_modulus, shear_modulus, allowable_stress: of the material (Pa)
     youngs_modulus: float = 70e9
     shear_modulus: float = 30e9
     allowable_stress: float = 80e6
-    density: float = 2800.0  # of the material (kg/m^3)
-    origin: float = 0.35  # part of the chord at which it lies
-    weight_ratio: float = 2.0  # mass of the wing's structure relative to that of the spar
+    density: float = 2800.0
+    origin: float = 0.35
+    weight_ratio: float = 2.0
 
     @property
     def settings(self) -> dict:
@@ -92,16 +111,28 @@ class Aerostructure(Copied, om.Group):
     ------
     InputError
         In ``setup``, if OpenAeroStruct is not there.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.flow import Aerostructure, Spar
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.measures import CamberSurface, SurfaceGrid
+    >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 8, 7))), "wing*")
+    >>> lattice = CamberSurface.of(surface, 2, 5).evaluate(surface.points)
+    >>> problem = om.Problem(Aerostructure(lattice=lattice, spar=Spar((0.003, 0.004))), reports=None)
+    >>> _ = problem.setup()
     """
 
-    def initialize(self) -> None:
+    def initialize(self):
         """Declare the options."""
         self.options.declare("lattice", types=np.ndarray, recordable=False, desc="nodes on the baseline")
         self.options.declare("spar", types=Spar, recordable=False, desc="the spar")
         self.options.declare("parasite_drag", default=0.015, desc="added to the induced drag")
 
     @fails_together
-    def setup(self) -> None:
+    def setup(self):
         """Add OpenAeroStruct's groups."""
         lattice, spar = self.options["lattice"], self.options["spar"]
         drag = {"CL0": 0.0, "CD0": self.options["parasite_drag"], "with_viscous": False, "with_wave": False}
@@ -114,7 +145,7 @@ class Aerostructure(Copied, om.Group):
             self.set_input_defaults(name, val=value, units=units)
         self.set_input_defaults("t_over_c", val=np.full(lattice.shape[1] - 1, 0.12))
 
-    def configure(self) -> None:
+    def configure(self):
         """Bring to the top what OpenAeroStruct leaves inside, and solve tightly enough for exact derivatives."""
         self.point.coupled.promotes("wing", inputs=[("mesh", "camber_surface")])
         self.point.promotes("coupled", inputs=["camber_surface"])
@@ -122,7 +153,7 @@ class Aerostructure(Copied, om.Group):
         self.promotes("point", inputs=["camber_surface"], outputs=["failure", ("Cl", "strip_lift")])
         self.point.coupled.nonlinear_solver.options.update({"atol": 1e-9, "rtol": 1e-14, "iprint": -1})
 
-    def _add_spar(self, surface) -> None:
+    def _add_spar(self, surface):
         """From the mesh to the stiffness and the mass of the spar."""
         section = ["A", "Iy", "Iz", "J"]
         self.add_subsystem(
@@ -138,7 +169,7 @@ class Aerostructure(Copied, om.Group):
             promotes_outputs=["structural_mass"],
         )
 
-    def _add_point(self, surface) -> None:
+    def _add_point(self, surface):
         """Steady flight of the wing that bends."""
         self.add_subsystem(
             "point",

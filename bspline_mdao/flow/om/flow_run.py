@@ -12,13 +12,34 @@ from .euler_state import EulerState
 __all__ = ["run_flow"]
 
 
-def run_flow(
-    problem: om.Problem,  # the problem, set up
-) -> dict:
-    """Run a problem with a flow, such as `EulerFlow` or `LatticeFlow`, and sum it up."""
-    # Returns lift and drags such as ``CL`` and ``CD_induced``, as far as the flow has them, and ``seconds`` of wall
-    # time, those of other components included. By the Euler equations also ``n_cells``, ``n_steps`` of Newton's method,
-    # ``n_products`` with the Jacobian, and the last ``residual``, relative to that of the uniform stream.
+def run_flow(problem: om.Problem) -> dict:
+    """Run a problem with a flow, such as `EulerFlow` or `LatticeFlow`, and sum it up.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        The problem, set up.
+
+    Returns
+    -------
+    dict
+        Lift and drags such as ``CL`` and ``CD_induced``, as far as the flow has them, and ``seconds`` of wall time,
+        those of other components included. By the Euler equations also ``n_cells``, ``n_steps`` of Newton's method,
+        ``n_products`` with the Jacobian, and the last ``residual``, relative to that of the uniform stream.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import EulerFlow, fit_grid
+    >>> from bspline_mdao.flow import run_flow
+    >>> from bspline_mdao.generators import FarField, infinite_wing_grid, naca_section
+    >>> model = fit_grid(infinite_wing_grid(naca_section(0.12), (17, 9), far_field=FarField(5.0)))
+    >>> problem = om.Problem(EulerFlow(model=model, reference_area=1.0, iprint=0), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.set_val("Mach_number", 0.5)
+    >>> run_flow(problem)["residual"] < 1e-10
+    True
+    """
     problem.final_setup()
     start = time.perf_counter()
     problem.run_model()

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.display import OneLine
 from ...base.numerics.processes import gathered, together
 from ..topology.block_layout import has_cells
 from ..topology.index_space import Window
@@ -33,7 +34,7 @@ CHUNK_CELLS = 8192
 
 
 @dataclass(frozen=True, eq=False)
-class BlockCells:
+class BlockCells(OneLine):
     """Cells of a block, or of a piece of it, with what stays as it was on the baseline."""
 
     # Where a process holds some pieces of a grid, "grid" stands for them below.

@@ -28,6 +28,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...base.display import OneLine
 from ...base.numerics.processes import summed, together
 from ..topology.block_layout import BlockLayout, has_cells
 from ..topology.boundary_surface import quads_in_turn, volume_behind
@@ -59,7 +60,7 @@ class WallNode:
 
 
 @dataclass(frozen=True, eq=False)
-class FirstCells:
+class FirstCells(OneLine):
     """First cells at the walls of a grid, with what stays as it was on the baseline; make it by `of_baseline`."""
 
     # Entries are in the order of the patches, their windows and, in each, the C order of its nodes. Entries, points and

@@ -35,7 +35,7 @@ __all__ = ["GridQuality", "GridValues"]
 
 
 @dataclass(frozen=True)
-class GridValues:
+class GridValues(OneLine):
     """Quality of a grid, or its change or adjoint."""
 
     # smooth bounds, by the names in `.aggregates.AGGREGATES`: lower ones, but for ``height_high_ks``
@@ -46,7 +46,19 @@ class GridValues:
 
 @dataclass(frozen=True, eq=False)
 class GridQuality(OneLine):
-    """Quality of the cells of a grid whose baseline has decided about handedness and collapsed corners."""
+    """Quality of the cells of a grid whose baseline has decided about handedness and collapsed corners.
+
+    Made by `GridQuality.of_baseline`; what moves is judged by what the baseline has decided, so that measures stay
+    differentiable.
+
+    Examples
+    --------
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.grids import GridQuality, report_quality
+    >>> grid = onera_m6_grid((9, 8, 7))
+    >>> report_quality(GridQuality.of_baseline(grid), grid.to_vector().reshape(-1, 3)).n_inverted
+    0
+    """
 
     pieces: Pieces  # pieces of the grid that the processes hold: whole blocks in one process as a rule
     blocks: tuple[BlockCells, ...]  # those of this process that have cells

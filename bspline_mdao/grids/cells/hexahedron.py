@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from ...base.display import OneLine
 from ...errors import InputError
 from .cell_loops import as_points, block_summary, list_measures, list_vjp
 from .orthogonality import TINY
@@ -49,7 +50,7 @@ UPPER_CORNERS = np.uint8(0b11110000)
 
 
 @dataclass(frozen=True)
-class CellQuality:
+class CellQuality(OneLine):
     """Measures of every cell of a block of ``(ni, nj, nk)`` nodes."""
 
     # A fully mirrored cell also has q = 1: validity is `is_valid`, never q alone. In a planar block (one node deep) the
@@ -70,17 +71,39 @@ class CellQuality:
 
 
 def cell_quality(
-    # node coordinates (m). One direction may have a single node; the block is then measured in its plane
-    nodes: np.ndarray,  # (ni, nj, nk, 3)
-    # bit c is set where corner c is degenerate. `collapsed_corners` of ``nodes`` by default; give that of the baseline
-    # while a grid moves, so that the measure stays differentiable
-    degenerate_corners: np.ndarray | None = None,  # uint8 (ni-1, nj-1, nk-1)
-    # +1 or -1; by default the sign that most cells have. Give that of the baseline while a grid moves
+    nodes: np.ndarray,
+    degenerate_corners: np.ndarray | None = None,
     handedness: int | None = None,
-    # third edges of a planar block; the unit mean normal of its cells by default
-    normal: np.ndarray | None = None,  # (3,)
-) -> CellQuality:  # a cell none of whose corners is left is given zeros, and so counts as invalid
-    """Measure all cells of a block, or all elements of a control mesh."""
+    normal: np.ndarray | None = None,
+) -> CellQuality:
+    """Measure all cells of a block, or all elements of a control mesh, Eq. (9).
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (ni, nj, nk, 3)
+        Node coordinates (m). One direction may have a single node; the block is then measured in its plane.
+    degenerate_corners : ndarray of uint8, shape (ni-1, nj-1, nk-1), optional
+        Bit c is set where corner c is degenerate, as it is in ``nodes`` by default. Give that of the baseline while a
+        grid moves, so that the measure stays differentiable.
+    handedness : int, optional
+        +1 or -1; by default the sign that most cells have. Give that of the baseline while a grid moves.
+    normal : ndarray, shape (3,), optional
+        Third edges of a planar block; the unit mean normal of its cells by default.
+
+    Returns
+    -------
+    CellQuality
+        ``q``, ``min_corner``, ``min_jacobian`` and ``volume`` of every cell. One none of whose corners is left is given
+        zeros, and so counts as invalid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao.grids import cell_quality
+    >>> cube = np.stack(np.meshgrid(*3 * [[0.0, 1.0]], indexing="ij"), axis=-1)
+    >>> cell_quality(cube).q
+    array([[[1.]]])
+    """
     # `InputError` if fewer than two directions have two nodes
     flat = flat_direction(nodes.shape)
     if degenerate_corners is None:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...base.display import OneLine
 from ...base.numerics.processes import ONE, gathered, together
 from ...errors import InputError
 from ..topology.block_layout import BlockLayout, has_cells
@@ -34,7 +35,7 @@ class Frame(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class Pieces(OneLine):
     """Pieces of the blocks of a grid, and the processes that hold them."""
 
     # The nodes of a process are those of its pieces one after another, each in C order.

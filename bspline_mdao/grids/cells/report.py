@@ -188,12 +188,37 @@ def _exact_sum(q: np.ndarray) -> int | float:
     return (int(high.sum(dtype=np.int64)) << 30) + int(low.sum(dtype=np.int64))
 
 
-def report_quality(
-    quality: GridQuality,  # the cells, and what the baseline decided about them
-    nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
-    n_bins: int = 50,  # bins of the distribution of Q
-) -> QualityReport:
-    """Report on the cells of a grid. `InputError` if there is not at least one bin."""
+def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) -> QualityReport:
+    """Report on the cells of a grid.
+
+    Parameters
+    ----------
+    quality : GridQuality
+        The cells, and what the baseline decided about them.
+    nodes : ndarray, shape (n_nodes, 3)
+        Nodes of all blocks (m).
+    n_bins : int
+        Bins of the distribution of Q.
+
+    Returns
+    -------
+    QualityReport
+        Smallest and mean Q, inverted and worst cells, heights of the first cells at walls.
+
+    Raises
+    ------
+    InputError
+        If there is not at least one bin.
+
+    Examples
+    --------
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.grids import GridQuality, report_quality
+    >>> grid = brick_grid((5, 5, 5, 5))
+    >>> report = report_quality(GridQuality.of_baseline(grid), grid.to_vector().reshape(-1, 3))
+    >>> report.n_cells == sum((i - 1) * (j - 1) * (k - 1) for i, j, k in grid.shapes)
+    True
+    """
     _require_bins(n_bins)
     comm, cells = quality.pieces.comm, quality.cells_in_turn(nodes)
     own, worst, lowest = [], [], []
@@ -227,11 +252,29 @@ class CellsAfterMove(NamedTuple):
     q_mean: float  # mean Q of all cells
 
 
-def judge_move(
-    quality: GridQuality,  # the cells, and what the baseline decided about them
-    nodes: np.ndarray,  # (n_nodes, 3), moved nodes of all blocks (m)
-) -> CellsAfterMove:
-    """Judge a move by the cells that were valid on the baseline."""
+def judge_move(quality: GridQuality, nodes: np.ndarray) -> CellsAfterMove:
+    """Judge a move by the cells that were valid on the baseline.
+
+    Parameters
+    ----------
+    quality : GridQuality
+        The cells, and what the baseline decided about them.
+    nodes : ndarray, shape (n_nodes, 3)
+        Moved nodes of all blocks (m).
+
+    Returns
+    -------
+    CellsAfterMove
+        ``n_inverted``, those that were valid and are not now, their ``q_min``, and ``q_mean`` of all.
+
+    Examples
+    --------
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.grids import GridQuality, judge_move
+    >>> grid = brick_grid((5, 5, 5, 5))
+    >>> judge_move(GridQuality.of_baseline(grid), grid.to_vector().reshape(-1, 3) * [1.0, 1.0, 3.0]).n_inverted
+    0
+    """
     n_inverted, q_min = 0, np.inf
     total: float = 0
     for block, measures in zip(quality.blocks, quality.cells_in_turn(nodes)):

@@ -85,31 +85,79 @@ def kind_of_name(name: str) -> str:
     return next((kind for prefix, kind in _KIND_OF_PREFIX.items() if word.startswith(prefix)), "other")
 
 
-def with_guessed_patches(
-    grid: Grid,  # the grid, with patches or without
-) -> Grid:  # the grid with its patches, and with guessed ones on the rest of its boundary
-    """Guess what the boundary of a grid is where nobody declared it."""
+def with_guessed_patches(grid: Grid) -> Grid:
+    """Guess what the boundary of a grid is where nobody declared it.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid, with patches or without.
+
+    Returns
+    -------
+    Grid
+        The grid with its patches, and with guessed ones on the rest of its boundary.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.grids import with_guessed_patches
+    >>> bare = replace(onera_m6_grid((9, 8, 7)), patches=())
+    >>> sorted({patch.kind for patch in with_guessed_patches(bare).patches})
+    ['farfield', 'symmetry', 'wall']
+    """
     guessed = gathered(guess_undeclared(grid, find_topology(grid)))
     return replace(grid, patches=(*grid.patches, *guessed)) if guessed else grid
 
 
-def guess_undeclared(
-    grid: Grid,  # the grid, with patches or without
-    topology: Topology,  # its topology
-) -> tuple[FaceGuess, ...]:  # see `guess_faces`; a name that a declared patch has gets ``_guessed`` behind it
-    """Guess what the boundary of a grid is where nobody declared it, under names that are free."""
+def guess_undeclared(grid: Grid, topology: Topology) -> tuple[FaceGuess, ...]:
+    """Guess what the boundary of a grid is where nobody declared it, under names that are free.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid, with patches or without.
+    topology : Topology
+        Its topology.
+
+    Returns
+    -------
+    tuple of FaceGuess
+        See `guess_faces`; a name that a declared patch has gets ``_guessed`` behind it.
+    """
     guesses = guess_faces(grid, [face.window for face in topology.boundary if face.patch is None])
     taken = {patch.name for patch in grid.patches}
     return tuple(replace(g, name=f"{g.name}_guessed") if g.name in taken else g for g in guesses)
 
 
-def guess_patches(
-    grid: Grid,  # the grid
-    windows: Sequence[Window],  # its boundary
-) -> tuple[Patch, ...]:
-    """Guess what boundary windows are: the patches of `guess_faces`."""
-    # Returns patches ``symmetry_x`` (or y, z; ``symmetry_1`` and so on where the plane is oblique), ``wall``,
-    # ``periodic_1a`` and ``periodic_1b`` (and so on) and ``farfield``, those that were found.
+def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
+    """Guess what boundary windows are: patches by what each of them looks like.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    windows : sequence of Window
+        Its boundary.
+
+    Returns
+    -------
+    tuple of Patch
+        Patches ``symmetry_x`` (or y, z; ``symmetry_1`` and so on where the plane is oblique), ``wall``,
+        ``periodic_1a`` and ``periodic_1b`` (and so on) and ``farfield``, those that were found.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from bspline_mdao import find_topology
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.grids import guess_patches
+    >>> bare = replace(onera_m6_grid((9, 8, 7)), patches=())
+    >>> windows = [face.window for face in find_topology(bare).boundary]
+    >>> sorted(patch.name for patch in guess_patches(bare, windows))
+    ['farfield', 'symmetry_z', 'wall']
+    """
     return gathered(guess_faces(grid, windows))
 
 
@@ -122,15 +170,26 @@ def gathered(guesses: Sequence[FaceGuess]) -> tuple[Patch, ...]:
     )
 
 
-def guess_faces(
-    grid: Grid,  # the grid; patches of it that are walls or far fields are evidence
-    windows: Sequence[Window],  # the windows
-) -> tuple[FaceGuess, ...]:  # one of each window, sorted by the names of patches
-    """Guess what boundary windows are, and how sure that is."""
-    # A window is *periodic*, of the kind ``other``, when it is on one side of a pair that `find_periodic` finds;
-    # *symmetry* when it lies in a plane that bounds the grid, and its block is one cell deep there or other surfaces
-    # end in the plane at a right angle; *far field* when it keeps away from where most nodes are; else *wall*. Nothing
-    # of that depends on where the grid is, how it is turned or mirrored, or on its unit.
+def guess_faces(grid: Grid, windows: Sequence[Window]) -> tuple[FaceGuess, ...]:
+    """Guess what boundary windows are, and how sure that is.
+
+    A window is *periodic*, of the kind ``other``, when it is on one side of a pair that `find_periodic` finds;
+    *symmetry* when it lies in a plane that bounds the grid, and its block is one cell deep there or other surfaces end
+    in the plane at a right angle; *far field* when it keeps away from where most nodes are; else *wall*. Nothing of
+    that depends on where the grid is, how it is turned or mirrored, or on its unit.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid; patches of it that are walls or far fields are evidence.
+    windows : sequence of Window
+        The windows.
+
+    Returns
+    -------
+    tuple of FaceGuess
+        One of each window, sorted by the names of patches.
+    """
     if not windows:
         return ()
     found: dict[Window, FaceGuess] = {}
@@ -174,12 +233,23 @@ def _names(planes: Sequence[BoundaryPlane]) -> list[str]:
     return names
 
 
-def draft_patches(
-    grid: Grid,  # the grid
-    patches: Sequence[Patch],  # declared or guessed patches of it
-    remarks: Mapping[str, str] | None = None,  # what to say of patches, by their names; a comment above each
-) -> str:  # the text; reading it back gives the same patches
-    """Write patches as the text of a TOML patches file."""
+def draft_patches(grid: Grid, patches: Sequence[Patch], remarks: Mapping[str, str] | None = None) -> str:
+    """Write patches as the text of a TOML patches file.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    patches : sequence of Patch
+        Declared or guessed patches of it.
+    remarks : mapping of str to str
+        What to say of patches, by their names; a comment above each.
+
+    Returns
+    -------
+    str
+        The text; reading it back gives the same patches.
+    """
     document = tomlkit.document()
     for line in _HEADER.format(source=grid.source).splitlines():
         document.add(tomlkit.comment(line))

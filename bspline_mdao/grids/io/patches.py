@@ -58,11 +58,42 @@ MAX_BYTES = 2**22
 _DIRECTIONS = "ijk"
 
 
-def read_patches(
-    path: str | os.PathLike,  # the patches file; what it is shows in its content
-    grid: AnyGrid,  # the grid, perhaps with patches of its own. One of the same name is replaced.
-) -> AnyGrid:  # the grid with the patches of both
-    """Add the patches of a TOML or NMF file to a grid."""
+def read_patches(path: str | os.PathLike, grid: AnyGrid) -> AnyGrid:
+    """Add the patches of a TOML or NMF file to a grid.
+
+    Parameters
+    ----------
+    path : path-like
+        The patches file; what it is shows in its content.
+    grid : Grid or StoredGrid
+        The grid, perhaps with patches of its own. One of the same name is replaced.
+
+    Returns
+    -------
+    Grid
+        The grid with the patches of both.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, a key or face is misspelt, an index is outside its block, or two patches claim the
+        same part of a face.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from bspline_mdao.files import read_patches
+    >>> from bspline_mdao.generators import brick_grid
+    >>> bare = replace(brick_grid((5, 5, 5, 5)), patches=())
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "patches.toml"
+    ...     _ = file.write_text('patch = [{name = "top", kind = "farfield", faces = [{block = 1, face = "kmax"}]}]')
+    ...     grid = read_patches(file, bare)
+    >>> [patch.name for patch in grid.patches]
+    ['top']
+    """
     text = _read_text(path)
     if is_nmf(text):
         return merge_patches(grid, parse_nmf(text, grid, str(path)), str(path))
@@ -81,12 +112,28 @@ def _read_text(path: str | os.PathLike) -> str:
         raise InputError(f"{path}: is not text; give a patches file (TOML or NMF)") from error
 
 
-def merge_patches(
-    grid: AnyGrid,  # the grid
-    patches: Sequence[Patch],  # what to add
-    source: str,  # where they come from, for messages
-) -> AnyGrid:  # the grid with the patches of both, the grid's first
-    """Add patches to a grid; one of the same name takes the place of the grid's."""
+def merge_patches(grid: AnyGrid, patches: Sequence[Patch], source: str) -> AnyGrid:
+    """Add patches to a grid; one of the same name takes the place of the grid's.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    patches : sequence of Patch
+        What to add.
+    source : str
+        Where they come from, for messages.
+
+    Returns
+    -------
+    Grid
+        The grid with the patches of both, the grid's first.
+
+    Raises
+    ------
+    InputError
+        When two patches claim the same part of a face.
+    """
     added = {patch.name: patch for patch in patches}
     merged = {patch.name: patch for patch in grid.patches} | added
     claims = [(patch, window) for patch in merged.values() for window in patch.windows]
@@ -238,15 +285,32 @@ def is_nmf(text: str) -> bool:
     return re.fullmatch(r"\d{1,9}", first) is not None
 
 
-def parse_nmf(
-    text: str,  # content of the file
-    grid: Grid | StoredGrid,  # the grid
-    source: str,  # name of the file, for messages
-) -> tuple[Patch, ...]:  # the patches in order of appearance
-    """Read a neutral map file that belongs to a grid."""
-    # Lines of the same type make one patch named after it, with the kind that the word begins with (symmetry, wall, far
-    # field) or else ``other``. ONE-TO-ONE lines are checked against the nodes and otherwise left to the topology, which
-    # finds them again, as it does connections that the file gives a name of their own.
+def parse_nmf(text: str, grid: Grid | StoredGrid, source: str) -> tuple[Patch, ...]:
+    """Read a neutral map file that belongs to a grid.
+
+    Lines of the same type make one patch named after it, with the kind that the word begins with (symmetry, wall,
+    far field) or else ``other``. ONE-TO-ONE lines are checked against the nodes and otherwise left to the topology,
+    which finds them again, as it does connections that the file gives a name of their own.
+
+    Parameters
+    ----------
+    text : str
+        Content of the file.
+    grid : Grid
+        The grid.
+    source : str
+        Name of the file, for messages.
+
+    Returns
+    -------
+    tuple of Patch
+        The patches in order of appearance.
+
+    Raises
+    ------
+    InputError
+        When the file does not describe this grid, or a connection joins faces that do not coincide.
+    """
     lines = list(_lines(text))
     n_blocks = _check_blocks(lines, grid, source)
     windows: dict[str, list[Window]] = {}

@@ -24,13 +24,29 @@ PATCH_KINDS = ("wall", "symmetry", "farfield", "other")
 
 @dataclass(frozen=True)
 class Patch(OneLine):
-    """A named piece of surface with one boundary condition."""
+    """A named piece of surface with one boundary condition.
 
-    name: str  # the user's name for it
-    kind: str  # one of `PATCH_KINDS`
-    windows: tuple[Window, ...]  # the face windows that it covers
+    Parameters
+    ----------
+    name : str
+        The user's name for it.
+    kind : str
+        One of `PATCH_KINDS`.
+    windows : tuple of Window
+        The face windows that it covers.
 
-    def __post_init__(self) -> None:
+    Examples
+    --------
+    >>> from bspline_mdao.grids import Patch, Window
+    >>> Patch("wing", "wall", (Window(0, (0, 0, 0), (8, 0, 4)),)).windows[0].shape
+    (9, 1, 5)
+    """
+
+    name: str
+    kind: str
+    windows: tuple[Window, ...]
+
+    def __post_init__(self):
         if self.kind not in PATCH_KINDS:
             raise InputError(
                 f"patch {self.name}: kind {self.kind!r} is not known; give one of {', '.join(PATCH_KINDS)}"
@@ -40,13 +56,37 @@ class Patch(OneLine):
 
 @dataclass(frozen=True)
 class Block(OneLine):
-    """A structured block: its nodes, and PLOT3D blanking."""
+    """A structured block: its nodes, and PLOT3D blanking.
 
-    nodes: np.ndarray  # (ni, nj, nk, 3), node coordinates, in metres
-    name: str  # zone name; ``"block 3"`` and the like where the file has none
-    iblank: np.ndarray | None = None  # (ni, nj, nk) of int, PLOT3D blanking
+    Parameters
+    ----------
+    nodes : ndarray, shape (ni, nj, nk, 3), float64, C order
+        Node coordinates, in metres.
+    name : str
+        Zone name; ``"block 3"`` and the like where the file has none.
+    iblank : ndarray of int32, shape (ni, nj, nk), optional
+        PLOT3D blanking.
 
-    def __post_init__(self) -> None:
+    Raises
+    ------
+    InputError
+        If nodes or blanking are of another shape, or no numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import Grid
+    >>> from bspline_mdao.grids import Block
+    >>> nodes = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, n) for n in (5, 4, 3)], indexing="ij"), axis=-1)
+    >>> Grid((Block(nodes, "box"),)).n_nodes
+    60
+    """
+
+    nodes: np.ndarray
+    name: str
+    iblank: np.ndarray | None = None
+
+    def __post_init__(self):
         nodes = as_array(self.nodes, f"{self.name}: nodes")
         if nodes.ndim != 4 or nodes.shape[3] != 3 or nodes.size == 0:
             raise InputError(
@@ -109,7 +149,7 @@ class Grid(Shown):
         """Unit that lengths are shown in: metres where nobody says another one."""
         return self.unit or "m"
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         for name, kind in (("blocks", Block), ("patches", Patch)):
             items = getattr(self, name)
             items = tuple(items) if isinstance(items, Iterable) else (items,)
@@ -159,18 +199,35 @@ class Grid(Shown):
 
 
 def require_grid(grid) -> None:
-    """Refuse what is no grid of real numbers."""
+    """Refuse what is no grid of real numbers.
+
+    Raises
+    ------
+    InputError
+        If it is of another type, or has complex nodes.
+    """
     require_kind(grid, Grid, "the grid", "read one with read_grid(path), or make a Grid of Blocks")
     if any(np.iscomplexobj(block.nodes) for block in grid.blocks):
         raise InputError(f"{grid.source}: has complex nodes; give real ones")
 
 
-def find_fault(
-    blocks: Iterable[Block],  # the blocks of a grid
-    first: int = 1,  # number of the first of them, from 1
-    lo: tuple[int, ...] = (0, 0, 0),  # index of their first node in the whole block, where they are windows
-) -> str | None:  # block, indices (from 1) and value; None where all nodes are sound
-    """Name the first node that is not finite, farther away than any grid reaches, or has an IBLANK that is none."""
+def find_fault(blocks: Iterable[Block], first: int = 1, lo: tuple[int, ...] = (0, 0, 0)) -> str | None:
+    """Name the first node that is not finite, farther away than any grid reaches, or has an IBLANK that is none.
+
+    Parameters
+    ----------
+    blocks : iterable of Block
+        The blocks of a grid.
+    first : int
+        Number of the first of them, from 1.
+    lo : tuple of int
+        Index of their first node in the whole block, where they are windows.
+
+    Returns
+    -------
+    str or None
+        Block, indices (from 1) and value; None where all nodes are sound.
+    """
     for number, block in enumerate(blocks, first):
         name = f"block {number}" + (f" '{block.name}'" if block.name != f"block {number}" else "")
         is_sound = np.abs(block.nodes) <= MAX_COORDINATE

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,16 +23,20 @@ from .topology import BoundaryFace, Topology, first_joined
 
 @dataclass(frozen=True)
 class NodeSharing:
-    """Rows of the nodes of segments, which segment evaluates each node, and where the other rows get it from."""
+    """Rows of the nodes of segments, which segment evaluates each node, and where the other rows get it from.
 
-    # tuple of ndarray of int, each of the segment's shape of int, row of each node of the segment in the grid vector
-    # (shape (n_nodes, 3), blocks in order, each in C order)
+    Parameters
+    ----------
+    rows : tuple of ndarray of int, each of the segment's shape
+        Row of each node of the segment in the grid vector (shape (n_nodes, 3), blocks in order, each in C order).
+    is_evaluated : tuple of ndarray of bool, each of the segment's shape
+        True where this segment is the first to hold the node: each unique node exactly once.
+    copies : ndarray of int, shape (n_copies, 2)
+        (destination row, source row) for all rows that no segment evaluates, by ascending destination.
+    """
+
     rows: tuple[np.ndarray, ...]
-    # tuple of ndarray of bool, each of the segment's shape of bool, true where this segment is the first to hold the
-    # node: each unique node exactly once
     is_evaluated: tuple[np.ndarray, ...]
-    # (n_copies, 2) of int, (destination row, source row) for all rows that no segment evaluates, by ascending
-    # destination
     copies: np.ndarray
 
     def source_rows(self) -> np.ndarray:
@@ -60,9 +63,14 @@ def node_sharing(topology: Topology) -> NodeSharing:
 
 
 def direction_classes(topology: Topology) -> np.ndarray:
-    """Group segment directions that must have equal counts and orders."""
-    # Returns (n_segments, 3) of int, class of each direction of each segment, numbered by first occurrence; directions
-    # that a chain of links joins are in one class.
+    """Group segment directions that must have equal counts and orders.
+
+    Returns
+    -------
+    ndarray of int, shape (n_segments, 3)
+        Class of each direction of each segment, numbered by first occurrence; directions that a chain of links joins
+        are in one class.
+    """
     ids = np.arange(3 * len(topology.segments)).reshape(-1, 3)
     pairs = [
         [ids[link.a, d], ids[link.b, link.orientation.perm[d]]]
@@ -75,10 +83,14 @@ def direction_classes(topology: Topology) -> np.ndarray:
 
 
 def directed_classes(topology: Topology) -> np.ndarray:
-    """Group segment directions with their senses: forwards, or backwards."""
-    # Returns (n_segments, 3, 2) of int, class of each direction of each segment, forwards and backwards: two that a
-    # chain of links joins are in one class where they have the same sense. Both classes of a direction are one where
-    # links turn it round to itself.
+    """Group segment directions with their senses: forwards, or backwards.
+
+    Returns
+    -------
+    ndarray of int, shape (n_segments, 3, 2)
+        Class of each direction of each segment, forwards and backwards: two that a chain of links joins are in one
+        class where they have the same sense. Both classes of a direction are one where links turn it round to itself.
+    """
     ids = np.arange(6 * len(topology.segments)).reshape(-1, 3, 2)
     pairs = [
         [ids[link.a, d, way], ids[link.b, link.orientation.perm[d], way ^ link.orientation.flip[d]]]
@@ -91,21 +103,31 @@ def directed_classes(topology: Topology) -> np.ndarray:
     return np.unique(first, return_inverse=True)[1].reshape(-1, 3, 2)
 
 
-def boundary_sections(
-    topology: Topology,  # the boundary and the segments
-    # sequence of ndarray of int, each of shape (N0, N1, N2) of int, numbers of the points of every segment, such as
-    # those of its control points
-    points: Sequence[np.ndarray],
-) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
-    """Yield boundary faces, each with every face of a segment that is on it, see `boundary_sides`."""
-    # Returns face; ids: (ni, nj) of int, numbers of the points of the segment's face.
+def boundary_sections(topology: Topology, points: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
+    """Yield boundary faces, each with every face of a segment that is on it, see `boundary_sides`.
+
+    Parameters
+    ----------
+    topology : Topology
+        The boundary and the segments.
+    points : sequence of ndarray of int, each of shape (N0, N1, N2)
+        Numbers of the points of every segment, such as those of its control points.
+
+    Yields
+    ------
+    face : BoundaryFace
+    ids : ndarray of int, shape (ni, nj)
+        Numbers of the points of the segment's face.
+    """
     for face, number, side in boundary_sides(topology):
         yield face, np.take(points[number], -(side % 2), axis=side // 2)
 
 
 def boundary_sides(topology: Topology) -> Iterator[tuple[BoundaryFace, int, int]]:
-    """Yield boundary faces, each with the number of every segment that has a face on it, and the number of this one."""
-    # Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
+    """Yield boundary faces, each with the number of every segment that has a face on it, and the number of this one.
+
+    Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
+    """
     for face in topology.boundary:
         for number, segment in enumerate(topology.segments):
             for side in range(6) if segment.block == face.window.block else ():
@@ -114,19 +136,48 @@ def boundary_sides(topology: Topology) -> Iterator[tuple[BoundaryFace, int, int]
 
 
 def rows_of_points(
-    grid: Grid | StoredGrid,  # the grid
-    topology: Topology,  # its topology: nodes that blocks share are one
-    # (m, 3) or (3 m,), points (m), each a node of the grid, in any order and as often as the program likes: those of
-    # this process, which may be none
-    points: np.ndarray,
-    what: str = "volume",  # what the points are, for messages
-    # of several processes that each look for their own points: all come here, share the reading of all blocks, and
-    # raise what one of them raises
-    comm: Any = ONE,
-) -> np.ndarray:  # (m,) of int, row of every point
-    """Find the rows in the grid vector of points that another program holds."""
-    # Blocks are searched one after another, and only those that points may be in: of a grid that stays in its file, see
-    # `bspline_mdao.open_grid`, one block is in memory at a time.
+    grid: Grid | StoredGrid, topology: Topology, points: np.ndarray, what: str = "volume", comm=ONE
+) -> np.ndarray:
+    """Find the rows in the grid vector of points that another program holds.
+
+    Blocks are searched one after another, and only those that points may be in: of a grid that stays in its file, see
+    `bspline_mdao.open_grid`, one block is in memory at a time.
+
+    Parameters
+    ----------
+    grid : Grid or StoredGrid
+        The grid.
+    topology : Topology
+        Its topology: nodes that blocks share are one.
+    points : ndarray, shape (m, 3) or (3 m,)
+        Points (m), each a node of the grid, in any order and as often as the program likes: those of this process,
+        which may be none.
+    what : str
+        What the points are, for messages.
+    comm : communicator, optional
+        Of several processes that each look for their own points: all come here, share the reading of all blocks, and
+        raise what one of them raises.
+
+    Returns
+    -------
+    ndarray of int, shape (m,)
+        Row of every point.
+
+    Raises
+    ------
+    InputError
+        As `numbers_of_points`.
+
+    Examples
+    --------
+    >>> from bspline_mdao import find_topology
+    >>> from bspline_mdao.generators import brick_grid
+    >>> from bspline_mdao.mphys import rows_of_points
+    >>> grid = brick_grid((5, 5, 5, 5))
+    >>> points = grid.to_vector().reshape(-1, 3)[[7, 3]]
+    >>> rows_of_points(grid, find_topology(grid), points)
+    array([7, 3])
+    """
     points = np.reshape(points, (-1, 3))
     starts, copies = topology.layout.starts, node_copies(topology)[:, 0]
     boxes = _boxes(grid, comm)
@@ -153,7 +204,7 @@ _MARGIN = 0.05
 """How far outside the box of a block, as a part of its diagonal, points are still looked for among its nodes."""
 
 
-def _boxes(grid: Grid | StoredGrid, comm: Any) -> np.ndarray:
+def _boxes(grid: Grid | StoredGrid, comm) -> np.ndarray:
     """Lowest and highest coordinates of every block (m), shape (n_blocks, 2, 3), each read by one process."""
     boxes = np.zeros((len(grid.blocks), 2, 3))
     with together(comm):
@@ -167,15 +218,40 @@ _NEARER = 0.1
 """A point is a node if it is nearer to it than this part of its distance to the next one."""
 
 
-def numbers_of_points(
-    nodes: np.ndarray,  # (n, 3), nodes (m), such as those of a `bspline_mdao.measures.SurfaceGrid`
-    points: np.ndarray,  # (m, 3) or (3 m,), points (m), such as a solver's surface
-    what: str,  # what the points are, for messages
-    # of several processes that each look for their own points: all come here, and raise what one of them raises
-    comm: Any = ONE,
-) -> np.ndarray:  # (m,) of int, the node of every point
-    """Find every point among nodes that are there once each."""
-    # The precision of the points does not matter as long as they can be distinguished.
+def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm=ONE) -> np.ndarray:
+    """Find every point among nodes that are there once each.
+
+    The precision of the points does not matter as long as they can be distinguished.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (n, 3)
+        Nodes (m), such as those of a `bspline_mdao.measures.SurfaceGrid`.
+    points : ndarray, shape (m, 3) or (3 m,)
+        Points (m), such as a solver's surface.
+    what : str
+        What the points are, for messages.
+    comm : communicator, optional
+        Of several processes that each look for their own points: all come here, and raise what one of them raises.
+
+    Returns
+    -------
+    ndarray of int, shape (m,)
+        The node of every point.
+
+    Raises
+    ------
+    InputError
+        If a point is no node, or is two that lie at one place, such as those on both sides of a plate.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao.mphys import numbers_of_points
+    >>> nodes = np.arange(12.0).reshape(4, 3)
+    >>> numbers_of_points(nodes, nodes[[2, 0]].ravel(), "surface")
+    array([2, 0])
+    """
     with together(comm):
         distance, number = _two_nearest(nodes, np.reshape(points, (-1, 3)))
         _require_found(distance[:, 0], distance[:, 1], what)

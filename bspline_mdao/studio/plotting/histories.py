@@ -1,4 +1,4 @@
-"""Drawings of recorded optimisations, see `bspline_mdao.core.om.drivers.recorded_run`."""
+"""Drawings of recorded optimisations, see `bspline_mdao.drivers.recorded`."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ from pathlib import Path
 _IMPORTS = """import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.base.numerics.processes import together, world
+from bspline_mdao.parallel import together, world
 """
 
 Part = Iterator[ast.stmt | str]
@@ -113,8 +113,7 @@ class _Script:
                     place, shape = generator_of(grid["file"])
                     made = call(f"bm.generators.{place.rpartition('.')[2]}", shape)
                 if patches:
-                    yield "from bspline_mdao.grids.io.patches import read_patches  # noqa: E402\n"
-                    made = call("read_patches", *patches, made)
+                    made = call("bm.files.read_patches", *patches, made)
             else:
                 made = call("bm.read_grid", self._path(grid["file"]), *patches)
             settings = {key: grid[key] for key in ("n_control", "order") if grid[key] is not None}

@@ -8,8 +8,8 @@ import pytest
 
 from bspline_mdao import InputError, SurfaceControl, fit_grid
 from bspline_mdao.core.design.parametrization import Parametrization
-from bspline_mdao.core.om.drivers.recorded_run import nlopt, optimise
 from bspline_mdao.design import CoarseNet, DesignLevel, Local, OnPatch, unused_gradient
+from bspline_mdao.drivers import nlopt, recorded
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.movers import moving_mesh
 from bspline_mdao.testing import check_totals
@@ -61,15 +61,24 @@ def pose(level):
     return problem
 
 
+def solved(level, tolerance, folder, name):
+    """Find the least squares of a level, and record it."""
+    problem = pose(level)
+    problem.driver = nlopt(tolerance, 100)
+    with recorded(problem, folder, name) as run:
+        problem.run_driver()
+    return run
+
+
 @cache
-def solved(folder):
-    return optimise(lambda: pose(first_level()), nlopt(1e-10, 100), folder / "first.sql").problem
+def first_optimum(folder):
+    return solved(first_level(), 1e-10, folder, "first").problem
 
 
 @pytest.fixture(scope="module")
 def at_optimum(tmp_path_factory):
     folder = tmp_path_factory.mktemp("levels")
-    return solved(folder), folder / "first.sql"
+    return first_optimum(folder), folder / "first.sql"
 
 
 def ready(problem):
@@ -147,7 +156,7 @@ def test_the_last_level_reaches_the_target_within_its_limits(at_optimum, tmp_pat
     problem, cases = at_optimum
     level = first_level()
     finer = level.refined(problem, level.net.where_to_refine(unused_gradient(problem, level.net), 1), cases)
-    run = optimise(lambda: pose(finer), nlopt(1e-10, 100), tmp_path / "second.sql")
+    run = solved(finer, 1e-10, tmp_path, "second")
     assert run.problem.get_val("f") < 0.5 * problem.get_val("f")
     assert run.problem.get_val("total") < LIMIT * (1.0 + 1e-6)
 
@@ -162,8 +171,7 @@ def test_a_case_file_of_another_problem_is_refused(at_optimum):
 
 def test_a_level_that_ended_where_it_started_has_no_curvature_to_carry_on(tmp_path):
     level, cases = first_level(), tmp_path / "first.sql"
-    run = optimise(lambda: pose(level), nlopt(1e9, 100), cases)
-    problem = run.problem
+    problem = solved(level, 1e9, tmp_path, "first").problem
     assert problem.driver.result.deriv_evals == 1
     after_one, without = level.refined(problem, [(0, 1)], cases), level.refined(problem, [(0, 1)])
     np.testing.assert_array_equal(after_one.columns, without.columns)

@@ -1,14 +1,12 @@
 """Recorded optimisations tell how they went on, in units of the driver, whatever the driver; histories draw that."""
 
-import functools
-
 import numpy as np
 import openmdao.api as om
 import pytest
 from test_nlopt_recovery import Walled
 
 from bspline_mdao import optimality_of
-from bspline_mdao.core.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
+from bspline_mdao.drivers import disagreement, nlopt, recorded, run_at, scipy_slsqp
 from bspline_mdao.plotting import draw_history, draw_optimality, driver_colors, figure
 
 DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
@@ -26,9 +24,18 @@ def scaled_problem():
     return problem
 
 
+def solved(problem, driver, folder=None, name="cases"):
+    """Run a problem with a driver, and record it."""
+    problem.driver = driver
+    with recorded(problem, folder, name) as run:
+        problem.run_driver()
+    return run
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    return optimise_with(DRIVERS, scaled_problem, 1e-14, 50, tmp_path_factory.mktemp("cases"))
+    folder = tmp_path_factory.mktemp("cases")
+    return {name: solved(scaled_problem(), make(1e-14, 50), folder, name) for name, make in DRIVERS.items()}
 
 
 @pytest.mark.slow
@@ -99,14 +106,14 @@ def test_the_components_of_a_group_may_be_told_of_as_one():
         problem.model.add_objective("z")
         return problem
 
-    (run,) = optimise_with({"one": functools.partial(nlopt, algorithm="LD_LBFGS")}, make_problem, 1e-12, 20).values()
+    run = solved(make_problem(), nlopt(1e-12, 20, "LD_LBFGS"))
     assert set(run.numbers()["shares"]) == {"first", "second", "rest"}
     assert set(run.numbers("flow")["shares"]) == {"flow", "rest"}
 
 
 @pytest.mark.slow
 def test_cases_are_kept_where_a_folder_is_named(tmp_path):
-    optimise_with({"NLopt LD_SLSQP": nlopt}, scaled_problem, 1e-6, 50, tmp_path / "new", "design")
+    solved(scaled_problem(), nlopt(1e-6, 50), tmp_path / "new", "design_NLopt LD_SLSQP")
     (file,) = (tmp_path / "new").iterdir()
     assert file.name == "design_nlopt_ld_slsqp.sql"
     assert len(om.CaseReader(str(file)).list_cases("driver", out_stream=None)) >= 3
@@ -142,6 +149,6 @@ def walled_problem():
 
 @pytest.mark.filterwarnings("ignore::openmdao.utils.om_warnings.OpenMDAOWarning")
 def test_both_drivers_go_on_after_an_analysis_that_fails():
-    for run in optimise_with(DRIVERS, walled_problem, 1e-12, 100).values():
+    for run in (solved(walled_problem(), make_driver(1e-12, 100)) for make_driver in DRIVERS.values()):
         assert run.problem.driver.n_failed_analyses > 0
         np.testing.assert_allclose(run.problem.get_val("x"), 1.0, atol=1e-5)

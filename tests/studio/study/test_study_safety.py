@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from openmdao.components import exec_comp
+from public_imports import hidden_names
 from study_cases import study_of
 from unusable_studies import BASE, UNUSABLE, edited
 
@@ -27,7 +28,7 @@ CALLED = re.compile(
     | wing\.(axis_at|grid_movement|parametrization)
     | top\.(add_\w+|connect|set_input_defaults) | driver\.add_recorder | problem\.(setup|set_val|get_val|run_\w+)
     | model\.(save|regenerate) | after\.(write_csv|table) | conditions\.items | values\.items
-    | world | together | str | print | Path | Path\(__file__\)\.resolve | read_patches
+    | world | together | str | print | Path | Path\(__file__\)\.resolve
     | wing\.parametrization\(variables\)\.extremes | problem\.get_val\("control_points"\)\.reshape""",
     re.VERBOSE,
 )
@@ -80,6 +81,7 @@ def check_tree(script):
     assert ast.get_docstring(tree) == DOCSTRING
     imported = [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
     assert set(imported) <= IMPORTS, imported
+    assert hidden_names(script) == []
 
 
 DOCSTRING = """The optimisation that a study stands for.
@@ -88,10 +90,7 @@ Written and run by ``bspline-mdao optimize``: the results beside it are those of
 when it is run again. Go on from here where a study ends."""
 IMPORTS = {
     *("from pathlib import Path", "import numpy as np", "import openmdao.api as om", "import bspline_mdao as bm"),
-    *(
-        "from bspline_mdao.base.numerics.processes import together, world",
-        "from bspline_mdao.grids.io.patches import read_patches",
-    ),
+    "from bspline_mdao.parallel import together, world",
 }
 
 

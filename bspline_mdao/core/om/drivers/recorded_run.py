@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import functools
-import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import openmdao.api as om
 from openmdao.core.driver import Driver
 from threadpoolctl import threadpool_limits
 
+from ....base.display import OneLine
 from .case_history import Convergence, read_history
 from .nlopt_driver import NLoptDriver
 from .optimality import optimality_of
@@ -26,8 +26,7 @@ __all__ = [
     "RecordedRun",
     "disagreement",
     "nlopt",
-    "optimise",
-    "optimise_with",
+    "recorded",
     "run_at",
     "scipy_slsqp",
     "time_components",
@@ -43,11 +42,26 @@ QUIET = {"disp": False, "singular_jac_behavior": "ignore"}
 """Options of all drivers. Symmetry makes some derivatives zero at the start; idle variables are refused elsewhere."""
 
 
-def scipy_slsqp(
-    tolerance: float,  # of the objective, in units of the driver
-    max_iterations: int,  # largest number of iterations
-) -> Driver:
-    """Make SciPy's SLSQP, which ends where the objective changes by less than the tolerance; failures shorten steps."""
+def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
+    """Make SciPy's SLSQP, which ends where the objective changes by less than the tolerance; failures shorten steps.
+
+    Parameters
+    ----------
+    tolerance : float
+        Of the objective, in units of the driver.
+    max_iterations : int
+        Largest number of iterations.
+
+    Returns
+    -------
+    ScipyDriver
+
+    Examples
+    --------
+    >>> from bspline_mdao.drivers import scipy_slsqp
+    >>> scipy_slsqp(1e-8, 50).options["maxiter"]
+    50
+    """
     return ScipyDriver(optimizer="SLSQP", tol=tolerance, maxiter=max_iterations, **QUIET)
 
 
@@ -66,30 +80,74 @@ def nlopt(tolerance: float, max_iterations: int, algorithm: str = "LD_SLSQP") ->
     Returns
     -------
     NLoptDriver
+
+    Examples
+    --------
+    >>> from bspline_mdao.drivers import nlopt
+    >>> nlopt(1e-8, 50, "LD_MMA").options["maxeval"]
+    150
     """
     violation = max(1e-8, 0.1 * tolerance)
     stop = {"ftol_abs": tolerance, "ftol_rel": 0.0, "maxeval": 3 * max_iterations}
     return NLoptDriver(optimizer=algorithm, constraint_tolerance=violation, **stop, **QUIET)
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedRun:
-    """An optimisation that has ended."""
+@dataclass(eq=False)
+class RecordedRun(OneLine):
+    """An optimisation that is recorded. Made by `recorded`; its history is there when that has ended.
 
-    problem: om.Problem  # the problem at the optimum
-    history: dict[str, np.ndarray]  # objective and constraints by name, one row per evaluation, as the model gives them
-    seconds: dict[str, float]  # wall time by component, and of the ``rest``: OpenMDAO and the optimizer
-    initial_gradient: float  # norm of the objective's gradient at the start, as the driver sees it
-    convergence: Convergence  # optimality and violations on the way
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        The problem, at the end at the optimum.
+    seconds : dict of float
+        Wall time by component, and of the ``rest``: OpenMDAO and the optimizer.
+    initial_gradient : float
+        Norm of the objective's gradient at the start, as the driver sees it.
 
-    def numbers(
-        self,
-        flow: str | None = None,  # name of a group of the model whose components count as one in ``shares``
-    ) -> dict:
-        """Summarise the optimisation."""
-        # Returns ``success``, ``exit_status``, ``evaluations``, ``gradients``, the ``objective`` as the model gives it,
-        # ``optimality``, the residual of the first-order conditions relative to the first gradient of the objective,
-        # the largest ``violation`` in units of the driver, ``seconds`` of wall time and the ``shares`` of components.
+    Attributes
+    ----------
+    history : dict of ndarray
+        Objective and constraints by name, one row per evaluation, as the model gives them.
+    convergence : Convergence
+        Optimality and violations on the way.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import NLoptDriver
+    >>> from bspline_mdao.drivers import recorded
+    >>> problem = om.Problem(reports=None, driver=NLoptDriver(optimizer="LD_SLSQP", disp=False))
+    >>> _ = problem.model.add_subsystem("bowl", om.ExecComp("f = (x - 3) ** 2"), promotes=["*"])
+    >>> problem.model.add_design_var("x", lower=-5.0, upper=5.0)
+    >>> problem.model.add_objective("f")
+    >>> with recorded(problem) as run:
+    ...     _ = problem.run_driver()
+    >>> run.numbers()["success"], len(run.history["f"]) > 1
+    (True, True)
+    """
+
+    problem: om.Problem
+    seconds: dict[str, float]
+    initial_gradient: float
+    history: dict[str, np.ndarray] = field(init=False, repr=False)
+    convergence: Convergence = field(init=False, repr=False)
+
+    def numbers(self, flow: str | None = None) -> dict:
+        """Summarise the optimisation.
+
+        Parameters
+        ----------
+        flow : str, optional
+            Name of a group of the model whose components count as one in ``shares``.
+
+        Returns
+        -------
+        dict
+            ``success``, ``exit_status``, ``evaluations``, ``gradients``, the ``objective`` as the model gives it,
+            ``optimality``, the residual of the first-order conditions relative to the first gradient of the objective,
+            the largest ``violation`` in units of the driver, ``seconds`` of wall time and the ``shares`` of components.
+        """
         result, total = self.problem.driver.result, sum(self.seconds.values())
         counts = {"evaluations": result.model_evals, "gradients": result.deriv_evals}  # before one more gradient
         residual, violation = optimality_of(self.problem)
@@ -110,45 +168,59 @@ class RecordedRun:
         }
 
 
-def optimise(
-    make_problem: Callable[[], om.Problem],  # makes the problem, not yet set up
-    driver: Driver,  # the driver
-    cases: str | os.PathLike | None = None,  # file of the recorded cases, which is kept; a temporary one by default
-) -> RecordedRun:
-    """Run a problem with a driver, with reverse derivatives, and record every evaluation and every gradient."""
-    problem = make_problem()
-    problem.driver = driver
+@contextmanager
+def recorded(problem: om.Problem, folder=None, name: str = "cases") -> Iterator[RecordedRun]:
+    """Set a problem up with reverse derivatives, and record every evaluation and every gradient of its driver.
+
+    What stands in the block runs the driver. Dense algebra is done by one thread there: a few hundred variables are no
+    work for many.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        The problem with its driver, not yet set up.
+    folder : path-like, optional
+        Folder for the recorded cases, ``<name>.sql``, which are kept there; a temporary one by default.
+    name : str
+        Name of their file; it is written in small letters, with _ for blanks.
+
+    Yields
+    ------
+    RecordedRun
+        The start, and when the block has ended the history.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import ScipyDriver
+    >>> from bspline_mdao.drivers import recorded
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("bowl", om.ExecComp("f = (x - 3) ** 2"), promotes=["*"])
+    >>> problem.model.add_design_var("x", lower=-5.0, upper=5.0)
+    >>> problem.model.add_objective("f")
+    >>> problem.driver = ScipyDriver(optimizer="SLSQP", disp=False)
+    >>> with recorded(problem) as run:
+    ...     _ = problem.run_driver()
+    >>> problem.get_val("x").round(6)
+    array([3.])
+    """
     problem.options["group_by_pre_opt_post"] = True  # what no design variable reaches runs once
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(cases or Path(folder) / "cases.sql")
+    with tempfile.TemporaryDirectory() as temporary:
+        file = Path(folder or temporary) / f"{name.lower().replace(' ', '_')}.sql"
         file.parent.mkdir(parents=True, exist_ok=True)
-        driver.add_recorder(om.SqliteRecorder(file, record_viewer_data=False))
-        driver.recording_options["record_derivatives"] = True
+        problem.driver.add_recorder(om.SqliteRecorder(file, record_viewer_data=False))
+        problem.driver.recording_options["record_derivatives"] = True
         problem.setup(mode="rev")
         problem.run_model()
         gradient = problem.compute_totals(driver_scaling=True, return_format="array")[0]
-        seconds = time_components(problem)
-        start = time.perf_counter()
-        with threadpool_limits(1, "blas"):  # dense algebra of a few hundred variables is no work for many threads
-            problem.run_driver()
-        seconds["rest"] = time.perf_counter() - start - sum(seconds.values())
+        growing, start = time_components(problem), time.perf_counter()
+        run = RecordedRun(problem, growing, float(np.linalg.norm(gradient)))
+        with threadpool_limits(1, "blas"):
+            yield run
+        rest = time.perf_counter() - start - sum(growing.values())
+        run.seconds = growing | {"rest": rest}  # a copy: the problem may run again
         problem.cleanup()
-        history, convergence = _read(file)
-    return RecordedRun(problem, history, dict(seconds), float(np.linalg.norm(gradient)), convergence)
-
-
-def optimise_with(
-    # makers of drivers by name, such as `scipy_slsqp` and `nlopt`, called with the next two arguments
-    drivers: Mapping[str, Callable[[float, int], Driver]],
-    make_problem: Callable[[], om.Problem],  # makes the problem, not yet set up
-    tolerance: float,  # of the objective, in units of the driver
-    max_iterations: int,  # largest number of iterations
-    folder: str | os.PathLike | None = None,  # folder for the recorded cases, ``<name>_<driver>.sql``
-    name: str = "cases",  # beginning of their names
-) -> dict[str, RecordedRun]:  # by the names of the drivers
-    """Solve a problem with several drivers, one after another."""
-    files = {key: folder and Path(folder) / f"{name}_{key.lower().replace(' ', '_')}.sql" for key in drivers}
-    return {key: optimise(make_problem, make(tolerance, max_iterations), files[key]) for key, make in drivers.items()}
+        run.history, run.convergence = _read(file)
 
 
 def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
@@ -165,6 +237,21 @@ def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
     -------
     openmdao.api.Problem
         The other one, which has run.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao.drivers import run_at
+    >>> def pose():
+    ...     problem = om.Problem(reports=None)
+    ...     problem.model.add_subsystem("bowl", om.ExecComp("f = (x - 3) ** 2"), promotes=["*"])
+    ...     problem.model.add_design_var("x")
+    ...     return problem
+    >>> design = pose()
+    >>> _ = design.setup()
+    >>> design.set_val("x", 5.0)
+    >>> run_at(design, pose()).get_val("f")
+    array([4.])
     """
     problem.setup(mode="rev")
     for name in design.model.get_design_vars():
@@ -173,22 +260,54 @@ def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
     return problem
 
 
-def disagreement(
-    runs: Mapping[str, RecordedRun],  # optimisations by the names of their drivers
-) -> dict[str, float]:
-    """Tell by how much drivers differ that have solved the same problem."""
-    # Returns ``objective``, the range of the objectives relative to the largest, and ``design``, the largest range of a
-    # design variable in units of the driver.
+def disagreement(runs: Mapping[str, RecordedRun]) -> dict[str, float]:
+    """Tell by how much drivers differ that have solved the same problem.
+
+    Parameters
+    ----------
+    runs : mapping of str to RecordedRun
+        Optimisations by the names of their drivers.
+
+    Returns
+    -------
+    dict
+        ``objective``, the range of the objectives relative to the largest, and ``design``, the largest range of a
+        design variable in units of the driver.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao.drivers import disagreement, nlopt, recorded, scipy_slsqp
+    >>> runs = {}
+    >>> for name, make_driver in {"SciPy": scipy_slsqp, "NLopt": nlopt}.items():
+    ...     problem = om.Problem(reports=None, driver=make_driver(1e-12, 50))
+    ...     _ = problem.model.add_subsystem("bowl", om.ExecComp("f = (x - 3) ** 2 + 1"), promotes=["*"])
+    ...     problem.model.add_design_var("x", lower=-5.0, upper=5.0)
+    ...     problem.model.add_objective("f")
+    ...     with recorded(problem) as runs[name]:
+    ...         _ = problem.run_driver()
+    >>> bool(disagreement(runs)["design"] < 1e-5)
+    True
+    """
     drivers = [run.problem.driver for run in runs.values()]
     values = np.array([driver.get_objective_values().popitem()[1].item() for driver in drivers])
     designs = np.array([ScaledModel(driver).present()[0] for driver in drivers])
     return {"objective": np.ptp(values) / np.abs(values).max(), "design": np.ptp(designs, axis=0).max()}
 
 
-def time_components(
-    problem: om.Problem,  # the problem, set up
-) -> dict[str, float]:  # wall time by the name of the component (s); it grows as the problem runs
-    """Measure the time that is spent in every component from now on."""
+def time_components(problem: om.Problem) -> dict[str, float]:
+    """Measure the time that is spent in every component from now on.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        The problem, set up.
+
+    Returns
+    -------
+    dict of float
+        Wall time by the name of the component (s); it grows as the problem runs.
+    """
     seconds = {}
     for component in problem.model.system_iter(recurse=True, typ=(om.ExplicitComponent, om.ImplicitComponent)):
         if not component.name.startswith("_auto_ivc"):
@@ -206,11 +325,11 @@ def _read(file: Path) -> tuple[dict[str, np.ndarray], Convergence]:
     return {q.name: q.values for q in found.quantities if q.kind != "variable"}, found.convergence
 
 
-def _timed(method: Callable, seconds: dict[str, float], name: str) -> Callable:
+def _timed(method, seconds: dict[str, float], name: str):
     """Wrap a method so that its time is added up."""
 
     @functools.wraps(method)
-    def run(*args: Any, **kwargs: Any) -> Any:
+    def run(*args, **kwargs):
         start = time.perf_counter()
         try:
             return method(*args, **kwargs)
