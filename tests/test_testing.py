@@ -110,6 +110,7 @@ def test_taylor_rate_is_two_for_the_derivative_one_for_another_and_infinite_for_
         taylor_rate(np.ones_like, x, d, 0.0 * x)
 
 
+@pytest.mark.slow
 def test_totals_are_checked_in_units_of_the_driver_and_the_table_falls_by_four():
     check = check_totals(cubes(), step=0.1)
     assert check.transposed < 1e-14

@@ -42,6 +42,7 @@ def problem(n_angles, pressures, mode, n_thicknesses=0, objective="CL"):
     return problem
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n_angles", "pressures", "mode", "words"),
     [

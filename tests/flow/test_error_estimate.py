@@ -58,6 +58,7 @@ def estimates(coarse):
     return error_estimate(coarse, NAMES)
 
 
+@pytest.mark.slow
 def test_the_estimates_are_the_errors_of_flows_on_the_finer_member(model, coarse, estimates):
     finer = flown(model.member(2.0))
     for name, estimate in estimates.items():
@@ -108,6 +109,7 @@ def test_contributions_of_the_cells_sum_to_what_the_residuals_make(coarse, estim
     assert leaves.remaining < 0.5 * abs(leaves.error)
 
 
+@pytest.mark.slow
 def test_drag_of_a_wing_is_estimated_where_prolonged_states_and_adjoints_alone_do_not(wing):
     grid, finer = (flown(each) for each in (wing, wing.member(2.0)))
     estimates = error_estimate(grid, ["CL", "CD", "CM_bending"])
@@ -117,6 +119,7 @@ def test_drag_of_a_wing_is_estimated_where_prolonged_states_and_adjoints_alone_d
     assert estimates["CD"].error == pytest.approx((grid["CD"] - finer["CD"]).item(), rel=0.1)
 
 
+@pytest.mark.slow
 def test_members_have_the_nodes_of_the_splines_where_interpolated_cells_would_be_inside_out():
     model = fit_grid(hh_wing_grid(rectangular_wing(), (9, 13, 9), Spacing()), keep_residual=False)
     nodes, finer = model.regenerate().to_vector().reshape(-1, 3), model.member(2.0).topology
@@ -127,6 +130,7 @@ def test_members_have_the_nodes_of_the_splines_where_interpolated_cells_would_be
     assert 0.0 < estimate.finer < estimate.value
 
 
+@pytest.mark.slow
 def test_a_summary_has_the_estimates_beside_the_values(model, tmp_path):
     problem, machs = om.Problem(reports=False), {"slow": 0.3, "fast": 0.5}
     for name in machs:
@@ -198,6 +202,7 @@ def test_what_cannot_be_estimated_is_refused(coarse):
         error_estimate(om.Problem(om.Group(), reports=False).setup())
 
 
+@pytest.mark.slow
 def test_trimmed_flow_has_the_estimates_of_its_angle(model, coarse, estimates):
     trimmed = om.Problem(EulerFlow(model=model, reference_area=1.0, trim=True, iprint=0), reports=False)
     trimmed.setup()

@@ -260,6 +260,7 @@ def test_the_preconditioner_of_ranks_and_its_transpose_agree(name, n):
     assert np.vdot(forward, b) == pytest.approx(np.vdot(a, back), abs=1e-5 * size)
 
 
+@pytest.mark.slow
 def test_with_all_fill_the_preconditioner_of_two_ranks_is_that_of_one(monkeypatch):
     parts = sphere()
     monkeypatch.setattr(factor_pattern, "smallest_entry", lambda n_cells: 0.0)
@@ -301,6 +302,7 @@ def products_on(n):
     return parts.on(n, task)[0][0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "most"), [(2, 1.2), (4, 1.4)])
 def test_flows_and_adjoints_take_few_more_products_on_ranks_than_on_one(n, most):
     for ours, theirs in zip(products_on(n), products_on(1)):

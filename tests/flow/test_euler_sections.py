@@ -42,6 +42,7 @@ def lift(*args):
     return stream_axes(np.radians(DEGREES), AXES)[1] @ case.force(states, 1.0)
 
 
+@pytest.mark.slow
 def test_lift_does_not_depend_on_the_distance_of_the_far_field():
     near, far = lift(25, 17, 10.0), lift(25, 17, 60.0)
     assert near == pytest.approx(far, rel=3e-3)
@@ -109,6 +110,7 @@ def family(n_side, steps):
     return np.array(drag_and_lift).T
 
 
+@pytest.mark.slow
 def test_lift_is_near_that_of_potential_flow_and_drag_falls_at_second_order_on_small_grids():
     drag, lift = family(32, (2, 1))
     np.testing.assert_allclose(lift, LIFT, rtol=0.035)

@@ -32,6 +32,7 @@ def random_case(seed=0):
     return flow, WallForces.of(flow, surface.quads, surface.rows), (states, nodes, 0.4, 7e3)
 
 
+@pytest.mark.slow
 def test_the_nodes_carry_the_force_and_the_moment_of_the_faces():
     flow, wall_forces, (states, nodes, mach, pressure) = random_case()
     forces, places = wall_forces.evaluate(states, nodes, mach, pressure), nodes[SurfaceGrid.of(wing()).rows]

@@ -50,6 +50,7 @@ def test_angle_that_is_found_gives_the_lift_and_the_flow_of_that_angle(trimmed):
         np.testing.assert_allclose(trimmed.get_val(name), free.get_val(name), rtol=1e-9, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_totals_at_fixed_lift_agree_in_both_modes_and_with_those_at_fixed_angle(trimmed):
     wrt = ["CL_target", "Mach_number"]
     reverse, forward = trimmed.compute_totals(OF, wrt), run(problem("fwd")).compute_totals(OF, wrt)
@@ -81,6 +82,7 @@ def test_totals_by_nodes_at_fixed_lift_agree_with_differences(trimmed):
     assert np.abs(totals["CL", "grid"] @ along) < 1e-12 * np.abs(totals["CD", "grid"]).sum()
 
 
+@pytest.mark.slow
 def test_partials_are_exact():
     assert_partials(run(problem(is_complex=True)), atol=1e-9, rtol=1e-10)
 

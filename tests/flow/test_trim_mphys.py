@@ -11,6 +11,7 @@ from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.mphys import EulerBuilder
 
 
+@pytest.mark.slow
 def test_flow_of_a_scenario_takes_a_lift_and_gives_angle_and_hinge_moment():
     model = fit_grid(onera_m6_grid((5, 5, 5)))
     hinges = [HingeMoment("flap", chord=(0.6, 1.0))]

@@ -116,6 +116,7 @@ def test_inverse_distances_with_rotations_follow_a_rigid_motion(script):
     assert np.abs(moved - nodes).max() > 1.0
 
 
+@pytest.mark.slow
 def test_ride_along_takes_thin_wedges_along_and_draws_them(script, tmp_path):
     numbers = script("ride_along").main(quick=True, figures=tmp_path)
     assert numbers["n_inverted"] == 0
@@ -127,6 +128,7 @@ def test_ride_along_takes_thin_wedges_along_and_draws_them(script, tmp_path):
     assert (tmp_path / "ride_along.png").stat().st_size > 50_000
 
 
+@pytest.mark.slow
 def test_ride_section_takes_layers_of_two_dimensions_along_and_changes_nodes_alone(script, tmp_path):
     numbers = script("ride_section").main(quick=True, figures=tmp_path)
     for name in ("pitch", "thickness", "chord"):
@@ -149,6 +151,7 @@ def test_a_grid_that_the_user_names_is_asked_what_the_user_asks(script, tmp_path
     assert (row["grid"], row["n_inverted"], row["deformation"]) == ("mine.xyz", 0, "pitch=1deg")
 
 
+@pytest.mark.slow
 def test_improve_grids_raises_a_grid_and_needs_a_folder(script, monkeypatch, tmp_path):
     monkeypatch.delenv("BSPLINE_MDAO_GRIDS", raising=False)
     table = script("improve_grids")

@@ -22,6 +22,7 @@ def script(monkeypatch):
     return importlib.import_module
 
 
+@pytest.mark.slow
 def test_bodies_whose_flow_is_known_have_its_pressures_and_lift_and_no_drag(script, tmp_path):
     numbers = script("validation_exact").main(quick=True, figures=tmp_path)
     for body in numbers.values():
@@ -51,6 +52,7 @@ def test_exact_pressures_are_those_of_the_expansions(script):
     assert force == pytest.approx(1j * lift, abs=2e-6)
 
 
+@pytest.mark.slow
 def test_sections_of_two_families_approach_the_lift_published_and_no_drag(script, tmp_path, monkeypatch):
     monkeypatch.delenv("BSPLINE_MDAO_GRIDS", raising=False)
     numbers = script("validation_sections").main(quick=True, figures=tmp_path)
@@ -83,6 +85,7 @@ def test_published_limits_are_those_of_the_published_values(script):
         assert (found["order"], found["limit"]) == (pytest.approx(order, abs=1e-3), pytest.approx(end, rel=1e-5))
 
 
+@pytest.mark.slow
 def test_m6_has_the_pressures_measured_and_the_lift_of_another_solver(script, tmp_path):
     m6 = script("validation_m6")
     file = tmp_path / "measured.dat"  # two orifices and their station, as in the file of CFL3D
@@ -118,6 +121,7 @@ def test_a_negative_drag_has_a_minus_in_the_picture_of_adapted_grids(script, tmp
     assert not [text for text in outside if re.search(r"-\d", text)]
 
 
+@pytest.mark.slow
 def test_the_grid_of_a_section_is_adapted_to_its_drag(script, tmp_path):
     numbers = script("adapt_grid").main(quick=True, figures=tmp_path)
     given = numbers["members"][1]

@@ -73,6 +73,7 @@ def test_bars_are_off_where_they_are_not_wanted(environment):
     assert on_terminal(FIT.format(""), **environment) == ""
 
 
+@pytest.mark.slow
 def test_without_a_terminal_nothing_is_drawn_or_imported():
     code = "import sys\n" + FIT.format("") + "assert 'rich.progress' not in sys.modules"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -58,6 +58,7 @@ def least_divided(volume, net, sign, roles, end, rng, n=30_000):
     return least
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", [0, 1])
 def test_nothing_is_falsely_valid_beside_a_pole_up_to_where_it_folds(end):
     lows = []
@@ -120,6 +121,7 @@ def bernstein(order, u):
     return np.stack([comb(order - 1, i) * u**i * (1.0 - u) ** (order - 1 - i) for i in range(order)], axis=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", [0, 1])
 @pytest.mark.parametrize("roles", list(permutations(range(3))), ids=str)
 def test_divided_derivatives_lie_between_those_of_their_control_vectors(roles, end):

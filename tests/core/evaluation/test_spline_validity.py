@@ -77,6 +77,7 @@ def random_volume(rng):
     return Volume(tuple(knots)), np.ascontiguousarray(net[:, ::-1]) if sign > 0 else net, sign
 
 
+@pytest.mark.slow
 def test_nothing_is_falsely_valid_in_volumes_of_any_order_with_knots_that_differ_by_half_a_span():
     rng, n_valid, lows = np.random.default_rng(5), 0, []
     for _ in range(120):

@@ -67,6 +67,7 @@ def test_classes_are_missed_along_the_directions_that_bend():
     np.testing.assert_allclose(larger, errors, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_directions_along_which_cells_are_missed_get_more_control_points_and_others_keep_theirs():
     grid = kinked()
     model, usual = fit_grid(grid), choose_counts(find_topology(grid)).n_control
@@ -84,6 +85,7 @@ def test_directions_along_which_cells_are_missed_get_more_control_points_and_oth
     np.testing.assert_array_equal(fit_grid(grid).control_points, model.control_points)
 
 
+@pytest.mark.slow
 def test_a_grid_that_is_fitted_well_is_fitted_once(monkeypatch):
     def refuse(*arguments):
         raise AssertionError("looked for more control points")
@@ -96,6 +98,7 @@ def test_a_grid_that_is_fitted_well_is_fitted_once(monkeypatch):
         assert model.report.raised is None
 
 
+@pytest.mark.slow
 def test_a_grid_without_a_boundary_layer_keeps_its_numbers_whatever_it_misses():
     grid = onera_m6_grid((15, 17, 13))
     report = fit_grid(grid).report

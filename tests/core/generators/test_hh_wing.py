@@ -233,6 +233,7 @@ def test_default_grids_scale_with_the_chord(chord):
     np.testing.assert_allclose(hh_wing_grid(wing, (9, 13, 9)).to_vector(), chord * unit, atol=1e-9 * chord)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(13, 17, 13), (17, 25, 13)])
 def test_cells_of_coarse_default_grids_grow_less_than_with_the_spacings_of_the_papers_size(shape):
     def growth(*spacing):

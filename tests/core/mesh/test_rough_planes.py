@@ -35,6 +35,7 @@ def rough_grid(bump=0.0):
     return replace(grid, blocks=tuple(blocks))
 
 
+@pytest.mark.slow
 def test_a_rough_plane_of_symmetry_slides_and_each_node_keeps_its_offset():
     model = fit_grid(rough_grid())
     mesh, surface = moving_mesh(model), SurfaceGrid.of(model)
@@ -54,12 +55,14 @@ def test_a_rough_plane_of_symmetry_slides_and_each_node_keeps_its_offset():
     np.testing.assert_allclose(nodes[rows] @ normal, offsets, rtol=0.0, atol=1e-4 * roughness)
 
 
+@pytest.mark.slow
 def test_measures_close_a_body_at_a_rough_plane():
     rough, exact = (SurfaceGrid.of(fit_grid(grid)) for grid in (rough_grid(), onera_m6_grid(SHAPE)))
     volumes = [EnclosedVolume.of(surface).evaluate(surface.points)[0] for surface in (rough, exact)]
     assert volumes[0] == pytest.approx(volumes[1], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_plane_with_a_bump_is_refused():
     model = fit_grid(rough_grid(bump=0.02))
     with pytest.raises(InputError, match="is of kind symmetry, but leaves its plane"):
@@ -87,6 +90,7 @@ def test_parts_of_one_plane_share_it_and_parallel_ones_do_not(seed):
     assert mean_planes(bumpy)[1].roughness > near_enough(bumpy) or mean_planes(bumpy)[1] is not mean_planes(bumpy)[0]
 
 
+@pytest.mark.slow
 def test_planes_of_control_points_are_shared_by_their_faces():
     planes = symmetry_planes(fit_grid(rough_grid()))
     assert len(planes) == 6

@@ -66,6 +66,7 @@ def test_corners_are_the_nodes_of_the_member(ball, degree):
     assert {tuple(x) for x in corners} == {tuple(x) for block in member.blocks for x in block.nodes.reshape(-1, 3)}
 
 
+@pytest.mark.slow
 def test_areas_converge_at_the_order_of_the_element():
     """Without knots inside of volumes, which would bound the order; even degrees gain one."""
     model = fit_grid(ball_grid((5, 5, 5, 4), far=3.0), n_control=4, keep_residual=False)
@@ -98,6 +99,7 @@ def test_left_handed_blocks_have_right_handed_elements():
     np.testing.assert_allclose(np.sort(worst[0]), np.sort(worst[1]), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_elements_at_collapsed_edges_are_counted_and_valid_inside(wing):
     grid = curved_grid(wing, 2)
     doubled = np.array([len(np.unique(element)) < 27 for element in grid.elements])

@@ -286,6 +286,7 @@ def test_points_are_a_smooth_function_of_the_design():
     assert 7.0 < coarse / fine < 9.0  # third differences fall by 8 with half the step
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_slivers_leave_products_and_differences_exact(is_turned):
     mesh = plate_in_its_wake(is_turned)

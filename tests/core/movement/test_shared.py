@@ -30,6 +30,7 @@ def test_one_process_moves_as_ever(elasticity):
         shared_mover(elasticity, ONE, "second")
 
 
+@pytest.mark.slow
 def test_predicted_memory_is_that_of_the_factors_that_are_kept(elasticity):
     analysis = elasticity._equilibrium.analysis
     for n_increments, keep, n_factors in ((1, None, 1), (3, None, 2), (3, True, 3), (5, True, 5)):

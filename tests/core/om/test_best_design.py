@@ -193,6 +193,7 @@ def refusal(act):
     return ""
 
 
+@pytest.mark.slow
 def test_damaged_files_are_named_in_one_line_or_read(cases, tmp_path):
     random, data, file = np.random.default_rng(5), cases.read_bytes(), tmp_path / "d.sql"
     problem = recorded(ball(), tmp_path / "e.sql")

@@ -67,6 +67,7 @@ def test_what_is_short_is_recorded_as_by_openmdao(tmp_path):
     assert names_in(tmp_path / "ours", "problem") == names_in(tmp_path / "theirs", "problem")
 
 
+@pytest.mark.slow
 def test_the_grid_is_left_out_of_a_wing_problem_and_the_file_is_short(tmp_path):
     model = fit_grid(flat_plate_grid((17, 15, 15)))
     variables = Parametrization(mesh := moving_mesh(model), [Twist("twist", ReferenceAxis.of(mesh), stations=2)])

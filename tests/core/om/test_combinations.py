@@ -61,6 +61,7 @@ def test_pressures_change_evenly_along_the_combinations():
     np.testing.assert_allclose(means, np.eye(3), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_scales_of_flows_are_taken_from_rough_solves_without_warnings_of_the_mode(recwarn):
     wing = DesignSurface.of(fit_grid(onera_m6_grid((5, 5, 5))))
     values, tolerances = [], []

@@ -61,6 +61,7 @@ def bowl(seed, algorithm, **options):
     return problem
 
 
+@pytest.mark.slow
 def test_ccsaq_that_stalls_beside_a_constraint_is_no_success_and_finds_the_optimum_after_restarts():
     n_stalled = 0
     for seed in range(1, 14):

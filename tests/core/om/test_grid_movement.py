@@ -238,6 +238,7 @@ def test_forward_and_reverse_totals_are_transposes(live):
     assert abs(left - right) < 1e-11 * scale
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quality", [True, False, ("volume_ks",)])
 def test_cells_that_turn_inside_out_are_refused_by_name_and_the_chain_goes_on(plate, quality):
     problem, fresh = (problem_of(plate, mover=InverseDistance(moving_mesh(plate)), quality=quality) for _ in range(2))
@@ -343,6 +344,7 @@ def test_a_model_without_walls_is_told_what_to_name():
         problem_of(small_model())
 
 
+@pytest.mark.slow
 def test_a_share_of_a_model_gives_the_grid_and_the_totals_of_the_model(plate):
     share = plate.share(Share.of_grid(plate.topology))
     found = []

@@ -85,6 +85,7 @@ def test_the_nodes_of_ribs_keep_their_place_in_the_section():
     np.testing.assert_allclose(in_section(after, chords), in_section(before, chords), atol=2e-3)
 
 
+@pytest.mark.slow
 def test_points_beside_a_grid_are_those_beside_its_surface():
     probes = model().evaluator().forward(model().control_points)[[40, 300, 700]]
     beside = of_grid(np.concatenate([wing_box().reshape(-1, 3), probes])).get_val("points").reshape(-1, 3)
@@ -92,6 +93,7 @@ def test_points_beside_a_grid_are_those_beside_its_surface():
     assert np.linalg.norm(beside[-3:] - probes, axis=1).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_totals_of_structures_are_those_of_differences():
     problem = of_surface(wing_box())
     check = check_totals(problem, ["spars"], list(DESIGN), step=1e-2)

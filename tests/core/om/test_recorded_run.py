@@ -147,6 +147,7 @@ def walled_problem():
     return problem
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::openmdao.utils.om_warnings.OpenMDAOWarning")
 def test_both_drivers_go_on_after_an_analysis_that_fails():
     for run in (solved(walled_problem(), make_driver(1e-12, 100)) for make_driver in DRIVERS.values()):

@@ -103,6 +103,7 @@ def test_products_are_exact_and_transposed(riding, rng, is_asked):
     assert found == pytest.approx(np.vdot(bar, change), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_walls_are_found_with_and_without_markers(riding):
     assert riding.walls.faces.names == ("wing",)
     bare = MixedMesh(mesh().points, mesh().cells)
@@ -118,6 +119,7 @@ def with_node_outside(distance):
     return MixedMesh(points, {**mesh().cells, "tetra": np.array([[0, 1, 2, mesh().n_points]])}, mesh().markers)
 
 
+@pytest.mark.slow
 def test_nodes_outside_are_named_held_or_moved_with_the_nearest_point():
     lone, control = with_node_outside(1e3), twisted()[0]
     with pytest.raises(InputError, match=r"1 of [\d,]+ nodes are outside .* 1e\+03 m away; .*--hold-outside") as error:

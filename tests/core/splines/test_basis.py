@@ -130,6 +130,7 @@ def test_jacobian_agrees_with_complex_step_through_the_printed_recursion(order):
         np.testing.assert_allclose(jacobians[q], expected, rtol=1e-12, atol=1e-12 * max(np.abs(expected).max(), 1))
 
 
+@pytest.mark.slow
 def test_compiled_kernels_accept_complex_numbers():
     T = np.array([0, 0, 0, 0, 0.2, 0.5, 0.6, 1, 1, 1, 1], dtype=complex)
     values, derivatives, d_T = np.empty(4, dtype=complex), np.empty((4, 2)), np.eye(11)[:, 4:5].copy()

@@ -135,6 +135,7 @@ def test_one_call_tells_points_in_the_body_from_those_in_the_volumes(model):
     np.testing.assert_allclose(found[:63], (points @ matrix)[n : n + 63], atol=2e-4)  # as the residual of the fit turns
 
 
+@pytest.mark.slow
 def test_products_of_points_of_both_kinds_are_exact(model):
     rng = np.random.default_rng(3)
     volume = model.evaluator().forward(model.control_points)[::301]

@@ -65,6 +65,7 @@ def test_embedded_points_stay_in_a_plane_of_symmetry(model, twisted, first_nodes
     assert np.abs(points - nodes[in_plane]).max() > 1e-8
 
 
+@pytest.mark.slow
 def test_points_lie_in_a_plane_up_to_the_rounding_of_files_and_no_farther(rng):
     grid_map = fit_grid(onera_m6_grid((5, 6, 5), Spacing(off_wall=1e-3))).grid_map()
     nodes, size = grid_map.nodes, np.linalg.norm(np.ptp(grid_map.nodes, axis=0))

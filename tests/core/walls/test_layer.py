@@ -106,6 +106,7 @@ def test_points_beside_a_plate_without_thickness_stand_on_their_own_side():
     np.testing.assert_array_equal(tree.triangles[closest.triangles].max(axis=1) < 4, [True, False, True])
 
 
+@pytest.mark.slow
 def test_boxes_that_are_left_out_hold_no_closest_point():
     # a thin wavy body, open at both ends, with a sharp edge behind
     rng = np.random.default_rng(5)

@@ -67,6 +67,7 @@ def exact_corner_jacobian(corners, at):
     return sum(p * q for p, q in zip(cross, c))
 
 
+@pytest.mark.slow
 def test_no_cell_of_a_million_is_falsely_valid():
     rng, n_valid, n_undecided = np.random.default_rng(0), 0, 0
     for scale in np.linspace(0.3, 0.9, 10):
@@ -168,6 +169,7 @@ def test_left_handed_and_collapsed_elements_are_judged_by_what_is_left():
         lagrange_validity(nodes[0])
 
 
+@pytest.mark.slow
 def test_the_bound_for_constraints_is_below_every_jacobian_and_its_derivatives_are_exact():
     grid, rng = ball_grid((4, 5, 6, 4), far=3.0), np.random.default_rng(6)
     quality = GridQuality.of_baseline(grid, rho=40.0)

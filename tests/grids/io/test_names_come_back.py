@@ -45,6 +45,7 @@ def test_a_model_and_its_family_keep_names(named_grid, moved):
     assert [(patch.name, patch.kind) for patch in fine.patches] == [(p.name, p.kind) for p in named_grid.patches]
 
 
+@pytest.mark.slow
 def test_cgns_from_elsewhere_and_from_cgns_keeps_names(named_grid, moved, tmp_path):
     write_grid(tmp_path / "new.cgns", moved)
     read = read_grid(tmp_path / "new.cgns")

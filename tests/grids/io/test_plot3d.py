@@ -136,6 +136,7 @@ def test_comments_in_a_text_are_passed_over_and_said(tmp_path, monkeypatch):
     assert path.read_text() == plain
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "suffix", "compress"), [("gzip", ".gz", gzip), ("bzip2", ".bz2", bz2), ("xz", ".xz", lzma)]
 )

@@ -52,6 +52,7 @@ def test_the_innermost_node_that_says_a_unit_counts_and_data_without_dimension_h
     assert read_cgns(path).unit == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", ["", *LENGTH_UNITS])
 def test_a_unit_is_kept_by_the_model_and_by_cgns_files_that_are_written(tmp_path, unit):
     grid = replace(ball_grid((4, 4, 4, 3), far=4.0), unit=unit)

@@ -258,6 +258,7 @@ def test_a_fit_warns_once_of_faces_that_nearly_meet():
     assert message.endswith(model.report.warnings[0])
 
 
+@pytest.mark.slow
 def test_every_command_tells_of_faces_that_nearly_meet(tmp_path):
     left, right = split(smooth_box(9, 5, 6), [4], [], [])
     wall = patch("wall", Window(0, (0, 0, 0), (4, 4, 0)))

@@ -341,6 +341,7 @@ def test_sides_of_a_plate_part_where_blocks_meet_in_the_middle_of_it():
     assert are_same_partition(labels, plate_labels(grid))
 
 
+@pytest.mark.slow
 def test_one_declared_side_parts_both():
     declared = twelve_block_plate()
     one_side = grid_of(
@@ -474,6 +475,7 @@ def test_bad_nodes_and_patches_are_refused_in_one_line():
         assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_topology_holds_for_every_later_shape():
     grid = twelve_block_plate()
     moved = grid.with_vector(grid.to_vector() + 0.3 * np.sin(np.arange(3 * grid.n_nodes)))

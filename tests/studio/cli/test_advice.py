@@ -100,6 +100,7 @@ def test_values_that_messages_give_to_options_are_taken(file, text):
         assert value in CHOICES.get(name, {value}) or value in {"or", "if", "as", "and", "is"}
 
 
+@pytest.mark.slow
 def test_what_a_fit_says_to_type_against_too_much_memory_is_taken(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("bspline_mdao.core.fit.control_counts.SMALL_MESH", 1)

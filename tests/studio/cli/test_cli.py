@@ -135,6 +135,7 @@ def test_a_draft_can_be_passed_on_as_patches(grid_file, capsys):
     assert sum(len(patch["windows"]) for patch in found["patches"]) == 10
 
 
+@pytest.mark.slow
 def test_a_draft_shows_its_guesses_and_how_sure_it_is(workplace, capsys):
     write_grid("bare.xyz", replace(onera_m6_grid((9, 8, 7)), patches=()))
     assert run(["inspect", "bare.xyz"]) == 0

@@ -43,6 +43,7 @@ def test_improve_takes_a_grid_with_patches_as_well(workplace):
     assert (workplace / "better.vtm").exists()
 
 
+@pytest.mark.slow
 def test_improve_says_why_a_grid_cannot_be_improved_and_writes_nothing(workplace, capsys):
     arguments = ["improve", "@flat_plate:9x8x7", "-o", "no.xyz", "--json", "no.json", *FEW]
     fails_as_expected(arguments, capsys, "@flat_plate:9x8x7: cannot be improved: ", "nothing was written")

@@ -21,6 +21,7 @@ def workplace(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_ride_puts_the_walls_where_the_deformation_does_and_tells_of_cells_and_heights(workplace, capsys):
     arguments = ["ride", "wing.h5", "wing.su2", "-o", "moved.su2", *TWIST, "--json", "r.json"]
     assert run(arguments) == 0
@@ -34,6 +35,7 @@ def test_ride_puts_the_walls_where_the_deformation_does_and_tells_of_cells_and_h
     np.testing.assert_allclose(moved[rows], asked, rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_ride_follows_the_best_case_of_an_optimisation_or_control_points_of_a_file(workplace):
     problem = om.Problem(reports=False)
     problem.model.add_subsystem("grid", GridEvaluate(model=model()), promotes=["*"])
@@ -79,6 +81,7 @@ def test_a_node_of_two_dimensions_outside_the_grid_is_counted_and_numbered_as_in
     assert "; 1 node held" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_ride_refuses_what_it_cannot_do_and_writes_nothing(workplace, capsys):
     start = ["ride", "wing.h5", "wing.su2"]
     fails_as_expected([*start, "-o", "m.su2"], capsys, "give --deform or --to, one of them")

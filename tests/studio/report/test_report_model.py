@@ -61,6 +61,7 @@ def not_shown(folder, case_file="wing_out/cases.sql"):
     return [line for line in found if "The grid is not shown" in line]
 
 
+@pytest.mark.slow
 def test_checksum_of_a_model_is_that_of_its_file_and_changes_with_it(tmp_path):
     model = small_model()
     assert model.file is None
@@ -70,6 +71,7 @@ def test_checksum_of_a_model_is_that_of_its_file_and_changes_with_it(tmp_path):
     assert model.checksum == again.checksum != fit_grid(onera_m6_grid((5, 5, 6))).checksum
 
 
+@pytest.mark.slow
 def test_equal_fits_have_equal_checksums_and_keep_their_times(tmp_path):
     models = [small_model() for _ in range(2)]
     assert models[0].report.seconds != models[1].report.seconds
@@ -102,6 +104,7 @@ def test_a_model_that_is_missing_or_changed_is_named(moved, run_folder):
     assert f"{moved / 'wing.h5'} is another model" in line
 
 
+@pytest.mark.slow
 def test_a_model_that_was_saved_after_the_run_is_found_by_its_checksum(tmp_path):
     model = small_model()
     record(model, tmp_path / "cases.sql")
@@ -112,6 +115,7 @@ def test_a_model_that_was_saved_after_the_run_is_found_by_its_checksum(tmp_path)
     assert not_shown(tmp_path, "cases.sql") == []
 
 
+@pytest.mark.slow
 def test_case_files_are_read_without_this_package(run_folder):
     assert named_model(read_history(run_folder / "wing_out/cases.sql").options).file == str(run_folder / "wing.h5")
     code = (

@@ -139,6 +139,7 @@ def test_a_grid_without_patches_is_drawn_as_its_boundary(tmp_path):
     assert [a["id"] for a in page.all("section")] == ["space", "quality", "fit"]
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_said_and_the_advice_is_right(model, tmp_path):
     file = recorded_wing(tmp_path, model, includes=(), record_derivatives=False)
     alone = write_report(tmp_path / "alone.html", file)

@@ -19,6 +19,7 @@ def drafted(folder, grid):
     return study_of(folder, draft.study_draft("@onera_m6:7x7x5", None, grid, find_topology(grid)))
 
 
+@pytest.mark.slow
 def test_a_lattice_is_drafted_at_the_lift_that_it_has_about_the_baseline(grid, tmp_path):
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     study = drafted(tmp_path, grid)

@@ -210,6 +210,7 @@ def test_the_page_of_studies_has_every_key():
     assert re.search(r"\.\. code-block:: toml", page)
 
 
+@pytest.mark.slow
 def test_the_twist_that_is_drafted_of_a_wing_bends_once_at_most(tmp_path):
     grid = onera_m6_grid((5, 5, 5))
     draft = study_draft("@onera_m6:5x5x5", None, grid, find_topology(grid))

@@ -104,6 +104,7 @@ def quoted(before):
     return f'"{before}"' if f'"{before}"' in BASE else before
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(list(PLACES)), STRINGS)
 @example("disp", EVIL[11])
@@ -115,6 +116,7 @@ def test_a_script_calls_what_scripts_call_whatever_the_texts_of_the_study_are(fo
         check_tree(study_script(study_of(folder, changed), folder))
 
 
+@pytest.mark.slow
 @given(STRINGS, STRINGS)
 @settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_files_and_patterns_stand_in_a_script_as_they_are(folder, name, pattern):
