@@ -4,6 +4,7 @@ import h5py
 import numpy as np
 import pytest
 from adf_cases import AdfWriter, as_adf
+from topology_cases import two_block_plate
 
 from bspline_mdao import fit_grid, read_grid, write_grid
 from bspline_mdao.errors import InputError
@@ -23,6 +24,7 @@ def stored(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 @KINDS
 def test_a_grid_in_adf_is_that_in_hdf5(stored, tmp_path, options):
     (tmp_path / "old.cgns").write_bytes(as_adf(stored, **options))
@@ -35,6 +37,7 @@ def test_a_grid_in_adf_is_that_in_hdf5(stored, tmp_path, options):
     assert found.connections == expected.connections
 
 
+@pytest.mark.slow
 @KINDS
 def test_a_copy_holds_every_node_of_the_file(stored, tmp_path, options):
     (tmp_path / "old.cgns").write_bytes(as_adf(stored, **options))
@@ -59,6 +62,7 @@ def _places(file):
     return found
 
 
+@pytest.mark.slow
 def test_a_moved_grid_is_written_back_with_all_that_its_file_held(stored, tmp_path):
     (tmp_path / "old.cgns").write_bytes(as_adf(stored))
     before = (tmp_path / "old.cgns").read_bytes()
@@ -128,7 +132,7 @@ def test_a_node_with_fewer_bytes_than_its_shape_and_one_with_too_many_dimensions
 @pytest.mark.slow
 @pytest.mark.parametrize("version", ["A", "B"])
 def test_mutants_end_in_one_line_or_hold_the_bytes_that_the_file_holds(tmp_path, version):
-    write_grid(tmp_path / "plate.cgns", flat_plate_grid((5, 6, 5)))
+    write_grid(tmp_path / "plate.cgns", two_block_plate())
     good, random = as_adf(tmp_path / "plate.cgns", version=version), np.random.default_rng(8)
     whole = read_grid(tmp_path / "plate.cgns").to_vector()
     path, lines = tmp_path / "mutant.cgns", []
