@@ -9,6 +9,8 @@ Theory: ``docs/theory/generators.rst``.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.optimize import brentq, root
 
@@ -21,12 +23,13 @@ _LOWEST_SLOPE, _HIGHEST_SLOPE = -60.0, 18.0
 """Logarithms of the slopes at the ends between which the search stays; nothing overflows there."""
 
 
+@lru_cache(maxsize=1024)  # blocks side by side ask for equal lines: two in three times in a wing of twelve blocks
 def stretch(
     n: int,  # number of points, at least 3
     # first and last interval, as fractions of the length
     first: float,
     last: float,
-) -> np.ndarray:  # (n,), strictly increasing from 0 to 1
+) -> np.ndarray:  # (n,), strictly increasing from 0 to 1, read-only
     """Distribute n points over [0, 1], smoothly, with given first and last interval.
 
     Examples
@@ -37,8 +40,13 @@ def stretch(
     rest = 1.0 - first - last
     if n < 3 or not (first > 0.0 and last > 0.0 and (rest > 0.0 if n > 3 else abs(rest) <= _TOLERANCE)):
         raise InputError(f"stretching: {n} points with end intervals {first:g} and {last:g} of the length do not fit")
-    if n == 3:
-        return np.array([0.0, first, 1.0])
+    points = np.array([0.0, first, 1.0]) if n == 3 else _two_sided(n, first, last)
+    points.setflags(write=False)
+    return points
+
+
+def _two_sided(n: int, first: float, last: float) -> np.ndarray:
+    """Search the slopes at the ends with which the intervals there are as asked."""
     target = np.log([first, last])
     highest = _HIGHEST_SLOPE - np.log(n - 1)
 

@@ -47,6 +47,13 @@ def edges(points):
     return np.linalg.norm(np.diff(points, axis=0), axis=-1)
 
 
+def test_equal_lines_have_the_points_of_the_first_which_cannot_be_changed():
+    points = stretch(7, 0.1, 0.2)
+    assert stretch(7, 0.1, 0.2) is points
+    with pytest.raises(ValueError, match="read-only"):
+        points[1] = 0.0
+
+
 @pytest.mark.parametrize(("n", "first", "last"), [(9, 1e-3, 1e-3), (45, 1e-4, 0.15), (21, 0.06, 0.01), (11, 0.1, 0.1)])
 def test_stretching_meets_both_end_intervals_exactly(n, first, last):
     points = stretch(n, first, last)
