@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 
-N_MUTATIONS = int(os.environ.get("BSPLINE_MDAO_FUZZ", "250"))
+N_MUTATIONS = int(os.environ.get("BSPLINE_MDAO_FUZZ", "100"))
 """Mutations of every kind of file."""
 
 NUMBERS = [
