@@ -59,6 +59,12 @@ def model(request):
     return model_of(request.param)
 
 
+@cache
+def baseline_of(model):
+    """Nodes of the whole grid."""
+    return model.regenerate().to_vector().reshape(-1, 3)
+
+
 def moved(model, rng, size=1e-4):
     turn = Rotation.from_rotvec(0.2 * rng.standard_normal(3)).as_matrix()
     return model.control_points @ turn.T + size * rng.standard_normal(model.control_points.shape)
@@ -69,11 +75,11 @@ def shares_of(model, n_ranks):
     return [model.share(partition.share(rank)) for rank in range(n_ranks)]
 
 
-@pytest.mark.parametrize("n_ranks", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("n_ranks", [1, 2, 5])
 def test_every_process_has_the_bits_of_the_whole_grid(model, n_ranks):
     points = moved(model, np.random.default_rng(n_ranks))
     expected = model.grid_map().at(points).nodes
-    baseline = model.regenerate().to_vector().reshape(-1, 3)
+    baseline = baseline_of(model)
     for share in shares_of(model, n_ranks):
         rows = share.share.rows
         assert share.regenerate(points).tobytes() == expected[rows].tobytes()
@@ -98,7 +104,8 @@ def test_derivatives_are_those_of_the_whole_grid_and_add_up(model, n_ranks):
     np.testing.assert_allclose(total, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("n_ranks", [1, 2, 3, 4])
+@pytest.mark.slow
+@pytest.mark.parametrize("n_ranks", [1, 3])
 @pytest.mark.parametrize("name", ["wing", "section", "linear"])
 def test_walls_that_are_given_have_the_bits_of_the_whole_grid(name, n_ranks):
     model, rng = model_of(name), np.random.default_rng(n_ranks)
@@ -120,6 +127,7 @@ def test_walls_that_are_given_have_the_bits_of_the_whole_grid(name, n_ranks):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_a_correction_of_whole_blocks_needs_no_nodes_of_others():
     model = model_of("wing")
     rows = SurfaceGrid.of(model).rows
@@ -165,6 +173,7 @@ def test_a_share_without_nodes_has_none(model):
     assert share.grid_map().at(model.control_points).jvp(model.control_points).shape[1] == 3
 
 
+@pytest.mark.slow
 def test_what_a_share_knows_falls_with_the_number_of_processes():
     model = fit_grid(onera_m6_grid((25, 24, 21)), n_control=7)
     one, four = (max(share.n_bytes for share in shares_of(model, n)) for n in (1, 4))

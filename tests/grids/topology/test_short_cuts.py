@@ -1,5 +1,6 @@
 """Pieces are exchanged between processes until there are few faces between these."""
 
+from functools import cache
 from itertools import chain, combinations
 
 import numpy as np
@@ -18,6 +19,12 @@ GRIDS = {
     "one block": lambda: grid_of(smooth_box(13, 8, 9)),
     "wing": lambda: onera_m6_grid((7, 6, 5)),
 }
+
+
+@cache
+def grid_and_topology(name):
+    grid = GRIDS[name]()
+    return grid, find_topology(grid)
 
 
 def dealt_at_random(topology, n_ranks, seed):
@@ -41,8 +48,7 @@ def loads(dealt):
 @pytest.mark.parametrize("name", GRIDS)
 @pytest.mark.parametrize("n_ranks", [2, 3, 5])
 def test_faces_between_pieces_are_those_that_the_list_of_all_faces_has(name, n_ranks):
-    grid = GRIDS[name]()
-    topology = find_topology(grid)
+    grid, topology = grid_and_topology(name)
     pieces = [piece for share in dealt_at_random(topology, n_ranks, 0) for piece in share]
     faces = CellFaces.of(topology, grid.to_vector().reshape(-1, 3))
     piece_of = np.full(faces.n_cells, -1)
@@ -59,7 +65,7 @@ def test_faces_between_pieces_are_those_that_the_list_of_all_faces_has(name, n_r
 @pytest.mark.parametrize("n_ranks", [1, 2, 3, 5])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_cuts_get_shorter_and_the_largest_load_no_larger(name, n_ranks, seed):
-    topology = find_topology(GRIDS[name]())
+    _, topology = grid_and_topology(name)
     dealt = dealt_at_random(topology, n_ranks, seed)
     after = with_short_cuts(topology, dealt)
     assert sorted(map(str, chain(*after))) == sorted(map(str, chain(*dealt)))
