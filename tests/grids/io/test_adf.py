@@ -8,7 +8,7 @@ from topology_cases import two_block_plate
 
 from bspline_mdao import fit_grid, read_grid, write_grid
 from bspline_mdao.errors import InputError
-from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.io.adf import copied_cgns
 
 KINDS = pytest.mark.parametrize(
