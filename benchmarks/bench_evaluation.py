@@ -101,8 +101,8 @@ def whole_map(shape, n_control, repeats: int) -> dict:
     grid = onera_m6_grid(shape, Spacing(off_wall=OFF_WALL))
     model = fit_grid(grid, n_control=n_control, order=ORDER)
     evaluator, random = model.evaluator().with_threads(1), np.random.default_rng(1)
-    arguments = model.topology, model.mesh, model.parameters, model.control_points, model.residual
-    grid_map = GridMap.of(*arguments, True, evaluator)
+    arguments = model.topology, model.mesh, model.parameters, model.control_points
+    grid_map = GridMap.of(*arguments, model.residual, model.residual_lengths, True, evaluator)
     turn = Rotation.from_rotvec([0.0, 0.0, 0.3]).as_matrix()
     moved = model.control_points @ turn.T
     state, change, bar = grid_map.at(moved), random.standard_normal(moved.shape), random_nodes(model)
@@ -116,7 +116,7 @@ def whole_map(shape, n_control, repeats: int) -> dict:
         best = {name: min(times) for name, times in interleaved(contenders, repeats, time.thread_time).items()}
     found = {f"{name}_by_A": best[name] / best["reverse" if name == "map_reverse" else "forward"] for name in MAP}
     n_bytes = grid_map.n_bytes / model.n_nodes
-    share = grid_map.layer.n_followers / model.n_nodes
+    share = grid_map.following.layer.n_followers / model.n_nodes
     return {
         "seconds": {name: best[name] for name in MAP},
         "ratios": found,

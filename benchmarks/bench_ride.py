@@ -123,8 +123,8 @@ def measure(n_nodes: int, kind: str) -> dict:
     reverse, _ = timed(lambda: state.vjp(mesh.points))
     rng = np.random.default_rng(1)
     seed, d_wall, bar = (rng.standard_normal(x.shape) for x in (moved, wall, mesh.points))
-    there, (points_bar, wall_bar) = np.vdot(bar, state.jvp(seed, d_wall)), state.vjp(bar)
-    judge, found = timed(lambda: judged(mesh, riding, state.points))
+    there, bars = np.vdot(bar, state.jvp(seed, d_wall)), state.vjp(bar)
+    judge, found = timed(lambda: judged(mesh, riding, state.nodes))
     few = np.linspace(0, mesh.n_points - 1, min(mesh.n_points, 20_000)).astype(int)
     box = mesh.points[[np.argmax(mesh.points @ s) for s in np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T]]
     box = np.unique(box, axis=0)
@@ -145,7 +145,7 @@ def measure(n_nodes: int, kind: str) -> dict:
         "rbf_by_move": (peer / len(few)) / (at / mesh.n_points),
         "judge_us_per_node": 1e6 * judge / mesh.n_points,
         "peak_memory_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
-        "products": abs(np.vdot(points_bar, seed) + np.vdot(wall_bar, d_wall) - there) / abs(there),
+        "products": abs(np.vdot(bars["control_points"], seed) + np.vdot(bars["wall"], d_wall) - there) / abs(there),
         **found,
     }
 

@@ -110,20 +110,20 @@ def move(model: bm.FittedModel, riding: bm.riding.RidingMesh, text: str):
 
 def ratios(riding: bm.riding.RidingMesh, state) -> np.ndarray:
     """Heights of the first nodes at the wall by those before."""
-    return riding.walls.heights(state.points) / riding.walls.heights(riding.mesh.points)
+    return riding.walls.heights(state.nodes) / riding.walls.heights(riding.mesh.points)
 
 
 def judge(riding: bm.riding.RidingMesh, state, asked: np.ndarray) -> dict:
     """Measure a mesh that was moved, see `main`."""
     rng = np.random.default_rng(0)
-    seed, bar, d_wall = (rng.normal(size=x.shape) for x in (riding.control_points, state.points, asked))
-    forward, (points_bar, wall_bar) = np.vdot(bar, state.jvp(seed, d_wall)), state.vjp(bar)
-    reverse = np.vdot(points_bar, seed) + np.vdot(wall_bar, d_wall)
+    seed, bar, d_wall = (rng.normal(size=x.shape) for x in (riding.control_points, state.nodes, asked))
+    forward, bars = np.vdot(bar, state.jvp(seed, d_wall)), state.vjp(bar)
+    reverse = np.vdot(bars["control_points"], seed) + np.vdot(bars["wall"], d_wall)
     return {
-        "n_inverted": int(np.count_nonzero(riding.mesh.quality(state.points).is_inverted)),
+        "n_inverted": int(np.count_nonzero(riding.mesh.quality(state.nodes).is_inverted)),
         "heights": np.percentile(ratios(riding, state), [1.0, 50.0, 99.0]).tolist(),
-        "missed": float(np.abs(state.points[riding.walls.rows] - asked).max()),
-        "off_plane": float(np.abs(state.points[riding.mesh.points[:, 2] == 0.0, 2]).max()),
+        "missed": float(np.abs(state.nodes[riding.walls.rows] - asked).max()),
+        "off_plane": float(np.abs(state.nodes[riding.mesh.points[:, 2] == 0.0, 2]).max()),
         "products": abs(forward - reverse) / abs(forward),
     }
 
@@ -135,8 +135,8 @@ def draw(folder, riding: bm.riding.RidingMesh, states: dict, triangles: np.ndarr
     with figure(folder, "ride_along", size=(12.0, 3.6)) as canvas:
         *sections, last = canvas.subplots(1, len(states) + 1)
         for axes, (name, (state, _)) in zip(sections, states.items()):
-            axes.triplot(state.points[:, 0], state.points[:, 1], triangles, color=BLUE, linewidth=0.2)
-            for x, color in ((riding.mesh.points, GRAY), (state.points, BLUE)):
+            axes.triplot(state.nodes[:, 0], state.nodes[:, 1], triangles, color=BLUE, linewidth=0.2)
+            for x, color in ((riding.mesh.points, GRAY), (state.nodes, BLUE)):
                 axes.plot(x[edges, 0], x[edges, 1], color=color, linewidth=1.2)
             axes.set(title=MOVES[name], aspect="equal", xlabel="$x$ (m)", ylabel="$y$ (m)")
             axes.set(xlim=(0.6, 1.75), ylim=(-0.5, 0.65))

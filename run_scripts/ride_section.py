@@ -64,7 +64,7 @@ def main(figures=None, quick: bool = False) -> dict:
         riding = bm.riding.RidingMesh.of(model, file.mesh)
         states = {name: move(model, riding, text) for name, text in MOVES.items()}
         for name, (state, asked) in states.items():
-            file.write(Path(folder, f"{name}.su2"), state.points)
+            file.write(Path(folder, f"{name}.su2"), state.nodes)
             texts = [Path(folder, f"{stem}.su2").read_text().splitlines() for stem in ("airfoil", name)]
             numbers[name] = judge(riding, state, asked) | {"n_lines": n_changed(*texts, len(nodes))}
     if figures:
@@ -120,16 +120,16 @@ def move(model: bm.FittedModel, riding: bm.riding.RidingMesh, text: str):
 def judge(riding: bm.riding.RidingMesh, state, asked: np.ndarray) -> dict:
     """Measure a mesh that was moved, see `main`."""
     rng = np.random.default_rng(0)
-    seed, bar, d_wall = (rng.normal(size=x.shape) for x in (riding.control_points, state.points, asked))
-    forward, (points_bar, wall_bar) = np.vdot(bar, state.jvp(seed, d_wall)), state.vjp(bar)
-    ratios = riding.walls.heights(state.points) / riding.walls.heights(riding.mesh.points)
-    low, high = np.split(state.points[:, :2], 2)
+    seed, bar, d_wall = (rng.normal(size=x.shape) for x in (riding.control_points, state.nodes, asked))
+    forward, bars = np.vdot(bar, state.jvp(seed, d_wall)), state.vjp(bar)
+    ratios = riding.walls.heights(state.nodes) / riding.walls.heights(riding.mesh.points)
+    low, high = np.split(state.nodes[:, :2], 2)
     return {
-        "n_inverted": int(np.count_nonzero(riding.mesh.quality(state.points).is_inverted)),
+        "n_inverted": int(np.count_nonzero(riding.mesh.quality(state.nodes).is_inverted)),
         "heights": np.percentile(ratios, [0.0, 50.0, 100.0]).tolist(),
-        "missed": float(np.abs(state.points[riding.walls.rows] - asked).max()),
+        "missed": float(np.abs(state.nodes[riding.walls.rows] - asked).max()),
         "apart": float(np.abs(high - low).max()),
-        "products": abs(np.vdot(points_bar, seed) + np.vdot(wall_bar, d_wall) - forward) / abs(forward),
+        "products": abs(np.vdot(bars["control_points"], seed) + np.vdot(bars["wall"], d_wall) - forward) / abs(forward),
     }
 
 
@@ -150,7 +150,7 @@ def draw(
     with figure(folder, "ride_section", size=(10.0, 2.1), n_colours=32) as canvas:
         panels = canvas.subplots(1, len(states), sharey=True)
         for axes, (name, (state, _)) in zip(panels, states.items()):
-            lines = np.insert(state.points[sides, :2], 2, np.nan, axis=1).reshape(-1, 2)  # a gap after each
+            lines = np.insert(state.nodes[sides, :2], 2, np.nan, axis=1).reshape(-1, 2)  # a gap after each
             axes.plot(*lines.T, color=BLUE, linewidth=0.2)
             axes.plot(*riding.mesh.points[np.append(wall, wall[0]), :2].T, color=GRAY, linewidth=1.0)
             axes.set(title=MOVES[name], aspect="equal", xlabel="$x$ (m)", xlim=(-0.15, 1.15), ylim=(-0.25, 0.25))

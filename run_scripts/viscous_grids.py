@@ -105,7 +105,8 @@ class Splines:
             return model.regenerate(moved).to_vector().reshape(-1, 3)
         wall = asked.apply_to_nodes(surface.points, surface.on_planes(model))
         moved = self.mover.move(points, SurfaceFollower.of(model, self.mesh, surface).at(wall).control_points).points
-        return grid_map.at(moved, WallCorrection.of(model.topology, grid_map.nodes, surface.rows), wall).nodes
+        correction = WallCorrection.of(model.topology, grid_map.nodes, surface.rows)
+        return grid_map.meeting(correction).at(moved, wall).nodes
 
     def off_rigid(self) -> float:
         """Turn all control points by 90 degrees: largest distance from the turned grid, relative to the grid's size."""

@@ -177,7 +177,7 @@ class Body:
         motions = motions or ((SECTIONS if self.is_section else WINGS) if is_whole else some)
         quality, grid_map = GridQuality.of_baseline(self.grid), self.model.grid_map()
         follower = SurfaceFollower.of(self.model, self.mesh, self.surface)
-        correction = WallCorrection.of(self.model.topology, grid_map.nodes, self.surface.rows)
+        grid_map = grid_map.meeting(WallCorrection.of(self.model.topology, grid_map.nodes, self.surface.rows))
         found = []
         for way in ways:
             mover, start = WAYS[way](self.mesh), {}
@@ -187,7 +187,7 @@ class Body:
                     with threadpool_limits(1):
                         begin = time.process_time()
                         moved = mover.move(self.model.control_points, follower.at(wall).control_points, **start)
-                        nodes = grid_map.at(moved.points, correction, wall).nodes
+                        nodes = grid_map.at(moved.points, wall).nodes
                         seconds = time.process_time() - begin
                     start = {} if moved.start is None else {"start": moved.start}
                     heights = np.quantile(quality.first_cells.ratios(nodes), [0.01, 0.99]).tolist()

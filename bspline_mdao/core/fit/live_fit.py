@@ -25,18 +25,21 @@ Theory: ``docs/theory/fit.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...errors import InputError
+from ...names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID_INITIAL
+from ..evaluation.node_map import require_inputs
 from ..model.fitted_model import FittedModel
 from ..splines.volume import Volume
 from ..walls.grid_map import GridMap
-from ..walls.layer import Layered
 from ..walls.node_vectors import Vectors
 from ..walls.turning import Turn
+from ..walls.wall_following import Followed
 from .design_matrix import DesignMatrix, LiveMatrix, build_design_matrix
 from .edge_knots import joined_corners, knots_of_segment_jvp, knots_of_segment_vjp, knots_of_segments
 from .entities import Entity
@@ -298,13 +301,24 @@ class LiveGrid:
     @property
     def needs_initial(self) -> bool:
         """Whether the grid depends on the control points of the baseline."""
-        return self.has_residual or self.grid_map.layer is not None
+        return self.has_residual or self.grid_map.following is not None
 
-    def at(self, initial: np.ndarray, control_points: np.ndarray) -> LiveGridState:
-        """Grid and its derivative at control points of the baseline, and moved ones, shape (n_control_points, 3)."""
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of all that the grid depends on, its baseline first."""
+        return (GRID_INITIAL, *((CONTROL_POINTS_INITIAL,) if self.needs_initial else ()), CONTROL_POINTS)
+
+    def at(self, control_points: np.ndarray, control_points_initial: np.ndarray | None = None) -> LiveGridState:
+        """Grid and its derivative at moved control points, and, where it `needs_initial` ones, those of the baseline.
+
+        Both have shape (n_control_points, 3), in metres.
+        """
         # `MovementError` if the surroundings of a point are turned inside out
+        if self.needs_initial and control_points_initial is None:
+            raise InputError("live grid: it depends on the control points of the baseline; give these as well")
+        initial = control_points if control_points_initial is None else control_points_initial
         grid_map, nodes = self.grid_map, self.mapping.evaluate(control_points)
-        turn = vectors = layered = None
+        turn = vectors = followed = None
         start = self.mapping.evaluate(initial) if self.needs_initial else nodes
         if self.has_residual:
             residual, start = self.nodes - start, self.nodes
@@ -313,11 +327,9 @@ class LiveGrid:
             else:
                 turn, vectors = grid_map.turning.at(control_points, initial), grid_map.turning.vectors(residual)
                 nodes += turn.evaluate(np.zeros_like(control_points), vectors)
-        plane_points = nodes[grid_map.plane_rows]
-        if grid_map.layer is not None:
-            rows = grid_map.wall_rows
-            layered = grid_map.layer.at(start, nodes, start[rows], nodes[rows], grid_map.normals(plane_points))
-        return LiveGridState(self, initial, control_points, nodes, turn, vectors, layered, plane_points)
+        if grid_map.following is not None:
+            followed = grid_map.following.at(start, nodes, start, nodes)
+        return LiveGridState(self, initial, control_points, nodes, turn, vectors, followed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,51 +343,65 @@ class LiveGridState:
     nodes: np.ndarray  # (n_nodes, 3), the grid (m)
     turn: Turn | None  # rotations of the residual
     vectors: Vectors | None  # the residual that turns
-    layered: Layered | None  # nodes that followed walls
-    plane_points: np.ndarray  # (n_plane, 3), nodes on the boundary edges of planes before that (m)
+    followed: Followed | None  # nodes that followed walls
 
-    def jvp(self, d_nodes: np.ndarray, d_initial: np.ndarray, d_control_points: np.ndarray) -> np.ndarray:
-        """Change of the grid, shape (n_nodes, 3), with those of the baseline and of both sets of control points."""
-        of, grid_map = self.of, self.of.grid_map
-        change = d_start = of.mapping.jvp(self.control_points, d_nodes, d_control_points)
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return self.of.inputs
+
+    def jvp(
+        self,
+        # changes, none by default: of the baseline, and of the control points at first and now
+        grid_initial: np.ndarray | None = None,  # (n_nodes, 3)
+        control_points_initial: np.ndarray | None = None,  # (n_control_points, 3)
+        control_points: np.ndarray | None = None,  # (n_control_points, 3)
+    ) -> np.ndarray:  # (n_nodes, 3)
+        """Change of the grid."""
+        of, none = self.of, np.zeros_like(self.control_points)
+        d_nodes = np.zeros_like(self.nodes) if grid_initial is None else grid_initial
+        d_control = none if control_points is None else control_points
+        change = d_start = of.mapping.jvp(self.control_points, d_nodes, d_control)
         if of.needs_initial:
+            d_initial = none if control_points_initial is None else control_points_initial
             d_start = of.mapping.jvp(self.initial, d_nodes, d_initial)
         if of.has_residual:
             d_residual, d_start = d_nodes - d_start, d_nodes
             if self.turn is None or self.vectors is None:
                 change += d_residual
             else:
-                d_turn, d_vectors = self.turn.change(d_control_points, d_initial), self.turn.of.vectors(d_residual)
-                change += self.turn.jvp(np.zeros_like(d_control_points), d_turn, self.vectors, d_vectors)
-        if self.layered is not None:
-            rows, d_normals = grid_map.wall_rows, grid_map.normals_jvp(self.plane_points, change[grid_map.plane_rows])
-            self.layered.jvp(d_start, change, d_start[rows], change[rows], d_normals)
+                d_turn, d_vectors = self.turn.change(d_control, d_initial), self.turn.of.vectors(d_residual)
+                change += self.turn.jvp(none, d_turn, self.vectors, d_vectors)
+        if self.followed is not None:
+            self.followed.jvp(change, change, d_start)
         return change
 
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-        """Transpose of `jvp`: derivatives in the baseline and in both sets of control points."""
-        of, grid_map = self.of, self.of.grid_map
+    def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`: derivatives in the inputs that are named, in all by default."""
+        of, wrt = self.of, require_inputs(wrt, self.inputs)
         bar, start_bar = bar.copy(), np.zeros_like(bar)
-        if self.layered is not None:
-            rows = grid_map.wall_rows
-            start_bar, bar, wall_start_bar, wall_bar, normals_bar = self.layered.vjp(bar)
-            start_bar[rows] += wall_start_bar
-            bar[rows] += wall_bar
-            bar[grid_map.plane_rows] += grid_map.normals_vjp(self.plane_points, normals_bar)
-        nodes_bar, control_bar = of.mapping.vjp(self.control_points, bar)
-        if not of.needs_initial:
-            return nodes_bar, None, control_bar
-        initial_bar = np.zeros_like(control_bar)
-        if of.has_residual:
-            residual_bar = bar
-            if self.turn is not None and self.vectors is not None:
-                copies = of.mapping.problem.sharing.copies
-                np.add.at(bar, copies[:, 1], bar[copies[:, 0]])
-                bar[copies[:, 0]] = 0.0
-                turn_bar, initial_bar, residual_bar = self.turn.vjp(self.vectors, bar)
-                residual_bar[copies[:, 0]] = 0.0
-                control_bar += turn_bar
-            nodes_bar += start_bar + residual_bar
-            start_bar = -residual_bar
-        start_nodes_bar, start_control_bar = of.mapping.vjp(self.initial, start_bar)
-        return nodes_bar + start_nodes_bar, initial_bar + start_control_bar, control_bar
+        if self.followed is not None:
+            self.followed.add_vjp(bar, bar, start_bar)
+        bars = dict(zip((GRID_INITIAL, CONTROL_POINTS), of.mapping.vjp(self.control_points, bar)))
+        if of.needs_initial:
+            bars[CONTROL_POINTS_INITIAL] = np.zeros_like(self.initial)
+            if of.has_residual:
+                residual_bar = bar
+                if self.turn is not None and self.vectors is not None:
+                    residual_bar = self._turn_back(self.turn, self.vectors, bar, bars)
+                bars[GRID_INITIAL] += start_bar + residual_bar
+                start_bar = -residual_bar
+            for name, part in zip((GRID_INITIAL, CONTROL_POINTS_INITIAL), of.mapping.vjp(self.initial, start_bar)):
+                bars[name] = bars[name] + part
+        return {name: bars[name] for name in wrt}
+
+    def _turn_back(self, turn: Turn, vectors: Vectors, bar: np.ndarray, bars: dict[str, np.ndarray]) -> np.ndarray:
+        """Add to the bars of both sets of control points what turns the residual; return that of the residual."""
+        copies = self.of.mapping.problem.sharing.copies
+        np.add.at(bar, copies[:, 1], bar[copies[:, 0]])
+        bar[copies[:, 0]] = 0.0
+        by_turn = turn.vjp(vectors, bar, (CONTROL_POINTS, CONTROL_POINTS_INITIAL, "vectors"))
+        bars[CONTROL_POINTS] += by_turn[CONTROL_POINTS]
+        bars[CONTROL_POINTS_INITIAL] = by_turn[CONTROL_POINTS_INITIAL]
+        by_turn["vectors"][copies[:, 0]] = 0.0
+        return by_turn["vectors"]

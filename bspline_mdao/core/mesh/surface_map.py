@@ -5,7 +5,7 @@ Theory: ``docs/theory/geometry.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,7 +14,9 @@ from scipy.sparse import csr_array
 
 from ...errors import InputError
 from ...grids.topology.held_nodes import HeldNodes
+from ...names import CONTROL_POINTS, SURFACE_CONTROL_POINTS
 from ..evaluation.evaluator import Evaluator
+from ..evaluation.node_map import require_inputs
 from ..model.model import Model
 from ..walls.node_vectors import FaceNodes
 from ..walls.turning import Turn, Turning
@@ -27,19 +29,35 @@ __all__ = ["SurfaceMap", "SurfaceState"]
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMap:
-    """Nodes of a surface from the control points of the design surface, ``x = A s + c + T(s) r``."""
+    """Nodes of a surface from the control points of the design surface, ``x = A s + c + T(s) r``.
 
-    # They are those of the whole map from control points to the grid, `bspline_mdao.core.walls.grid_map`: nodes on
-    # walls are where the residual, turned with the wall alone, puts them.
+    They are those of the whole map from control points to the grid, `bspline_mdao.core.walls.grid_map`: nodes on
+    walls are where the residual, turned with the wall alone, puts them.
 
-    matrix: csr_array  # (n, n_surface), A, the basis values at the nodes
-    # (n, 3), c (m): what control points that are fixed contribute, and the residual of the fit where it does not turn
+    Parameters
+    ----------
+    matrix : csr_array, shape (n, n_surface)
+        A, the basis values at the nodes.
+    constant : ndarray, shape (n, 3)
+        c (m): what control points that are fixed contribute, and the residual of the fit where it does not turn.
+    turned : _TurnedRows or None
+        The residual, where the model has one and lets it turn.
+    """
+
+    matrix: csr_array
     constant: np.ndarray
-    turned: _TurnedRows | None  # the residual, where the model has one and lets it turn
+    turned: _TurnedRows | None
 
     @classmethod
     def of(cls, model: Model, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
-        """Take the rows of the surface's nodes out of the evaluation of the grid."""
+        """Take the rows of the surface's nodes out of the evaluation of the grid.
+
+        Raises
+        ------
+        InputError
+            If a node depends on a control point that is free to move and not on the design surface, none depends on one
+            that is, or the surface or the mesh is of another model.
+        """
         require_mesh_of(model, mesh, "surface: the mesh")
         if surface.rows.max() >= model.n_nodes:
             raise InputError(f"surface: it has nodes that {model.header.source} has not; make it of this model")
@@ -51,18 +69,21 @@ class SurfaceMap:
         return found
 
     @classmethod
-    def of_rows(
-        cls,
-        model: Model,  # the fitted grid, or what one of several processes needs of it
-        # (n_surface,) of int, numbers of the surface control points; all others count as fixed
-        surface_ids: np.ndarray,
-        # (n,) of int, rows of the nodes in the grid vector, ascending; of nodes that are one, the first
-        rows: np.ndarray,
-        # called with each matrix that the nodes depend on control points by (that of the nodes, and that of the corners
-        # of spans that their residual turns with) and with whether it is the second; may refuse it
-        require: Callable | None = None,
-    ) -> SurfaceMap:
-        """Take some rows out of the evaluation of the grid."""
+    def of_rows(cls, model: Model, surface_ids: np.ndarray, rows: np.ndarray, require=None) -> SurfaceMap:
+        """Take some rows out of the evaluation of the grid.
+
+        Parameters
+        ----------
+        model : FittedModel or ModelShare
+            The fitted grid, or what one of several processes needs of it.
+        surface_ids : ndarray of int, shape (n_surface,)
+            Numbers of the surface control points; all others count as fixed.
+        rows : ndarray of int, shape (n,)
+            Rows of the nodes in the grid vector, ascending; of nodes that are one, the first.
+        require : callable, optional
+            Called with each matrix that the nodes depend on control points by (that of the nodes, and that of the
+            corners of spans that their residual turns with) and with whether it is the second; may refuse it.
+        """
         require = require or (lambda matrix, turned: None)
         held = HeldNodes.of(model.topology, rows)
         parameters = model.parameters_of(held)
@@ -89,12 +110,18 @@ class SurfaceMap:
         """Whether the nodes depend linearly (affinely) on the control points."""
         return self.turned is None
 
-    def at(self, control_points: np.ndarray) -> SurfaceState:
-        """Nodes and their derivative at surface control points, shape (n_surface, 3), in metres."""
-        nodes = self.matrix @ control_points + self.constant
+    def at(self, surface_control_points: np.ndarray) -> SurfaceState:
+        """Nodes and their derivative at surface control points, shape (n_surface, 3), in metres.
+
+        Raises
+        ------
+        MovementError
+            If the surroundings of a point are turned inside out.
+        """
+        nodes = self.matrix @ surface_control_points + self.constant
         if self.turned is None:
             return SurfaceState(self, nodes, None)
-        turn = self.turned.at(control_points)
+        turn = self.turned.at(surface_control_points)
         return SurfaceState(self, nodes + self.turned.evaluate(turn), turn)
 
     def apply(self, control_points: np.ndarray) -> np.ndarray:
@@ -104,34 +131,66 @@ class SurfaceMap:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceState:
-    """Nodes of a surface, and their derivative."""
+    """Nodes of a surface, and their derivative.
 
-    of: SurfaceMap  # what gave them
-    nodes: np.ndarray  # (n, 3), the nodes (m)
-    turn: Turn | None  # rotations of the residual
+    Parameters
+    ----------
+    of : SurfaceMap
+        What gave them.
+    nodes : ndarray, shape (n, 3)
+        The nodes (m).
+    turn : Turn or None
+        Rotations of the residual.
+    """
 
-    def jvp(self, change: np.ndarray) -> np.ndarray:
+    of: SurfaceMap
+    nodes: np.ndarray
+    turn: Turn | None
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return (SURFACE_CONTROL_POINTS,)
+
+    def jvp(self, surface_control_points: np.ndarray | None = None) -> np.ndarray:
         """Change of the nodes, shape (n, 3), with that of the control points, shape (n_surface, 3)."""
-        found = self.of.matrix @ change
-        turned = self.of.turned
-        return found if self.turn is None or turned is None else found + turned.jvp(self.turn, change)
+        if surface_control_points is None:
+            return np.zeros_like(self.nodes)
+        found, turned = self.of.matrix @ surface_control_points, self.of.turned
+        if self.turn is None or turned is None:
+            return found
+        return found + turned.jvp(self.turn, surface_control_points)
 
-    def vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `jvp`: (n, 3) to (n_surface, 3)."""
-        found = self.of.matrix.T @ bar
-        turned = self.of.turned
-        return found if self.turn is None or turned is None else found + turned.vjp(self.turn, bar)
+    def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`: (n, 3) to (n_surface, 3) under ``surface_control_points``."""
+        found, turned, wrt = self.of.matrix.T @ bar, self.of.turned, require_inputs(wrt, self.inputs)
+        if self.turn is not None and turned is not None:
+            found += turned.vjp(self.turn, bar)
+        return dict.fromkeys(wrt, found)
 
 
 @dataclass(frozen=True, eq=False)
 class _TurnedRows:
-    """The residual of some nodes, and how it turns with the design surface."""
+    """The residual of some nodes, and how it turns with the design surface.
 
-    turning: Turning  # rotations of the corners that these nodes need
-    rows: FaceNodes  # the nodes
-    residual: np.ndarray  # (n, 3), their residual (m)
-    surface_ids: np.ndarray  # (n_surface,) of int, control points on the design surface
-    # (n_control_points, 3), all on the baseline (m). Those that slide in planes do not matter: the planes stay.
+    Parameters
+    ----------
+    turning : Turning
+        Rotations of the corners that these nodes need.
+    rows : FaceNodes
+        The nodes.
+    residual : ndarray, shape (n, 3)
+        Their residual (m).
+    surface_ids : ndarray of int, shape (n_surface,)
+        Control points on the design surface.
+    control_points : ndarray, shape (n_control_points, 3)
+        All on the baseline (m). Those that slide in planes do not matter: the planes stay.
+    """
+
+    turning: Turning
+    rows: FaceNodes
+    residual: np.ndarray
+    surface_ids: np.ndarray
     control_points: np.ndarray
 
     def at(self, control_points: np.ndarray) -> Turn:
@@ -149,7 +208,10 @@ class _TurnedRows:
         return self.rows.jvp(turn.matrices, turn.normals, self.residual, d.matrices, d.normals, None)
 
     def vjp(self, turn: Turn, bar: np.ndarray) -> np.ndarray:
-        return turn.rows_vjp(self.rows, self.residual, bar)[self.surface_ids]
+        matrices_bar = np.zeros_like(turn.matrices)
+        normals_bar, _ = self.rows.vjp(turn.matrices, turn.normals, self.residual, bar, matrices_bar)
+        bars = turn.change_vjp(Turn.Change(matrices_bar, normals_bar), (CONTROL_POINTS,))
+        return bars[CONTROL_POINTS][self.surface_ids]
 
 
 def _require_fixed(mesh: MovingMesh, surface: SurfaceGrid, matrix: csr_array, turned: bool) -> None:

@@ -133,4 +133,5 @@ class SurfaceVectors:
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `jvp`."""
-        return self.rotations.vjp(vectors_vjp(self.values, self.rotations.matrices, bar))
+        bars = self.rotations.vjp(vectors_vjp(self.values, self.rotations.matrices, bar), ("initial", "moved"))
+        return bars["initial"], bars["moved"]

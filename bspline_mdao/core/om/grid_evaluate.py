@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from openmdao.vectors.vector import Vector
 from scipy.sparse import identity, kron
 
 from ...base.numerics.processes import summed
@@ -12,7 +11,6 @@ from ...names import CONTROL_POINTS, GRID, SURFACE
 from ..mesh.surface import SurfaceGrid
 from ..model.model import Model
 from ..walls.grid_map import GridMap, GridState
-from ..walls.wall_correction import WallCorrection
 from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges, lines_among
 from .component import (
@@ -90,7 +88,7 @@ class GridEvaluate(SparseComponent):
     True
     """
 
-    def initialize(self) -> None:
+    def initialize(self):
         """Declare the options."""
         declare_model(self, desc="the fitted grid, or a share of it")
         declare_partition(self)
@@ -106,7 +104,7 @@ class GridEvaluate(SparseComponent):
         return not model.settings.wall_layer or (model.residual is None and not has_walls)
 
     @fails_together
-    def setup(self) -> None:
+    def setup(self):
         """Declare the variables, of the sizes of the model."""
         model, surface = part_of_model(self), self.options["surface"]
         self._last = LastState()
@@ -119,7 +117,7 @@ class GridEvaluate(SparseComponent):
             )
         self.matrix_free = not self.options["assembled"]
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
-        self._map, self._correction = self._maps(model)
+        self._map = self._map_of(model)
         if surface is not None:
             self.add_input(SURFACE, val=surface.points[self._numbers(surface)].ravel(), units="m")
             check_along_edges(self, SURFACE, lines_among(self._numbers(surface), surface.faces), digits=300.0)
@@ -130,47 +128,45 @@ class GridEvaluate(SparseComponent):
             check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)
 
     @fails_together
-    def setup_partials(self) -> None:
+    def setup_partials(self):
         """Declare the Jacobian once and for all where it is wanted as a matrix."""
         if self.options["assembled"]:  # a matrix-free one stays undeclared: OpenMDAO would allocate it, and it is dense
             matrix = self._map.evaluator.matrix()[: self._map.n_asked]
             jacobian = kron(matrix, identity(3), format="coo")
             self.declare_sparse(GRID, CONTROL_POINTS, jacobian.row, jacobian.col, jacobian.data)
 
-    def compute(self, inputs: Vector, outputs: Vector) -> None:
+    def compute(self, inputs, outputs):
         """Evaluate the volumes at the nodes, and let nodes follow walls."""
         state = self._state_at(inputs)
         outputs[GRID] = state.nodes[: self._map.n_asked].ravel()
         if self.under_complex_step:
-            change = state.jvp(*(inputs[name].imag.reshape(-1, 3) for name in self._names))
+            change = state.jvp(*(inputs[name].imag.reshape(-1, 3) for name in self._map.inputs))
             outputs[GRID] += 1j * change[: self._map.n_asked].ravel()
 
-    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose at the inputs."""
         if self.options["assembled"]:
             super().compute_jacvec_product(inputs, d_inputs, d_outputs, mode)
             return
         state, grid_map = self._state_at(inputs), self._map
+        names = [name for name in grid_map.inputs if name in d_inputs]
 
-        def jvp(*directions: np.ndarray) -> np.ndarray:
-            return state.jvp(*directions)[: grid_map.n_asked]
+        def jvp(*directions):
+            return state.jvp(**dict(zip(names, directions)))[: grid_map.n_asked]
 
-        def vjp(bar: np.ndarray) -> list[np.ndarray | None]:
-            return [None if part is None else summed(self.comm, part) for part in state.full_vjp(grid_map.padded(bar))]
+        def vjp(bar):
+            bars = state.vjp(grid_map.padded(bar), names)
+            return [summed(self.comm, bars[name]) for name in names]
 
-        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=self._names)
+        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=names)
 
-    def _maps(self, model: Model) -> tuple[GridMap, WallCorrection | None]:
-        """Map to the nodes of this process, and the correction of walls that are given."""
+    def _map_of(self, model: Model) -> GridMap:
+        """Map to the nodes of this process, which meets walls that are given."""
         surface = self.options["surface"]
         if surface is None:
-            return model.grid_map(), None
-        return model.corrected_map(surface.rows[self._numbers(surface)], self.options["model"])
-
-    @property
-    def _names(self) -> tuple[str, ...]:
-        """Names of the inputs."""
-        return (CONTROL_POINTS,) if self._correction is None else (CONTROL_POINTS, SURFACE)
+            return model.grid_map()
+        grid_map, correction = model.corrected_map(surface.rows[self._numbers(surface)], self.options["model"])
+        return grid_map.meeting(correction)
 
     def _numbers(self, surface: SurfaceGrid) -> np.ndarray:
         """Numbers of the nodes of the surface that are given."""
@@ -181,7 +177,7 @@ class GridEvaluate(SparseComponent):
             raise InputError(f"{self.msginfo}: 'numbers' has a node twice; give each once")
         return numbers
 
-    def _state_at(self, inputs: Vector) -> GridState:
+    def _state_at(self, inputs) -> GridState:
         with failures_as_analysis_errors(self):
-            points = [finite_points(inputs[name], name, self.msginfo).real for name in self._names]
-            return self._last.at(points, lambda control, *wall: self._map.at(control, self._correction, *wall))
+            points = [finite_points(inputs[name], name, self.msginfo).real for name in self._map.inputs]
+            return self._last.at(points, self._map.at)

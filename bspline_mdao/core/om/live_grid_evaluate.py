@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import openmdao.api as om
-from openmdao.vectors.vector import Vector
 
 from ...errors import InputError
 from ...names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
@@ -82,13 +81,13 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
 
-    def initialize(self) -> None:
+    def initialize(self):
         """Declare the options."""
         declare_model(self, FittedModel, desc="fit of the baseline grid")
         declare_partition(self)
 
     @fails_together
-    def setup(self) -> None:
+    def setup(self):
         """Declare the variables, of the sizes of the model."""
         model, is_shared = self.options["model"], self.comm.size > 1
         partition = blocks_of(self)
@@ -108,33 +107,38 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
         for name in (CONTROL_POINTS_INITIAL, CONTROL_POINTS) if needs_initial else (CONTROL_POINTS,):
             check_along_edges(self, name, model.mesh.control_ids)
 
-    def compute(self, inputs: Vector, outputs: Vector) -> None:
+    def compute(self, inputs, outputs):
         """Evaluate the volumes at the nodes, and let nodes follow walls."""
         outputs[GRID] = self._whole.own(self._state_at(inputs).nodes).ravel()
 
-    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose."""
         state, whole = self._state_at(inputs), self._whole
 
-        def jvp(d_nodes: np.ndarray, *d_control: np.ndarray) -> np.ndarray:
-            return whole.own(state.jvp(whole.gather(d_nodes), *d_control))
+        names = [name for name in state.inputs if name in d_inputs]
 
-        def vjp(bar: np.ndarray) -> list[np.ndarray | None]:
-            nodes_bar, *control_bars = state.vjp(whole.gather(bar))
-            return [None if nodes_bar is None else whole.own(nodes_bar), *control_bars]
+        def jvp(*directions):
+            changes = dict(zip(names, directions))
+            if GRID_INITIAL in changes:
+                changes[GRID_INITIAL] = whole.gather(changes[GRID_INITIAL])
+            return whole.own(state.jvp(**changes))
 
-        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=INPUTS)
+        def vjp(bar):
+            bars = state.vjp(whole.gather(bar), names)
+            return [whole.own(bars[name]) if name == GRID_INITIAL else bars[name] for name in names]
+
+        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=names)
 
     def _grid(self, nodes: np.ndarray) -> LiveGrid:
         return live_grid(self.options["model"], nodes)
 
-    def _state_at(self, inputs: Vector) -> LiveGridState:
+    def _state_at(self, inputs) -> LiveGridState:
         points = self._points(inputs)
         points[GRID_INITIAL] = self._whole.gather(points[GRID_INITIAL])
         return self._state_of(points)
 
     @fails_together
-    def _points(self, inputs: Vector) -> dict[str, np.ndarray]:
+    def _points(self, inputs) -> dict[str, np.ndarray]:
         """Inputs as points, those of the grid of this process alone."""
         refuse_complex_step(self)
         return {name: finite_points(inputs[name], name, self.msginfo) for name in INPUTS if name in inputs}
@@ -146,7 +150,7 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
 
         def make(*copies: np.ndarray) -> LiveGridState:
             made_for = dict(zip(points, copies))
-            return grid.at(made_for.get(CONTROL_POINTS_INITIAL), made_for[CONTROL_POINTS])
+            return grid.at(made_for[CONTROL_POINTS], made_for.get(CONTROL_POINTS_INITIAL))
 
         with failures_as_analysis_errors(self):
             return self._last.at(list(points.values()), make)

@@ -1,46 +1,51 @@
-"""What components have in common whose output is points that a map takes from points."""
+"""What components have in common whose output is nodes that a map takes from points."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import numpy as np
+import openmdao.api as om
 
-from openmdao.vectors.vector import Vector
-
+from ..evaluation.node_map import NodeMap, NodeState
 from .checked_along_edges import CheckedAlongEdges
 from .component import LastState, add_product, failures_as_analysis_errors, finite_points
 
 
-class MovedPoints(CheckedAlongEdges):
-    """Outputs and products of a component whose output, under its option ``name``, is points."""
+def add_node_product(state: NodeState, inputs, d_inputs, d_outputs, mode: str, of: str) -> None:
+    """Add the product of the Jacobian of nodes, or of its transpose, in those inputs that play a part."""
+    names = [name for name in state.inputs if name in d_inputs]
 
-    # Its ``setup`` calls `_moves_by` once the map is known.
+    def jvp(*directions: np.ndarray) -> np.ndarray:
+        return state.jvp(**dict(zip(names, directions)))
 
-    def _moves_by(
-        self,
-        # takes points under every input, of shape (n, 3), and returns a state: ``points``, ``jvp`` of directions in the
-        # inputs, and ``vjp``, which gives a sequence with the derivatives with respect to these first
-        move: Callable,
-        *wrt: str,  # names of the inputs
-    ) -> None:
-        """Set the map."""
-        self._move, self._wrt, self._last = move, wrt, LastState()
+    def vjp(bar: np.ndarray) -> list[np.ndarray]:
+        bars = state.vjp(bar, names)
+        return [bars[name] for name in names]
 
-    def compute(self, inputs: Vector, outputs: Vector) -> None:
+    add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=of, wrt=names)
+
+
+class MovedPoints(CheckedAlongEdges, om.ExplicitComponent):
+    """Component whose output is the nodes of a map.
+
+    Its ``setup`` calls `_moves_by` once the map is known.
+    """
+
+    def _moves_by(self, node_map: NodeMap, of: str, *wrt: str) -> None:
+        """Set the map, the name of the output, and those of the inputs in the order in which the map takes them."""
+        self._map, self._of, self._wrt, self._last = node_map, of, wrt, LastState()
+
+    def compute(self, inputs, outputs):
         """Evaluate the points."""
-        state, name = self._state_at(inputs), self.options["name"]
-        outputs[name] = state.points.ravel()
-        if self.under_complex_step:
-            imaginary = [inputs[wrt].imag.reshape(-1, 3) for wrt in self._wrt]
-            outputs[name] += 1j * state.jvp(*imaginary).ravel()
-
-    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
-        """Apply the Jacobian or its transpose at the inputs."""
         state = self._state_at(inputs)
-        products = {"jvp": state.jvp, "vjp": state.vjp, "of": self.options["name"], "wrt": self._wrt}
-        add_product(inputs, d_inputs, d_outputs, mode, **products)
+        outputs[self._of] = state.nodes.ravel()
+        if self.under_complex_step:
+            outputs[self._of] += 1j * state.jvp(*(inputs[wrt].imag.reshape(-1, 3) for wrt in self._wrt)).ravel()
 
-    def _state_at(self, inputs: Vector) -> Any:
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose at the inputs."""
+        add_node_product(self._state_at(inputs), inputs, d_inputs, d_outputs, mode, self._of)
+
+    def _state_at(self, inputs) -> NodeState:
         with failures_as_analysis_errors(self):
             points = [finite_points(inputs[name], name, self.msginfo).real for name in self._wrt]
-            return self._last.at(points, self._move)
+            return self._last.at(points, self._map.at)

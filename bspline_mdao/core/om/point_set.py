@@ -5,16 +5,11 @@ Theory: ``docs/theory/body_points.rst``, ``docs/theory/inversion.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
-import openmdao.api as om
 
 from ...errors import InputError
 from ...names import CONTROL_POINTS, GRID, SURFACE
 from ..model.fitted_model import FittedModel
-from ..walls.embedded_points import EmbeddedState
 from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges, numbered_blocks
 from .component import LINEAR_STEP, fails_together
@@ -22,23 +17,7 @@ from .model_option import declare_model
 from .moved_points import MovedPoints
 
 
-@dataclass(frozen=True, eq=False)
-class _Nodes:
-    """A grid that was given."""
-
-    nodes: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class _Ridden:
-    """Points that ride on walls, and their derivative."""
-
-    points: np.ndarray
-    jvp: Callable
-    vjp: Callable
-
-
-class PointSet(MovedPoints, om.ExplicitComponent):
+class PointSet(MovedPoints):
     """Move points that were not fitted with the shape: spars, ribs and tanks inside the body, probes in the flow.
 
     Points inside the body ride on its walls alone. Where all do, the component needs nothing but these:
@@ -105,7 +84,7 @@ class PointSet(MovedPoints, om.ExplicitComponent):
     @property
     def is_linear(self) -> bool:
         """Whether the outputs depend linearly (affinely) on the inputs: known after ``setup``."""
-        return self._embedded.layer is None
+        return self._embedded.following is None
 
     @fails_together
     def setup(self) -> None:
@@ -121,21 +100,14 @@ class PointSet(MovedPoints, om.ExplicitComponent):
             )
         nodes = self._embedded.grid_map.nodes
         if n_in_volume:
-            self._moves_by(self._of_grid, CONTROL_POINTS, GRID)
+            self._moves_by(self._embedded, self.options["name"], CONTROL_POINTS, GRID)
             self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
             self.add_input(GRID, val=nodes.ravel(), units="m")
         else:
-            self._moves_by(self._of_walls, SURFACE)
+            self._moves_by(self._embedded.body, self.options["name"], SURFACE)
             self.add_input(SURFACE, val=nodes[self._embedded.wall_rows].ravel(), units="m")
         self.add_output(self.options["name"], val=self._embedded.points.ravel(), units="m")
         check_along_directions(self, LINEAR_STEP)
         if not self.is_linear:  # of points in the volumes, some follow walls
             check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)
             check_along_edges(self, GRID, numbered_blocks(model.topology.shapes))
-
-    def _of_grid(self, control_points: np.ndarray, nodes: np.ndarray) -> EmbeddedState:
-        return self._embedded.at(control_points, _Nodes(nodes))
-
-    def _of_walls(self, nodes: np.ndarray) -> _Ridden:
-        body = self._embedded.body
-        return _Ridden(body.at(nodes), body.jvp, lambda bar: (body.vjp(bar),))

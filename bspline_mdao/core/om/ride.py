@@ -6,23 +6,20 @@ Theory: ``docs/theory/ride.rst``.
 from __future__ import annotations
 
 import numpy as np
-import openmdao.api as om
 
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...names import CONTROL_POINTS
 from ..model.fitted_model import FittedModel
-from ..riding.riding_mesh import RidingMesh
+from ..riding.riding_mesh import WALL, RidingMesh
 from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges
 from .component import LINEAR_STEP, fails_together
 from .model_option import declare_model
 from .moved_points import MovedPoints
 
-WALL = "wall"
 
-
-class Ride(MovedPoints, om.ExplicitComponent):
+class Ride(MovedPoints):
     """Move the nodes of a mesh that was not fitted, of tetrahedra, wedges and others, with the control mesh.
 
     ==================  ======  ====================  =====  =======================================================
@@ -108,7 +105,8 @@ class Ride(MovedPoints, om.ExplicitComponent):
         self._riding = RidingMesh.of(model, mesh, **chosen)
         if options["asked"] and not self._riding.n_asked:
             raise InputError(f"{self.msginfo}: the mesh has no walls whose nodes could be given; leave 'asked' out")
-        self._moves_by(self._riding.at, *((CONTROL_POINTS, WALL) if options["asked"] else (CONTROL_POINTS,)))
+        wrt = (CONTROL_POINTS, WALL) if options["asked"] else (CONTROL_POINTS,)
+        self._moves_by(self._riding, options["name"], *wrt)
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
         if options["asked"]:
             self.add_input(WALL, val=mesh.points[self.wall_nodes].ravel(), units="m")

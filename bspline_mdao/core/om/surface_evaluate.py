@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import openmdao.api as om
-from openmdao.vectors.vector import Vector
-
 from ...names import SURFACE, SURFACE_CONTROL_POINTS
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
-from ..mesh.surface_map import SurfaceMap, SurfaceState
+from ..mesh.surface_map import SurfaceMap
 from .check_directions import check_along_directions
-from .checked_along_edges import CheckedAlongEdges, check_along_edges, lines_among
-from .component import LINEAR_STEP, LastState, add_product, fails_together, failures_as_analysis_errors, finite_points
+from .checked_along_edges import check_along_edges, lines_among
+from .component import LINEAR_STEP, fails_together
 from .model_option import declare_model
+from .moved_points import MovedPoints
 
 
-class SurfaceEvaluate(CheckedAlongEdges, om.ExplicitComponent):
+class SurfaceEvaluate(MovedPoints):
     """Regenerate the nodes of some patches from the surface control points, Eq. (3), without moving the grid.
 
     They are those of `GridEvaluate` to round-off, at a fraction of the cost. The component is linear (`is_linear`)
@@ -62,7 +60,7 @@ class SurfaceEvaluate(CheckedAlongEdges, om.ExplicitComponent):
     (294,)
     """
 
-    def initialize(self) -> None:
+    def initialize(self):
         """Declare the options."""
         declare_model(self)
         self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
@@ -75,33 +73,13 @@ class SurfaceEvaluate(CheckedAlongEdges, om.ExplicitComponent):
         return model.residual is None or not model.settings.wall_layer
 
     @fails_together
-    def setup(self) -> None:
+    def setup(self):
         """Declare the variables."""
         mesh, surface = self.options["mesh"], self.options["surface"]
-        self._map, self._last = SurfaceMap.of(self.options["model"], mesh, surface), LastState()
+        self._moves_by(SurfaceMap.of(self.options["model"], mesh, surface), SURFACE, SURFACE_CONTROL_POINTS)
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(SURFACE, val=surface.points.ravel(), units="m")
         if self.is_linear:
             check_along_directions(self, LINEAR_STEP)
         else:
             check_along_edges(self, SURFACE_CONTROL_POINTS, lines_among(mesh.surface_ids, mesh.blocks))
-
-    @fails_together
-    def compute(self, inputs: Vector, outputs: Vector) -> None:
-        """Evaluate the volumes at the nodes."""
-        state = self._state_at(inputs)
-        outputs[SURFACE] = state.nodes.ravel()
-        if self.under_complex_step:
-            outputs[SURFACE] += 1j * state.jvp(inputs[SURFACE_CONTROL_POINTS].imag.reshape(-1, 3)).ravel()
-
-    @fails_together
-    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
-        """Apply the Jacobian or its transpose at the inputs."""
-        state = self._state_at(inputs)
-        products = {"jvp": state.jvp, "vjp": state.vjp}
-        add_product(inputs, d_inputs, d_outputs, mode, **products, of=SURFACE, wrt=SURFACE_CONTROL_POINTS)
-
-    def _state_at(self, inputs: Vector) -> SurfaceState:
-        points = finite_points(inputs[SURFACE_CONTROL_POINTS], SURFACE_CONTROL_POINTS, self.msginfo).real
-        with failures_as_analysis_errors(self):
-            return self._last.at([points], self._map.at)

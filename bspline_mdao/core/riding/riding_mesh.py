@@ -16,6 +16,7 @@ Theory: ``docs/theory/ride.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -26,17 +27,23 @@ from ...base.display import OneLine
 from ...errors import InputError, MovementError
 from ...grids.cells.mixed_cells import MixedMesh, first_heights, wall_normals
 from ...grids.cells.quads import area_vectors
+from ...names import CONTROL_POINTS
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.inversion import PointInversion, embed_points, invert_points
+from ..evaluation.node_map import require_inputs
 from ..model.fitted_model import FittedModel
 from ..walls.closest_points import TriangleTree
 from ..walls.embedded_points import ON_PLANE, planes_of
 from ..walls.frames import Frames
-from ..walls.layer import Layered, WallLayer
+from ..walls.layer import WallLayer
 from ..walls.wall import Wall
+from ..walls.wall_following import Followed, WallFollowing
 from .wall_faces import GridBoundary, WallFaces
 
 __all__ = ["RiddenMesh", "RidingMesh"]
+
+WALL = "wall"
+"""Name of the input that asks for places of the nodes of walls."""
 
 FADE = 8.0, 0.1
 """Widths of the faces of a wall over which a difference between where its nodes are asked to be and where the volumes
@@ -53,17 +60,32 @@ AT_END = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class RidingWalls(OneLine):
-    """Walls of a mesh that rides."""
+    """Walls of a mesh that rides.
 
-    faces: WallFaces  # their faces
-    rows: np.ndarray  # (n_wall,) of int, their nodes, ascending
-    # list of (ndarray of int, ndarray of shape (3,)) of int, nodes of the mesh in planes that walls end on, and the
-    # planes' unit normals
+    Parameters
+    ----------
+    faces : WallFaces
+        Their faces.
+    rows : ndarray of int, shape (n_wall,)
+        Their nodes, ascending.
+    planes : list of (ndarray of int, ndarray of shape (3,))
+        Nodes of the mesh in planes that walls end on, and the planes' unit normals.
+    fading : scipy.sparse.csr_array, shape (n_points, n_wall)
+        F, but for these planes.
+    following : WallFollowing
+        Nodes that follow them.
+    missed : ndarray, shape (n_wall, 3)
+        d: what the volumes miss of their nodes (m).
+    at, beside : ndarray of int, shape (m,)
+        Numbers of nodes of walls among `rows`, and the nodes of the mesh next to them.
+    """
+
+    faces: WallFaces
+    rows: np.ndarray
     planes: list[tuple[np.ndarray, np.ndarray]]
-    fading: csr_array  # scipy.sparse.csr_array, shape (n_points, n_wall), F, but for these planes
-    layer: WallLayer  # nodes that follow them
-    missed: np.ndarray  # (n_wall, 3), d: what the volumes miss of their nodes (m)
-    # at, beside: (m,) of int, numbers of nodes of walls among `rows`, and the nodes of the mesh next to them
+    fading: csr_array
+    following: WallFollowing
+    missed: np.ndarray
     at: np.ndarray
     beside: np.ndarray
 
@@ -80,12 +102,13 @@ class RidingWalls(OneLine):
         of_wall = [(ids, normal) for ids, normal in of_wall if len(ids)]
         wall = Wall.of(points, quads, heights, of_wall, faces=faces.marker)
         layer = WallLayer.of(wall, mesh.points, rows, planes, fixed)
-        return cls(faces, rows, planes, _fading(mesh.points, points, quads), layer, missed[rows], at, beside)
+        following = WallFollowing(layer, rows, np.zeros(0, dtype=int), None)
+        return cls(faces, rows, planes, _fading(mesh.points, points, quads), following, missed[rows], at, beside)
 
     @property
     def initial(self) -> np.ndarray:
         """Their nodes on the baseline (m)."""
-        return self.layer.wall.tree.points
+        return self.following.layer.wall.tree.points
 
     def faded(self, mismatch: np.ndarray) -> np.ndarray:
         """F times what was missed of the nodes, shape (n_wall, 3): no node leaves a plane by it."""
@@ -141,7 +164,7 @@ class RidingMesh(OneLine):
     >>> cell = np.array([[2.0, 0.0, 0.0], [2.5, 0.0, 0.0], [2.0, 0.5, 0.0], [2.0, 0.0, 0.5]])
     >>> riding = RidingMesh.of(model, MixedMesh(cell, {"tetra": np.array([[0, 1, 2, 3]])}))
     >>> moved = riding.at(1.1 * model.control_points)
-    >>> moved.points[0].round(6) + 0.0
+    >>> moved.nodes[0].round(6) + 0.0
     array([2.2, 0. , 0. ])
     """
 
@@ -251,28 +274,29 @@ class RidingMesh(OneLine):
         if wall is not None:
             wall = as_finite_points(wall, self.n_asked, f"{source}: nodes of walls")
         self._require_rest(control_points)
-        points, turned, layered = self._mapped(control_points, wall)
-        points += self.mesh.points - self.baseline
-        if self.walls is not None and layered is not None:
-            points[self.walls.rows] = layered.frames.moved
-        return RiddenMesh(self, points, turned, layered)
+        nodes, turned, followed = self._mapped(control_points, wall)
+        nodes += self.mesh.points - self.baseline
+        if self.walls is not None and followed is not None:
+            nodes[self.walls.rows] = followed.layered.frames.moved
+        return RiddenMesh(self, nodes, turned, followed)
 
     def _mapped(
         self, control_points: np.ndarray, wall: np.ndarray | None
-    ) -> tuple[np.ndarray, Frames | None, Layered | None]:
-        """Nodes, how walls turn by themselves where nothing is asked of them, and the layer."""
+    ) -> tuple[np.ndarray, Frames | None, Followed | None]:
+        """Nodes, how walls turn by themselves where nothing is asked of them, and the nodes that followed them."""
         points = self.mesh.points.copy()
         points[self.rows] += self.evaluator.forward(control_points - self.control_points)
         walls, turned = self.walls, None
         if walls is None:
             return points, None, None
-        mapped, frames = points[walls.rows], walls.layer.wall.frames
+        mapped, frames = points[walls.rows], walls.following.layer.wall.frames
         if wall is None:
             turned = frames.at(walls.initial, mapped)
             rest = frames.at(walls.initial, walls.initial).matrices
             wall = mapped + np.einsum("nij,nj->ni", turned.matrices - rest, walls.missed)
         points += walls.faded(wall - mapped)
-        return points, turned, walls.layer.at(self.mesh.points, points, walls.initial, wall)
+        points[walls.rows] = wall
+        return points, turned, walls.following.at(self.mesh.points, points, self.mesh.points, points)
 
     def _require_rest(self, control_points: np.ndarray) -> None:
         """Refuse a move of the boundary beside nodes that are held."""
@@ -290,56 +314,87 @@ class RidingMesh(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class RiddenMesh(OneLine):
-    """A mesh that was moved, and the derivative of its nodes."""
+    """A mesh that was moved, and the derivative of its nodes.
 
-    of: RidingMesh  # the map
-    points: np.ndarray  # (n_points, 3), the nodes (m)
-    turned: Frames | None  # how walls turned of which nothing was asked
-    layered: Layered | None  # the nodes that followed walls
+    Parameters
+    ----------
+    of : RidingMesh
+        The map.
+    nodes : ndarray, shape (n_points, 3)
+        The nodes (m).
+    turned : Frames or None
+        How walls turned of which nothing was asked.
+    followed : Followed or None
+        The nodes that followed walls.
+    """
 
-    def jvp(
-        self,
-        d_control_points: np.ndarray,  # (n_control_points, 3), change of the control points
-        # (n_asked, 3), change of the places that the nodes of walls were asked for; needed where they were
-        d_wall: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Change of the nodes, shape (n_points, 3)."""
-        of, change = self.of, np.zeros_like(self.points)
-        change[of.rows] = of.evaluator.forward(d_control_points)
+    of: RidingMesh
+    nodes: np.ndarray
+    turned: Frames | None
+    followed: Followed | None
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs: places of walls count where they were asked for."""
+        is_asked = self.followed is not None and self.turned is None
+        return (CONTROL_POINTS, WALL) if is_asked else (CONTROL_POINTS,)
+
+    def jvp(self, control_points: np.ndarray | None = None, wall: np.ndarray | None = None) -> np.ndarray:
+        """Change of the nodes, shape (n_points, 3).
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3), optional
+            Change of the control points; none by default.
+        wall : ndarray, shape (n_asked, 3), optional
+            Change of the places that the nodes of walls were asked for; none by default.
+        """
+        of, change = self.of, np.zeros_like(self.nodes)
+        if control_points is not None:
+            change[of.rows] = of.evaluator.forward(control_points)
         walls = of.walls
-        if walls is None or self.layered is None:
+        if walls is None or self.followed is None:
             return change
         mapped = change[walls.rows]
         if self.turned is not None:
-            d_wall = mapped + np.einsum("nij,nj->ni", self.turned.jvp(None, mapped), walls.missed)
-        elif d_wall is None:
-            raise InputError(f"{of.mesh.source}: nodes of walls were asked for; give their change as well")
-        change += walls.faded(d_wall - mapped)
-        self.layered.jvp(None, change, None, d_wall)
-        change[walls.rows] = d_wall
+            wall = mapped + np.einsum("nij,nj->ni", self.turned.jvp(None, mapped), walls.missed)
+        elif wall is None:
+            wall = np.zeros_like(mapped)
+        change += walls.faded(wall - mapped)
+        change[walls.rows] = wall
+        self.followed.jvp(change, change)
         return change
 
-    def vjp(
-        self,
-        bar: np.ndarray,  # (n_points, 3), derivative of a scalar with respect to the nodes
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Transpose of `jvp`."""
-        # Returns control_points_bar: (n_control_points, 3); wall_bar: (n_asked, 3), with respect to the places that the
-        # nodes of walls were asked for; None where they were not.
-        of, bar = self.of, np.array(bar, dtype=float)
-        walls, wall_bar = of.walls, None
-        if walls is not None and self.layered is not None:
+    def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n_points, 3)
+            Derivative of a scalar with respect to the nodes.
+        wrt : collection of str, optional
+            Which derivatives: ``control_points``, shape (n_control_points, 3), and, where places of the nodes of walls
+            were asked for, ``wall``, shape (n_asked, 3); in all `inputs` by default.
+
+        Returns
+        -------
+        dict of str to ndarray
+        """
+        of, bar, wrt = self.of, np.array(bar, dtype=float), require_inputs(wrt, self.inputs)
+        walls, bars = of.walls, {}
+        if walls is not None and self.followed is not None:
+            self.followed.add_vjp(bar, bar)
             wall_bar = bar[walls.rows]
             bar[walls.rows] = 0.0
-            bar, more, _ = self.layered.frozen_vjp(bar)
             missed_bar = walls.faded_vjp(bar)
-            wall_bar = wall_bar + more + missed_bar
+            bars[WALL] = wall_bar + missed_bar
             bar[walls.rows] -= missed_bar
             if self.turned is not None:
-                turned_bar, _ = self.turned.frozen_vjp(np.einsum("ni,nj->nij", wall_bar, walls.missed))
-                bar[walls.rows] += wall_bar + turned_bar
-                wall_bar = None
-        return of.evaluator.adjoint(np.ascontiguousarray(bar[of.rows])), wall_bar
+                turned_bar = np.einsum("ni,nj->nij", bars[WALL], walls.missed)
+                bar[walls.rows] += bars[WALL] + self.turned.vjp(turned_bar, ("moved",))["moved"]
+        if CONTROL_POINTS in wrt:
+            bars[CONTROL_POINTS] = of.evaluator.adjoint(np.ascontiguousarray(bar[of.rows]))
+        return {name: bars[name] for name in wrt}
 
 
 def _fading(points: np.ndarray, wall: np.ndarray, quads: np.ndarray) -> csr_array:
@@ -358,10 +413,12 @@ def _fading(points: np.ndarray, wall: np.ndarray, quads: np.ndarray) -> csr_arra
 
 
 def _on_planes(model: FittedModel, found: PointInversion, points: np.ndarray, planes: list) -> PointInversion:
-    """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there."""
-    # The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it.
-    # What is off by round-off is in the plane: all parameters of a section are in its planes but for those across.
-    # Parameters that are off an end by round-off are put there, so that nodes stay in planes to the last bit.
+    """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there.
+
+    The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it. What
+    is off by round-off is in the plane: all parameters of a section are in its planes but for those across. Parameters
+    that are off an end by round-off are put there, so that nodes stay in planes to the last bit.
+    """
     parameters, near = found.parameters.copy(), ON_PLANE * np.linalg.norm(np.ptp(model.control_points, axis=0))
     for rows, normal in planes:
         for d in range(3):

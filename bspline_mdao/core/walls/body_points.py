@@ -19,7 +19,7 @@ Theory: ``docs/theory/body_points.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,6 +32,8 @@ from ...base.checks import as_finite_points
 from ...base.numerics.vectors import unit_vectors
 from ...errors import InputError
 from ...grids.cells.quads import add_to_nodes, area_vectors
+from ...names import SURFACE
+from ..evaluation.node_map import require_inputs
 from .mean_value import add_weights
 
 __all__ = ["Body", "BodyPoints"]
@@ -165,20 +167,41 @@ class BodyPoints:
         for numbers, weights, _ in body.seen_from(points):
             parts.append(_sparse(weights, points[numbers], body.corners))
         found = cls(csr_array(vstack(parts)), body.means, np.zeros_like(points))
-        return cls(found.weights, found.means, points - found.at(body.points))
+        return cls(found.weights, found.means, points - found.forward(body.points))
 
-    def at(self, nodes: np.ndarray) -> np.ndarray:
-        """Points, shape (n, 3), of nodes of the surface, shape (n_nodes, 3), in metres."""
-        return self.jvp(nodes) + self.offsets
+    def at(self, surface: np.ndarray) -> BodyState:
+        """Points and their derivative at nodes of the surface, shape (n_nodes, 3), in metres."""
+        return BodyState(self, self.forward(surface) + self.offsets)
 
-    def jvp(self, d_nodes: np.ndarray) -> np.ndarray:
-        """Change of the points with the nodes."""
-        return self.weights @ np.concatenate([d_nodes, self.means @ d_nodes])
+    def forward(self, moves: np.ndarray) -> np.ndarray:
+        """Moves of the points, shape (n, 3), with those of the nodes, shape (n_nodes, 3)."""
+        return self.weights @ np.concatenate([moves, self.means @ moves])
 
-    def vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `jvp`: derivative with respect to the nodes, shape (n_nodes, 3)."""
+    def adjoint(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `forward`."""
         corners_bar, n = self.weights.T @ bar, self.means.shape[1]
         return corners_bar[:n] + self.means.T @ corners_bar[n:]
+
+
+@dataclass(frozen=True, eq=False)
+class BodyState:
+    """Points that ride on a surface, and their derivative."""
+
+    of: BodyPoints  # the map
+    nodes: np.ndarray  # (n, 3), the points (m)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return (SURFACE,)
+
+    def jvp(self, surface: np.ndarray | None = None) -> np.ndarray:
+        """Change of the points with the nodes of the surface."""
+        return np.zeros_like(self.nodes) if surface is None else self.of.forward(surface)
+
+    def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`, under ``surface``."""
+        return {name: self.of.adjoint(bar) for name in require_inputs(wrt, self.inputs)}
 
 
 def require_contained(body: Body, points: np.ndarray, what: str) -> np.ndarray:

@@ -15,20 +15,23 @@ Theory: ``docs/theory/inversion.rst``, ``docs/theory/wall_layer.rst``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Protocol
+from collections.abc import Collection
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from ...base.checks import as_finite_points
 from ...base.display import OneLine
 from ...errors import InputError
+from ...names import CONTROL_POINTS, GRID
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.inversion import PointInversion, embed_points, invert_points
+from ..evaluation.node_map import require_inputs
 from ..splines.mesh import BSplineMesh
 from .body_points import Body, BodyPoints
 from .grid_map import GridMap
-from .layer import Layered, WallLayer
+from .layer import WallLayer
+from .wall_following import Followed, WallFollowing
 
 __all__ = ["EmbeddedPoints", "EmbeddedState", "planes_of"]
 
@@ -36,118 +39,190 @@ ON_PLANE = 1e-9
 """A point nearer to a plane than this part of the size of the grid lies in it: coordinates are rounded in files."""
 
 
-class HasNodes(Protocol):
-    """What has the nodes of a grid, shape (n_nodes, 3), such as a `GridState`."""
-
-    @property
-    def nodes(self) -> np.ndarray:
-        """The nodes (m)."""
-
-
 @dataclass(frozen=True, eq=False)
 class EmbeddedPoints(OneLine):
-    """The map from control points to embedded points. Made by `EmbeddedPoints.of`, or by `FittedModel.embed_points`."""
+    """The map from control points to embedded points. Made by `EmbeddedPoints.of`, or by `FittedModel.embed_points`.
 
-    grid_map: GridMap  # map to the grid, whose walls they follow
-    evaluator: Evaluator  # A of the points
-    points: np.ndarray  # (n, 3), the points on the baseline (m)
-    in_volume: np.ndarray  # (n_in_volume,) of int, numbers of those in the volumes
-    offsets: np.ndarray  # (n_in_volume, 3), their offsets from the mesh there (m)
-    layer: WallLayer | None  # those of them that follow walls
-    in_body: np.ndarray  # (n_in_body,) of int, numbers of the others, inside the body
-    body: BodyPoints | None  # what these ride on
-    wall_rows: np.ndarray  # (n_wall,) of int, rows of the nodes of the walls in the grid
+    Parameters
+    ----------
+    grid_map : GridMap
+        Map to the grid, whose walls they follow.
+    evaluator : Evaluator
+        A of the points.
+    points : ndarray, shape (n, 3)
+        The points on the baseline (m).
+    in_volume : ndarray of int, shape (n_in_volume,)
+        Numbers of those in the volumes.
+    offsets : ndarray, shape (n_in_volume, 3)
+        Their offsets from the mesh there (m).
+    following : WallFollowing or None
+        Those of them that follow walls of the grid.
+    in_body : ndarray of int, shape (n_in_body,)
+        Numbers of the others, inside the body.
+    body : BodyPoints or None
+        What these ride on.
+    wall_rows : ndarray of int, shape (n_wall,)
+        Rows of the nodes of the walls in the grid.
+    """
+
+    grid_map: GridMap
+    evaluator: Evaluator
+    points: np.ndarray
+    in_volume: np.ndarray
+    offsets: np.ndarray
+    following: WallFollowing | None
+    in_body: np.ndarray
+    body: BodyPoints | None
+    wall_rows: np.ndarray
 
     @classmethod
     def of(
         cls,
-        grid_map: GridMap,  # map to the grid
-        mesh: BSplineMesh,  # its volumes
-        control_points: np.ndarray,  # (n_control_points, 3), control points of the baseline (m)
-        points: np.ndarray,  # (n, 3), the points on the baseline (m)
-        # distance (m) up to which a point counts as inside the volumes, see `.inversion.invert_points`
+        grid_map: GridMap,
+        mesh: BSplineMesh,
+        control_points: np.ndarray,
+        points: np.ndarray,
         tolerance: float | None = None,
-        # of int, the walls of the grid on the baseline, and the rows of their nodes
         walls: tuple[Body, np.ndarray] | None = None,
     ) -> EmbeddedPoints:
-        """Find volumes and parameters of points, and the weights of those inside the body."""
+        """Find volumes and parameters of points, and the weights of those inside the body.
+
+        Parameters
+        ----------
+        grid_map : GridMap
+            Map to the grid.
+        mesh : BSplineMesh
+            Its volumes.
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points of the baseline (m).
+        points : ndarray, shape (n, 3)
+            The points on the baseline (m).
+        tolerance : float, optional
+            Distance (m) up to which a point counts as inside the volumes, see `.inversion.invert_points`.
+        walls : tuple of (Body, ndarray of int), optional
+            The walls of the grid on the baseline, and the rows of their nodes.
+
+        Returns
+        -------
+        EmbeddedPoints
+
+        Raises
+        ------
+        InputError
+            If an array cannot be used, or a point is outside all volumes and not inside the body.
+        """
         points = as_finite_points(points, len(points), "embedded points")
         inversion, in_body = invert_points(mesh, control_points, points, tolerance), np.zeros(len(points), dtype=bool)
         if walls is not None:
             in_body = _rides(walls[0], points, inversion)
-        in_volume, layer, body = np.flatnonzero(~in_body), None, None
+        in_volume, following, body = np.flatnonzero(~in_body), None, None
         inversion = PointInversion(*(getattr(inversion, part.name)[in_volume] for part in fields(PointInversion)))
         _require_found(inversion, in_volume, len(points))
         evaluator = embed_points(mesh, inversion)
         offsets = points[in_volume] - evaluator.forward(control_points)
-        if grid_map.layer is not None:
+        if grid_map.following is not None:
             planes = planes_of(grid_map, points[in_volume])
-            found = WallLayer.of(grid_map.layer.wall, points[in_volume], planes=planes)
-            layer = found if found.pieces else None  # none follows a wall
+            layer = WallLayer.of(grid_map.following.layer.wall, points[in_volume], planes=planes)
+            if layer.pieces:  # none follows a wall without
+                following = replace(grid_map.following, layer=layer)
         rows = np.zeros(0, dtype=int)
         if walls is not None and in_body.any():
             body, rows = BodyPoints.of(walls[0], points[in_body]), walls[1]
-        return cls(grid_map, evaluator, points, in_volume, offsets, layer, np.flatnonzero(in_body), body, rows)
+        return cls(grid_map, evaluator, points, in_volume, offsets, following, np.flatnonzero(in_body), body, rows)
 
-    def at(
-        self,
-        control_points: np.ndarray,  # (n_control_points, 3), control points (m)
-        # the grid of these control points, by `GridMap.at` of ``grid_map``; places of wall nodes may have been given
-        state: HasNodes,
-    ) -> EmbeddedState:
-        """Return the points beside a grid."""
-        places, layered, of = self.evaluator.forward(control_points) + self.offsets, None, self.grid_map
-        if self.layer is not None:
-            wall, normals = state.nodes[of.wall_rows], of.normals(state.nodes[of.plane_rows])
-            layered = self.layer.at(self.points[self.in_volume], places, of.nodes[of.wall_rows], wall, normals)
-        points = np.empty_like(self.points)
-        points[self.in_volume] = places
+    def at(self, control_points: np.ndarray, grid: np.ndarray) -> EmbeddedState:
+        """Return the points beside a grid.
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points (m).
+        grid : ndarray, shape (n_nodes, 3)
+            The nodes of ``grid_map`` at these control points (m); places of wall nodes may have been given.
+
+        Returns
+        -------
+        EmbeddedState
+        """
+        nodes, followed = np.empty_like(self.points), None
+        places = self.evaluator.forward(control_points) + self.offsets
+        if self.following is not None:
+            followed = self.following.at(self.points[self.in_volume], places, self.grid_map.nodes, grid)
+        nodes[self.in_volume] = places
         if self.body is not None:
-            points[self.in_body] = self.body.at(state.nodes[self.wall_rows])
-        return EmbeddedState(self, state, points, layered)
+            nodes[self.in_body] = self.body.at(grid[self.wall_rows]).nodes
+        return EmbeddedState(self, nodes, followed)
 
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedState:
-    """Embedded points beside a grid, and their derivative."""
+    """Embedded points beside a grid, and their derivative.
 
-    of: EmbeddedPoints  # the map
-    grid: HasNodes  # the grid
-    points: np.ndarray  # (n, 3), the points (m)
-    layered: Layered | None  # those that followed walls
+    Parameters
+    ----------
+    of : EmbeddedPoints
+        The map.
+    nodes : ndarray, shape (n, 3)
+        The points (m).
+    followed : Followed or None
+        Those that followed walls.
+    """
 
-    def jvp(
-        self,
-        d_control_points: np.ndarray,  # (n_control_points, 3), change of the control points
-        d_nodes: np.ndarray,  # (n_nodes, 3), that of the grid with them, by `GridState.jvp`
-    ) -> np.ndarray:
-        """Change of the embedded points, shape (n, 3)."""
-        places, of = self.of.evaluator.forward(d_control_points), self.of.grid_map
-        if self.layered is not None:
-            d_normals = of.normals_jvp(self.grid.nodes[of.plane_rows], d_nodes[of.plane_rows])
-            self.layered.jvp(None, places, None, d_nodes[of.wall_rows], d_normals)
-        change = np.empty_like(self.points)
-        change[self.of.in_volume] = places
-        if self.of.body is not None:
-            change[self.of.in_body] = self.of.body.jvp(d_nodes[self.of.wall_rows])
+    of: EmbeddedPoints
+    nodes: np.ndarray
+    followed: Followed | None
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return CONTROL_POINTS, GRID
+
+    def jvp(self, control_points: np.ndarray | None = None, grid: np.ndarray | None = None) -> np.ndarray:
+        """Change of the embedded points, shape (n, 3).
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3), optional
+            Change of the control points; none by default.
+        grid : ndarray, shape (n_nodes, 3), optional
+            That of the grid with them, by `GridState.jvp`; none by default.
+        """
+        of, change = self.of, np.zeros_like(self.nodes)
+        places = np.zeros_like(of.offsets) if control_points is None else of.evaluator.forward(control_points)
+        if grid is None:
+            grid = np.zeros_like(of.grid_map.nodes)
+        if self.followed is not None:
+            self.followed.jvp(places, grid)
+        change[of.in_volume] = places
+        if of.body is not None:
+            change[of.in_body] = of.body.forward(grid[of.wall_rows])
         return change
 
-    def vjp(
-        self,
-        bar: np.ndarray,  # (n, 3), derivative of a scalar with respect to the points
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Transpose of `jvp`."""
-        # Returns control_points_bar: (n_control_points, 3); nodes_bar: (n_nodes, 3), with respect to the nodes of the
-        # grid: `GridState.vjp` takes it to the control points.
-        of, nodes_bar = self.of.grid_map, np.zeros_like(self.grid.nodes)
-        if self.of.body is not None:
-            nodes_bar[self.of.wall_rows] += self.of.body.vjp(bar[self.of.in_body])
-        bar = np.array(bar[self.of.in_volume], dtype=float)
-        if self.layered is not None:
-            bar, wall_bar, normals_bar = self.layered.frozen_vjp(bar)
-            nodes_bar[of.wall_rows] += wall_bar
-            nodes_bar[of.plane_rows] += of.normals_vjp(self.grid.nodes[of.plane_rows], normals_bar)
-        return self.of.evaluator.adjoint(bar), nodes_bar
+    def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n, 3)
+            Derivative of a scalar with respect to the points.
+        wrt : collection of str, optional
+            Which derivatives: ``control_points``, shape (n_control_points, 3), and ``grid``, shape (n_nodes, 3), which
+            `GridState.vjp` takes to the control points; both by default.
+
+        Returns
+        -------
+        dict of str to ndarray
+        """
+        of, wrt = self.of, require_inputs(wrt, self.inputs)
+        bars = {GRID: np.zeros_like(of.grid_map.nodes)}
+        if of.body is not None:
+            bars[GRID][of.wall_rows] += of.body.adjoint(bar[of.in_body])
+        bar = np.array(bar[of.in_volume], dtype=float)
+        if self.followed is not None:
+            self.followed.add_vjp(bar, bars[GRID])
+        if CONTROL_POINTS in wrt:
+            bars[CONTROL_POINTS] = of.evaluator.adjoint(bar)
+        return {name: bars[name] for name in wrt}
 
 
 def _rides(body: Body, points: np.ndarray, inversion: PointInversion) -> np.ndarray:
@@ -172,9 +247,13 @@ def _require_found(inversion: PointInversion, numbers: np.ndarray, n_points: int
 
 def planes_of(grid_map: GridMap, points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Points in the planes that walls end on, and the normals of these."""
-    plane_points, size = grid_map.nodes[grid_map.plane_rows], np.linalg.norm(np.ptp(grid_map.nodes, axis=0))
-    planes = []
-    for plane, normal in zip(grid_map.planes, grid_map.normals(plane_points)):
+    planes: list[tuple[np.ndarray, np.ndarray]] = []
+    following, size = grid_map.following, np.linalg.norm(np.ptp(grid_map.nodes, axis=0))
+    if following is None or following.planes is None:
+        return planes
+    plane_points = grid_map.nodes[following.plane_rows]
+    for plane in following.planes:
+        normal = plane.normal(plane_points)
         distances = np.abs((points - plane_points[plane.first[0, 0]]) @ normal)
         planes.append((np.flatnonzero(distances <= ON_PLANE * size), normal))
     return planes

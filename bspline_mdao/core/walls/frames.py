@@ -19,7 +19,7 @@ Theory: ``docs/theory/wall_layer.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,7 @@ from numba import njit
 
 from ...errors import InputError
 from .polar import cofactors
-from .rotations import LocalRotations, Rotations
+from .rotations import MOVES, LocalRotations, Rotations
 
 __all__ = ["Frames", "WallFrames"]
 
@@ -46,32 +46,66 @@ areas that cancel leave round-off."""
 
 @dataclass(frozen=True, eq=False)
 class WallFrames:
-    """Matrices that turn the layer above each node of a wall. Made by `WallFrames.of`."""
+    """Matrices that turn the layer above each node of a wall. Made by `WallFrames.of`.
 
-    rotations: LocalRotations  # rotations of the surroundings
-    first_sides: np.ndarray  # (n + 1,) of int, first side at each node
-    starts: np.ndarray  # (n_sides + 1,) of int, first corner of each side at its node
-    corners: np.ndarray  # (n_corners,) of int, four times the number of each corner's quad plus its place there
-    weights: np.ndarray  # (n_sides,), weight w of each side's normal
-    # (n_sides,), squares of negligible areas, added to the squared lengths of normals so that none is divided by zero
+    Parameters
+    ----------
+    rotations : LocalRotations
+        Rotations of the surroundings.
+    first_sides : ndarray of int, shape (n + 1,)
+        First side at each node.
+    starts : ndarray of int, shape (n_sides + 1,)
+        First corner of each side at its node.
+    corners : ndarray of int, shape (n_corners,)
+        Four times the number of each corner's quad plus its place there.
+    weights : ndarray, shape (n_sides,)
+        Weight w of each side's normal.
+    least_squares : ndarray, shape (n_sides,)
+        Squares of negligible areas, added to the squared lengths of normals so that none is divided by zero.
+    in_planes : tuple of ndarray of int
+        Sides at the nodes in each of the rotations' planes.
+    """
+
+    rotations: LocalRotations
+    first_sides: np.ndarray
+    starts: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
     least_squares: np.ndarray
-    in_planes: tuple[np.ndarray, ...] = ()  # of int, sides at the nodes in each of the rotations' planes
+    in_planes: tuple[np.ndarray, ...] = ()
 
     @classmethod
     def of(
         cls,
-        points: np.ndarray,  # (n, 3), nodes of the wall on the baseline (m)
-        quads: np.ndarray,  # (n_quads, 4) of int, corners of its quads in turn, around the normal into the fluid
-        # sequence of (ndarray of int, ndarray of shape (3,)) of int, nodes in planes that they must stay in, and the
-        # planes' normals
+        points: np.ndarray,
+        quads: np.ndarray,
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        fixed: np.ndarray | None = None,  # of int, nodes that never turn
-        # (n_quads,) of int, number of the face that each quad belongs to; all are one by default
+        fixed: np.ndarray | None = None,
         faces: np.ndarray | None = None,
-        # number of threads; by default ``NUMBA_NUM_THREADS``. Results do not depend on it.
         n_threads: int | None = None,
     ) -> WallFrames:
-        """Find the neighbours, the quads and the sides at every node."""
+        """Find the neighbours, the quads and the sides at every node.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Nodes of the wall on the baseline (m).
+        quads : ndarray of int, shape (n_quads, 4)
+            Corners of its quads in turn, around the normal into the fluid.
+        planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
+            Nodes in planes that they must stay in, and the planes' normals.
+        fixed : ndarray of int, optional
+            Nodes that never turn.
+        faces : ndarray of int, shape (n_quads,), optional
+            Number of the face that each quad belongs to; all are one by default.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``. Results do not depend on it.
+
+        Raises
+        ------
+        InputError
+            If an array has the wrong shape.
+        """
         rotations = LocalRotations.of(points, quads=quads, planes=planes, fixed=fixed, n_threads=n_threads)
         faces = np.zeros(len(rotations.quads), dtype=np.int64) if faces is None else np.asarray(faces)
         if faces.shape != (len(rotations.quads),):
@@ -94,13 +128,25 @@ class WallFrames:
         least_squares = KNIFE_EDGE**2 * np.maximum(squares, 1e-300)  # 1e-300: of sides that have no area at all
         return cls(rotations, first_sides, starts, corners, weights, least_squares, in_planes)
 
-    def at(
-        self,
-        initial: np.ndarray,  # initial, moved: (n, 3), nodes before and after it (m); real or complex
-        moved: np.ndarray,
-        normals: np.ndarray | None = None,  # (n_planes, 3), unit normals of the planes after it; by default they stay
-    ) -> Frames:
-        """Matrices of a move."""
+    def at(self, initial: np.ndarray, moved: np.ndarray, normals: np.ndarray | None = None) -> Frames:
+        """Matrices of a move.
+
+        Parameters
+        ----------
+        initial, moved : ndarray, shape (n, 3)
+            Nodes before and after it (m); real or complex.
+        normals : ndarray, shape (n_planes, 3), optional
+            Unit normals of the planes after it; by default they stay.
+
+        Returns
+        -------
+        Frames
+
+        Raises
+        ------
+        MovementError
+            If the surroundings of a node are turned inside out.
+        """
         rotations = self.rotations.at(initial, moved, normals)
         at_rest = np.reshape([normal for _, normal in self.rotations.planes], (-1, 3))
         planes = at_rest, at_rest if normals is None else np.asarray(normals)
@@ -111,7 +157,7 @@ class WallFrames:
         matrices[self.rotations.fixed] = np.eye(3)
         return Frames(self, rotations, before, after, stiffness, matrices)
 
-    def _sums(self, areas: np.ndarray) -> np.ndarray:
+    def _sums(self, areas) -> np.ndarray:
         """Areas of the sides at their nodes, shape (n_sides, 3)."""
         sums = np.empty((len(self.weights), 3), dtype=areas.dtype)
         _sum_areas(self.starts, self.corners, areas, sums)
@@ -123,21 +169,37 @@ class WallFrames:
         self.rotations.over_points(lambda part: _sum_products(*part, self.first_sides, self.weights, u, v, sums))
         return sums
 
-    def _solve(self, stiffness, right: np.ndarray) -> None:
+    def _solve(self, stiffness, right):
         """Solve for every node, in place of the right-hand sides."""
         self.rotations.over_points(lambda part: _solve(*part, stiffness, right))
 
 
 @dataclass(frozen=True, eq=False)
 class _Normals:
-    """Unit normals of the sides at their nodes, and their components along planes."""
+    """Unit normals of the sides at their nodes, and their components along planes.
 
-    frames: WallFrames  # the sides
-    units: np.ndarray  # (n_sides, 3), unit normals
-    lengths: np.ndarray  # (n_sides,), lengths of the areas
-    planes: np.ndarray  # (n_planes, 3), unit normals of the planes
-    seen: tuple[np.ndarray, ...]  # vectors in each plane, before their component normal to it was taken off
-    vectors: np.ndarray  # (n_sides, 3), unit normals, without these components
+    Parameters
+    ----------
+    frames : WallFrames
+        The sides.
+    units : ndarray, shape (n_sides, 3)
+        Unit normals.
+    lengths : ndarray, shape (n_sides,)
+        Lengths of the areas.
+    planes : ndarray, shape (n_planes, 3)
+        Unit normals of the planes.
+    seen : tuple of ndarray
+        Vectors in each plane, before their component normal to it was taken off.
+    vectors : ndarray, shape (n_sides, 3)
+        Unit normals, without these components.
+    """
+
+    frames: WallFrames
+    units: np.ndarray
+    lengths: np.ndarray
+    planes: np.ndarray
+    seen: tuple[np.ndarray, ...]
+    vectors: np.ndarray
 
     @classmethod
     def of(cls, frames: WallFrames, areas: np.ndarray, planes: np.ndarray) -> _Normals:
@@ -178,15 +240,28 @@ class _Normals:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Matrices of one move, and their derivative."""
+    """Matrices of one move, and their derivative.
 
-    of: WallFrames  # neighbours, quads and sides of every node
-    rotations: Rotations  # rotations of the move
-    # before, after: normals of the sides before and after the move
+    Parameters
+    ----------
+    of : WallFrames
+        Neighbours, quads and sides of every node.
+    rotations : Rotations
+        Rotations of the move.
+    before, after : _Normals
+        Normals of the sides before and after the move.
+    stiffness : ndarray, shape (n, 3, 3)
+        Matrices of the least squares problems.
+    matrices : ndarray, shape (n, 3, 3)
+        Their solutions.
+    """
+
+    of: WallFrames
+    rotations: Rotations
     before: _Normals
     after: _Normals
-    stiffness: np.ndarray  # (n, 3, 3), matrices of the least squares problems
-    matrices: np.ndarray  # (n, 3, 3), their solutions
+    stiffness: np.ndarray
+    matrices: np.ndarray
 
     @property
     def initial(self) -> np.ndarray:
@@ -198,14 +273,16 @@ class Frames:
         """Nodes after the move, shape (n, 3)."""
         return self.rotations.moved
 
-    def jvp(
-        self,
-        # d_initial, d_moved: (n, 3), change of the nodes before and after the move; None for no change of those before
-        d_initial: np.ndarray | None,
-        d_moved: np.ndarray,
-        d_normals: np.ndarray | None = None,  # (n_planes, 3), change of the normals of the planes after the move
-    ) -> np.ndarray:
-        """Change of the matrices, shape (n, 3, 3)."""
+    def jvp(self, d_initial: np.ndarray | None, d_moved: np.ndarray, d_normals: np.ndarray | None = None) -> np.ndarray:
+        """Change of the matrices, shape (n, 3, 3).
+
+        Parameters
+        ----------
+        d_initial, d_moved : ndarray, shape (n, 3)
+            Change of the nodes before and after the move; None for no change of those before.
+        d_normals : ndarray, shape (n_planes, 3), optional
+            Change of the normals of the planes after the move.
+        """
         of, before, after = self.of, self.before.vectors, self.after.vectors
         change = STIFFNESS * self.rotations.jvp(d_initial, d_moved, d_normals)
         d_after = self.after.jvp(of.rotations.areas_jvp(self.moved, d_moved), d_normals)
@@ -218,28 +295,21 @@ class Frames:
         change[of.rotations.fixed] = 0.0
         return change
 
-    def vjp(
-        self,
-        bar: np.ndarray,  # (n, 3, 3), derivative of a scalar with respect to the matrices
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # initial_bar, moved_bar: (n, 3); normals_bar: (n_planes, 3)
-        """Transpose of `jvp`."""
+    def vjp(self, bar: np.ndarray, wrt: Collection[str] = MOVES) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`, from shape (n, 3, 3): derivatives as of `Rotations.vjp`, with respect to the nodes."""
         bar, before_bar, after_bar = self._back(bar)
-        initial_bar, moved_bar = self.rotations.vjp(bar)
+        bars, of = self.rotations.vjp(bar, wrt), self.of.rotations
         areas_bar, normals_bar = self.after.vjp(after_bar)
-        self.of.rotations.add_areas_vjp(self.moved, areas_bar, moved_bar)
-        areas_bar, _ = self.before.vjp(before_bar)
-        self.of.rotations.add_areas_vjp(self.initial, areas_bar, initial_bar)
-        return initial_bar, moved_bar, normals_bar + self.rotations.normals_vjp(bar)
+        if "moved" in wrt:
+            of.add_areas_vjp(self.moved, areas_bar, bars["moved"])
+        if "normals" in wrt:
+            bars["normals"] = normals_bar + bars["normals"]
+        if "initial" in wrt:
+            areas_bar, _ = self.before.vjp(before_bar)
+            of.add_areas_vjp(self.initial, areas_bar, bars["initial"])
+        return bars
 
-    def frozen_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Results of `vjp` but the first, for a baseline that does not change."""
-        bar, _, after_bar = self._back(bar)
-        moved_bar = self.rotations.moved_vjp(bar)
-        areas_bar, normals_bar = self.after.vjp(after_bar)
-        self.of.rotations.add_areas_vjp(self.moved, areas_bar, moved_bar)
-        return moved_bar, normals_bar + self.rotations.normals_vjp(bar)
-
-    def _back(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _back(self, bar) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives with respect to the rotations, shape (n, 3, 3), and the normals of the sides before and after."""
         of, before, after = self.of, self.before.vectors, self.after.vectors
         bar = np.array(bar, dtype=np.result_type(bar, self.matrices), order="C")
@@ -260,7 +330,7 @@ def _group_starts(*keys) -> np.ndarray:
     return np.append(np.flatnonzero(is_first), len(keys[0]))
 
 
-def _is_back(starts: np.ndarray, corners, areas: np.ndarray) -> np.ndarray:
+def _is_back(starts, corners, areas) -> np.ndarray:
     """Whether the quad of each corner looks away from the first one of its group."""
     first = areas[corners[np.repeat(starts[:-1], np.diff(starts))] // 4]
     own = areas[corners // 4]

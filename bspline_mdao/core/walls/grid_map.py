@@ -13,56 +13,95 @@ Theory: ``docs/theory/wall_layer.rst``, ``docs/theory/asked_walls.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...base.display import OneLine
+from ...errors import InputError
 from ...grids.topology.held_nodes import HeldNodes
 from ...grids.topology.topology import Topology
+from ...names import CONTROL_POINTS, SURFACE
 from ..evaluation.evaluator import Evaluator
+from ..evaluation.node_map import require_inputs
 from ..splines.mesh import BSplineMesh
 from .grid_walls import GridWalls
-from .layer import Layered, WallLayer
 from .node_vectors import Vectors
-from .planes import PlaneNormal
 from .turning import Turn, Turning
 from .wall_correction import WallCorrection
+from .wall_following import Followed, WallFollowing
 
 __all__ = ["GridMap", "GridState"]
 
 
 @dataclass(frozen=True, eq=False)
 class GridMap(OneLine):
-    """The map from control points to the nodes of a grid. Made by `GridMap.of`."""
+    """The map from control points to the nodes of a grid. Made by `GridMap.of`.
 
-    evaluator: Evaluator  # A
-    nodes: np.ndarray  # (n, 3), the nodes on the baseline (m): those asked for, and after them what they need
-    turning: Turning | None  # how the residual turns; None where there is none, or where it stays as it is
-    # Vectors, ndarray of shape (n, 3) or None, the residual of the fit, ready to be turned, or to be added
+    Parameters
+    ----------
+    evaluator : Evaluator
+        A.
+    nodes : ndarray, shape (n, 3)
+        The nodes on the baseline (m): those asked for, and after them what they need.
+    turning : Turning or None
+        How the residual turns; None where there is none, or where it stays as it is.
+    residual : Vectors, ndarray of shape (n, 3) or None
+        The residual of the fit, ready to be turned, or to be added.
+    following : WallFollowing or None
+        Nodes that follow walls.
+    held : HeldNodes
+        Which nodes of the grid they are; in the map of all of it every number is that of its row.
+    correction : WallCorrection or None
+        Correction of nodes whose places are given, see `meeting`.
+    """
+
+    evaluator: Evaluator
+    nodes: np.ndarray
+    turning: Turning | None
     residual: Vectors | np.ndarray | None
-    layer: WallLayer | None  # nodes that follow walls
-    wall_rows: np.ndarray  # (n_wall,) of int, numbers of the nodes of all walls, each shared one once
-    plane_rows: np.ndarray  # (n_plane,) of int, numbers of the nodes on the outlines of planes that walls end on
-    planes: tuple[PlaneNormal, ...]  # normals of these planes, as functions of those nodes
-    held: HeldNodes  # which nodes of the grid they are; in the map of all of it every number is that of its row
+    following: WallFollowing | None
+    held: HeldNodes
+    correction: WallCorrection | None = None
 
     @classmethod
     def of(
         cls,
-        topology: Topology,  # topology of the grid; faces of kind "wall" are walls
-        mesh: BSplineMesh,  # one volume per segment
-        # sequence of ndarray, each of shape (L0, L1, L2, 3), parameters of the nodes of every segment
+        topology: Topology,
+        mesh: BSplineMesh,
         parameters: Sequence[np.ndarray],
-        control_points: np.ndarray,  # (n_control_points, 3), fitted control points (m)
-        residual: np.ndarray | None,  # (n_nodes, 3), baseline minus fitted points (m)
-        # (n_corners,), how long it is around every corner of the spans (m), see `.residual_lengths`
+        control_points: np.ndarray,
+        residual: np.ndarray | None,
         residual_lengths: np.ndarray | None,
-        wall_layer: bool,  # whether nodes follow walls and the residual turns; without, the map is ``A b + r``
-        evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_grid`
+        wall_layer: bool,
+        evaluator: Evaluator,
     ) -> GridMap:
-        """Prepare the map of a fitted grid."""
+        """Prepare the map of a fitted grid.
+
+        Parameters
+        ----------
+        topology : Topology
+            Topology of the grid; faces of kind "wall" are walls.
+        mesh : BSplineMesh
+            One volume per segment.
+        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+            Parameters of the nodes of every segment.
+        control_points : ndarray, shape (n_control_points, 3)
+            Fitted control points (m).
+        residual : ndarray, shape (n_nodes, 3), or None
+            Baseline minus fitted points (m).
+        residual_lengths : ndarray, shape (n_corners,), or None
+            How long it is around every corner of the spans (m), see `.residual_lengths`.
+        wall_layer : bool
+            Whether nodes follow walls and the residual turns; without, the map is ``A b + r``.
+        evaluator : Evaluator
+            Evaluation of the nodes, by `Evaluator.of_grid`.
+
+        Returns
+        -------
+        GridMap
+        """
         nodes = _baseline(evaluator, control_points, residual)
         walls = GridWalls.of(topology, nodes, evaluator.n_threads) if wall_layer else None
         held = HeldNodes.of_grid(topology)
@@ -72,37 +111,62 @@ class GridMap(OneLine):
     @classmethod
     def of_nodes(
         cls,
-        held: HeldNodes,  # the nodes, with those that walls need
-        mesh: BSplineMesh,  # one volume per segment
-        # sequence of ndarray, each of shape (n_v, 3), parameters of the nodes that each segment evaluates
+        held: HeldNodes,
+        mesh: BSplineMesh,
         parameters: Sequence[np.ndarray],
-        # control_points, residual, residual_lengths, wall_layer: as of `of`, the residual of the nodes alone, shape (n,
-        # 3)
         control_points: np.ndarray,
         residual: np.ndarray | None,
         residual_lengths: np.ndarray | None,
         wall_layer: bool,
-        walls: GridWalls | None,  # the walls of the grid; None where there are none, or nothing follows them
-        evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_nodes`
+        walls: GridWalls | None,
+        evaluator: Evaluator,
     ) -> GridMap:
-        """Prepare the map to some nodes of a fitted grid: they get the bits that they have in all of it."""
+        """Prepare the map to some nodes of a fitted grid: they get the bits that they have in all of it.
+
+        Parameters
+        ----------
+        held : HeldNodes
+            The nodes, with those that walls need.
+        mesh : BSplineMesh
+            One volume per segment.
+        parameters : sequence of ndarray, each of shape (n_v, 3)
+            Parameters of the nodes that each segment evaluates.
+        control_points, residual, residual_lengths, wall_layer
+            As of `of`, the residual of the nodes alone, shape (n, 3).
+        walls : GridWalls or None
+            The walls of the grid; None where there are none, or nothing follows them.
+        evaluator : Evaluator
+            Evaluation of the nodes, by `Evaluator.of_nodes`.
+
+        Returns
+        -------
+        GridMap
+        """
         nodes = _baseline(evaluator, control_points, residual)
-        turning, layer = None, None
+        turning, following = None, None
         vectors: Vectors | np.ndarray | None = residual
         if wall_layer and residual is not None and residual_lengths is not None:
             turning = Turning.of(held, mesh, parameters, control_points, residual_lengths, evaluator)
             vectors = turning.vectors(residual)
-        rows = plane_rows = np.zeros(0, dtype=int)
-        planes: tuple[PlaneNormal, ...] = ()
         if walls is not None:
-            layer, planes = walls.layer(held, nodes, evaluator.n_threads), walls.normals
+            layer = walls.layer(held, nodes, evaluator.n_threads)
             rows, plane_rows = map(held.numbers_of, walls.needed)
-        return cls(evaluator, nodes, turning, vectors, layer, rows, plane_rows, planes, held)
+            following = WallFollowing(layer, rows, plane_rows, walls.normals)
+        return cls(evaluator, nodes, turning, vectors, following, held)
+
+    def meeting(self, correction: WallCorrection) -> GridMap:
+        """Return the map with a second input, ``surface``: where the nodes of a correction of `nodes` are to be."""
+        return replace(self, correction=correction)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return (CONTROL_POINTS,) if self.correction is None else (CONTROL_POINTS, SURFACE)
 
     @property
     def is_linear(self) -> bool:
         """Whether the nodes depend linearly (affinely, with a residual) on the control points."""
-        return self.turning is None and self.layer is None
+        return self.turning is None and self.following is None
 
     @property
     def n_asked(self) -> int:
@@ -119,17 +183,27 @@ class GridMap(OneLine):
     def n_bytes(self) -> int:
         """Memory besides the evaluator's and the model's (B)."""
         packed = self.residual.n_bytes if isinstance(self.residual, Vectors) else 0
-        return packed + sum(part.n_bytes for part in (self.turning, self.layer) if part is not None) + self.nodes.nbytes
+        turning = 0 if self.turning is None else self.turning.n_bytes
+        return packed + turning + (0 if self.following is None else self.following.layer.n_bytes) + self.nodes.nbytes
 
-    def at(
-        self,
-        control_points: np.ndarray,  # (n_control_points, 3), control points (m)
-        # correction of the nodes whose places are given, made for the baseline `nodes`
-        correction: WallCorrection | None = None,
-        wall: np.ndarray | None = None,  # (n_wall, 3), where these nodes are to be (m)
-    ) -> GridState:
-        """Nodes and their derivative."""
-        turn = layered = None
+    def at(self, control_points: np.ndarray, surface: np.ndarray | None = None) -> GridState:
+        """Nodes and their derivative.
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points (m).
+        surface : ndarray, shape (n_surface, 3)
+            Where the nodes that a correction `meeting` them was made for are to be (m); of a map without, none.
+
+        Raises
+        ------
+        InputError
+            If a ``surface`` is given without a correction, or a correction without a ``surface``.
+        MovementError
+            If the surroundings of a point are turned inside out.
+        """
+        turn = mismatch = followed = None
         if self.turning is not None and isinstance(self.residual, Vectors):
             turn = self.turning.at(control_points)
             nodes = turn.evaluate(control_points, self.residual)
@@ -137,83 +211,103 @@ class GridMap(OneLine):
             nodes = self.evaluator.forward(control_points)
             if isinstance(self.residual, np.ndarray):
                 nodes += self.residual
-        mismatch = None if correction is None or wall is None else correction.meet(nodes, wall)
-        plane_points = nodes[self.plane_rows]
-        if self.layer is not None:
-            rows, normals = self.wall_rows, self.normals(plane_points)
-            layered = self.layer.at(self.nodes, nodes, self.nodes[rows], nodes[rows], normals)
-        return GridState(self, nodes, turn, layered, plane_points, correction, mismatch)
-
-    def normals(self, plane_points: np.ndarray) -> np.ndarray:
-        """Normals, shape (n_planes, 3), of the planes that walls end on, from the points on their outlines."""
-        return np.reshape([plane.normal(plane_points) for plane in self.planes], (-1, 3))
-
-    def normals_jvp(self, plane_points: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Change of `normals` with that of the points."""
-        return np.reshape([plane.normal_jvp(plane_points, change) for plane in self.planes], (-1, 3))
-
-    def normals_vjp(self, plane_points: np.ndarray, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `normals_jvp`."""
-        points_bar = np.zeros_like(plane_points)
-        for plane, normal_bar in zip(self.planes, bar):
-            plane.add_normal_vjp(plane_points, normal_bar, points_bar)
-        return points_bar
+        if self.correction is not None and surface is not None:
+            mismatch = self.correction.meet(nodes, surface)
+        elif self.correction is not None or surface is not None:
+            raise InputError("grid: places of nodes and a correction that meets them go together; give both or none")
+        if self.following is not None:
+            followed = self.following.at(self.nodes, nodes, self.nodes, nodes)
+        return GridState(self, nodes, turn, followed, mismatch)
 
 
 @dataclass(frozen=True, eq=False)
 class GridState:
-    """A grid and its derivative."""
+    """A grid and its derivative.
 
-    of: GridMap  # the map
-    nodes: np.ndarray  # (n_nodes, 3), the grid (m)
-    turn: Turn | None  # rotations of the residual
-    layered: Layered | None  # nodes that followed walls
-    plane_points: np.ndarray  # (n_plane, 3), nodes on the outlines of planes before that (m)
-    correction: WallCorrection | None = None  # correction of the nodes whose places were given
-    mismatch: np.ndarray | None = None  # (n_wall, 3), given places minus those of the control points alone (m)
+    Parameters
+    ----------
+    of : GridMap
+        The map.
+    nodes : ndarray, shape (n_nodes, 3)
+        The grid (m).
+    turn : Turn or None
+        Rotations of the residual.
+    followed : Followed or None
+        Nodes that followed walls.
+    mismatch : ndarray, shape (n_surface, 3), or None
+        Given places minus those of the control points alone (m).
+    """
 
-    def jvp(
-        self,
-        d_control_points: np.ndarray,  # (n_control_points, 3), change of the control points
-        d_wall: np.ndarray | None = None,  # (n_wall, 3), change of the given places; needed where there are any
-    ) -> np.ndarray:  # (n_nodes, 3)
-        """Change of the nodes."""
+    of: GridMap
+    nodes: np.ndarray
+    turn: Turn | None
+    followed: Followed | None
+    mismatch: np.ndarray | None = None
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return self.of.inputs
+
+    def jvp(self, control_points: np.ndarray | None = None, surface: np.ndarray | None = None) -> np.ndarray:
+        """Change of the nodes.
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3), optional
+            Change of the control points; none by default.
+        surface : ndarray, shape (n_surface, 3), optional
+            Change of the given places; none by default.
+
+        Returns
+        -------
+        ndarray, shape (n_nodes, 3)
+        """
         of = self.of
-        if self.turn is not None and isinstance(of.residual, Vectors):
-            change = self.turn.jvp(d_control_points, self.turn.change(d_control_points), of.residual)
+        if control_points is None:
+            change = np.zeros_like(self.nodes)
+        elif self.turn is not None and isinstance(of.residual, Vectors):
+            change = self.turn.jvp(control_points, self.turn.change(control_points), of.residual)
         else:
-            change = of.evaluator.forward(d_control_points)
-        if self.correction is not None:
-            change += self.correction.forward(d_wall - change[self.correction.rows])
-        if self.layered is not None:
-            d_normals = of.normals_jvp(self.plane_points, change[of.plane_rows])
-            self.layered.jvp(None, change, None, change[of.wall_rows], d_normals)
+            change = of.evaluator.forward(control_points)
+        if of.correction is not None:
+            met = change[of.correction.rows]
+            change += of.correction.forward(-met if surface is None else surface - met)
+        if self.followed is not None:
+            self.followed.jvp(change, change)
         return change
 
-    def vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `jvp` where no places are given: (n_nodes, 3) to (n_control_points, 3)."""
-        return self.full_vjp(bar)[0]
+    def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`.
 
-    def full_vjp(
-        self,
-        bar: np.ndarray,  # (n_nodes, 3), derivative of a scalar with respect to the nodes
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Transpose of `jvp`."""
-        # Returns control_points_bar: (n_control_points, 3); wall_bar: (n_wall, 3), with respect to the given places;
-        # None where there are none.
-        of = self.of
-        if self.layered is not None:
-            bar, wall_bar, normals_bar = self.layered.frozen_vjp(bar.copy())
-            bar[of.wall_rows] += wall_bar
-            bar[of.plane_rows] += of.normals_vjp(self.plane_points, normals_bar)
-        given_bar = None
-        if self.correction is not None:
-            given_bar = self.correction.adjoint(bar)
-            bar = bar.copy() if self.layered is None else bar
-            bar[self.correction.rows] -= given_bar
-        if self.turn is not None and isinstance(of.residual, Vectors):
-            return self.turn.control_vjp(of.residual, bar), given_bar
-        return of.evaluator.adjoint(bar), given_bar
+        Parameters
+        ----------
+        bar : ndarray, shape (n_nodes, 3)
+            Derivative of a scalar with respect to the nodes.
+        wrt : collection of str, optional
+            Which derivatives: ``control_points``, shape (n_control_points, 3), and ``surface``, shape (n_surface, 3);
+            in all `inputs` by default.
+
+        Returns
+        -------
+        dict of str to ndarray
+        """
+        of, wrt = self.of, require_inputs(wrt, self.inputs)
+        bars: dict[str, np.ndarray] = {}
+        if self.followed is not None or of.correction is not None:
+            bar = bar.copy()
+        if self.followed is not None:
+            self.followed.add_vjp(bar, bar)
+        if of.correction is not None:
+            bars[SURFACE] = of.correction.adjoint(bar)
+            bar[of.correction.rows] -= bars[SURFACE]
+        if CONTROL_POINTS in wrt:
+            if self.turn is not None and isinstance(of.residual, Vectors):
+                parts = self.turn.vjp(of.residual, bar, ("points", "control_points"))
+                bars[CONTROL_POINTS] = parts["points"] + parts["control_points"]
+            else:
+                bars[CONTROL_POINTS] = of.evaluator.adjoint(bar)
+        return {name: bars[name] for name in wrt}
 
 
 def _baseline(evaluator: Evaluator, control_points: np.ndarray, residual: np.ndarray | None) -> np.ndarray:

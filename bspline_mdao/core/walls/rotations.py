@@ -17,7 +17,7 @@ Theory: ``docs/theory/wall_layer.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +30,9 @@ from .planes import MirrorMeans
 from .polar import nearest_rotations, rotation_changes
 
 __all__ = ["LocalRotations", "Rotations"]
+
+MOVES = ("initial", "moved", "normals")
+"""What rotations depend on: points before and after the move, and normals of planes after it."""
 
 CHUNK_POINTS = 2**11
 """Points per piece of work: about 1 ms, long beside the start of a thread."""
@@ -283,29 +286,24 @@ class Rotations:
         of.over_points(lambda part: rotation_changes(*part, self.matrices, self.stiffness, change))
         return change
 
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def vjp(self, bar: np.ndarray, wrt: Collection[str] = MOVES) -> dict[str, np.ndarray]:
         """Transpose of `jvp`.
 
         Parameters
         ----------
         bar : ndarray, shape (n, 3, 3)
             Derivative of a scalar with respect to the rotations.
-
-        Returns
-        -------
-        initial_bar, moved_bar : ndarray, shape (n, 3)
+        wrt : collection of str
+            Which derivatives: those with respect to the points before the move, ``initial``, and after it, ``moved``,
+            both of shape (n, 3), and to the ``normals`` of the planes after it, shape (n_planes, 3).
         """
-        back, _ = self._back(bar)
-        before = self.of._moments_transposed(back.copy(), self.moved, self.areas[1], self.initial, True)
-        return before, self.of._moments_transposed(back, self.initial, self.areas[0], self.moved, False)
-
-    def moved_vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Second result of `vjp` alone, shape (n, 3), for a baseline that does not change."""
-        return self.of._moments_transposed(self._back(bar)[0], self.initial, self.areas[0], self.moved, False)
-
-    def normals_vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Derivatives with respect to the normals of the planes after the move, shape (n_planes, 3)."""
-        return self._back(bar)[1]
+        back, normals_bar = self._back(bar)
+        bars, transposed = {"normals": normals_bar}, self.of._moments_transposed
+        if "initial" in wrt:
+            bars["initial"] = transposed(back.copy(), self.moved, self.areas[1], self.initial, True)
+        if "moved" in wrt:
+            bars["moved"] = transposed(back, self.initial, self.areas[0], self.moved, False)
+        return {name: bars[name] for name in wrt}
 
     def _back(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the scalar with respect to M, shape (n, 3, 3), and to the normals."""

@@ -21,7 +21,7 @@ Theory: ``docs/theory/wall_layer.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,34 +46,76 @@ PLANAR = 1e-5
 """A face is planar where its corners leave the plane by less than this part of its size: single precision of files."""
 
 
+TURNED_BY = ("control_points", "control_points_initial")
+"""What the rotations depend on."""
+
+
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """The map from control points to the rotations of vectors at the nodes. Made by `Turning.of`."""
+    """The map from control points to the rotations of vectors at the nodes. Made by `Turning.of`.
 
-    corners: Evaluator  # from control points to the corners of all spans, each shared one once
-    points: np.ndarray  # (n_corners, 3), the corners on the baseline (m)
-    groups: tuple[CornerGroup, ...]  # corners that see each other
-    planes: tuple[PlaneNormal, ...]  # planes of boundary faces
-    faces: tuple[_BoundaryFace, ...]  # the boundary faces in them
-    plane_of_corner: np.ndarray  # (n_corners,) of int, the plane that a corner sees alone; -1 for none
-    cells: tuple[SpanNodes, ...]  # the nodes of every volume
-    evaluator: Evaluator  # of the nodes; it gives the pieces of work and the number of threads
-    flat: FaceNodes  # the nodes in planes
-    flat_copies: np.ndarray  # (n_copies, 2) of int, rows that are copies of these, and the rows that they copy
+    Parameters
+    ----------
+    corners : Evaluator
+        From control points to the corners of all spans, each shared one once.
+    points : ndarray, shape (n_corners, 3)
+        The corners on the baseline (m).
+    groups : tuple
+        Corners that see each other.
+    planes : tuple
+        Planes of boundary faces.
+    faces : tuple
+        The boundary faces in them.
+    plane_of_corner : ndarray of int, shape (n_corners,)
+        The plane that a corner sees alone; -1 for none.
+    cells : tuple
+        The nodes of every volume.
+    evaluator : Evaluator
+        Of the nodes; it gives the pieces of work and the number of threads.
+    flat : FaceNodes
+        The nodes in planes.
+    flat_copies : ndarray of int, shape (n_copies, 2)
+        Rows that are copies of these, and the rows that they copy.
+    """
+
+    corners: Evaluator
+    points: np.ndarray
+    groups: tuple[CornerGroup, ...]
+    planes: tuple[PlaneNormal, ...]
+    faces: tuple[_BoundaryFace, ...]
+    plane_of_corner: np.ndarray
+    cells: tuple[SpanNodes, ...]
+    evaluator: Evaluator
+    flat: FaceNodes
+    flat_copies: np.ndarray
 
     @classmethod
     def of(
         cls,
-        held: HeldNodes,  # the nodes; their topology has segments, links, and the kinds of boundary faces
-        mesh: BSplineMesh,  # one volume per segment
-        # sequence of ndarray, each of shape (n_v, 3), parameters of the nodes that each segment evaluates
+        held: HeldNodes,
+        mesh: BSplineMesh,
         parameters: Sequence[np.ndarray],
-        control_points: np.ndarray,  # (n_control_points, 3), control points of the baseline (m)
-        # (n_corners,), largest vector around every corner (m), by `.residual_lengths.residual_lengths`
+        control_points: np.ndarray,
         lengths: np.ndarray,
-        evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_nodes`
+        evaluator: Evaluator,
     ) -> Turning:
-        """Find the corners, groups and planes that the vectors of nodes turn with."""
+        """Find the corners, groups and planes that the vectors of nodes turn with.
+
+        Parameters
+        ----------
+        held : HeldNodes
+            The nodes; their topology has segments, links, and the kinds of boundary faces.
+        mesh : BSplineMesh
+            One volume per segment.
+        parameters : sequence of ndarray, each of shape (n_v, 3)
+            Parameters of the nodes that each segment evaluates.
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points of the baseline (m).
+        lengths : ndarray, shape (n_corners,)
+            Largest vector around every corner (m), by `.residual_lengths.residual_lengths`.
+        evaluator : Evaluator
+            Evaluation of the nodes, by `Evaluator.of_nodes`.
+        """
         places, ids = corner_numbers(held.topology, mesh)
         corners = _corner_evaluator(mesh, places, ids, evaluator.n_threads)
         points = corners.forward(control_points)
@@ -105,7 +147,13 @@ class Turning:
         return Vectors(tuple(cell.pack(inner) for cell in self.cells), vectors[self.flat.rows])
 
     def at(self, control_points: np.ndarray, initial: np.ndarray | None = None) -> Turn:
-        """Rotations of control points, shape (n_control_points, 3), from where they were at first: on the baseline."""
+        """Rotations of control points, shape (n_control_points, 3), from where they were at first: on the baseline.
+
+        Raises
+        ------
+        MovementError
+            If the surroundings of a corner are turned inside out.
+        """
         moved = self.corners.forward(control_points)
         initial = self.points if initial is None else self.corners.forward(initial)
         matrices = np.tile(np.eye(3).ravel(), (self.corners.n_rows, 1))
@@ -136,15 +184,28 @@ class Turning:
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """Rotations at one set of control points."""
+    """Rotations at one set of control points.
 
-    of: Turning  # the map
-    # initial, moved: (n_corners, 3), corners of the spans at first and now (m)
+    Parameters
+    ----------
+    of : Turning
+        The map.
+    initial, moved : ndarray, shape (n_corners, 3)
+        Corners of the spans at first and now (m).
+    rotations : tuple of Rotations
+        Of every group.
+    matrices : ndarray, shape (n_corners, 9)
+        Rotation of every corner.
+    normals : ndarray, shape (2, n_planes, 3)
+        Normals of all planes, now and at first.
+    """
+
+    of: Turning
     initial: np.ndarray
     moved: np.ndarray
-    rotations: tuple[Rotations, ...]  # of every group
-    matrices: np.ndarray  # (n_corners, 9), rotation of every corner
-    normals: np.ndarray  # (2, n_planes, 3), normals of all planes, now and at first
+    rotations: tuple[Rotations, ...]
+    matrices: np.ndarray
+    normals: np.ndarray
 
     def evaluate(self, control_points: np.ndarray, vectors: Vectors) -> np.ndarray:
         """Nodes ``A b + T v``, shape (n_nodes, 3)."""
@@ -184,58 +245,46 @@ class Turn:
             out += self._forward(np.zeros_like(d_control_points), self.matrices, d_vectors, np.zeros_like(flat))
         return out
 
-    def vjp(
-        self,
-        vectors: Vectors,  # the vectors
-        bar: np.ndarray,  # (n_nodes, 3), derivative of a scalar with respect to the nodes, zero in copies
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of `jvp` with `change`, in all that ``T v`` depends on."""
-        # Returns control_bar, initial_bar: (n_control_points, 3), derivatives with respect to the control points, now
-        # and at first; vectors_bar: (n_nodes, 3), derivatives with respect to the vectors; those of copies do not
-        # count.
-        _, matrices_bar, normals_bar, flat_bar = self._bars(vectors, bar)
-        bars = self.of.vectors(bar)
-        none = np.zeros((len(self.of.flat.rows), 3))
-        zero = np.zeros((self.of.evaluator.n_control_points, 3))
-        vectors_bar = self._forward(zero, transposed(self.matrices), bars, none)
-        vectors_bar[self.of.flat.rows] = flat_bar
+    def vjp(self, vectors: Vectors, bar: np.ndarray, wrt: Collection[str]) -> dict[str, np.ndarray]:
+        """Transpose of `jvp` with `change`, in what nodes ``A b + T v`` depend on.
+
+        Parameters
+        ----------
+        vectors : Vectors
+            The vectors.
+        bar : ndarray, shape (n_nodes, 3)
+            Derivative of a scalar with respect to the nodes, zero in copies where those of vectors are asked for.
+        wrt : collection of str
+            Which derivatives: ``points``, the control points of A b; ``control_points`` and ``control_points_initial``,
+            those that T turns with, now and at first, all of shape (n_control_points, 3); and ``vectors``, shape
+            (n_nodes, 3), of which those of copies do not count.
+        """
+        points_bar, flat_bar, change = self._bars(vectors, bar)
+        bars = {"points": points_bar} | self.change_vjp(change, [name for name in wrt if name in TURNED_BY])
+        if "vectors" in wrt:
+            packed, none = self.of.vectors(bar), np.zeros((len(self.of.flat.rows), 3))
+            bars["vectors"] = self._forward(np.zeros_like(points_bar), transposed(self.matrices), packed, none)
+            bars["vectors"][self.of.flat.rows] = flat_bar
+        return {name: bars[name] for name in wrt}
+
+    def change_vjp(self, bar: Turn.Change, wrt: Collection[str] = TURNED_BY) -> dict[str, np.ndarray]:
+        """Transpose of `change`, by the names of `vjp`; the bar of the matrices is used up."""
         moved_bar, initial_bar = np.zeros_like(self.moved), np.zeros_like(self.initial)
-        for group, rotations in self._reversed():
-            before, after = rotations.vjp(group.pull(matrices_bar))
-            initial_bar[group.ids] += before
-            moved_bar[group.ids] += after
-        for faces, now, first in zip(self.of.planes, *normals_bar):
+        is_live = "control_points_initial" in wrt
+        names = ("initial", "moved") if is_live else ("moved",)
+        for group, rotations in zip(reversed(self.of.groups), reversed(self.rotations)):
+            bars = rotations.vjp(group.pull(bar.matrices), names)  # smoothed towards those before it
+            moved_bar[group.ids] += bars["moved"]
+            if is_live:
+                initial_bar[group.ids] += bars["initial"]
+        for faces, now, first in zip(self.of.planes, *bar.normals):
             faces.add_normal_vjp(self.moved, now, moved_bar)
-            faces.add_normal_vjp(self.initial, first, initial_bar)
-        adjoint = self.of.corners.adjoint
-        return adjoint(moved_bar), adjoint(initial_bar), vectors_bar
+            if is_live:
+                faces.add_normal_vjp(self.initial, first, initial_bar)
+        parts = {"control_points": moved_bar, "control_points_initial": initial_bar}
+        return {name: self.of.corners.adjoint(parts[name]) for name in wrt}
 
-    def control_vjp(self, vectors: Vectors, bar: np.ndarray) -> np.ndarray:
-        """First result of `vjp` alone, for a baseline that does not change."""
-        control_bar, matrices_bar, normals_bar, _ = self._bars(vectors, bar)
-        moved_bar = np.zeros_like(self.moved)
-        self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
-        return control_bar + self.of.corners.adjoint(moved_bar)
-
-    def rows_vjp(self, rows: FaceNodes, vectors: np.ndarray, bar: np.ndarray) -> np.ndarray:
-        """Derivative in the control points, shape (n_control_points, 3), of the turned vectors of some nodes alone."""
-        matrices_bar, moved_bar = np.zeros_like(self.matrices), np.zeros_like(self.moved)
-        normals_bar, _ = rows.vjp(self.matrices, self.normals, vectors, bar, matrices_bar)
-        self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
-        return self.of.corners.adjoint(moved_bar)
-
-    def _reversed(self):
-        """Groups with their rotations, the last first: each is smoothed towards those before it."""
-        return zip(reversed(self.of.groups), reversed(self.rotations))
-
-    def _add_corner_bars(self, matrices_bar, normals_bar, moved_bar) -> None:
-        """Add the derivatives with respect to the corners now; those with respect to the rotations are used up."""
-        for group, rotations in self._reversed():
-            moved_bar[group.ids] += rotations.moved_vjp(group.pull(matrices_bar))
-        for faces, now in zip(self.of.planes, normals_bar[0]):
-            faces.add_normal_vjp(self.moved, now, moved_bar)
-
-    def _forward(self, control_points: np.ndarray, matrices, vectors: Vectors, flat: np.ndarray) -> np.ndarray:
+    def _forward(self, control_points, matrices, vectors: Vectors, flat: np.ndarray) -> np.ndarray:
         """Evaluate and turn all nodes, those in planes with vectors that are turned already."""
         cells = self.of.cells
         turned = [(cell.fractions, packed, cell.corners, matrices) for cell, packed in zip(cells, vectors.packed)]
@@ -245,18 +294,18 @@ class Turn:
         out[copies[:, 0]] = out[copies[:, 1]]
         return out
 
-    def _bars(self, vectors: Vectors, bar: np.ndarray):
-        """Derivatives with respect to control points, rotations of all corners, normals, and vectors in planes."""
+    def _bars(self, vectors: Vectors, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, Turn.Change]:
+        """Derivatives with respect to the control points of A b, vectors in planes, and rotations."""
         of = self.of
         turns = [np.empty((len(cell.corners), 8, 9)) for cell in of.cells]
         turned = [(cell.fractions, packed, part) for cell, packed, part in zip(of.cells, vectors.packed, turns)]
-        control_bar, matrices_bar = of.evaluator.adjoint(bar, turned=turned), np.zeros_like(self.matrices)
+        points_bar, matrices_bar = of.evaluator.adjoint(bar, turned=turned), np.zeros_like(self.matrices)
         for cell, part in zip(of.cells, turns):
             _gather(cell.corners, part, matrices_bar)
         flat_bar = bar[of.flat.rows]
         np.add.at(flat_bar, np.searchsorted(of.flat.rows, of.flat_copies[:, 1]), bar[of.flat_copies[:, 0]])
-        bars = of.flat.vjp(self.matrices, self.normals, vectors.flat, flat_bar, matrices_bar)
-        return control_bar, matrices_bar, *bars
+        normals_bar, flat_bar = of.flat.vjp(self.matrices, self.normals, vectors.flat, flat_bar, matrices_bar)
+        return points_bar, flat_bar, Turn.Change(matrices_bar, normals_bar)
 
 
 def _corner_evaluator(mesh: BSplineMesh, places, ids, n_threads) -> Evaluator:
@@ -360,9 +409,7 @@ def _groups(
     return tuple(groups), plane
 
 
-def _cells(
-    mesh: BSplineMesh, ids, evaluator: Evaluator, parameters: Sequence[np.ndarray], held: HeldNodes
-) -> tuple[SpanNodes, ...]:
+def _cells(mesh: BSplineMesh, ids, evaluator: Evaluator, parameters, held: HeldNodes) -> tuple[SpanNodes, ...]:
     """Place the nodes of all volumes in their spans."""
     cells, place = [], np.empty(evaluator.n_rows, dtype=np.int64)
     for volume, corners, nodes, x, numbers in zip(mesh.volumes, ids, evaluator.nodes, parameters, held.numbers):

@@ -199,7 +199,8 @@ def _grid(
     surface, topology = SurfaceGrid.of(model, options.design or None), model.topology
     nodes = baseline.to_vector().reshape(-1, 3)
     wall = deformation.apply_to_nodes(surface.points, surface.on_planes(model))
-    state = model.grid_map().at(points, WallCorrection.of(topology, nodes, surface.rows), wall)
+    correction = WallCorrection.of(topology, nodes, surface.rows)
+    state = model.grid_map().meeting(correction).at(points, wall)
     source = node_sharing(topology).source_rows()
     miss = SurfaceMiss.of(topology, source, surface.rows, wall - state.mismatch, wall)
     return model.header.grid(topology.shapes, state.nodes), replace(miss, unit=model.header.length_unit)

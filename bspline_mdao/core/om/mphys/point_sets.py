@@ -76,7 +76,7 @@ class RidingPoints(Copied, om.ExplicitComponent):
         """Add the displacement."""
         nodes = finite_points(inputs[SURFACE], SURFACE, self.msginfo)
         points = finite_points(inputs[self._wrt], self._wrt, self.msginfo)
-        outputs[self._of] = (points + self._ride.jvp(nodes - self.options["surface"].points)).ravel()
+        outputs[self._of] = (points + self._ride.forward(nodes - self.options["surface"].points)).ravel()
 
     def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
@@ -86,7 +86,7 @@ class RidingPoints(Copied, om.ExplicitComponent):
             if self._wrt in d_inputs:
                 d_outputs[self._of] += d_inputs[self._wrt]
             if SURFACE in d_inputs:
-                d_outputs[self._of] += self._ride.jvp(d_inputs[SURFACE].reshape(-1, 3)).ravel()
+                d_outputs[self._of] += self._ride.forward(d_inputs[SURFACE].reshape(-1, 3)).ravel()
             return
         add_bar(d_inputs, self._wrt, d_outputs[self._of])
-        add_bar(d_inputs, SURFACE, self._ride.vjp(d_outputs[self._of].reshape(-1, 3)))
+        add_bar(d_inputs, SURFACE, self._ride.adjoint(d_outputs[self._of].reshape(-1, 3)))
