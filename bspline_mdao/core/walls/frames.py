@@ -166,12 +166,12 @@ class WallFrames:
     def _products(self, u, v) -> np.ndarray:
         """Sums of w u (x) v over the sides of every node, shape (n, 3, 3)."""
         sums = np.empty((self.rotations.n_points, 3, 3), dtype=np.result_type(u, v))
-        self.rotations.over_points(lambda part: _sum_products(*part, self.first_sides, self.weights, u, v, sums))
+        self.rotations.over_points(_sum_products, self.first_sides, self.weights, u, v, sums)
         return sums
 
     def _solve(self, stiffness, right):
         """Solve for every node, in place of the right-hand sides."""
-        self.rotations.over_points(lambda part: _solve(*part, stiffness, right))
+        self.rotations.over_points(_solve, stiffness, right)
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,7 +290,7 @@ class Frames:
         if d_initial is not None:
             change += of._products(after, self.before.jvp(of.rotations.areas_jvp(self.initial, d_initial), None))
         d_stiffness = of._products(d_after, after)
-        of.rotations.over_points(lambda part: _take_off(*part, d_stiffness, self.matrices, change))
+        of.rotations.over_points(_take_off, d_stiffness, self.matrices, change)
         of._solve(self.stiffness, change)
         change[of.rotations.fixed] = 0.0
         return change
@@ -318,9 +318,8 @@ class Frames:
         bar[of.rotations.fixed] = 0.0
         of._solve(self.stiffness, bar)
         bars = np.empty((2, *before.shape), dtype=bar.dtype)
-        of.rotations.over_points(
-            lambda part: _pull_normals(*part, of.first_sides, of.weights, before, after, bar, self.matrices, *bars)
-        )
+        numbers = of.first_sides, of.weights
+        of.rotations.over_points(_pull_normals, *numbers, before, after, bar, self.matrices, *bars)
         return STIFFNESS * bar, *bars
 
 

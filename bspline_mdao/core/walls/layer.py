@@ -76,11 +76,6 @@ class _Piece:
     weights: np.ndarray
     wall_ids: np.ndarray
 
-    @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """Arrays in the order in which the kernels take them."""
-        return self.rows, self.starts, self.planes, self.corners, self.barycentric, self.weights
-
 
 @dataclass(frozen=True, eq=False)
 class WallLayer:
@@ -233,7 +228,8 @@ class WallLayer:
 
     def _arrays(self, piece: _Piece) -> tuple:
         """What the kernels take of a piece, and of the layer."""
-        return *piece.arrays, self.projectors, self.by_corners
+        per_node = piece.rows, piece.starts, piece.planes
+        return *per_node, piece.corners, piece.barycentric, piece.weights, self.projectors, self.by_corners
 
     def _run(self, task) -> list:
         """Results of a task for every piece, in order."""

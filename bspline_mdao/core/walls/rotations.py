@@ -17,8 +17,9 @@ Theory: ``docs/theory/wall_layer.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -155,7 +156,7 @@ class LocalRotations:
         mirrored = MirrorMeans.of(self.planes, normals, matrices)
         matrices[self.fixed] = np.eye(3)
         stiffness, is_fine = np.empty_like(matrices), np.empty(self.n_points, dtype=np.bool_)
-        self.over_points(lambda part: nearest_rotations(*part, matrices, stiffness, is_fine))
+        self.over_points(nearest_rotations, matrices, stiffness, is_fine)
         if not is_fine.all():
             lost = int(np.argmin(is_fine))
             place = ", ".join(f"{x:.6g}" for x in moved[lost].real)
@@ -190,7 +191,7 @@ class LocalRotations:
         """Sum up M of every point, shape (n, 3, 3): linear in the points before, and in those after the move."""
         sums = np.empty((self.n_points, 3, 3), dtype=np.result_type(initial, moved))
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners, self.quad_scales
-        self.over_points(lambda part: _moments(*part, *graph, initial, moved, initial_areas, moved_areas, sums))
+        self.over_points(_moments, *graph, initial, moved, initial_areas, moved_areas, sums)
         return self._with_neighbours(sums, self.mix)
 
     def _moments_transposed(
@@ -208,7 +209,7 @@ class LocalRotations:
         _diagonal_pulls(bar, self.quads, self.quad_scales, areas, own, pulls)
         out = np.empty((self.n_points, 3), dtype=pulls.dtype)
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners
-        self.over_points(lambda part: _gather(*part, *graph, bar, points, pulls, out))
+        self.over_points(_gather, *graph, bar, points, pulls, out)
         return out
 
     @staticmethod
@@ -231,10 +232,10 @@ class LocalRotations:
         MirrorMeans.of(self.planes, None, seen)
         return mix, np.flatnonzero(_is_alone(seen))
 
-    def over_points(self, task) -> None:
-        """Call a kernel with ``(first, last)`` for pieces of the points."""
+    def over_points(self, kernel: Callable[..., None], *arguments: Any) -> None:
+        """Call a kernel with the first and last points of pieces of them, and with its arguments."""
         cuts = list(range(0, self.n_points, CHUNK_POINTS)) + [self.n_points]
-        run_tasks(lambda k: task((cuts[k], cuts[k + 1])), len(cuts) - 1, thread_count(self.n_threads))
+        run_tasks(lambda k: kernel(cuts[k], cuts[k + 1], *arguments), len(cuts) - 1, thread_count(self.n_threads))
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +284,7 @@ class Rotations:
             change += of._moments(d_initial, self.moved, of.areas_jvp(self.initial, d_initial), moved_areas)
         self.mirrored.jvp(change, d_normals)
         change[of.fixed] = 0.0
-        of.over_points(lambda part: rotation_changes(*part, self.matrices, self.stiffness, change))
+        of.over_points(rotation_changes, self.matrices, self.stiffness, change)
         return change
 
     def vjp(self, bar: np.ndarray, wrt: Collection[str] = MOVES) -> dict[str, np.ndarray]:
@@ -310,7 +311,7 @@ class Rotations:
         bar = np.array(bar, dtype=np.result_type(bar, self.matrices), order="C")
         if bar.shape != self.matrices.shape:
             raise InputError(f"rotations: derivatives of shape {bar.shape}; give shape {self.matrices.shape}")
-        self.of.over_points(lambda part: rotation_changes(*part, self.matrices, self.stiffness, bar))
+        self.of.over_points(rotation_changes, self.matrices, self.stiffness, bar)
         bar[self.of.fixed] = 0.0
         return bar, self.mirrored.vjp(bar)
 

@@ -157,9 +157,12 @@ class Turning:
         moved = self.corners.forward(control_points)
         initial = self.points if initial is None else self.corners.forward(initial)
         matrices = np.tile(np.eye(3).ravel(), (self.corners.n_rows, 1))
-        rotations = tuple(group.at(initial, moved, matrices) for group in self.groups)
-        normals = [[plane.normal(points) for plane in self.planes] for points in (moved, initial)]
-        return Turn(self, initial, moved, rotations, matrices, np.reshape(normals, (2, len(self.planes), 3)))
+        rotations, normals = [], np.empty((2, len(self.planes), 3))
+        for group in self.groups:
+            rotations.append(group.at(initial, moved, matrices))
+        for k, plane in enumerate(self.planes):
+            normals[:, k] = plane.normal(moved), plane.normal(initial)
+        return Turn(self, initial, moved, tuple(rotations), matrices, normals)
 
     def of_rows(self, rows: FaceNodes) -> Turning:
         """Return the part of the map that the rotations of these nodes need."""
