@@ -11,11 +11,9 @@ from openmdao.utils.options_dictionary import OptionsDictionary
 
 from ..model.fitted_model import FittedModel
 from ..model.model import Model
+from .option_signature import IN_RECORDS, OptionSignature
 
 __all__ = ["Copied", "NamedModel", "declare_model", "named_model"]
-
-IN_RECORDS = "model_in_records"
-"""Option that recorders keep."""
 
 
 class NamedModel(NamedTuple):
@@ -53,6 +51,7 @@ class Copied:
     # OpenMDAO leaves out those that are not for recorders, such as models and meshes, which no system can do without.
 
     options: OptionsDictionary
+    __signature__ = OptionSignature()
 
     def __getstate__(self) -> dict:
         """State with the options as they are declared."""

@@ -5,6 +5,7 @@ Theory: ``docs/theory/drivers.rst``, "How a run ends".
 
 from __future__ import annotations
 
+from ..option_signature import OptionSignature
 from .nlopt_problem import Point
 
 __all__ = ["KeptDesign"]
@@ -20,6 +21,7 @@ class KeptDesign:
     """
 
     best: Point | None = None
+    __signature__ = OptionSignature()
 
     @property
     def largest_violation(self) -> float:

@@ -1,0 +1,46 @@
+"""Signatures of components, groups and drivers: their options, as they are declared.
+
+OpenMDAO makes them with ``**kwargs``, of which neither ``help`` nor an editor can tell a name. What a class declares in
+``initialize`` is known once it is made, so that the signature is read from there: there is no second list to keep.
+"""
+
+from __future__ import annotations
+
+from inspect import Parameter, Signature
+from typing import Any
+
+from openmdao.core.component import Component
+from openmdao.core.driver import Driver
+from openmdao.core.explicitcomponent import ExplicitComponent
+from openmdao.core.group import Group
+from openmdao.core.implicitcomponent import ImplicitComponent
+from openmdao.utils.options_dictionary import _UNDEFINED
+
+__all__ = ["IN_RECORDS", "OptionSignature"]
+
+BASES = (Group, ImplicitComponent, ExplicitComponent, Component, Driver)
+"""Classes of OpenMDAO; the options of all that derive from one are behind ``**options``."""
+
+IN_RECORDS = "model_in_records"
+"""Option that recorders keep, which is made by itself and no argument."""
+
+
+class OptionSignature:
+    """Value of ``__signature__`` of a class: an argument for each option that it declares, and ``**options``."""
+
+    def __get__(self, instance: Any, owner: type) -> Signature:
+        base = next((kind for kind in BASES if issubclass(owner, kind)), None)
+        if base is None:  # what is mixed in has no options of its own
+            raise AttributeError("__signature__")
+        of_base = base().options._dict
+        arguments = [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=Parameter.empty if _is_needed(about) else about["val"])
+            for name, about in owner().options._dict.items()
+            if name not in of_base and name != IN_RECORDS
+        ]
+        return Signature([*arguments, Parameter("options", Parameter.VAR_KEYWORD)])
+
+
+def _is_needed(about: dict[str, Any]) -> bool:
+    """Whether an option has no default."""
+    return about["val"] is _UNDEFINED
