@@ -31,3 +31,9 @@ def real_grids() -> Path:
     if not folder:
         pytest.skip("set BSPLINE_MDAO_GRIDS to the folder of real grids")
     return Path(folder)
+
+
+@pytest.fixture
+def pyvista():
+    """The reader of files for ParaView, which takes a second to import: too long while tests are collected."""
+    return pytest.importorskip("pyvista", reason="PyVista is not installed")

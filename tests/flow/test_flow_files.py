@@ -16,12 +16,6 @@ from bspline_mdao.generators import infinite_wing_grid, naca_section, onera_m6_g
 from bspline_mdao.grids.topology.held_nodes import node_copies
 
 
-@pytest.fixture
-def pyvista():
-    """The reader of the files, which takes long to import."""
-    return pytest.importorskip("pyvista")
-
-
 @cache
 def wing():
     """A wing of 1,024 cells."""

@@ -13,8 +13,6 @@ from bspline_mdao.flow import SeriesRecorder, Snapshot
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.movers import moving_mesh
 
-pyvista = pytest.importorskip("pyvista", reason="PyVista is not installed")
-
 
 @pytest.fixture(scope="module")
 def model():
@@ -53,7 +51,7 @@ def series(path):
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
-def test_a_driver_leaves_a_series_that_ends_at_the_optimum(model, driver, tmp_path):
+def test_a_driver_leaves_a_series_that_ends_at_the_optimum(model, driver, tmp_path, pyvista):
     problem = twisted(model, DRIVERS[driver](), SeriesRecorder(tmp_path / "wing.pvd"))
     problem.run_driver()
     problem.cleanup()
@@ -92,7 +90,7 @@ def test_a_driver_without_derivatives_leaves_all_its_runs(model, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_flow_is_in_the_series_with_its_walls(model, tmp_path):
+def test_a_flow_is_in_the_series_with_its_walls(model, tmp_path, pyvista):
     problem = om.Problem(reports=None)
     problem.model.add_subsystem("shape", GridMovement(model=model, quality=False), promotes=["*"])
     problem.model.add_subsystem("flow", EulerFlow(model=model, reference_area=1.16), promotes=["*"])
