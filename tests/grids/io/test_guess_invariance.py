@@ -135,7 +135,8 @@ def test_guesses_at_grids_of_others_are_the_same_wherever_they_are(real_grids, n
     grid = replace(read_grid(path), patches=())
     windows = [face.window for face in find_topology(grid).boundary]
     expected = {guess.window: (guess.kind, guess.level) for guess in guess_faces(grid, windows)}
-    for how, copy in copies(grid, seed=4):
+    several = ("axes exchanged", "all")  # one by one they are done to small grids
+    for how, copy in [(how, copy) for how, copy in copies(grid, seed=4) if how in several]:
         found = {guess.window: (guess.kind, guess.level) for guess in guess_faces(copy, windows)}
         assert found == expected, how
 
