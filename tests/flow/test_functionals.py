@@ -6,7 +6,9 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import CamberSurface, EulerFlow, LatticeFlow, SurfaceGrid, fit_grid, onera_m6_grid
+from bspline_mdao import EulerFlow, LatticeFlow, fit_grid
+from bspline_mdao.core.measures.camber_surface import CamberSurface
+from bspline_mdao.core.mesh.surface import SurfaceGrid
 from bspline_mdao.flow.euler import forces as of_states
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
@@ -15,6 +17,7 @@ from bspline_mdao.flow.functionals import FUNCTIONALS, numbers, of_flow
 from bspline_mdao.flow.loads import wing_coefficients as of_wings
 from bspline_mdao.flow.om.euler_flow import EulerForces
 from bspline_mdao.flow.om.lattice_flow import LatticeForces
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.studio.study.keys import FLOWS
 
 
