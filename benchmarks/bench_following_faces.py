@@ -127,13 +127,9 @@ class Judge:
 
     @cached_property
     def grid_map(self) -> GridMap:
-        """The map to the grid."""
-        return self.model.grid_map()
-
-    @cached_property
-    def correction(self) -> WallCorrection:
-        """What puts the walls' nodes where they are asked to be."""
-        return WallCorrection.of(self.model.topology, self.grid_map.nodes, self.surface.rows)
+        """The map to the grid, with the walls' nodes where they are asked to be."""
+        grid_map = self.model.grid_map()
+        return grid_map.meeting(WallCorrection.of(self.model.topology, grid_map.nodes, self.surface.rows))
 
     def after(self, move: str, *movers: Mover) -> list[QualityReport]:
         """Report on the cells after a move by each mover; nothing where the move is not one of this surface."""
@@ -145,7 +141,7 @@ class Judge:
         asked, reports = self.follower.at(wall).control_points, []
         for mover in movers:
             points = mover.move(self.model.control_points, asked).points
-            nodes = self.grid_map.at(points, self.correction, wall).nodes
+            nodes = self.grid_map.at(points, wall).nodes
             reports.append(report_quality(self.quality, nodes))
         return reports
 
