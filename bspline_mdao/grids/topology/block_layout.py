@@ -35,6 +35,10 @@ class BlockLayout(OneLine):
         """Lay out blocks of some shapes."""
         return cls(tuple(tuple(int(n) for n in shape) for shape in shapes))
 
+    def __getstate__(self) -> dict:
+        """State without what is made of the shapes."""
+        return {"shapes": self.shapes}
+
     @cached_property
     def starts(self) -> np.ndarray:
         """Number of the first entry of each block, and behind these the number of all entries: (n_blocks + 1,)."""

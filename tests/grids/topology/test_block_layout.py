@@ -1,5 +1,7 @@
 """Entries of blocks of unequal shapes are numbered through, split, joined and found again."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -54,6 +56,15 @@ def test_cells_are_those_between_nodes_and_a_plane_has_a_layer_of_them():
 
 def test_shapes_of_a_damaged_file_have_a_size():
     assert BlockLayout.of([(2**31 - 1,) * 3, (2, 2, 2)]).size == (2**31 - 1) ** 3 + 8
+
+
+def test_what_is_made_of_the_shapes_is_not_pickled(layout):
+    before = pickle.dumps(layout)
+    layout.unravel(np.arange(layout.cells.size))
+    assert pickle.dumps(layout) == before
+    again = pickle.loads(before)
+    assert again == layout
+    np.testing.assert_array_equal(again.starts, layout.starts)
 
 
 def test_blocks_of_other_shapes_are_not_joined():
