@@ -30,6 +30,7 @@ from bspline_mdao.flow.euler.preconditioner import (
 )
 from bspline_mdao.flow.euler.reconstruction import FIRST, INNER
 from bspline_mdao.flow.euler.residual import SHOCK_THRESHOLD, Discretization
+from bspline_mdao.flow.euler.settings import NEWTON
 from bspline_mdao.generators import Spacing, flat_plate_grid, infinite_wing_grid
 
 SINGLE = float(np.finfo(np.float32).eps)
@@ -354,11 +355,10 @@ def test_late_steps_have_jacobians_of_their_own_and_the_factor_of_the_one_before
     monkeypatch.setattr(Discretization, "linearize", count("jacobians", Discretization.linearize))
     kept = sphere_case().solve()
     assert kept.is_converged
-    assert made["factors"] < made["jacobians"]
+    assert made["factors"] < made["jacobians"] == len(kept.history) - 1
     n_kept = made["factors"]
-    monkeypatch.setattr(newton, "FACTOR_KEPT_FROM", 0.0)
     made.update(factors=0, jacobians=0)
-    fresh = sphere_case().solve()
+    fresh = sphere_case().solve(settings=replace(NEWTON, factor_kept_from=0.0))
     assert n_kept < made["factors"] == made["jacobians"]
     np.testing.assert_allclose(kept.states, fresh.states, atol=1e-9)
     assert sum(s.n_products for s in kept.history) < 1.2 * sum(s.n_products for s in fresh.history)
@@ -389,10 +389,9 @@ def test_the_last_steps_are_those_of_newton():
     assert history[-2].residual / history[-1].residual > 30.0
 
 
-def test_a_step_solved_exactly_squares_the_residual(monkeypatch):
-    monkeypatch.setattr(newton, "ROUGH", 1e-5)  # what single precision can
-    monkeypatch.setattr(newton, "FORCING", 1e-5)
-    residuals = np.array([step.residual for step in sphere_case().solve(tolerance=1e-11).history])
+def test_a_step_solved_exactly_squares_the_residual():
+    exact = replace(NEWTON, rough=1e-5, forcing=1e-5)  # what single precision can
+    residuals = np.array([step.residual for step in sphere_case().solve(tolerance=1e-11, settings=exact).history])
     before = np.flatnonzero(residuals < 1e-2)[0]
     assert residuals[before + 1] < 10.0 * residuals[before] ** 2
 
@@ -478,18 +477,18 @@ def test_a_run_ends_after_its_products():
     def run(residual, *n_products):
         return [NewtonStep(residual, 1.0, n, 1.0) for n in n_products]
 
-    assert not newton._is_spent(run(1e-3, 700, 499))
-    assert newton._is_spent(run(1e-3, 700, 500))
-    assert newton._is_spent(run(1e-6, 1150, 60))
+    assert not newton._is_spent(NEWTON, run(1e-3, 700, 499))
+    assert newton._is_spent(NEWTON, run(1e-3, 700, 500))
+    assert newton._is_spent(NEWTON, run(1e-6, 1150, 60))
 
 
 def test_a_run_that_converges_may_take_more_products():
     def run(*residuals):
         return [NewtonStep(residual, 1.0, 600, 1.0) for residual in residuals]
 
-    assert not newton._is_spent(run(1e-5, 1e-6))
-    assert newton._is_spent(run(1e-5, 4e-6))
-    assert newton._is_spent(run(1e-2, 1e-3))
+    assert not newton._is_spent(NEWTON, run(1e-5, 1e-6))
+    assert newton._is_spent(NEWTON, run(1e-5, 4e-6))
+    assert newton._is_spent(NEWTON, run(1e-2, 1e-3))
 
 
 @pytest.mark.slow
@@ -521,7 +520,7 @@ def test_random_flows_about_random_sections_converge(seed):
 
 def test_the_cfl_number_grows_with_care_after_a_shortened_step():
     def following(*lengths):
-        return newton._next_cfl([NewtonStep(1.0, 8.0, 1, length) for length in lengths], 1.0, 0.1, False)
+        return newton._next_cfl(NEWTON, [NewtonStep(1.0, 8.0, 1, length) for length in lengths], 1.0, 0.1, False)
 
     assert following(0.5) == 6.0
     assert following(0.5, 1.0) == following(0.5, 1.0, 1.0, 1.0) == 24.0

@@ -1,5 +1,6 @@
 """Where Newton's steps start from: coarser members of the grid, with either kind of time steps."""
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -8,13 +9,14 @@ from euler_cases import one_of_each_kind
 
 from bspline_mdao.core.generators.hh_wing import Spacing, infinite_wing_grid
 from bspline_mdao.core.generators.wing import naca_section
-from bspline_mdao.flow.euler import cold_start, newton
+from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.newton_step import NewtonStep
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse, useful_levels
+from bspline_mdao.flow.euler.settings import NEWTON, STARTS
 from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 
@@ -91,11 +93,10 @@ def products(runs):
     return [[step.n_products for step in run.history] for run in runs]
 
 
-def test_long_time_steps_come_first_where_the_flow_on_a_coarser_member_took_many_steps(wing, monkeypatch):
+def test_long_time_steps_come_first_where_the_flow_on_a_coarser_member_took_many_steps(wing):
     plain, long = products(cold_runs(wing, max_steps=3))
-    monkeypatch.setattr(cold_start, "HARD", 1)
     assert plain != long
-    assert products(cold_runs(wing, max_steps=3)) == [long, plain]
+    assert products(cold_runs(wing, max_steps=3, settings=replace(STARTS, hard=1))) == [long, plain]
 
 
 def test_flows_by_both_kinds_of_time_steps_are_the_same(wing):
@@ -132,10 +133,10 @@ def test_members_are_coarser_down_to_250_cells_also_where_a_grid_is_one_cell_dee
 
 def test_linear_solves_are_rough_where_the_last_step_left_much():
     def forcing(*residuals):
-        return newton._forcing([NewtonStep(residual, 1.0, 1, 1.0) for residual in residuals], 1e-10)
+        return newton._forcing(NEWTON, [NewtonStep(residual, 1.0, 1, 1.0) for residual in residuals], 1e-10)
 
-    assert forcing(1e-1) == forcing(1e-5, 2e-4) == forcing(1e-5, 9e-6) == newton.ROUGH
+    assert forcing(1e-1) == forcing(1e-5, 2e-4) == forcing(1e-5, 9e-6) == NEWTON.rough
     assert forcing(1e-5, 2e-6) == pytest.approx(0.04)
-    assert forcing(1e-5) == forcing(1e-5, 1e-7) == newton.FORCING
+    assert forcing(1e-5) == forcing(1e-5, 1e-7) == NEWTON.forcing
     assert forcing(1e-6, 1e-9) == pytest.approx(0.05)
-    assert forcing(1e-7, 1.2e-10) == newton.ROUGH < newton.WORTH  # else steps that leave enough do not count
+    assert forcing(1e-7, 1.2e-10) == NEWTON.rough

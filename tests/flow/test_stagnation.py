@@ -13,6 +13,7 @@ from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.newton_step import Course, NewtonStep
 from bspline_mdao.flow.euler.sequencing import coarse_levels, useful_levels
+from bspline_mdao.flow.euler.settings import NEWTON
 from bspline_mdao.flow.euler.stagnation import begins_to_hover, course_of, hovering_cfl, lowest_before, since_it_hovers
 from bspline_mdao.grids.io.files import read_grid
 from bspline_mdao.grids.io.patch_guess import with_guessed_patches
@@ -47,21 +48,21 @@ def run(*residuals, turn=0.0, growth=-1.0, cfl=800.0, length=1.0):
     history = []
     for residual in residuals:
         history.append(NewtonStep(residual, cfl, 1, length, Course(turn, growth)))
-        history[-1] = replace(history[-1], hovers_from=lowest_before(history))
+        history[-1] = replace(history[-1], hovers_from=lowest_before(NEWTON, history))
     return history
 
 
 def test_a_run_hovers_after_eight_low_residuals_without_a_lowest_one():
-    assert not begins_to_hover(run(1e-4, *7 * [2e-4]))
-    assert begins_to_hover(run(1e-4, *8 * [2e-4]))
-    assert not begins_to_hover(run(2e-3, *20 * [4e-3]))  # where shocks travel
+    assert not begins_to_hover(NEWTON, run(1e-4, *7 * [2e-4]))
+    assert begins_to_hover(NEWTON, run(1e-4, *8 * [2e-4]))
+    assert not begins_to_hover(NEWTON, run(2e-3, *20 * [4e-3]))  # where shocks travel
 
 
 def test_a_run_hovers_as_soon_as_a_step_goes_back_and_its_residual_rises():
-    assert begins_to_hover(run(1e-5, 4e-6, 6e-6, turn=-0.6))
-    assert not begins_to_hover(run(1e-5, 6e-6, 4e-6, turn=-0.6))
-    assert not begins_to_hover(run(1e-5, 4e-6, 6e-6, turn=-0.4))
-    assert not begins_to_hover(run(2e-3, 4e-6, 6e-6, turn=-0.6))
+    assert begins_to_hover(NEWTON, run(1e-5, 4e-6, 6e-6, turn=-0.6))
+    assert not begins_to_hover(NEWTON, run(1e-5, 6e-6, 4e-6, turn=-0.6))
+    assert not begins_to_hover(NEWTON, run(1e-5, 4e-6, 6e-6, turn=-0.4))
+    assert not begins_to_hover(NEWTON, run(2e-3, 4e-6, 6e-6, turn=-0.6))
 
 
 def test_a_run_hovers_until_its_residual_is_a_tenth_of_the_lowest_before():
@@ -72,8 +73,8 @@ def test_a_run_hovers_until_its_residual_is_a_tenth_of_the_lowest_before():
 @pytest.mark.parametrize(("is_long", "rest"), [(False, 20.0), (True, 5.0)])
 def test_a_run_that_begins_to_hover_goes_back_to_short_time_steps(is_long, rest):
     history = run(1e-4, *8 * [2e-4])
-    assert newton._next_cfl(history, 2.0, 2.0, is_long) == rest
-    assert newton._next_cfl(run(1e-4, *8 * [2e-4], cfl=0.5), 2.0, 2.0, is_long) == 0.5
+    assert newton._next_cfl(NEWTON, history, 2.0, 2.0, is_long) == rest
+    assert newton._next_cfl(NEWTON, run(1e-4, *8 * [2e-4], cfl=0.5), 2.0, 2.0, is_long) == 0.5
 
 
 @pytest.mark.parametrize(
@@ -92,7 +93,7 @@ def test_a_run_that_begins_to_hover_goes_back_to_short_time_steps(is_long, rest)
 )
 def test_time_steps_of_a_run_that_hovers_grow_as_far_as_growth_allows(after, growth, length, factor):
     history = run(1e-4, *8 * [2e-4], after, growth=growth, length=length, cfl=100.0)
-    assert hovering_cfl(history, True) == pytest.approx(100.0 * factor)
+    assert hovering_cfl(NEWTON, history, True) == pytest.approx(100.0 * factor)
 
 
 def test_a_run_may_take_its_steps_anew_from_where_it_began_to_hover():
@@ -134,7 +135,7 @@ class FoldSystem(newton._StepSystem):
         slope = a * a + GAP + 2.0 * a * (a - 1.0)
         return cls(at, slope, np.eye(5, dtype=np.float32)[None] / np.float32(cfl), None)
 
-    def solve(self, residual, part, most_left):
+    def solve(self, settings, residual, part, is_rough):
         return -residual / (self.diagonal[0, 0, 0] + self.linearization), 1
 
 
@@ -165,7 +166,7 @@ def test_a_run_is_carried_past_the_end_of_steady_states_to_the_flow_behind_it(pa
 
 @STARTS
 def test_steps_that_let_only_the_residual_lead_the_time_step_go_to_and_fro_there(past_a_fold, monkeypatch, start):
-    monkeypatch.setattr(newton, "lowest_before", lambda history: 0.0)
+    monkeypatch.setattr(newton, "lowest_before", lambda settings, history: 0.0)
     solution = past_a_fold(start)
     assert not solution.is_converged
     assert abs(solution.states[0, 1]) < 0.01

@@ -17,15 +17,9 @@ from .preconditioner import time_terms
 from .reconstruction import SLIP
 from .residual import Discretization
 from .sequencing import CoarseLevel, coarse_flows, spread_from
+from .settings import STARTS, StartSettings
 
 __all__ = ["cold_solutions"]
-
-FLAT, MOST_FLAT = 25.0, 0.1
-"""Time steps of cells that are longer by more than this when long, and the part of the cells at walls and planes of
-symmetry above which long ones come first."""
-
-HARD = 20
-"""Newton steps of a flow on a coarser member beyond which the grid itself is tried with long time steps first."""
 
 
 def cold_solutions(
@@ -37,6 +31,7 @@ def cold_solutions(
     *,
     tolerance: float = 1e-10,
     max_steps: int = 100,
+    settings: StartSettings = STARTS,
     progress: Callable | None = None,
 ) -> Iterator[FlowSolution]:
     """Yield solutions of the steady flow, each from that on coarser members of the grid; take the first that will do.
@@ -51,13 +46,14 @@ def cold_solutions(
         Coarser members, the finest first; may be empty, then it starts from the uniform stream.
     nodes : ndarray, shape (n_nodes, 3)
         Nodes of the grid (m).
+    settings : StartSettings
     areas, stream, tolerance, max_steps, progress
         See `solve_flow`.
     """
     discretization = flow.at(nodes)
-    coarse = cache(lambda is_long: coarse_flows(levels, nodes, stream, is_long))
-    is_flat = _is_flat(discretization, areas, stream)
-    first = is_flat or any(len(one.history) > HARD for one in coarse(False))
+    coarse = cache(lambda is_long: coarse_flows(levels, nodes, stream, is_long, settings))
+    is_flat = _is_flat(settings, discretization, areas, stream)
+    first = is_flat or any(len(one.history) > settings.hard for one in coarse(False))
     for is_long in (first, not first):
         states = spread_from(levels, coarse(is_long))
         yield solve_flow(
@@ -69,16 +65,17 @@ def cold_solutions(
             tolerance=tolerance,
             max_steps=max_steps,
             is_long=is_long,
+            settings=settings.newton,
             progress=progress,
         )
 
 
-def _is_flat(discretization: Discretization, areas: np.ndarray, stream: np.ndarray) -> bool:
+def _is_flat(settings: StartSettings, discretization: Discretization, areas: np.ndarray, stream: np.ndarray) -> bool:
     """Whether long time steps are much longer in many cells at walls and planes of symmetry."""
     stencil, comm = discretization.stencil, discretization.halo.comm
     uniform = discretization.uniform(stream)
     usual, long = (time_terms(discretization, uniform, areas, kind)[:, 0, 0] for kind in (False, True))
     cells = stencil.cells[stencil.roles == SLIP, 1]
-    at_walls = (usual > FLAT * long)[cells[cells < len(uniform)]]
+    at_walls = (usual > settings.flat * long)[cells[cells < len(uniform)]]
     n_flat, n_walls = summed(comm, np.array([at_walls.sum(), len(at_walls)], float))
-    return bool(n_flat > MOST_FLAT * n_walls)
+    return bool(n_flat > settings.most_flat * n_walls)

@@ -31,19 +31,6 @@ LONG, SLOW = 60, 0.5
 """Vectors of the cycles that follow one which leaves more than this part of its residual: systems about cells with the
 spacing of boundary layers need them, and others have the memory to themselves."""
 
-ROUNDING = 16.0 * np.finfo(float).eps
-"""Residual relative to the norm of the solution, with a matrix of the size of one, that is left by rounding."""
-
-LEAST = 1e-4
-"""Smallest tolerance that one run of GMRES in single precision is asked for."""
-
-MOST_REFINED = 4000
-"""Products of a refined solution at most: the adjoint of the lift about a C-grid with the spacing of a boundary layer
-takes 2,450. Where corrections gain nothing it ends long before."""
-
-_ENOUGH = 0.5
-"""Part of the square of a vector that the first pass has to leave; below, rounding of what it took away shows."""
-
 PIECE = 2_048
 """Numbers of a vector at a time, which stay in the nearest cache while those of the basis pass by."""
 
@@ -158,7 +145,7 @@ def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm: Any, out: np.nda
     last = np.zeros(len(basis), vector.dtype)
     last[-1] = 1.0
     parts, square, left = _parts(summed(comm, _subtract_and_multiply(basis, last, vector)))
-    if left < _ENOUGH * square:
+    if left < 0.5 * square:  # rounding of what was taken away shows, the criterion of [2] of `solve_system`
         rest, _, left = _parts(summed(comm, _subtract_and_multiply(basis, parts.astype(vector.dtype), vector)))
         parts, away = parts + rest, rest
     else:
@@ -264,26 +251,42 @@ def solve_refined(
     precondition: Callable,
     right: np.ndarray,  # right, tolerance, max_products, comm: see `solve_system`; products are those of both kinds
     tolerance: float,
-    max_products: int = MOST_REFINED,
-    comm: Any = ONE,
-    # (n_cells, 1), what unknowns are multiplied by in the system whose matrix is of the size of one
+    max_products: int = 4000,
+    comm=ONE,
     scale: np.ndarray | float = 1.0,
 ) -> KrylovSolution:
-    """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves."""
-    # Iterative refinement, of solutions in single precision by residuals in double precision:
-    #
-    # 1. Find the true residual of the solution so far.
-    # 2. End where it is small enough, or where the last correction has not halved it.
-    # 3. Solve for a correction in single precision, and add it.
+    """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.
+
+    Iterative refinement, of solutions in single precision by residuals in double precision:
+
+    1. Find the true residual of the solution so far.
+    2. End where it is small enough, or where the last correction has not halved it.
+    3. Solve for a correction in single precision, and add it.
+
+    Parameters
+    ----------
+    product : callable
+        Product with the matrix, in double precision.
+    rough_product, precondition : callable
+        Product with a matrix that is the same up to rounding in single precision, and approximate solution with it.
+    right, tolerance, comm
+        See `solve_system`.
+    max_products : int
+        Products of both kinds at most: the adjoint of the lift about a C-grid with the spacing of a boundary layer
+        takes 2,450. Where corrections gain nothing it ends long before.
+    scale : ndarray, shape (n_cells, 1), or float
+        What unknowns are multiplied by in the system whose matrix is of the size of one.
+    """
     x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
     size = norm(right, comm)
     asked = tolerance * size
     while True:
         left = norm(rest, comm)
         if left <= asked or left > 0.5 * before or n_products >= max_products:  # step 2
-            is_converged = bool(left <= max(asked, ROUNDING * norm(scale * x, comm)))
+            rounding = 16.0 * float(np.finfo(float).eps) * norm(scale * x, comm)  # of a matrix of the size of one
+            is_converged = bool(left <= max(asked, rounding))
             return KrylovSolution(x, n_products, is_converged, left / size if size else 0.0)
-        part = max(0.5 * asked / left, LEAST)
+        part = max(0.5 * asked / left, 1e-4)  # what one run in single precision can be asked for
         correction = solve_roughly(rough_product, precondition, rest, part, max_products - n_products, comm)  # step 3
         x, n_products, before = x + correction.x, n_products + correction.n_products + 1, left
         rest = right - product(x)  # step 1

@@ -11,19 +11,13 @@ import numpy as np
 
 from .adjoint import FlowTangent
 from .krylov import solve_roughly
-from .newton import LARGEST_CFL, Field, FlowSolution, advance
+from .newton import Field, FlowSolution, advance
 from .newton_step import NewtonStep
 from .preconditioner import by_surface
 from .residual import Discretization
+from .settings import NEWTON, NewtonSettings
 
 __all__ = ["solve_nearby"]
-
-
-FORCING, MOST_PRODUCTS = 2e-2, 50
-"""Tolerance of the linear solves, and the products after which they have failed."""
-
-WORTH = 0.1
-"""Part of the residual that a step may leave at most; where it leaves more, new Jacobians are cheaper."""
 
 
 def solve_nearby(
@@ -35,29 +29,46 @@ def solve_nearby(
     tangent: FlowTangent,  # the Jacobian there, and its preconditioner
     tolerance: float = 1e-10,  # tolerance, max_steps, progress: see `solve_flow`
     max_steps: int = 100,
+    settings: NewtonSettings = NEWTON,
     progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
 ) -> FlowSolution:
-    """Solve for the steady flow from states near it, with the Jacobian of a flow nearby, without pseudo-time."""
-    # A small change of the shape changes the Jacobian by little: each step leaves as much of the residual as its linear
-    # solve and that change. Where that is too much, or a step has to be cut, it ends with the best states so far.
+    """Solve for the steady flow from states near it, with the Jacobian of a flow nearby, without pseudo-time.
+
+    A small change of the shape changes the Jacobian by little: each step leaves as much of the residual as its linear
+    solve and that change. Where that is too much, or a step has to be cut, it ends with the best states so far.
+
+    Parameters
+    ----------
+    discretization : Discretization
+    areas : ndarray, shape (n_faces, 3)
+        Area vectors (m^2).
+    stream : ndarray, shape (5,)
+        The free stream.
+    states : ndarray, shape (n_cells, 5)
+        To start from: those of the flow nearby.
+    tangent : FlowTangent
+        The Jacobian there, and its preconditioner.
+    tolerance, max_steps, settings, progress
+        See `solve_flow`.
+    """
     field = Field(discretization, areas, stream)
     scale, residual = field.scale(tolerance), field.residual(states)
     norm = field.norm(residual)
-    history = [NewtonStep(norm / scale, LARGEST_CFL, 0, 1.0)]
+    history = [NewtonStep(norm / scale, np.inf, 0, 1.0)]
 
     while history[-1].residual > tolerance and len(history) <= max_steps:
-        forcing = max(FORCING, 0.5 * tolerance * scale / norm)
+        forcing = max(settings.nearby_forcing, 0.5 * tolerance * scale / norm)
         system = by_surface(tangent.linearization.jacobians.product, tangent.factor.solve, field.sizes)
-        solution = solve_roughly(*system, -residual, forcing, MOST_PRODUCTS, discretization.halo.comm)
+        solution = solve_roughly(*system, -residual, forcing, settings.nearby_products, discretization.halo.comm)
         update = solution.x if solution.is_converged else None
-        moved, after, length = advance(field, states, residual, update)
+        moved, after, length = advance(settings, field, states, residual, update)
         is_better = length > 0.0 and field.norm(after) < norm
         if is_better:
             states, residual = moved, after
         before, norm = norm, field.norm(residual)
-        history.append(NewtonStep(norm / scale, LARGEST_CFL, solution.n_products, length if is_better else 0.0))
+        history.append(NewtonStep(norm / scale, np.inf, solution.n_products, length if is_better else 0.0))
         if progress:
             progress(history[-1], states)
-        if length < 1.0 or norm > WORTH * before:
+        if length < 1.0 or norm > settings.nearby_worth * before:
             break
     return FlowSolution(states, stream, tuple(history), tolerance)

@@ -9,10 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["BACK", "UNKNOWN", "Course", "NewtonStep"]
-
-BACK = -0.5
-"""Cosine of two updates below which the second one goes back."""
+__all__ = ["UNKNOWN", "Course", "NewtonStep"]
 
 
 @dataclass(frozen=True)
@@ -24,9 +21,14 @@ class Course:
     growth: float = -np.inf
 
     @property
+    def has_turned(self) -> bool:
+        """Whether it goes back, at more than 120 degrees to the update before."""
+        return self.turn < -0.5
+
+    @property
     def is_backward(self) -> bool:
         """Whether what grows is taken back by a time step that is too long for it, and the update before with it."""
-        return self.growth >= 1.0 and self.turn < BACK
+        return self.growth >= 1.0 and self.has_turned
 
 
 UNKNOWN = Course()

@@ -23,14 +23,9 @@ from ...grids.topology.partition import Partition
 from ...grids.topology.topology import Topology
 from .flow_grid import FlowGrid
 from .newton import FlowSolution, solve_flow
+from .settings import STARTS, StartSettings
 
 __all__ = ["CoarseLevel", "coarse_flows", "coarse_levels", "spread_from", "states_from_coarse", "useful_levels"]
-
-TOLERANCE, MAX_STEPS = 1e-3, 30
-"""Residual of the flows on coarser members, and their Newton steps at most."""
-
-SMALLEST = 250
-"""Cells below which a coarser member saves nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +81,7 @@ def coarse_levels(
     return levels
 
 
-def useful_levels(topology: Topology) -> int:
+def useful_levels(topology: Topology, settings: StartSettings = STARTS) -> int:
     """Count the coarser members of a grid that save time: those of no less than 250 cells.
 
     Examples
@@ -99,40 +94,65 @@ def useful_levels(topology: Topology) -> int:
     n_levels = 0
     while True:
         coarse = refined_topology(topology, 0.5)
-        if coarse.shapes == topology.shapes or coarse.layout.cells.size < SMALLEST:
+        if coarse.shapes == topology.shapes or coarse.layout.cells.size < settings.smallest_member:
             return n_levels
         topology, n_levels = coarse, n_levels + 1
 
 
 def states_from_coarse(
-    levels: list[CoarseLevel], nodes: np.ndarray, stream: np.ndarray, is_long: bool = False
+    levels: list[CoarseLevel],
+    nodes: np.ndarray,
+    stream: np.ndarray,
+    is_long: bool = False,
+    settings: StartSettings = STARTS,
 ) -> np.ndarray | None:
-    """Solve on the coarser members for states to start from on the grid; None, for the uniform stream, without any."""
-    # Parameters and states are those of `coarse_flows` and `spread_from`.
-    return spread_from(levels, coarse_flows(levels, nodes, stream, is_long))
+    """Solve on the coarser members for states to start from on the grid; None, for the uniform stream, without any.
+
+    Parameters and states are those of `coarse_flows` and `spread_from`.
+    """
+    return spread_from(levels, coarse_flows(levels, nodes, stream, is_long, settings))
 
 
 def coarse_flows(
-    levels: list[CoarseLevel],  # the finest first
-    nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid as it is now (m)
-    stream: np.ndarray,  # (5,), the free stream
-    # whether flat cells have long time steps there too: a bubble at the foot of a shock would stay in the start
+    levels: list[CoarseLevel],
+    nodes: np.ndarray,
+    stream: np.ndarray,
     is_long: bool = False,
-) -> list[FlowSolution]:  # the finest member's first
-    """Solve roughly on the coarser members, on each from the flow on the next."""
+    settings: StartSettings = STARTS,
+) -> list[FlowSolution]:
+    """Solve roughly on the coarser members, on each from the flow on the next.
+
+    Parameters
+    ----------
+    levels : list of CoarseLevel
+        The finest first.
+    nodes : ndarray, shape (n_nodes, 3)
+        Nodes of the grid as it is now (m).
+    stream : ndarray, shape (5,)
+        The free stream.
+    is_long : bool
+        Whether flat cells have long time steps there too: a bubble at the foot of a shock would stay in the start.
+    settings : StartSettings
+
+    Returns
+    -------
+    list of FlowSolution
+        The finest member's first.
+    """
     if not levels:
         return []
     level, coarse_nodes = levels[0], levels[0].pick(nodes)
-    coarser = coarse_flows(levels[1:], coarse_nodes, stream, is_long)
+    coarser = coarse_flows(levels[1:], coarse_nodes, stream, is_long, settings)
     solution = solve_flow(
         level.flow.discretization,
         level.flow.areas(coarse_nodes),
         stream,
         pattern=level.flow.pattern,
         states=spread_from(levels[1:], coarser),
-        tolerance=TOLERANCE,
-        max_steps=MAX_STEPS,
+        tolerance=settings.member_tolerance,
+        max_steps=settings.member_steps,
         is_long=is_long,
+        settings=settings.newton,
     )
     return [solution, *coarser]
 

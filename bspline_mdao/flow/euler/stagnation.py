@@ -27,27 +27,10 @@ from typing import Any
 import numpy as np
 
 from ...base.numerics.processes import summed
-from .newton_step import BACK, Course, NewtonStep
+from .newton_step import Course, NewtonStep
+from .settings import NewtonSettings
 
 __all__ = ["begins_to_hover", "course_of", "hovering_cfl", "lowest_before", "since_it_hovers"]
-
-HOVERING, HOVERING_FROM = 8, 1e-3
-"""Steps without a new lowest residual after which a run hovers, where all of theirs are below the second number. One
-that goes back is enough where the residual rises."""
-
-REST_CFL, LONG_REST_CFL = 20.0, 5.0
-"""CFL numbers, of usual and long time steps, that a run which hovers goes back to."""
-
-OVER = 0.1
-"""Part of the lowest residual before it hovered below which a run hovers no more."""
-
-GROWTH = 0.4
-"""What `growth` is led to. The residual then rises by 1/(1 - 0.4) a step; from 0.5 on it would double, and parts of
-steps would be taken."""
-
-LARGEST_RISE, LEAST_RISE = 10.0, 1.5
-"""Most and least growth of the CFL number, but for that bound: while the run is carried past, a residual that rises is
-no sign against it."""
 
 
 def course_of(
@@ -66,32 +49,38 @@ def course_of(
     return Course(float(along / max(np.sqrt(new * old), tiny)), float(1.0 + driven / max(slowed, tiny)))
 
 
-def begins_to_hover(history: Sequence[NewtonStep]) -> bool:
+def begins_to_hover(settings: NewtonSettings, history: Sequence[NewtonStep]) -> bool:
     """Whether residuals are low but no new lowest one was among the last; while shocks travel they are higher."""
     residuals = [step.residual for step in history]
     if len(residuals) < 3:
         return False
-    goes_back = history[-1].course.turn < BACK and residuals[-1] > residuals[-2] and max(residuals[-3:]) < HOVERING_FROM
-    is_held = max(residuals[-HOVERING:]) < HOVERING_FROM and len(residuals) > HOVERING
-    return goes_back or (is_held and min(residuals[-HOVERING:]) > min(residuals[:-HOVERING]))
+    goes_back = (
+        history[-1].course.has_turned and residuals[-1] > residuals[-2] and max(residuals[-3:]) < settings.hovering_from
+    )
+    is_held = max(residuals[-settings.hovering :]) < settings.hovering_from and len(residuals) > settings.hovering
+    return goes_back or (is_held and min(residuals[-settings.hovering :]) > min(residuals[: -settings.hovering]))
 
 
-def lowest_before(history: Sequence[NewtonStep]) -> float:
+def lowest_before(settings: NewtonSettings, history: Sequence[NewtonStep]) -> float:
     """Lowest residual before a run began to hover, zero of one that does not; that of its last step is not set yet."""
     before = history[-2].hovers_from if len(history) > 1 else 0.0
     if before:
-        return before if history[-1].residual > OVER * before else 0.0
-    return min(step.residual for step in history) if begins_to_hover(history) else 0.0
+        return before if history[-1].residual > settings.hovers_until * before else 0.0
+    return min(step.residual for step in history) if begins_to_hover(settings, history) else 0.0
 
 
-def hovering_cfl(history: Sequence[NewtonStep], is_long: bool) -> float:
+def hovering_cfl(settings: NewtonSettings, history: Sequence[NewtonStep], is_long: bool) -> float:
     """CFL number of the next step of a run that hovers: short at first, then as long as growth allows."""
     cfl, length, growth = history[-1].cfl, history[-1].length, history[-1].course.growth
     if not history[-2].hovers_from:
-        return min(cfl, LONG_REST_CFL if is_long else REST_CFL)
+        return min(cfl, settings.long_rest_cfl if is_long else settings.first_cfl)
     fall = history[-2].residual / max(history[-1].residual, np.finfo(float).tiny)
-    factor = min(LARGEST_RISE, max(LEAST_RISE, fall)) if length == 1.0 else min(1.0, max(0.2, 1.5 * length))
-    return cfl * (min(factor, GROWTH / growth) if growth > 0.0 else factor)
+    factor = (
+        min(settings.largest_growth, max(settings.cfl_growth, fall))
+        if length == 1.0
+        else min(1.0, max(0.2, 1.5 * length))
+    )
+    return cfl * (min(factor, settings.most_growing / growth) if growth > 0.0 else factor)
 
 
 def since_it_hovers(history: list[NewtonStep]) -> list[NewtonStep]:
