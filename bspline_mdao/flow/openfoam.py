@@ -43,28 +43,17 @@ GAMMA, GAS_CONSTANT, PRESSURE, TEMPERATURE = 1.4, 8314.47 / 28.9, 1e5, 300.0
 
 @dataclass(frozen=True, eq=False)
 class Forces(OneLine):
-    """What OpenFOAM finds.
+    """What OpenFOAM finds."""
 
-    Parameters
-    ----------
-    CL, CD : float
-        Lift and drag coefficients.
-    Cp : ndarray, shape (n_wall,)
-        Pressure coefficient on the faces of walls, in the order of ``CellFaces.faces_of("wall")``.
-    residuals : dict of ndarray, shape (n_iterations,)
-        Initial residual of every equation over the iterations.
-    is_converged : bool
-        Whether all of them came below the tolerance.
-    seconds : float
-        Wall time of the solver.
-    """
-
+    # CL, CD: lift and drag coefficients
     CL: float
     CD: float
+    # (n_wall,), pressure coefficient on the faces of walls, in the order of ``CellFaces.faces_of("wall")``
     Cp: np.ndarray
+    # dict of ndarray, shape (n_iterations,), initial residual of every equation over the iterations
     residuals: dict[str, np.ndarray]
-    is_converged: bool
-    seconds: float
+    is_converged: bool  # whether all of them came below the tolerance
+    seconds: float  # wall time of the solver
 
     @property
     def n_iterations(self) -> int:
@@ -74,19 +63,12 @@ class Forces(OneLine):
 
 @dataclass(frozen=True)
 class Stream:
-    """Free stream.
+    """Free stream."""
 
-    Parameters
-    ----------
-    mach, alpha : float
-        Mach number and angle of attack (deg).
-    axes : str
-        Axes of the grid that point downstream, along the span and up.
-    """
-
+    # mach, alpha: mach number and angle of attack (deg)
     mach: float
     alpha: float
-    axes: str = "xzy"
+    axes: str = "xzy"  # axes of the grid that point downstream, along the span and up
 
     @property
     def directions(self) -> tuple[np.ndarray, np.ndarray]:
@@ -168,19 +150,8 @@ def openfoam_forces(
     return Forces(lift, drag, Cp, read_residuals(log), "solution converged" in log, seconds)
 
 
-def run(program: str, case: Path) -> str:
-    """Run a program of OpenFOAM on a case.
-
-    Returns
-    -------
-    str
-        What it printed.
-
-    Raises
-    ------
-    InputError
-        If it fails.
-    """
+def run(program: str, case: Path) -> str:  # what it printed
+    """Run a program of OpenFOAM on a case."""
     environment = {"WM_PROJECT_DIR": HOME, **os.environ}
     done = subprocess.run([program, "-case", str(case)], env=environment, capture_output=True, text=True, check=False)
     if done.returncode != 0:

@@ -129,7 +129,7 @@ def together(comm: Any) -> Iterator[None]:
 _INSIDE: ContextVar[bool] = ContextVar("inside together", default=False)
 
 
-def _first_that(comm, is_so: bool) -> int:
+def _first_that(comm: Any, is_so: bool) -> int:
     """Lowest rank of which something is true; the number of processes where it is true of none."""
     import numpy as np
 
@@ -181,13 +181,13 @@ def summed(comm, array: np.ndarray) -> np.ndarray:
     return total
 
 
-def summed_number(comm, number: float) -> float:
+def summed_number(comm: Any, number: float) -> float:
     """Sum of a number of every process, on every one of them: the same bits everywhere."""
     return number if comm.size == 1 else comm.allreduce(number)
 
 
 def gathered(
-    comm,  # communicator, the processes
+    comm: Any,  # communicator, the processes
     array: np.ndarray,  # (n, ...), n may differ between them
 ) -> np.ndarray:  # (sum of n, ...)
     """Rows of the arrays of all processes one after another, on every one of them."""
@@ -221,7 +221,7 @@ def from_all(comm: Any, item: Any) -> list:
     return [item] if comm.size == 1 else comm.allgather(item)
 
 
-def from_first(comm, value: Any) -> Any:
+def from_first(comm: Any, value: Any) -> Any:
     """What the first process has, on all of them."""
     return value if comm.size == 1 else comm.bcast(value, root=0)
 
@@ -233,7 +233,7 @@ def node_of(comm: Any) -> Any:
     return comm.Split_type(MPI.COMM_TYPE_SHARED)
 
 
-def norm(array: np.ndarray, comm=ONE) -> float:
+def norm(array: np.ndarray, comm: Any = ONE) -> float:
     """Euclidean norm of an array whose rows several processes hold; the same bits on all of them."""
     import numpy as np
 
@@ -242,12 +242,12 @@ def norm(array: np.ndarray, comm=ONE) -> float:
     return float(np.sqrt(summed(comm, np.array([np.linalg.norm(array) ** 2]))[0]))
 
 
-def largest(comm, value: float) -> float:
+def largest(comm: Any, value: float) -> float:
     """Largest of the numbers of all processes, on every one of them."""
     return float(value) if comm.size == 1 else float(max(comm.allgather(float(value))))
 
 
-def on_first(comm, task: Callable[[], Any]) -> Any:
+def on_first(comm: Any, task: Callable[[], Any]) -> Any:
     """Result of a task that the first process does for all; what it raises, all raise."""
     if comm.size == 1:
         return task()

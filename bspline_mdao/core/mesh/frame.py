@@ -24,43 +24,23 @@ _FLAT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Plane(OneLine):
-    """A plane of symmetry.
+    """A plane of symmetry."""
 
-    Parameters
-    ----------
-    normal : ndarray, shape (3,)
-        Unit normal.
-    offset : float
-        Distance from the origin along the normal (m).
-    roughness : float
-        Largest distance of a node that is in it (m).
-    """
-
-    normal: np.ndarray
-    offset: float
-    roughness: float = 0.0
+    normal: np.ndarray  # (3,), unit normal
+    offset: float  # distance from the origin along the normal (m)
+    roughness: float = 0.0  # largest distance of a node that is in it (m)
 
 
 @dataclass(frozen=True, eq=False)
 class Frame(OneLine):
-    """Coordinates along the stream, normal to it and along the span.
+    """Coordinates along the stream, normal to it and along the span."""
 
-    Parameters
-    ----------
-    origin : ndarray, shape (3,)
-        Upstream end of the root (m).
-    axes : ndarray, shape (3, 3)
-        Orthonormal rows: stream, normal, span.
-    chord, span : float
-        Extent of the surface along the stream and along the span (m).
-    middle : ndarray, shape (2, 2)
-        Stream and normal coordinate of the middle line at the root, and their slopes along the span.
-    """
-
-    origin: np.ndarray
-    axes: np.ndarray
+    origin: np.ndarray  # (3,), upstream end of the root (m)
+    axes: np.ndarray  # (3, 3), orthonormal rows: stream, normal, span
+    # chord, span: extent of the surface along the stream and along the span (m)
     chord: float
     span: float
+    # (2, 2), stream and normal coordinate of the middle line at the root, and their slopes along the span
     middle: np.ndarray
 
     def to_local(self, points: np.ndarray) -> np.ndarray:
@@ -162,7 +142,7 @@ def mesh_planes(mesh: MovingMesh) -> tuple[Plane, ...]:
     return tuple(planes)
 
 
-def _span_axis(points, planes):
+def _span_axis(points: np.ndarray, planes: tuple[Plane, ...]):
     """Direction of the span, away from the plane it starts on, and where it starts."""
     if not planes:
         axis = int(np.argmax(np.ptp(points, axis=0)))
@@ -172,7 +152,7 @@ def _span_axis(points, planes):
     return side * plane.normal, side * plane.offset
 
 
-def _across(axis):
+def _across(axis: int):
     """Two directions at right angles to an axis, each along a coordinate axis as far as may be; shape (2, 3)."""
     main = int(np.argmax(np.abs(axis)))
     rows = []
@@ -183,7 +163,7 @@ def _across(axis):
     return np.array(rows)
 
 
-def _middle_line(local):
+def _middle_line(local: np.ndarray):
     """Straight line through the middles of slices of the span."""
     span = local[:, 2]
     number = np.minimum((_BINS * span / span.max()).astype(int), _BINS - 1)

@@ -40,24 +40,13 @@ GOOD_RATIO = 0.03
 
 @dataclass(frozen=True, eq=False)
 class IncrementalMovement(OneLine):
-    """A move that was made in increments.
+    """A move that was made in increments."""
 
-    Parameters
-    ----------
-    surface_ids : ndarray of int, shape (n_surface,)
-        Points on the surface.
-    steps : tuple of Step
-        The increments.
-    report : MovementReport
-        What they did.
-    start : object, optional
-        What moves from the same initial points can share, to be handed to the mover's next ``move`` as its ``start``;
-        None where there is nothing.
-    """
-
-    surface_ids: np.ndarray
-    steps: tuple[Step, ...]
-    report: MovementReport
+    surface_ids: np.ndarray  # (n_surface,) of int, points on the surface
+    steps: tuple[Step, ...]  # the increments
+    report: MovementReport  # what they did
+    # what moves from the same initial points can share, to be handed to the mover's next ``move`` as its ``start``;
+    # None where there is nothing
     start: object = None
 
     @property
@@ -65,34 +54,22 @@ class IncrementalMovement(OneLine):
         """Points after the last increment, shape (n_points, 3), in metres."""
         return self.steps[-1].points
 
-    def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
-        """Change of the points, shape (n_points, 3).
-
-        Parameters
-        ----------
-        d_initial : ndarray, shape (n_points, 3)
-            Change of the initial points.
-        d_surface : ndarray, shape (n_surface, 3)
-            Change of the surface points after the move.
-        """
+    def jvp(
+        self,
+        d_initial: np.ndarray,  # (n_points, 3), change of the initial points
+        d_surface: np.ndarray,  # (n_surface, 3), change of the surface points after the move
+    ) -> np.ndarray:
+        """Change of the points, shape (n_points, 3)."""
         d_points, m = d_initial, len(self.steps)
         for i, step in enumerate(self.steps, start=1):
             d_points = step.jvp(d_initial, d_points, _between(d_initial[self.surface_ids], d_surface, i, m))
         return d_points
 
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Transpose of `jvp`.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n_points, 3)
-            Derivative of a scalar with respect to the points.
-
-        Returns
-        -------
-        initial_bar : ndarray, shape (n_points, 3)
-        surface_bar : ndarray, shape (n_surface, 3)
-        """
+    def vjp(
+        self,
+        bar: np.ndarray,  # (n_points, 3), derivative of a scalar with respect to the points
+    ) -> tuple[np.ndarray, np.ndarray]:  # initial_bar: (n_points, 3); surface_bar: (n_surface, 3)
+        """Transpose of `jvp`."""
         m = len(self.steps)
         initial_bar, surface_bar = np.zeros_like(bar), np.zeros((len(self.surface_ids), 3), dtype=bar.dtype)
         for i, step in zip(range(m, 0, -1), reversed(self.steps)):
@@ -104,11 +81,13 @@ class IncrementalMovement(OneLine):
 
 
 def in_increments(
-    mesh: MovingMesh,
+    mesh: MovingMesh,  # what is moved
+    # ``step(initial, before, surface)`` makes one increment: from the initial points of the whole move, shape
+    # (n_points, 3), the points before the increment, and the surface points after it, shape (n_surface, 3)
     step: Callable[[np.ndarray, np.ndarray, np.ndarray], Step],
-    initial: np.ndarray,
-    surface: np.ndarray,
-    n_increments: int,
+    initial: np.ndarray,  # (n_points, 3), points before the move (m)
+    surface: np.ndarray,  # (n_surface, 3), surface points after it (m)
+    n_increments: int,  # the paper's m
 ) -> IncrementalMovement:
     """Move the surface in equal increments along straight lines, and the mesh behind it, i = 1 to m of Eq. (8).
 
@@ -245,28 +224,18 @@ def _between(start: np.ndarray, stop: np.ndarray, i: int, m: int) -> np.ndarray:
 
 
 class IncrementalMover(OneLine):
-    """What movers share that do the same in every increment.
+    """What movers share that do the same in every increment."""
 
-    A leaf has the fields ``mesh`` and ``n_increments``, and says what one increment does.
-    """
+    # A leaf has the fields ``mesh`` and ``n_increments``, and says what one increment does.
 
     mesh: MovingMesh
     n_increments: int
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         require_number(self.n_increments)
 
     def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
-
-        Raises
-        ------
-        InputError
-            If a shape or the number of increments is wrong.
-        MovementError
-            If a coordinate is not finite, a surface point leaves its symmetry plane, a system cannot be solved, or a
-            point is moved far beyond what the surface does.
-        """
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres."""
         initial = np.array(initial, dtype=float)
         return in_increments(self.mesh, self._step, initial, surface, self.n_increments)
 

@@ -37,10 +37,9 @@ __all__ = [
 
 
 class Interpolation(Protocol):
-    """Displacements of all points from those of the surface; fixed points count as not displaced.
+    """Displacements of all points from those of the surface; fixed points count as not displaced."""
 
-    The values at surface and fixed points do not matter: the displacement of these points is prescribed.
-    """
+    # The values at surface and fixed points do not matter: the displacement of these points is prescribed.
 
     @property
     def values(self) -> np.ndarray:
@@ -55,24 +54,12 @@ class Interpolation(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class InterpolatedStep(OneLine):
-    """An increment that was made.
+    """An increment that was made."""
 
-    Parameters
-    ----------
-    mesh : MovingMesh
-        What was moved.
-    points : ndarray, shape (n_points, 3)
-        Points after the increment (m).
-    interpolation : Interpolation
-        Displacements that the points took.
-    report : SolveReport or None
-        How the interpolation was solved for, where it had to be.
-    """
-
-    mesh: MovingMesh
-    points: np.ndarray
-    interpolation: Interpolation
-    report: SolveReport | None = None
+    mesh: MovingMesh  # what was moved
+    points: np.ndarray  # (n_points, 3), points after the increment (m)
+    interpolation: Interpolation  # displacements that the points took
+    report: SolveReport | None = None  # how the interpolation was solved for, where it had to be
 
     def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points after the increment, shape (n_points, 3); ``d_initial`` plays no part."""
@@ -92,11 +79,11 @@ class InterpolatedStep(OneLine):
 
 
 def interpolated_step(
-    mesh: MovingMesh,
-    before: np.ndarray,
-    surface: np.ndarray,
-    interpolation: Interpolation,
-    report: SolveReport | None = None,
+    mesh: MovingMesh,  # what is moved
+    before: np.ndarray,  # (n_points, 3), points before the increment (m)
+    surface: np.ndarray,  # (n_surface, 3), surface points after it (m)
+    interpolation: Interpolation,  # displacements of all points
+    report: SolveReport | None = None,  # how it was solved for
 ) -> InterpolatedStep:
     """Take of an interpolation what every point may do.
 
@@ -146,26 +133,14 @@ APART = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Centres:
-    """Centres, those on the surface first.
+    """Centres, those on the surface first."""
 
-    Parameters
-    ----------
-    ids : ndarray of int, shape (n_centres,)
-        The prescribed points that are centres.
-    surface_rows : ndarray of int, shape (n_moving,)
-        Rows of the surface's points; the centres after these are fixed.
-    target_ids : ndarray of int, shape (n_targets,)
-        Points that may move in any direction.
-    position : scipy.sparse.csr_array, shape (n_centres, n_points)
-        Place of the centres, as weights of the mesh's points.
-    n_surface, n_points : int
-        Numbers of points on the surface and of the mesh.
-    """
-
-    ids: np.ndarray
-    surface_rows: np.ndarray
-    target_ids: np.ndarray
+    ids: np.ndarray  # (n_centres,) of int, the prescribed points that are centres
+    surface_rows: np.ndarray  # (n_moving,) of int, rows of the surface's points; the centres after these are fixed
+    target_ids: np.ndarray  # (n_targets,) of int, points that may move in any direction
+    # scipy.sparse.csr_array, shape (n_centres, n_points), place of the centres, as weights of the mesh's points
     position: sparse.csr_array
+    # n_surface, n_points: numbers of points on the surface and of the mesh
     n_surface: int
     n_points: int
 
@@ -204,18 +179,10 @@ class Scattered(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CentredInterpolation:
-    """Interpolation of the surface's displacement by way of centres.
+    """Interpolation of the surface's displacement by way of centres."""
 
-    Parameters
-    ----------
-    centres : Centres
-        Where the displacement is prescribed.
-    scattered : Scattered
-        Interpolation between them.
-    """
-
-    centres: Centres
-    scattered: Scattered
+    centres: Centres  # where the displacement is prescribed
+    scattered: Scattered  # interpolation between them
 
     @property
     def values(self) -> np.ndarray:
@@ -237,18 +204,10 @@ class CentredInterpolation:
         return points_bar, centres.displacement_transpose(prescribed_bar)
 
 
-def find_centres(mesh: MovingMesh) -> Centres:
-    """Make centres of all points of the surface and all fixed ones, as they are on the baseline.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        The mesh.
-
-    Returns
-    -------
-    Centres
-    """
+def find_centres(
+    mesh: MovingMesh,  # the mesh
+) -> Centres:
+    """Make centres of all points of the surface and all fixed ones, as they are on the baseline."""
     prescribed_ids = np.concatenate([mesh.surface_ids, mesh.fixed_ids])
     position = _selection(prescribed_ids, mesh.n_points) + APART * _aside(mesh, prescribed_ids)
     is_kept = np.ones(len(prescribed_ids), dtype=bool)

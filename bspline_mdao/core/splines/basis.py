@@ -300,7 +300,7 @@ def basis(knots: Knots, xi: ArrayLike, s: ArrayLike = 0.0, t: ArrayLike = 0.0) -
 
 
 def basis_gradients(
-    knots,  # Knots, knots of the direction
+    knots: Knots,  # Knots, knots of the direction
     direction: int,  # 0, 1 or 2
     parameters: np.ndarray,  # (n, 3), parameters of the points
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -326,7 +326,9 @@ def _chunks(n: int) -> list[slice]:
     return [slice(start, start + 4096) for start in range(0, n, 4096)]
 
 
-def basis_jets(knots, xi, s=0.0, t=0.0, degree: int = 2) -> tuple[np.ndarray, np.ndarray]:
+def basis_jets(
+    knots: Knots, xi: ArrayLike, s: ArrayLike = 0.0, t: ArrayLike = 0.0, degree: int = 2
+) -> tuple[np.ndarray, np.ndarray]:
     """Basis functions with their derivatives in ``(xi, s, t)``, through the knots as well.
 
     Parameters
@@ -356,7 +358,7 @@ def basis_jets(knots, xi, s=0.0, t=0.0, degree: int = 2) -> tuple[np.ndarray, np
     return spans, jets
 
 
-def _knot_jets(knots, s, t, degree: int) -> np.ndarray:
+def _knot_jets(knots: Knots, s: ArrayLike, t: ArrayLike, degree: int) -> np.ndarray:
     """Jets of the knots in ``(xi, s, t)``, shape (n, N + p, size); they do not depend on ``xi``."""
     jets = np.zeros((s.size, knots.n_control + knots.order, JET_SIZES[degree]))
     jets[..., 0] = knots.values(s, t)

@@ -26,15 +26,9 @@ SAME_PLANE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class RigidPart(OneLine):
-    """The map from moved points to the nearest rigid motion.
+    """The map from moved points to the nearest rigid motion."""
 
-    Parameters
-    ----------
-    normals : ndarray, shape (n_planes, 3)
-        Unit normals of planes that stay where they are.
-    """
-
-    normals: np.ndarray
+    normals: np.ndarray  # (n_planes, 3), unit normals of planes that stay where they are
 
     @property
     def _along(self) -> np.ndarray:
@@ -43,13 +37,7 @@ class RigidPart(OneLine):
         return rows[: np.count_nonzero(sizes > SAME_PLANE)]
 
     def at(self, initial: np.ndarray, moved: np.ndarray) -> RigidMotion:
-        """Nearest rigid motion of points, shape (n, 3), before and after (m).
-
-        Raises
-        ------
-        MovementError
-            If the points are turned inside out as a whole.
-        """
+        """Nearest rigid motion of points, shape (n, 3), before and after (m)."""
         along = self._along
         arms = initial - initial.mean(axis=0), moved - moved.mean(axis=0)
         matrices, stiffness, is_fine = (arms[1].T @ arms[0])[None].copy(), np.empty((1, 3, 3)), np.ones(1, dtype=bool)
@@ -69,33 +57,16 @@ class RigidPart(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
-    """A rigid motion ``x -> R x + shift``, and its derivative in the points that it was found for.
+    """A rigid motion ``x -> R x + shift``, and its derivative in the points that it was found for."""
 
-    Parameters
-    ----------
-    rotation : ndarray, shape (3, 3)
-        R.
-    shift : ndarray, shape (3,)
-        Shift (m).
-    arms : tuple of two ndarray of shape (n, 3)
-        The points before and after less their means (m).
-    mean : ndarray, shape (3,)
-        Mean of those before (m).
-    in_planes : ndarray, shape (3, 3)
-        Projector onto what shifts may do.
-    stiffness : ndarray, shape (1, 3, 3)
-        ``tr(S) I - S``, see `.polar`.
-    mirrored : MirrorMeans or None
-        Mean with the mirror image; None where nothing turns.
-    """
-
-    rotation: np.ndarray
-    shift: np.ndarray
+    rotation: np.ndarray  # (3, 3), R
+    shift: np.ndarray  # (3,), shift (m)
+    # tuple of two ndarray of shape (n, 3), the points before and after less their means (m)
     arms: tuple[np.ndarray, np.ndarray]
-    mean: np.ndarray
-    in_planes: np.ndarray
-    stiffness: np.ndarray
-    mirrored: MirrorMeans | None
+    mean: np.ndarray  # (3,), mean of those before (m)
+    in_planes: np.ndarray  # (3, 3), projector onto what shifts may do
+    stiffness: np.ndarray  # (1, 3, 3), ``tr(S) I - S``, see `.polar`
+    mirrored: MirrorMeans | None  # mean with the mirror image; None where nothing turns
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Take points, shape (n, 3), along."""

@@ -25,32 +25,19 @@ __all__ = ["Sections"]
 
 @dataclass(frozen=True, eq=False)
 class Sections(OneLine):
-    """Edges, faces or insides of pieces, one after the other in flat arrays.
+    """Edges, faces or insides of pieces, one after the other in flat arrays."""
 
-    Parameters
-    ----------
-    shapes : ndarray of int, shape (n, 3)
-        Points of each section by direction.
-    starts : ndarray of int, shape (n, 4)
-        First row of each section, and its first blend in each direction.
-    rows : ndarray of int32
-        Rows in the grid vector of its points in C order; -1 for inner points that have their displacement already.
-    blends : ndarray
-        Places of its points between the two ends of each direction, from 0 to 1.
-    """
-
-    shapes: np.ndarray
-    starts: np.ndarray
+    shapes: np.ndarray  # (n, 3) of int, points of each section by direction
+    starts: np.ndarray  # (n, 4) of int, first row of each section, and its first blend in each direction
+    # of int, rows in the grid vector of its points in C order; -1 for inner points that have their displacement already
     rows: np.ndarray
-    blends: np.ndarray
+    blends: np.ndarray  # places of its points between the two ends of each direction, from 0 to 1
 
     @classmethod
     def of(cls, pieces, n_free: int, is_done: np.ndarray, is_moving: np.ndarray) -> Sections:
-        """Gather the sections of some free directions.
-
-        Sections without a point that is not done are skipped, and so are those with nothing that moves at their ends.
-        What is gathered is marked as done, and as moving.
-        """
+        """Gather the sections of some free directions."""
+        # Sections without a point that is not done are skipped, and so are those with nothing that moves at their ends.
+        # What is gathered is marked as done, and as moving.
         found = []
         for ids, points in pieces:
             for section in sections_of(ids.shape, n_free):
@@ -148,10 +135,8 @@ def _blends(points: np.ndarray) -> list[np.ndarray]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill(shapes, starts, rows, blends, values):
-    """Boolean sum I - (I - P0) (I - P1) (I - P2) = P2 + P1 (I - P2) + P0 (I - P1) (I - P2) in every section.
-
-    P_d, the interpolation along direction d, takes part where the direction has more than one point.
-    """
+    """Boolean sum I - (I - P0) (I - P1) (I - P2) = P2 + P1 (I - P2) + P0 (I - P1) (I - P2) in every section."""
+    # P_d, the interpolation along direction d, takes part where the direction has more than one point.
     for number in range(len(shapes)):
         ids, (b0, b1, b2), part = _section(number, shapes, starts, rows, blends)
         e0, e1, e2 = _ends(ids.shape)
@@ -227,10 +212,8 @@ def _ends(shape):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _exchange(ids, b1, b2, part, values, e0, e1, e2, is_transpose):
-    """Write U at the ends of direction 2, (I - P2) U at those of 1, and (I - P1) (I - P2) U at those of 0.
-
-    The transpose adds what is at these ends to ``values``.
-    """
+    """Write U at the ends of direction 2, (I - P2) U at those of 1, and (I - P1) (I - P2) U at those of 0."""
+    # The transpose adds what is at these ends to ``values``.
     n0, n1 = ids.shape[:2]
     for e in range(2):
         if part[2]:

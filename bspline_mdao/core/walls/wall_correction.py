@@ -45,9 +45,9 @@ INDEPENDENT = 1e-3
 class WallCorrection(OneLine):
     """The linear map from the displacement of wall nodes to that of all nodes, and its transpose.
 
-    It reproduces the displacement of the wall, is zero on all other boundaries but within a segment of where a wall
-    ends on them, and keeps nodes in planes of symmetry if the displacement of the wall does. Made by
-    `WallCorrection.of`.
+    # It reproduces the displacement of the wall, is zero on all other boundaries but within a segment of where a wall
+    # ends on them, and keeps nodes in planes of symmetry if the displacement of the wall does. Made by
+    # `WallCorrection.of`.
 
     Parameters
     ----------
@@ -94,22 +94,14 @@ class WallCorrection(OneLine):
     n_nodes: int
 
     @classmethod
-    def of(cls, topology: Topology, nodes: np.ndarray, rows: np.ndarray) -> WallCorrection:
-        """Prepare the map of a baseline grid.
-
-        Parameters
-        ----------
-        topology : Topology
-            Topology of the grid.
-        nodes : ndarray, shape (n_nodes, 3)
-            The baseline (m).
-        rows : ndarray of int, shape (n_wall,)
-            Rows in the grid vector of the nodes whose displacement is known, each shared node once.
-
-        Returns
-        -------
-        WallCorrection
-        """
+    def of(
+        cls,
+        topology: Topology,  # topology of the grid
+        nodes: np.ndarray,  # (n_nodes, 3), the baseline (m)
+        # (n_wall,) of int, rows in the grid vector of the nodes whose displacement is known, each shared node once
+        rows: np.ndarray,
+    ) -> WallCorrection:
+        """Prepare the map of a baseline grid."""
         sharing, whole = node_sharing(topology), topology.layout.numbers
         source = sharing.source_rows()
         wall = source[rows]
@@ -136,14 +128,11 @@ class WallCorrection(OneLine):
         free = corners[network.ids]
         return cls(wall, wall_ids, free, np.arange(len(free)), network, levels, sharing.copies, topology.n_nodes)
 
-    def part(self, rows: np.ndarray) -> WallCorrection:
-        """Return what the correction of some nodes depends on; of all others it is zero.
-
-        Parameters
-        ----------
-        rows : ndarray of int
-            Rows of nodes that are no copies.
-        """
+    def part(
+        self,
+        rows: np.ndarray,  # of int, rows of nodes that are no copies
+    ) -> WallCorrection:
+        """Return what the correction of some nodes depends on; of all others it is zero."""
         is_wanted = np.zeros(self.n_nodes, dtype=bool)
         is_wanted[rows] = True
         levels = [level.part(is_wanted) for level in self.levels[::-1]][::-1]
@@ -172,21 +161,12 @@ class WallCorrection(OneLine):
         """Memory that it takes (B)."""
         return sum(level.n_bytes for level in self.levels) + self.rows.nbytes + self.copies.nbytes
 
-    def meet(self, nodes: np.ndarray, wall: np.ndarray) -> np.ndarray:
-        """Correct nodes, shape (n_nodes, 3), in place, so that those of the wall are where they are given.
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes (m), overwritten by the corrected ones.
-        wall : ndarray, shape (n_wall, 3)
-            Where the wall nodes are to be (m).
-
-        Returns
-        -------
-        ndarray, shape (n_wall, 3)
-            The mismatch before (m).
-        """
+    def meet(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes (m), overwritten by the corrected ones
+        wall: np.ndarray,  # (n_wall, 3), where the wall nodes are to be (m)
+    ) -> np.ndarray:  # (n_wall, 3), the mismatch before (m)
+        """Correct nodes, shape (n_nodes, 3), in place, so that those of the wall are where they are given."""
         mismatch = wall - nodes[self.rows]
         if mismatch.any():
             nodes += self.forward(mismatch)

@@ -93,31 +93,23 @@ class InducedDrag:
         n = strips.n_strips
         return cls(strips, np.zeros((n, n)), np.eye(n + 1), np.full(n, 0.5))
 
-    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> tuple[np.ndarray, float]:
-        """Span load and induced drag; real or complex.
-
-        Parameters
-        ----------
-        forces : ndarray, shape (n_faces, 3)
-            Forces on the wall faces divided by the dynamic pressure (m^2).
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of the grid (m).
-        alpha : float
-            Angle of attack (rad).
-
-        Returns
-        -------
-        span_load : ndarray, shape (n,)
-            Lift of every strip per length, divided by the dynamic pressure, at right angles to the stream and to the
-            strip's trace (m); twice its circulation divided by the speed.
-        drag : float
-            Induced drag of what is there, a half wing or a whole one, divided by the dynamic pressure (m^2).
-        """
+    def evaluate(
+        self,
+        forces: np.ndarray,  # (n_faces, 3), forces on the wall faces divided by the dynamic pressure (m^2)
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m)
+        alpha: float,  # angle of attack (rad)
+    ) -> tuple[np.ndarray, float]:
+        """Span load and induced drag; real or complex."""
+        # Returns span_load: (n,), lift of every strip per length, divided by the dynamic pressure, at right angles to
+        # the stream and to the strip's trace (m); twice its circulation divided by the speed; drag: induced drag of
+        # what is there, a half wing or a whole one, divided by the dynamic pressure (m^2).
         trace, turn = _trace(self.strips, nodes, alpha)
         load = _Lift(np.diff(trace, axis=0), self.strips.face_weights @ forces @ turn.T).per_length
         return load, self._factor * self._wake(trace, load).drag
 
-    def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> tuple[np.ndarray, float]:
+    def jvp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+    ) -> tuple[np.ndarray, float]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         trace, turn = _trace(self.strips, nodes, alpha)
         d_trace, d_turn = _trace(self.strips, d_nodes, alpha)[0], _turn_slope(self.strips.axes, alpha)
@@ -129,15 +121,12 @@ class InducedDrag:
         trace_bar, load_bar = self._drag_gradients(trace, lift.per_length)
         return d_load, np.sum(trace_bar * d_trace) + load_bar @ d_load
 
-    def vjp(self, forces, nodes, alpha, load_bar, drag_bar) -> tuple[np.ndarray, np.ndarray, float]:
-        """Apply the transpose of `jvp` to derivatives with respect to the span load, shape (n,), and to the drag.
-
-        Returns
-        -------
-        tuple
-            Derivatives with respect to the forces, shape (n_faces, 3), the nodes, shape (n_nodes, 3), and the angle
-            (1/rad).
-        """
+    def vjp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, load_bar, drag_bar
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Apply the transpose of `jvp` to derivatives with respect to the span load, shape (n,), and to the drag."""
+        # Returns derivatives with respect to the forces, shape (n_faces, 3), the nodes, shape (n_nodes, 3), and the
+        # angle (1/rad).
         trace, turn = _trace(self.strips, nodes, alpha)
         on_strips, at_stations = self.strips.face_weights @ forces, self.strips.trailing @ nodes
         lift = _Lift(np.diff(trace, axis=0), on_strips @ turn.T)
@@ -150,18 +139,13 @@ class InducedDrag:
         alpha_bar = np.sum(turn_bar * _turn_slope(self.strips.axes, alpha))
         return self.strips.face_weights.T @ (force_bar @ turn), self.strips.trailing.T @ (trace_bar @ turn), alpha_bar
 
-    def least(self, nodes: np.ndarray, alpha: float, lift: float) -> float:
-        """Least induced drag of any load along the span, of an elliptical one where the wake is plane (Munk).
-
-        Parameters
-        ----------
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of the grid (m), from which the wake trails.
-        alpha : float
-            Angle of attack (rad).
-        lift : float
-            Lift of what is there, divided by the dynamic pressure (m^2), as the drag is.
-        """
+    def least(
+        self,
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m), from which the wake trails
+        alpha: float,  # angle of attack (rad)
+        lift: float,  # lift of what is there, divided by the dynamic pressure (m^2), as the drag is
+    ) -> float:
+        """Least induced drag of any load along the span, of an elliptical one where the wake is plane (Munk)."""
         if not self.loads.any():  # from wall to wall
             return 0.0
         points = self.points @ _trace(self.strips, nodes, alpha)[0]
@@ -172,11 +156,11 @@ class InducedDrag:
         """Drag divided by the dynamic pressure, relative to that of the whole wake at unit speed and density."""
         return 1.0 if self.strips.is_symmetric else 2.0
 
-    def _wake(self, trace, load) -> Wake:
+    def _wake(self, trace, load: np.ndarray) -> Wake:
         """The wake at unit speed."""
         return Wake(self.points @ trace, 0.5 * (self.loads @ load), self.strips.is_symmetric, self.places)
 
-    def _drag_gradients(self, trace, load):
+    def _drag_gradients(self, trace, load: np.ndarray):
         """Derivatives of the drag with respect to the trace, shape (n + 1, 2), and to the load, shape (n,)."""
         points_bar, circulations_bar = self._wake(trace, load).drag_gradients()
         return self._factor * self.points.T @ points_bar, 0.5 * self._factor * circulations_bar @ self.loads
@@ -206,13 +190,13 @@ class _Lift:
         return np.sum(self.widths**2, axis=1)
 
 
-def _trace(strips: SpanStrips, nodes: np.ndarray, alpha) -> tuple[np.ndarray, np.ndarray]:
+def _trace(strips: SpanStrips, nodes: np.ndarray, alpha: float) -> tuple[np.ndarray, np.ndarray]:
     """Trace of the trailing edge in the Trefftz plane, shape (n + 1, 2), and the axes of that plane, shape (2, 3)."""
     turn = np.stack([strips.axes[1] + 0.0 * alpha, stream_axes(alpha, strips.axes)[1]])
     return strips.trailing @ nodes @ turn.T, turn
 
 
-def _turn_slope(axes: np.ndarray, alpha) -> np.ndarray:
+def _turn_slope(axes: np.ndarray, alpha: float) -> np.ndarray:
     """Derivative of the axes of the Trefftz plane with respect to the angle."""
     return np.stack([np.zeros(3), -stream_axes(alpha, axes)[0]])
 

@@ -6,6 +6,7 @@ Theory: ``docs/theory/vortex_lattice.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import openmdao.api as om
@@ -125,19 +126,21 @@ class Aerostructure(Copied, om.Group):
     >>> _ = problem.setup()
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         self.options.declare("lattice", types=np.ndarray, recordable=False, desc="nodes on the baseline")
         self.options.declare("spar", types=Spar, recordable=False, desc="the spar")
         self.options.declare("parasite_drag", default=0.015, desc="added to the induced drag")
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Add OpenAeroStruct's groups."""
         lattice, spar = self.options["lattice"], self.options["spar"]
         drag = {"CL0": 0.0, "CD0": self.options["parasite_drag"], "with_viscous": False, "with_wave": False}
         laminar = {"k_lam": 0.0, "c_max_t": 0.3}  # asked for, though nothing viscous is computed
-        surface = lattice_surface(*lattice.shape[:2], **drag, **laminar, **spar.settings) | {"mesh": lattice}
+        settings: dict[str, Any] = drag | laminar | spar.settings
+        n_chord, n_span = lattice.shape[:2]
+        surface = lattice_surface(n_chord, n_span, **settings) | {"mesh": lattice}
         self._add_spar(surface)
         self._add_point(surface)
         defaults = {**_DEFAULTS, "camber_surface": (lattice, "m"), "spar_thickness": (surface["thickness_cp"], "m")}
@@ -145,7 +148,7 @@ class Aerostructure(Copied, om.Group):
             self.set_input_defaults(name, val=value, units=units)
         self.set_input_defaults("t_over_c", val=np.full(lattice.shape[1] - 1, 0.12))
 
-    def configure(self):
+    def configure(self) -> None:
         """Bring to the top what OpenAeroStruct leaves inside, and solve tightly enough for exact derivatives."""
         self.point.coupled.promotes("wing", inputs=[("mesh", "camber_surface")])
         self.point.promotes("coupled", inputs=["camber_surface"])
@@ -153,7 +156,7 @@ class Aerostructure(Copied, om.Group):
         self.promotes("point", inputs=["camber_surface"], outputs=["failure", ("Cl", "strip_lift")])
         self.point.coupled.nonlinear_solver.options.update({"atol": 1e-9, "rtol": 1e-14, "iprint": -1})
 
-    def _add_spar(self, surface):
+    def _add_spar(self, surface) -> None:
         """From the mesh to the stiffness and the mass of the spar."""
         section = ["A", "Iy", "Iz", "J"]
         self.add_subsystem(
@@ -169,7 +172,7 @@ class Aerostructure(Copied, om.Group):
             promotes_outputs=["structural_mass"],
         )
 
-    def _add_point(self, surface):
+    def _add_point(self, surface) -> None:
         """Steady flight of the wing that bends."""
         self.add_subsystem(
             "point",

@@ -111,21 +111,11 @@ def with_guessed_patches(grid: Grid) -> Grid:
     return replace(grid, patches=(*grid.patches, *guessed)) if guessed else grid
 
 
-def guess_undeclared(grid: Grid, topology: Topology) -> tuple[FaceGuess, ...]:
-    """Guess what the boundary of a grid is where nobody declared it, under names that are free.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid, with patches or without.
-    topology : Topology
-        Its topology.
-
-    Returns
-    -------
-    tuple of FaceGuess
-        See `guess_faces`; a name that a declared patch has gets ``_guessed`` behind it.
-    """
+def guess_undeclared(
+    grid: Grid,  # the grid, with patches or without
+    topology: Topology,  # its topology
+) -> tuple[FaceGuess, ...]:  # see `guess_faces`; a name that a declared patch has gets ``_guessed`` behind it
+    """Guess what the boundary of a grid is where nobody declared it, under names that are free."""
     guesses = guess_faces(grid, [face.window for face in topology.boundary if face.patch is None])
     taken = {patch.name for patch in grid.patches}
     return tuple(replace(g, name=f"{g.name}_guessed") if g.name in taken else g for g in guesses)
@@ -170,26 +160,15 @@ def gathered(guesses: Sequence[FaceGuess]) -> tuple[Patch, ...]:
     )
 
 
-def guess_faces(grid: Grid, windows: Sequence[Window]) -> tuple[FaceGuess, ...]:
-    """Guess what boundary windows are, and how sure that is.
-
-    A window is *periodic*, of the kind ``other``, when it is on one side of a pair that `find_periodic` finds;
-    *symmetry* when it lies in a plane that bounds the grid, and its block is one cell deep there or other surfaces end
-    in the plane at a right angle; *far field* when it keeps away from where most nodes are; else *wall*. Nothing of
-    that depends on where the grid is, how it is turned or mirrored, or on its unit.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid; patches of it that are walls or far fields are evidence.
-    windows : sequence of Window
-        The windows.
-
-    Returns
-    -------
-    tuple of FaceGuess
-        One of each window, sorted by the names of patches.
-    """
+def guess_faces(
+    grid: Grid,  # the grid; patches of it that are walls or far fields are evidence
+    windows: Sequence[Window],  # the windows
+) -> tuple[FaceGuess, ...]:  # one of each window, sorted by the names of patches
+    """Guess what boundary windows are, and how sure that is."""
+    # A window is *periodic*, of the kind ``other``, when it is on one side of a pair that `find_periodic` finds;
+    # *symmetry* when it lies in a plane that bounds the grid, and its block is one cell deep there or other surfaces
+    # end in the plane at a right angle; *far field* when it keeps away from where most nodes are; else *wall*. Nothing
+    # of that depends on where the grid is, how it is turned or mirrored, or on its unit.
     if not windows:
         return ()
     found: dict[Window, FaceGuess] = {}
@@ -233,23 +212,12 @@ def _names(planes: Sequence[BoundaryPlane]) -> list[str]:
     return names
 
 
-def draft_patches(grid: Grid, patches: Sequence[Patch], remarks: Mapping[str, str] | None = None) -> str:
-    """Write patches as the text of a TOML patches file.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid.
-    patches : sequence of Patch
-        Declared or guessed patches of it.
-    remarks : mapping of str to str
-        What to say of patches, by their names; a comment above each.
-
-    Returns
-    -------
-    str
-        The text; reading it back gives the same patches.
-    """
+def draft_patches(
+    grid: Grid,  # the grid
+    patches: Sequence[Patch],  # declared or guessed patches of it
+    remarks: Mapping[str, str] | None = None,  # what to say of patches, by their names; a comment above each
+) -> str:  # the text; reading it back gives the same patches
+    """Write patches as the text of a TOML patches file."""
     document = tomlkit.document()
     for line in _HEADER.format(source=grid.source).splitlines():
         document.add(tomlkit.comment(line))

@@ -112,28 +112,12 @@ def _read_text(path: str | os.PathLike) -> str:
         raise InputError(f"{path}: is not text; give a patches file (TOML or NMF)") from error
 
 
-def merge_patches(grid: AnyGrid, patches: Sequence[Patch], source: str) -> AnyGrid:
-    """Add patches to a grid; one of the same name takes the place of the grid's.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid.
-    patches : sequence of Patch
-        What to add.
-    source : str
-        Where they come from, for messages.
-
-    Returns
-    -------
-    Grid
-        The grid with the patches of both, the grid's first.
-
-    Raises
-    ------
-    InputError
-        When two patches claim the same part of a face.
-    """
+def merge_patches(
+    grid: AnyGrid,  # the grid
+    patches: Sequence[Patch],  # what to add
+    source: str,  # where they come from, for messages
+) -> AnyGrid:  # the grid with the patches of both, the grid's first
+    """Add patches to a grid; one of the same name takes the place of the grid's."""
     added = {patch.name: patch for patch in patches}
     merged = {patch.name: patch for patch in grid.patches} | added
     claims = [(patch, window) for patch in merged.values() for window in patch.windows]
@@ -285,32 +269,15 @@ def is_nmf(text: str) -> bool:
     return re.fullmatch(r"\d{1,9}", first) is not None
 
 
-def parse_nmf(text: str, grid: Grid | StoredGrid, source: str) -> tuple[Patch, ...]:
-    """Read a neutral map file that belongs to a grid.
-
-    Lines of the same type make one patch named after it, with the kind that the word begins with (symmetry, wall,
-    far field) or else ``other``. ONE-TO-ONE lines are checked against the nodes and otherwise left to the topology,
-    which finds them again, as it does connections that the file gives a name of their own.
-
-    Parameters
-    ----------
-    text : str
-        Content of the file.
-    grid : Grid
-        The grid.
-    source : str
-        Name of the file, for messages.
-
-    Returns
-    -------
-    tuple of Patch
-        The patches in order of appearance.
-
-    Raises
-    ------
-    InputError
-        When the file does not describe this grid, or a connection joins faces that do not coincide.
-    """
+def parse_nmf(
+    text: str,  # content of the file
+    grid: Grid | StoredGrid,  # the grid
+    source: str,  # name of the file, for messages
+) -> tuple[Patch, ...]:  # the patches in order of appearance
+    """Read a neutral map file that belongs to a grid."""
+    # Lines of the same type make one patch named after it, with the kind that the word begins with (symmetry, wall, far
+    # field) or else ``other``. ONE-TO-ONE lines are checked against the nodes and otherwise left to the topology, which
+    # finds them again, as it does connections that the file gives a name of their own.
     lines = list(_lines(text))
     n_blocks = _check_blocks(lines, grid, source)
     windows: dict[str, list[Window]] = {}

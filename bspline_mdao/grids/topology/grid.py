@@ -46,7 +46,7 @@ class Patch(OneLine):
     kind: str
     windows: tuple[Window, ...]
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.kind not in PATCH_KINDS:
             raise InputError(
                 f"patch {self.name}: kind {self.kind!r} is not known; give one of {', '.join(PATCH_KINDS)}"
@@ -86,7 +86,7 @@ class Block(OneLine):
     name: str
     iblank: np.ndarray | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         nodes = as_array(self.nodes, f"{self.name}: nodes")
         if nodes.ndim != 4 or nodes.shape[3] != 3 or nodes.size == 0:
             raise InputError(
@@ -149,7 +149,7 @@ class Grid(Shown):
         """Unit that lengths are shown in: metres where nobody says another one."""
         return self.unit or "m"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, kind in (("blocks", Block), ("patches", Patch)):
             items = getattr(self, name)
             items = tuple(items) if isinstance(items, Iterable) else (items,)
@@ -199,35 +199,18 @@ class Grid(Shown):
 
 
 def require_grid(grid) -> None:
-    """Refuse what is no grid of real numbers.
-
-    Raises
-    ------
-    InputError
-        If it is of another type, or has complex nodes.
-    """
+    """Refuse what is no grid of real numbers."""
     require_kind(grid, Grid, "the grid", "read one with read_grid(path), or make a Grid of Blocks")
     if any(np.iscomplexobj(block.nodes) for block in grid.blocks):
         raise InputError(f"{grid.source}: has complex nodes; give real ones")
 
 
-def find_fault(blocks: Iterable[Block], first: int = 1, lo: tuple[int, ...] = (0, 0, 0)) -> str | None:
-    """Name the first node that is not finite, farther away than any grid reaches, or has an IBLANK that is none.
-
-    Parameters
-    ----------
-    blocks : iterable of Block
-        The blocks of a grid.
-    first : int
-        Number of the first of them, from 1.
-    lo : tuple of int
-        Index of their first node in the whole block, where they are windows.
-
-    Returns
-    -------
-    str or None
-        Block, indices (from 1) and value; None where all nodes are sound.
-    """
+def find_fault(
+    blocks: Iterable[Block],  # the blocks of a grid
+    first: int = 1,  # number of the first of them, from 1
+    lo: tuple[int, ...] = (0, 0, 0),  # index of their first node in the whole block, where they are windows
+) -> str | None:  # block, indices (from 1) and value; None where all nodes are sound
+    """Name the first node that is not finite, farther away than any grid reaches, or has an IBLANK that is none."""
     for number, block in enumerate(blocks, first):
         name = f"block {number}" + (f" '{block.name}'" if block.name != f"block {number}" else "")
         is_sound = np.abs(block.nodes) <= MAX_COORDINATE

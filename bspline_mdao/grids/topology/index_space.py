@@ -106,19 +106,12 @@ def _put(index: tuple[int, ...], d: int, value: int) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Orientation:
-    """A signed permutation of directions that maps one index space onto another.
+    """A signed permutation of directions that maps one index space onto another."""
 
-    Direction ``d`` of the first space runs along direction ``perm[d]`` of the second, backwards where ``flip[d]``.
+    # Direction ``d`` of the first space runs along direction ``perm[d]`` of the second, backwards where ``flip[d]``.
 
-    Parameters
-    ----------
-    perm : tuple of int
-        A permutation of (0, 1, 2).
-    flip : tuple of bool
-        Whether each direction of the first space runs backwards in the second.
-    """
-
-    perm: tuple[int, ...] = (0, 1, 2)
+    perm: tuple[int, ...] = (0, 1, 2)  # A permutation of (0, 1, 2)
+    # whether each direction of the first space runs backwards in the second
     flip: tuple[bool, ...] = (False, False, False)
 
     def apply(self, array: np.ndarray) -> np.ndarray:
@@ -136,19 +129,13 @@ class Orientation:
 
 @dataclass(frozen=True)
 class Interface(OneLine):
-    """Two face windows whose nodes coincide one to one.
+    """Two face windows whose nodes coincide one to one."""
 
-    Parameters
-    ----------
-    a, b : Window
-        Face windows of grid blocks; both may lie in one block (O and C grids), even in one face (a fold).
-    orientation : Orientation
-        Maps the directions of a's block to those of b's, the flat one to the flat one, backwards where leaving
-        block a means entering block b against its index.
-    """
-
+    # a, b: face windows of grid blocks; both may lie in one block (O and C grids), even in one face (a fold)
     a: Window
     b: Window
+    # maps the directions of a's block to those of b's, the flat one to the flat one, backwards where leaving block a
+    # means entering block b against its index
     orientation: Orientation
 
     def map_window(self, window: Window) -> Window:
@@ -209,21 +196,11 @@ def window_rows(window: Window, shape: Sequence[int], start: int = 0) -> np.ndar
     return start + (i * shape[1] + j) * shape[2] + k
 
 
-def face_layers(values: np.ndarray, window: Window) -> tuple[np.ndarray, ...]:
-    """Take the values at a face window of a block, and at the layer of nodes next to it.
-
-    Parameters
-    ----------
-    values : ndarray, shape (ni, nj, nk, ...)
-        Values at the nodes of the block.
-    window : Window
-        Window of a face of the block; of a block one node deep, both layers are that one.
-
-    Returns
-    -------
-    face, inner : ndarray, shape (n, m, ...)
-        Over the tangent directions in ascending order.
-    """
+def face_layers(
+    values: np.ndarray,  # (ni, nj, nk, ...), values at the nodes of the block
+    window: Window,  # window of a face of the block; of a block one node deep, both layers are that one
+) -> tuple[np.ndarray, ...]:  # face, inner: (n, m, ...), over the tangent directions in ascending order
+    """Take the values at a face window of a block, and at the layer of nodes next to it."""
     flat = window.shape.index(1)
     at = window.lo[flat]
     tangents = tuple(s for d, s in enumerate(window.slices) if d != flat)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,20 +24,16 @@ from .topology import BoundaryFace, Topology, first_joined
 
 @dataclass(frozen=True)
 class NodeSharing:
-    """Rows of the nodes of segments, which segment evaluates each node, and where the other rows get it from.
+    """Rows of the nodes of segments, which segment evaluates each node, and where the other rows get it from."""
 
-    Parameters
-    ----------
-    rows : tuple of ndarray of int, each of the segment's shape
-        Row of each node of the segment in the grid vector (shape (n_nodes, 3), blocks in order, each in C order).
-    is_evaluated : tuple of ndarray of bool, each of the segment's shape
-        True where this segment is the first to hold the node: each unique node exactly once.
-    copies : ndarray of int, shape (n_copies, 2)
-        (destination row, source row) for all rows that no segment evaluates, by ascending destination.
-    """
-
+    # tuple of ndarray of int, each of the segment's shape of int, row of each node of the segment in the grid vector
+    # (shape (n_nodes, 3), blocks in order, each in C order)
     rows: tuple[np.ndarray, ...]
+    # tuple of ndarray of bool, each of the segment's shape of bool, true where this segment is the first to hold the
+    # node: each unique node exactly once
     is_evaluated: tuple[np.ndarray, ...]
+    # (n_copies, 2) of int, (destination row, source row) for all rows that no segment evaluates, by ascending
+    # destination
     copies: np.ndarray
 
     def source_rows(self) -> np.ndarray:
@@ -63,14 +60,9 @@ def node_sharing(topology: Topology) -> NodeSharing:
 
 
 def direction_classes(topology: Topology) -> np.ndarray:
-    """Group segment directions that must have equal counts and orders.
-
-    Returns
-    -------
-    ndarray of int, shape (n_segments, 3)
-        Class of each direction of each segment, numbered by first occurrence; directions that a chain of links joins
-        are in one class.
-    """
+    """Group segment directions that must have equal counts and orders."""
+    # Returns (n_segments, 3) of int, class of each direction of each segment, numbered by first occurrence; directions
+    # that a chain of links joins are in one class.
     ids = np.arange(3 * len(topology.segments)).reshape(-1, 3)
     pairs = [
         [ids[link.a, d], ids[link.b, link.orientation.perm[d]]]
@@ -83,14 +75,10 @@ def direction_classes(topology: Topology) -> np.ndarray:
 
 
 def directed_classes(topology: Topology) -> np.ndarray:
-    """Group segment directions with their senses: forwards, or backwards.
-
-    Returns
-    -------
-    ndarray of int, shape (n_segments, 3, 2)
-        Class of each direction of each segment, forwards and backwards: two that a chain of links joins are in one
-        class where they have the same sense. Both classes of a direction are one where links turn it round to itself.
-    """
+    """Group segment directions with their senses: forwards, or backwards."""
+    # Returns (n_segments, 3, 2) of int, class of each direction of each segment, forwards and backwards: two that a
+    # chain of links joins are in one class where they have the same sense. Both classes of a direction are one where
+    # links turn it round to itself.
     ids = np.arange(6 * len(topology.segments)).reshape(-1, 3, 2)
     pairs = [
         [ids[link.a, d, way], ids[link.b, link.orientation.perm[d], way ^ link.orientation.flip[d]]]
@@ -103,31 +91,21 @@ def directed_classes(topology: Topology) -> np.ndarray:
     return np.unique(first, return_inverse=True)[1].reshape(-1, 3, 2)
 
 
-def boundary_sections(topology: Topology, points: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
-    """Yield boundary faces, each with every face of a segment that is on it, see `boundary_sides`.
-
-    Parameters
-    ----------
-    topology : Topology
-        The boundary and the segments.
-    points : sequence of ndarray of int, each of shape (N0, N1, N2)
-        Numbers of the points of every segment, such as those of its control points.
-
-    Yields
-    ------
-    face : BoundaryFace
-    ids : ndarray of int, shape (ni, nj)
-        Numbers of the points of the segment's face.
-    """
+def boundary_sections(
+    topology: Topology,  # the boundary and the segments
+    # sequence of ndarray of int, each of shape (N0, N1, N2) of int, numbers of the points of every segment, such as
+    # those of its control points
+    points: Sequence[np.ndarray],
+) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
+    """Yield boundary faces, each with every face of a segment that is on it, see `boundary_sides`."""
+    # Returns face; ids: (ni, nj) of int, numbers of the points of the segment's face.
     for face, number, side in boundary_sides(topology):
         yield face, np.take(points[number], -(side % 2), axis=side // 2)
 
 
 def boundary_sides(topology: Topology) -> Iterator[tuple[BoundaryFace, int, int]]:
-    """Yield boundary faces, each with the number of every segment that has a face on it, and the number of this one.
-
-    Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
-    """
+    """Yield boundary faces, each with the number of every segment that has a face on it, and the number of this one."""
+    # Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
     for face in topology.boundary:
         for number, segment in enumerate(topology.segments):
             for side in range(6) if segment.block == face.window.block else ():
@@ -204,7 +182,7 @@ _MARGIN = 0.05
 """How far outside the box of a block, as a part of its diagonal, points are still looked for among its nodes."""
 
 
-def _boxes(grid: Grid | StoredGrid, comm) -> np.ndarray:
+def _boxes(grid: Grid | StoredGrid, comm: Any) -> np.ndarray:
     """Lowest and highest coordinates of every block (m), shape (n_blocks, 2, 3), each read by one process."""
     boxes = np.zeros((len(grid.blocks), 2, 3))
     with together(comm):

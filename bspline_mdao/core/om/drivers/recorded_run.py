@@ -5,10 +5,12 @@ from __future__ import annotations
 import functools
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openmdao.api as om
@@ -169,7 +171,7 @@ class RecordedRun(OneLine):
 
 
 @contextmanager
-def recorded(problem: om.Problem, folder=None, name: str = "cases") -> Iterator[RecordedRun]:
+def recorded(problem: om.Problem, folder: str | PathLike | None = None, name: str = "cases") -> Iterator[RecordedRun]:
     """Set a problem up with reverse derivatives, and record every evaluation and every gradient of its driver.
 
     What stands in the block runs the driver. Dense algebra is done by one thread there: a few hundred variables are no
@@ -295,19 +297,10 @@ def disagreement(runs: Mapping[str, RecordedRun]) -> dict[str, float]:
     return {"objective": np.ptp(values) / np.abs(values).max(), "design": np.ptp(designs, axis=0).max()}
 
 
-def time_components(problem: om.Problem) -> dict[str, float]:
-    """Measure the time that is spent in every component from now on.
-
-    Parameters
-    ----------
-    problem : openmdao.api.Problem
-        The problem, set up.
-
-    Returns
-    -------
-    dict of float
-        Wall time by the name of the component (s); it grows as the problem runs.
-    """
+def time_components(
+    problem: om.Problem,  # the problem, set up
+) -> dict[str, float]:  # wall time by the name of the component (s); it grows as the problem runs
+    """Measure the time that is spent in every component from now on."""
     seconds = {}
     for component in problem.model.system_iter(recurse=True, typ=(om.ExplicitComponent, om.ImplicitComponent)):
         if not component.name.startswith("_auto_ivc"):
@@ -325,11 +318,11 @@ def _read(file: Path) -> tuple[dict[str, np.ndarray], Convergence]:
     return {q.name: q.values for q in found.quantities if q.kind != "variable"}, found.convergence
 
 
-def _timed(method, seconds: dict[str, float], name: str):
+def _timed(method: Callable, seconds: dict[str, float], name: str) -> Callable:
     """Wrap a method so that its time is added up."""
 
     @functools.wraps(method)
-    def run(*args, **kwargs):
+    def run(*args: Any, **kwargs: Any) -> Any:
         start = time.perf_counter()
         try:
             return method(*args, **kwargs)
