@@ -138,7 +138,7 @@ def _halves(points: np.ndarray, quads: np.ndarray):
     return triangles[area > 1e-12 * np.max(np.sum(sides**2, axis=2), axis=1, initial=0.0)]
 
 
-def _sorted_in_halves(centres):
+def _sorted_in_halves(centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Order of points, shape (n, n_axes), and the first of every leaf, when they are halved again and again."""
     order, starts = np.arange(len(centres)), np.array([0, len(centres)])
     while np.diff(starts).max() > LEAF:

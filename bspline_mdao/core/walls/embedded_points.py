@@ -41,76 +41,31 @@ ON_PLANE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedPoints(OneLine):
-    """The map from control points to embedded points. Made by `EmbeddedPoints.of`, or by `FittedModel.embed_points`.
+    """The map from control points to embedded points. Made by `EmbeddedPoints.of`, or by `FittedModel.embed_points`."""
 
-    Parameters
-    ----------
-    grid_map : GridMap
-        Map to the grid, whose walls they follow.
-    evaluator : Evaluator
-        A of the points.
-    points : ndarray, shape (n, 3)
-        The points on the baseline (m).
-    in_volume : ndarray of int, shape (n_in_volume,)
-        Numbers of those in the volumes.
-    offsets : ndarray, shape (n_in_volume, 3)
-        Their offsets from the mesh there (m).
-    following : WallFollowing or None
-        Those of them that follow walls of the grid.
-    in_body : ndarray of int, shape (n_in_body,)
-        Numbers of the others, inside the body.
-    body : BodyPoints or None
-        What these ride on.
-    wall_rows : ndarray of int, shape (n_wall,)
-        Rows of the nodes of the walls in the grid.
-    """
-
-    grid_map: GridMap
-    evaluator: Evaluator
-    points: np.ndarray
-    in_volume: np.ndarray
-    offsets: np.ndarray
-    following: WallFollowing | None
-    in_body: np.ndarray
-    body: BodyPoints | None
-    wall_rows: np.ndarray
+    grid_map: GridMap  # map to the grid, whose walls they follow
+    evaluator: Evaluator  # A of the points
+    points: np.ndarray  # (n, 3), the points on the baseline (m)
+    in_volume: np.ndarray  # (n_in_volume,) of int, numbers of those in the volumes
+    offsets: np.ndarray  # (n_in_volume, 3), their offsets from the mesh there (m)
+    following: WallFollowing | None  # those of them that follow walls of the grid
+    in_body: np.ndarray  # (n_in_body,) of int, numbers of the others, inside the body
+    body: BodyPoints | None  # what these ride on
+    wall_rows: np.ndarray  # (n_wall,) of int, rows of the nodes of the walls in the grid
 
     @classmethod
     def of(
         cls,
-        grid_map: GridMap,
-        mesh: BSplineMesh,
-        control_points: np.ndarray,
-        points: np.ndarray,
+        grid_map: GridMap,  # map to the grid
+        mesh: BSplineMesh,  # its volumes
+        control_points: np.ndarray,  # (n_control_points, 3), control points of the baseline (m)
+        points: np.ndarray,  # (n, 3), the points on the baseline (m)
+        # distance (m) up to which a point counts as inside the volumes, see `.inversion.invert_points`
         tolerance: float | None = None,
+        # of int, the walls of the grid on the baseline, and the rows of their nodes
         walls: tuple[Body, np.ndarray] | None = None,
     ) -> EmbeddedPoints:
-        """Find volumes and parameters of points, and the weights of those inside the body.
-
-        Parameters
-        ----------
-        grid_map : GridMap
-            Map to the grid.
-        mesh : BSplineMesh
-            Its volumes.
-        control_points : ndarray, shape (n_control_points, 3)
-            Control points of the baseline (m).
-        points : ndarray, shape (n, 3)
-            The points on the baseline (m).
-        tolerance : float, optional
-            Distance (m) up to which a point counts as inside the volumes, see `.inversion.invert_points`.
-        walls : tuple of (Body, ndarray of int), optional
-            The walls of the grid on the baseline, and the rows of their nodes.
-
-        Returns
-        -------
-        EmbeddedPoints
-
-        Raises
-        ------
-        InputError
-            If an array cannot be used, or a point is outside all volumes and not inside the body.
-        """
+        """Find volumes and parameters of points, and the weights of those inside the body."""
         points = as_finite_points(points, len(points), "embedded points")
         inversion, in_body = invert_points(mesh, control_points, points, tolerance), np.zeros(len(points), dtype=bool)
         if walls is not None:
@@ -130,20 +85,13 @@ class EmbeddedPoints(OneLine):
             body, rows = BodyPoints.of(walls[0], points[in_body]), walls[1]
         return cls(grid_map, evaluator, points, in_volume, offsets, following, np.flatnonzero(in_body), body, rows)
 
-    def at(self, control_points: np.ndarray, grid: np.ndarray) -> EmbeddedState:
-        """Return the points beside a grid.
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, 3)
-            Control points (m).
-        grid : ndarray, shape (n_nodes, 3)
-            The nodes of ``grid_map`` at these control points (m); places of wall nodes may have been given.
-
-        Returns
-        -------
-        EmbeddedState
-        """
+    def at(
+        self,
+        control_points: np.ndarray,  # (n_control_points, 3), control points (m)
+        # (n_nodes, 3), the nodes of ``grid_map`` at these control points (m); places of wall nodes may have been given
+        grid: np.ndarray,
+    ) -> EmbeddedState:
+        """Return the points beside a grid."""
         nodes, followed = np.empty_like(self.points), None
         places = self.evaluator.forward(control_points) + self.offsets
         if self.following is not None:
@@ -156,37 +104,24 @@ class EmbeddedPoints(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedState:
-    """Embedded points beside a grid, and their derivative.
+    """Embedded points beside a grid, and their derivative."""
 
-    Parameters
-    ----------
-    of : EmbeddedPoints
-        The map.
-    nodes : ndarray, shape (n, 3)
-        The points (m).
-    followed : Followed or None
-        Those that followed walls.
-    """
-
-    of: EmbeddedPoints
-    nodes: np.ndarray
-    followed: Followed | None
+    of: EmbeddedPoints  # the map
+    nodes: np.ndarray  # (n, 3), the points (m)
+    followed: Followed | None  # those that followed walls
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
         return CONTROL_POINTS, GRID
 
-    def jvp(self, control_points: np.ndarray | None = None, grid: np.ndarray | None = None) -> np.ndarray:
-        """Change of the embedded points, shape (n, 3).
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, 3), optional
-            Change of the control points; none by default.
-        grid : ndarray, shape (n_nodes, 3), optional
-            That of the grid with them, by `GridState.jvp`; none by default.
-        """
+    def jvp(
+        self,
+        # (n_control_points, 3), change of the control points; none by default
+        control_points: np.ndarray | None = None,
+        grid: np.ndarray | None = None,  # (n_nodes, 3), that of the grid with them, by `GridState.jvp`; none by default
+    ) -> np.ndarray:
+        """Change of the embedded points, shape (n, 3)."""
         of, change = self.of, np.zeros_like(self.nodes)
         places = np.zeros_like(of.offsets) if control_points is None else of.evaluator.forward(control_points)
         if grid is None:
@@ -198,21 +133,14 @@ class EmbeddedState:
             change[of.in_body] = of.body.forward(grid[of.wall_rows])
         return change
 
-    def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
-        """Transpose of `jvp`.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n, 3)
-            Derivative of a scalar with respect to the points.
-        wrt : collection of str, optional
-            Which derivatives: ``control_points``, shape (n_control_points, 3), and ``grid``, shape (n_nodes, 3), which
-            `GridState.vjp` takes to the control points; both by default.
-
-        Returns
-        -------
-        dict of str to ndarray
-        """
+    def vjp(
+        self,
+        bar: np.ndarray,  # (n, 3), derivative of a scalar with respect to the points
+        # which derivatives: ``control_points``, shape (n_control_points, 3), and ``grid``, shape (n_nodes, 3), which
+        # `GridState.vjp` takes to the control points; both by default
+        wrt: Collection[str] | None = None,
+    ) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`."""
         of, wrt = self.of, require_inputs(wrt, self.inputs)
         bars = {GRID: np.zeros_like(of.grid_map.nodes)}
         if of.body is not None:

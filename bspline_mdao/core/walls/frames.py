@@ -46,66 +46,32 @@ areas that cancel leave round-off."""
 
 @dataclass(frozen=True, eq=False)
 class WallFrames:
-    """Matrices that turn the layer above each node of a wall. Made by `WallFrames.of`.
+    """Matrices that turn the layer above each node of a wall. Made by `WallFrames.of`."""
 
-    Parameters
-    ----------
-    rotations : LocalRotations
-        Rotations of the surroundings.
-    first_sides : ndarray of int, shape (n + 1,)
-        First side at each node.
-    starts : ndarray of int, shape (n_sides + 1,)
-        First corner of each side at its node.
-    corners : ndarray of int, shape (n_corners,)
-        Four times the number of each corner's quad plus its place there.
-    weights : ndarray, shape (n_sides,)
-        Weight w of each side's normal.
-    least_squares : ndarray, shape (n_sides,)
-        Squares of negligible areas, added to the squared lengths of normals so that none is divided by zero.
-    in_planes : tuple of ndarray of int
-        Sides at the nodes in each of the rotations' planes.
-    """
-
-    rotations: LocalRotations
-    first_sides: np.ndarray
-    starts: np.ndarray
-    corners: np.ndarray
-    weights: np.ndarray
+    rotations: LocalRotations  # rotations of the surroundings
+    first_sides: np.ndarray  # (n + 1,) of int, first side at each node
+    starts: np.ndarray  # (n_sides + 1,) of int, first corner of each side at its node
+    corners: np.ndarray  # (n_corners,) of int, four times the number of each corner's quad plus its place there
+    weights: np.ndarray  # (n_sides,), weight w of each side's normal
+    # (n_sides,), squares of negligible areas, added to the squared lengths of normals so that none is divided by zero
     least_squares: np.ndarray
-    in_planes: tuple[np.ndarray, ...] = ()
+    in_planes: tuple[np.ndarray, ...] = ()  # of int, sides at the nodes in each of the rotations' planes
 
     @classmethod
     def of(
         cls,
-        points: np.ndarray,
-        quads: np.ndarray,
+        points: np.ndarray,  # (n, 3), nodes of the wall on the baseline (m)
+        quads: np.ndarray,  # (n_quads, 4) of int, corners of its quads in turn, around the normal into the fluid
+        # sequence of (ndarray of int, ndarray of shape (3,)) of int, nodes in planes that they must stay in, and the
+        # planes' normals
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        fixed: np.ndarray | None = None,
+        fixed: np.ndarray | None = None,  # of int, nodes that never turn
+        # (n_quads,) of int, number of the face that each quad belongs to; all are one by default
         faces: np.ndarray | None = None,
+        # number of threads; by default ``NUMBA_NUM_THREADS``. Results do not depend on it.
         n_threads: int | None = None,
     ) -> WallFrames:
-        """Find the neighbours, the quads and the sides at every node.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n, 3)
-            Nodes of the wall on the baseline (m).
-        quads : ndarray of int, shape (n_quads, 4)
-            Corners of its quads in turn, around the normal into the fluid.
-        planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
-            Nodes in planes that they must stay in, and the planes' normals.
-        fixed : ndarray of int, optional
-            Nodes that never turn.
-        faces : ndarray of int, shape (n_quads,), optional
-            Number of the face that each quad belongs to; all are one by default.
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``. Results do not depend on it.
-
-        Raises
-        ------
-        InputError
-            If an array has the wrong shape.
-        """
+        """Find the neighbours, the quads and the sides at every node."""
         rotations = LocalRotations.of(points, quads=quads, planes=planes, fixed=fixed, n_threads=n_threads)
         faces = np.zeros(len(rotations.quads), dtype=np.int64) if faces is None else np.asarray(faces)
         if faces.shape != (len(rotations.quads),):
@@ -128,25 +94,13 @@ class WallFrames:
         least_squares = KNIFE_EDGE**2 * np.maximum(squares, 1e-300)  # 1e-300: of sides that have no area at all
         return cls(rotations, first_sides, starts, corners, weights, least_squares, in_planes)
 
-    def at(self, initial: np.ndarray, moved: np.ndarray, normals: np.ndarray | None = None) -> Frames:
-        """Matrices of a move.
-
-        Parameters
-        ----------
-        initial, moved : ndarray, shape (n, 3)
-            Nodes before and after it (m); real or complex.
-        normals : ndarray, shape (n_planes, 3), optional
-            Unit normals of the planes after it; by default they stay.
-
-        Returns
-        -------
-        Frames
-
-        Raises
-        ------
-        MovementError
-            If the surroundings of a node are turned inside out.
-        """
+    def at(
+        self,
+        initial: np.ndarray,  # initial, moved: (n, 3), nodes before and after it (m); real or complex
+        moved: np.ndarray,
+        normals: np.ndarray | None = None,  # (n_planes, 3), unit normals of the planes after it; by default they stay
+    ) -> Frames:
+        """Matrices of a move."""
         rotations = self.rotations.at(initial, moved, normals)
         at_rest = np.reshape([normal for _, normal in self.rotations.planes], (-1, 3))
         planes = at_rest, at_rest if normals is None else np.asarray(normals)
@@ -157,49 +111,33 @@ class WallFrames:
         matrices[self.rotations.fixed] = np.eye(3)
         return Frames(self, rotations, before, after, stiffness, matrices)
 
-    def _sums(self, areas) -> np.ndarray:
+    def _sums(self, areas: np.ndarray) -> np.ndarray:
         """Areas of the sides at their nodes, shape (n_sides, 3)."""
         sums = np.empty((len(self.weights), 3), dtype=areas.dtype)
         _sum_areas(self.starts, self.corners, areas, sums)
         return sums
 
-    def _products(self, u, v) -> np.ndarray:
+    def _products(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Sums of w u (x) v over the sides of every node, shape (n, 3, 3)."""
         sums = np.empty((self.rotations.n_points, 3, 3), dtype=np.result_type(u, v))
         self.rotations.over_points(_sum_products, self.first_sides, self.weights, u, v, sums)
         return sums
 
-    def _solve(self, stiffness, right):
+    def _solve(self, stiffness, right: np.ndarray) -> None:
         """Solve for every node, in place of the right-hand sides."""
         self.rotations.over_points(_solve, stiffness, right)
 
 
 @dataclass(frozen=True, eq=False)
 class _Normals:
-    """Unit normals of the sides at their nodes, and their components along planes.
+    """Unit normals of the sides at their nodes, and their components along planes."""
 
-    Parameters
-    ----------
-    frames : WallFrames
-        The sides.
-    units : ndarray, shape (n_sides, 3)
-        Unit normals.
-    lengths : ndarray, shape (n_sides,)
-        Lengths of the areas.
-    planes : ndarray, shape (n_planes, 3)
-        Unit normals of the planes.
-    seen : tuple of ndarray
-        Vectors in each plane, before their component normal to it was taken off.
-    vectors : ndarray, shape (n_sides, 3)
-        Unit normals, without these components.
-    """
-
-    frames: WallFrames
-    units: np.ndarray
-    lengths: np.ndarray
-    planes: np.ndarray
-    seen: tuple[np.ndarray, ...]
-    vectors: np.ndarray
+    frames: WallFrames  # the sides
+    units: np.ndarray  # (n_sides, 3), unit normals
+    lengths: np.ndarray  # (n_sides,), lengths of the areas
+    planes: np.ndarray  # (n_planes, 3), unit normals of the planes
+    seen: tuple[np.ndarray, ...]  # vectors in each plane, before their component normal to it was taken off
+    vectors: np.ndarray  # (n_sides, 3), unit normals, without these components
 
     @classmethod
     def of(cls, frames: WallFrames, areas: np.ndarray, planes: np.ndarray) -> _Normals:
@@ -240,28 +178,15 @@ class _Normals:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Matrices of one move, and their derivative.
+    """Matrices of one move, and their derivative."""
 
-    Parameters
-    ----------
-    of : WallFrames
-        Neighbours, quads and sides of every node.
-    rotations : Rotations
-        Rotations of the move.
-    before, after : _Normals
-        Normals of the sides before and after the move.
-    stiffness : ndarray, shape (n, 3, 3)
-        Matrices of the least squares problems.
-    matrices : ndarray, shape (n, 3, 3)
-        Their solutions.
-    """
-
-    of: WallFrames
-    rotations: Rotations
+    of: WallFrames  # neighbours, quads and sides of every node
+    rotations: Rotations  # rotations of the move
+    # before, after: normals of the sides before and after the move
     before: _Normals
     after: _Normals
-    stiffness: np.ndarray
-    matrices: np.ndarray
+    stiffness: np.ndarray  # (n, 3, 3), matrices of the least squares problems
+    matrices: np.ndarray  # (n, 3, 3), their solutions
 
     @property
     def initial(self) -> np.ndarray:
@@ -273,16 +198,14 @@ class Frames:
         """Nodes after the move, shape (n, 3)."""
         return self.rotations.moved
 
-    def jvp(self, d_initial: np.ndarray | None, d_moved: np.ndarray, d_normals: np.ndarray | None = None) -> np.ndarray:
-        """Change of the matrices, shape (n, 3, 3).
-
-        Parameters
-        ----------
-        d_initial, d_moved : ndarray, shape (n, 3)
-            Change of the nodes before and after the move; None for no change of those before.
-        d_normals : ndarray, shape (n_planes, 3), optional
-            Change of the normals of the planes after the move.
-        """
+    def jvp(
+        self,
+        # d_initial, d_moved: (n, 3), change of the nodes before and after the move; None for no change of those before
+        d_initial: np.ndarray | None,
+        d_moved: np.ndarray,
+        d_normals: np.ndarray | None = None,  # (n_planes, 3), change of the normals of the planes after the move
+    ) -> np.ndarray:
+        """Change of the matrices, shape (n, 3, 3)."""
         of, before, after = self.of, self.before.vectors, self.after.vectors
         change = STIFFNESS * self.rotations.jvp(d_initial, d_moved, d_normals)
         d_after = self.after.jvp(of.rotations.areas_jvp(self.moved, d_moved), d_normals)
@@ -309,7 +232,7 @@ class Frames:
             of.add_areas_vjp(self.initial, areas_bar, bars["initial"])
         return bars
 
-    def _back(self, bar) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _back(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives with respect to the rotations, shape (n, 3, 3), and the normals of the sides before and after."""
         of, before, after = self.of, self.before.vectors, self.after.vectors
         bar = np.array(bar, dtype=np.result_type(bar, self.matrices), order="C")
@@ -329,7 +252,7 @@ def _group_starts(*keys) -> np.ndarray:
     return np.append(np.flatnonzero(is_first), len(keys[0]))
 
 
-def _is_back(starts, corners, areas) -> np.ndarray:
+def _is_back(starts: np.ndarray, corners, areas: np.ndarray) -> np.ndarray:
     """Whether the quad of each corner looks away from the first one of its group."""
     first = areas[corners[np.repeat(starts[:-1], np.diff(starts))] // 4]
     own = areas[corners // 4]

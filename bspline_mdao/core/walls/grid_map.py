@@ -37,71 +37,32 @@ __all__ = ["GridMap", "GridState"]
 
 @dataclass(frozen=True, eq=False)
 class GridMap(OneLine):
-    """The map from control points to the nodes of a grid. Made by `GridMap.of`.
+    """The map from control points to the nodes of a grid. Made by `GridMap.of`."""
 
-    Parameters
-    ----------
-    evaluator : Evaluator
-        A.
-    nodes : ndarray, shape (n, 3)
-        The nodes on the baseline (m): those asked for, and after them what they need.
-    turning : Turning or None
-        How the residual turns; None where there is none, or where it stays as it is.
-    residual : Vectors, ndarray of shape (n, 3) or None
-        The residual of the fit, ready to be turned, or to be added.
-    following : WallFollowing or None
-        Nodes that follow walls.
-    held : HeldNodes
-        Which nodes of the grid they are; in the map of all of it every number is that of its row.
-    correction : WallCorrection or None
-        Correction of nodes whose places are given, see `meeting`.
-    """
-
-    evaluator: Evaluator
-    nodes: np.ndarray
-    turning: Turning | None
+    evaluator: Evaluator  # A
+    nodes: np.ndarray  # (n, 3), the nodes on the baseline (m): those asked for, and after them what they need
+    turning: Turning | None  # how the residual turns; None where there is none, or where it stays as it is
+    # Vectors, ndarray of shape (n, 3) or None, the residual of the fit, ready to be turned, or to be added
     residual: Vectors | np.ndarray | None
-    following: WallFollowing | None
-    held: HeldNodes
-    correction: WallCorrection | None = None
+    following: WallFollowing | None  # nodes that follow walls
+    held: HeldNodes  # which nodes of the grid they are; in the map of all of it every number is that of its row
+    correction: WallCorrection | None = None  # correction of nodes whose places are given, see `meeting`
 
     @classmethod
     def of(
         cls,
-        topology: Topology,
-        mesh: BSplineMesh,
+        topology: Topology,  # topology of the grid; faces of kind "wall" are walls
+        mesh: BSplineMesh,  # one volume per segment
+        # sequence of ndarray, each of shape (L0, L1, L2, 3), parameters of the nodes of every segment
         parameters: Sequence[np.ndarray],
-        control_points: np.ndarray,
-        residual: np.ndarray | None,
+        control_points: np.ndarray,  # (n_control_points, 3), fitted control points (m)
+        residual: np.ndarray | None,  # (n_nodes, 3), baseline minus fitted points (m)
+        # (n_corners,), how long it is around every corner of the spans (m), see `.residual_lengths`
         residual_lengths: np.ndarray | None,
-        wall_layer: bool,
-        evaluator: Evaluator,
+        wall_layer: bool,  # whether nodes follow walls and the residual turns; without, the map is ``A b + r``
+        evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_grid`
     ) -> GridMap:
-        """Prepare the map of a fitted grid.
-
-        Parameters
-        ----------
-        topology : Topology
-            Topology of the grid; faces of kind "wall" are walls.
-        mesh : BSplineMesh
-            One volume per segment.
-        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-            Parameters of the nodes of every segment.
-        control_points : ndarray, shape (n_control_points, 3)
-            Fitted control points (m).
-        residual : ndarray, shape (n_nodes, 3), or None
-            Baseline minus fitted points (m).
-        residual_lengths : ndarray, shape (n_corners,), or None
-            How long it is around every corner of the spans (m), see `.residual_lengths`.
-        wall_layer : bool
-            Whether nodes follow walls and the residual turns; without, the map is ``A b + r``.
-        evaluator : Evaluator
-            Evaluation of the nodes, by `Evaluator.of_grid`.
-
-        Returns
-        -------
-        GridMap
-        """
+        """Prepare the map of a fitted grid."""
         nodes = _baseline(evaluator, control_points, residual)
         walls = GridWalls.of(topology, nodes, evaluator.n_threads) if wall_layer else None
         held = HeldNodes.of_grid(topology)
@@ -111,37 +72,20 @@ class GridMap(OneLine):
     @classmethod
     def of_nodes(
         cls,
-        held: HeldNodes,
-        mesh: BSplineMesh,
+        held: HeldNodes,  # the nodes, with those that walls need
+        mesh: BSplineMesh,  # one volume per segment
+        # sequence of ndarray, each of shape (n_v, 3), parameters of the nodes that each segment evaluates
         parameters: Sequence[np.ndarray],
+        # control_points, residual, residual_lengths, wall_layer: as of `of`, the residual of the nodes alone, shape (n,
+        # 3)
         control_points: np.ndarray,
         residual: np.ndarray | None,
         residual_lengths: np.ndarray | None,
         wall_layer: bool,
-        walls: GridWalls | None,
-        evaluator: Evaluator,
+        walls: GridWalls | None,  # the walls of the grid; None where there are none, or nothing follows them
+        evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_nodes`
     ) -> GridMap:
-        """Prepare the map to some nodes of a fitted grid: they get the bits that they have in all of it.
-
-        Parameters
-        ----------
-        held : HeldNodes
-            The nodes, with those that walls need.
-        mesh : BSplineMesh
-            One volume per segment.
-        parameters : sequence of ndarray, each of shape (n_v, 3)
-            Parameters of the nodes that each segment evaluates.
-        control_points, residual, residual_lengths, wall_layer
-            As of `of`, the residual of the nodes alone, shape (n, 3).
-        walls : GridWalls or None
-            The walls of the grid; None where there are none, or nothing follows them.
-        evaluator : Evaluator
-            Evaluation of the nodes, by `Evaluator.of_nodes`.
-
-        Returns
-        -------
-        GridMap
-        """
+        """Prepare the map to some nodes of a fitted grid: they get the bits that they have in all of it."""
         nodes = _baseline(evaluator, control_points, residual)
         turning, following = None, None
         vectors: Vectors | np.ndarray | None = residual
@@ -186,23 +130,14 @@ class GridMap(OneLine):
         turning = 0 if self.turning is None else self.turning.n_bytes
         return packed + turning + (0 if self.following is None else self.following.layer.n_bytes) + self.nodes.nbytes
 
-    def at(self, control_points: np.ndarray, surface: np.ndarray | None = None) -> GridState:
-        """Nodes and their derivative.
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, 3)
-            Control points (m).
-        surface : ndarray, shape (n_surface, 3)
-            Where the nodes that a correction `meeting` them was made for are to be (m); of a map without, none.
-
-        Raises
-        ------
-        InputError
-            If a ``surface`` is given without a correction, or a correction without a ``surface``.
-        MovementError
-            If the surroundings of a point are turned inside out.
-        """
+    def at(
+        self,
+        control_points: np.ndarray,  # (n_control_points, 3), control points (m)
+        # (n_surface, 3), where the nodes that a correction `meeting` them was made for are to be (m); of a map without,
+        # none
+        surface: np.ndarray | None = None,
+    ) -> GridState:
+        """Nodes and their derivative."""
         turn = mismatch = followed = None
         if self.turning is not None and isinstance(self.residual, Vectors):
             turn = self.turning.at(control_points)
@@ -222,47 +157,26 @@ class GridMap(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class GridState:
-    """A grid and its derivative.
+    """A grid and its derivative."""
 
-    Parameters
-    ----------
-    of : GridMap
-        The map.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
-    turn : Turn or None
-        Rotations of the residual.
-    followed : Followed or None
-        Nodes that followed walls.
-    mismatch : ndarray, shape (n_surface, 3), or None
-        Given places minus those of the control points alone (m).
-    """
-
-    of: GridMap
-    nodes: np.ndarray
-    turn: Turn | None
-    followed: Followed | None
-    mismatch: np.ndarray | None = None
+    of: GridMap  # the map
+    nodes: np.ndarray  # (n_nodes, 3), the grid (m)
+    turn: Turn | None  # rotations of the residual
+    followed: Followed | None  # nodes that followed walls
+    mismatch: np.ndarray | None = None  # (n_surface, 3), given places minus those of the control points alone (m)
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
         return self.of.inputs
 
-    def jvp(self, control_points: np.ndarray | None = None, surface: np.ndarray | None = None) -> np.ndarray:
-        """Change of the nodes.
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, 3), optional
-            Change of the control points; none by default.
-        surface : ndarray, shape (n_surface, 3), optional
-            Change of the given places; none by default.
-
-        Returns
-        -------
-        ndarray, shape (n_nodes, 3)
-        """
+    def jvp(
+        self,
+        # (n_control_points, 3), change of the control points; none by default
+        control_points: np.ndarray | None = None,
+        surface: np.ndarray | None = None,  # (n_surface, 3), change of the given places; none by default
+    ) -> np.ndarray:  # (n_nodes, 3)
+        """Change of the nodes."""
         of = self.of
         if control_points is None:
             change = np.zeros_like(self.nodes)
@@ -277,21 +191,14 @@ class GridState:
             self.followed.jvp(change, change)
         return change
 
-    def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
-        """Transpose of `jvp`.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n_nodes, 3)
-            Derivative of a scalar with respect to the nodes.
-        wrt : collection of str, optional
-            Which derivatives: ``control_points``, shape (n_control_points, 3), and ``surface``, shape (n_surface, 3);
-            in all `inputs` by default.
-
-        Returns
-        -------
-        dict of str to ndarray
-        """
+    def vjp(
+        self,
+        bar: np.ndarray,  # (n_nodes, 3), derivative of a scalar with respect to the nodes
+        # which derivatives: ``control_points``, shape (n_control_points, 3), and ``surface``, shape (n_surface, 3); in
+        # all `inputs` by default
+        wrt: Collection[str] | None = None,
+    ) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`."""
         of, wrt = self.of, require_inputs(wrt, self.inputs)
         bars: dict[str, np.ndarray] = {}
         if self.followed is not None or of.correction is not None:

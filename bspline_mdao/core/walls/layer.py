@@ -24,8 +24,9 @@ Theory: ``docs/theory/wall_layer.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -47,110 +48,52 @@ CHUNK_NODES = 2**12
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """Some nodes of the layer, with the wall's nodes that they depend on.
+    """Some nodes of the layer, with the wall's nodes that they depend on."""
 
-    Parameters
-    ----------
-    rows : ndarray of int32, shape (n,)
-        Rows of the nodes, ascending.
-    starts : ndarray of int32, shape (n + 1,)
-        First closest point of each.
-    planes : ndarray of int16, shape (n,)
-        Number of the projector of each.
-    corners : ndarray of uint16, shape (n_closest, 3)
-        Corners of the triangle of each closest point, among the piece's nodes of the wall.
-    barycentric : ndarray of float32, shape (n_closest, 2)
-        Weights of the first two corners, those of all three add up to one: barycentric coordinates, or of `by_corners`.
-        Single precision: a point a little beside the closest one does as well.
-    weights : ndarray of float32, shape (n_closest,)
-        How much the node follows the wall at each, beta_f.
-    wall_ids : ndarray of int, shape (n_corners,)
-        The piece's nodes of the wall, ascending.
-    """
-
-    rows: np.ndarray
-    starts: np.ndarray
-    planes: np.ndarray
+    rows: np.ndarray  # (n,) of int, rows of the nodes, ascending
+    starts: np.ndarray  # (n + 1,) of int, first closest point of each
+    planes: np.ndarray  # (n,) of int, number of the projector of each
+    # (n_closest, 3), corners of the triangle of each closest point, among the piece's nodes of the wall
     corners: np.ndarray
+    # (n_closest, 2), weights of the first two corners, those of all three add up to one: barycentric coordinates, or of
+    # `by_corners`. Single precision: a point a little beside the closest one does as well.
     barycentric: np.ndarray
-    weights: np.ndarray
-    wall_ids: np.ndarray
+    weights: np.ndarray  # (n_closest,), how much the node follows the wall at each, beta_f
+    wall_ids: np.ndarray  # (n_corners,) of int, the piece's nodes of the wall, ascending
 
 
 @dataclass(frozen=True, eq=False)
 class WallLayer:
-    """Points that follow a wall. Made by `WallLayer.of`.
+    """Points that follow a wall. Made by `WallLayer.of`."""
 
-    Parameters
-    ----------
-    wall : Wall
-        The wall.
-    pieces : tuple
-        The nodes that follow it.
-    projectors : ndarray, shape (n_projectors, 3, 3)
-        Projectors of the correction onto planes; the first is the identity.
-    copies : ndarray of int, shape (n_copies, 2)
-        Rows that are copies of nodes of the layer, and the rows that they copy.
-    n_points : int
-        Number of points of which some follow the wall.
-    by_corners : bool
-        Whether points turn about the corners of the triangle of their closest point, and not about that point.
-    n_threads : int, optional
-        Number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
-    """
-
-    wall: Wall
-    pieces: tuple[_Piece, ...]
-    projectors: np.ndarray
-    copies: np.ndarray
-    n_points: int
+    wall: Wall  # the wall
+    pieces: tuple[_Piece, ...]  # the nodes that follow it
+    projectors: np.ndarray  # (n_projectors, 3, 3), projectors of the correction onto planes; the first is the identity
+    copies: np.ndarray  # (n_copies, 2) of int, rows that are copies of nodes of the layer, and the rows that they copy
+    n_points: int  # number of points of which some follow the wall
+    # whether points turn about the corners of the triangle of their closest point, and not about that point
     by_corners: bool = False
+    # number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
     n_threads: int | None = None
 
     @classmethod
     def of(
         cls,
-        wall: Wall,
-        points: np.ndarray,
+        wall: Wall,  # the wall
+        points: np.ndarray,  # (n, 3), nodes of the grid, or points of another one, on the baseline (m)
+        # (wall.n_points,) of int, row of every node of the wall among the points; none of another grid
         wall_rows: np.ndarray | None = None,
+        # sequence of (ndarray of int, ndarray of shape (3,)) of int, points in planes that they must stay in, and the
+        # planes' normals. Planes that share points must be at right angles.
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+        # of int, points that do not follow the wall, such as those on a fixed boundary
         fixed: np.ndarray | None = None,
-        copies: np.ndarray | None = None,
-        n_threads: int | None = None,
+        copies: np.ndarray | None = None,  # (n_copies, 2) of int, rows that are copies, and the rows that they copy
+        n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
+        # turn points about the corners of the triangle of their closest point: for nodes of the grid whose wall it is
         by_corners: bool = False,
     ) -> WallLayer:
-        """Find the points that follow a wall.
-
-        Parameters
-        ----------
-        wall : Wall
-            The wall.
-        points : ndarray, shape (n, 3)
-            Nodes of the grid, or points of another one, on the baseline (m).
-        wall_rows : ndarray of int, shape (wall.n_points,), optional
-            Row of every node of the wall among the points; none of another grid.
-        planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
-            Points in planes that they must stay in, and the planes' normals. Planes that share points must be at right
-            angles.
-        fixed : ndarray of int, optional
-            Points that do not follow the wall, such as those on a fixed boundary.
-        copies : ndarray of int, shape (n_copies, 2), optional
-            Rows that are copies, and the rows that they copy.
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``.
-        by_corners : bool
-            Turn points about the corners of the triangle of their closest point: for nodes of the grid whose wall it
-            is.
-
-        Returns
-        -------
-        WallLayer
-
-        Raises
-        ------
-        InputError
-            If an array has the wrong shape.
-        """
+        """Find the points that follow a wall."""
         points = np.ascontiguousarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3:
             raise InputError(f"wall layer: points of shape {points.shape}; give shape (n, 3)")
@@ -188,40 +131,20 @@ class WallLayer:
 
     def at(
         self,
-        initial: np.ndarray,
-        mapped: np.ndarray,
+        initial: np.ndarray,  # (n, 3), points before the move (m)
+        mapped: np.ndarray,  # (n, 3), where a map puts them (m); those that follow the wall are overwritten in place
+        # wall_initial, wall_moved: (wall.n_points, 3), nodes of the wall before and after the move (m)
         wall_initial: np.ndarray,
         wall_moved: np.ndarray,
+        # (n_planes, 3), unit normals after the move of the planes that the wall was made with; by default they stay
         normals: np.ndarray | None = None,
-    ) -> Layered:
-        """Move the points that follow a wall with it.
-
-        Parameters
-        ----------
-        initial : ndarray, shape (n, 3)
-            Points before the move (m).
-        mapped : ndarray, shape (n, 3), C order
-            Where a map puts them (m); those that follow the wall are overwritten in place.
-        wall_initial, wall_moved : ndarray, shape (wall.n_points, 3)
-            Nodes of the wall before and after the move (m).
-        normals : ndarray, shape (n_planes, 3), optional
-            Unit normals after the move of the planes that the wall was made with; by default they stay.
-
-        Returns
-        -------
-        Layered
-            With the nodes, and their derivative.
-
-        Raises
-        ------
-        MovementError
-            If the surroundings of a node of the wall are turned inside out.
-        """
+    ) -> Layered:  # with the nodes, and their derivative
+        """Move the points that follow a wall with it."""
         frames = self.wall.frames.at(wall_initial, wall_moved, normals)
         self._follow(initial, _packed(frames.moved, frames.matrices, frames.initial), mapped)
         return Layered(self, initial, frames, mapped)
 
-    def _follow(self, initial, frames, mapped):
+    def _follow(self, initial: np.ndarray, frames, mapped: np.ndarray) -> None:
         """Overwrite mapped points; linear in them and the frames after the move, and in all places before it."""
         self._run(lambda piece, ids: _follow(*self._arrays(piece), initial, frames[ids], mapped))
         mapped[self.copies[:, 0]] = mapped[self.copies[:, 1]]
@@ -231,11 +154,11 @@ class WallLayer:
         per_node = piece.rows, piece.starts, piece.planes
         return *per_node, piece.corners, piece.barycentric, piece.weights, self.projectors, self.by_corners
 
-    def _run(self, task) -> list:
+    def _run(self, task: Callable[..., Any]) -> list:
         """Results of a task for every piece, in order."""
         results: list = [None] * len(self.pieces)
 
-        def run(number: int):
+        def run(number: int) -> None:
             results[number] = task(self.pieces[number], self.pieces[number].wall_ids)
 
         run_tasks(run, len(self.pieces), thread_count(self.n_threads))
@@ -244,70 +167,42 @@ class WallLayer:
 
 @dataclass(frozen=True, eq=False)
 class Layered:
-    """Points that followed a move of a wall, and their derivative.
+    """Points that followed a move of a wall, and their derivative."""
 
-    Parameters
-    ----------
-    layer : WallLayer
-        The points that follow.
-    initial : ndarray, shape (n, 3)
-        Points before the move (m).
-    frames : Frames
-        The move of the wall, with its nodes before and after.
-    nodes : ndarray, shape (n, 3)
-        Points after it (m).
-    """
-
-    layer: WallLayer
-    initial: np.ndarray
-    frames: Frames
-    nodes: np.ndarray
+    layer: WallLayer  # the points that follow
+    initial: np.ndarray  # (n, 3), points before the move (m)
+    frames: Frames  # the move of the wall, with its nodes before and after
+    nodes: np.ndarray  # (n, 3), points after it (m)
 
     def jvp(
-        self, d_initial, d_mapped: np.ndarray, d_wall_initial, d_wall_moved: np.ndarray, d_normals=None
-    ) -> np.ndarray:
-        """Change of the points.
-
-        Parameters
-        ----------
-        d_initial : ndarray, shape (n, 3), or None
-            Change of the points before the move; None for none, also of the wall.
-        d_mapped : ndarray, shape (n, 3), C order
-            Change of the mapped points, overwritten in place by that of the points.
-        d_wall_initial : ndarray, shape (wall.n_points, 3), or None
-            Change of the wall's nodes before the move.
-        d_wall_moved : ndarray, shape (wall.n_points, 3)
-            Change of the wall's nodes after it.
-        d_normals : ndarray, shape (n_planes, 3), or None
-            Change of the normals of its planes after it.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            `d_mapped`.
-        """
+        self,
+        d_initial: np.ndarray | None,  # (n, 3), change of the points before the move; None for none, also of the wall
+        d_mapped: np.ndarray,  # (n, 3), change of the mapped points, overwritten in place by that of the points
+        d_wall_initial: np.ndarray | None,  # (wall.n_points, 3), change of the wall's nodes before the move
+        d_wall_moved: np.ndarray,  # (wall.n_points, 3), change of the wall's nodes after it
+        d_normals: np.ndarray | None = None,  # (n_planes, 3), change of the normals of its planes after it
+    ) -> np.ndarray:  # (n, 3), `d_mapped`
+        """Change of the points."""
         frames = self.frames
         d_frames = _packed(d_wall_moved, frames.jvp(d_wall_initial, d_wall_moved, d_normals), frames.initial)
         self.layer._follow(self.initial, d_frames, d_mapped)
-        if d_initial is not None:
+        if d_initial is not None and d_wall_initial is not None:
             change = np.zeros_like(d_mapped)
             self.layer._follow(d_initial, _packed(0.0 * d_wall_initial, frames.matrices, d_wall_initial), change)
             d_mapped += change
         return d_mapped
 
-    def vjp(self, bar: np.ndarray, wrt: Collection[str] = INPUTS) -> dict[str, np.ndarray]:
-        """Transpose of `jvp`.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n, 3), C order
-            Derivative of a scalar with respect to the points, overwritten in place by that with respect to the mapped
-            ones.
-        wrt : collection of str
-            Which derivatives: those with respect to the points before the move, ``initial``, and where the map puts
-            them, ``mapped``, shape (n, 3); to the nodes of the wall, ``wall_initial`` and ``wall_moved``, shape
-            (wall.n_points, 3); and to the ``normals`` of its planes, shape (n_planes, 3).
-        """
+    def vjp(
+        self,
+        # (n, 3), derivative of a scalar with respect to the points, overwritten in place by that with respect to the
+        # mapped ones
+        bar: np.ndarray,
+        # which derivatives: those with respect to the points before the move, ``initial``, and where the map puts them,
+        # ``mapped``, shape (n, 3); to the nodes of the wall, ``wall_initial`` and ``wall_moved``, shape (wall.n_points,
+        # 3); and to the ``normals`` of its planes, shape (n_planes, 3)
+        wrt: Collection[str] = INPUTS,
+    ) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`."""
         _move_rows(self.layer.copies, bar)
         bars, names = {"mapped": bar}, ["moved", "normals"]
         if "initial" in wrt or "wall_initial" in wrt:
@@ -333,7 +228,7 @@ class Layered:
         """Places and rotations of the wall's nodes, shape (n, 15)."""
         return _packed(self.frames.moved, self.frames.matrices, self.frames.initial)
 
-    def _frames_vjp(self, bar):
+    def _frames_vjp(self, bar: np.ndarray):
         """Derivatives with respect to places and rotations of the wall; ``bar`` becomes that of the mapped points."""
         layer, frames = self.layer, self._motion
         sums = layer._run(lambda piece, ids: _follow_back(*layer._arrays(piece), self.initial, frames[ids], bar))
@@ -342,12 +237,12 @@ class Layered:
         return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)
 
 
-def _packed(places, matrices, initial) -> np.ndarray:
+def _packed(places, matrices: np.ndarray, initial: np.ndarray) -> np.ndarray:
     """Places and rotations after a move and places before it side by side, shape (n, 15)."""
     return np.concatenate([places, matrices.reshape(-1, 9), initial], axis=1)
 
 
-def _projectors(planes, n):
+def _projectors(planes: Sequence[tuple[np.ndarray, np.ndarray]], n):
     """Different projectors onto planes, shape (m, 3, 3), the first one the identity; which one each point has."""
     plane_of, found = np.zeros(n, dtype=np.int16), [np.eye(3)]
     for ids, normal in planes:
@@ -375,14 +270,16 @@ def _with_wall_nodes(tree: TriangleTree, closest: ClosestPoints, n_wall: int):
     )
 
 
-def _by_corners(barycentric):
+def _by_corners(barycentric: np.ndarray) -> np.ndarray:
     """Weights of the first two corners, in proportion to b^2 (3 - 2 b) of all three barycentric coordinates b."""
     b = np.column_stack([barycentric, 1.0 - barycentric.sum(axis=1)])
     smooth = b * b * (3.0 - 2.0 * b)
     return (smooth / smooth.sum(axis=1, keepdims=True))[:, :2]
 
 
-def _cut(rows, counts, places, planes, corners, barycentric, weights) -> tuple[_Piece, ...]:
+def _cut(
+    rows, counts, places, planes: Sequence[tuple[np.ndarray, np.ndarray]], corners, barycentric, weights
+) -> tuple[_Piece, ...]:
     """Cut the nodes of a layer into pieces, each over a part of the wall."""
     starts = np.concatenate([[0], np.cumsum(counts)])
     order = np.argsort(places, kind="stable")
@@ -407,7 +304,7 @@ def _cut(rows, counts, places, planes, corners, barycentric, weights) -> tuple[_
     return tuple(pieces)
 
 
-def _add_up(pieces, sums, out):
+def _add_up(pieces: Sequence[_Piece], sums: Sequence[np.ndarray], out: np.ndarray) -> None:
     """Add the sums of all pieces, in their order."""
     for piece, part in zip(pieces, sums):
         out[piece.wall_ids] += part

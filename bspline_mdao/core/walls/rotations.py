@@ -187,7 +187,9 @@ class LocalRotations:
         """Add the transpose of `areas_jvp` to ``points_bar``, shape (n, 3)."""
         _add_area_vjp(points, self.quads, areas_bar, points_bar)
 
-    def _moments(self, initial: np.ndarray, moved: np.ndarray, initial_areas, moved_areas) -> np.ndarray:
+    def _moments(
+        self, initial: np.ndarray, moved: np.ndarray, initial_areas: np.ndarray, moved_areas: np.ndarray
+    ) -> np.ndarray:
         """Sum up M of every point, shape (n, 3, 3): linear in the points before, and in those after the move."""
         sums = np.empty((self.n_points, 3, 3), dtype=np.result_type(initial, moved))
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners, self.quad_scales
@@ -326,7 +328,7 @@ def _numbers(ids, n_columns: int, n: int, what: str) -> np.ndarray:
     return ids.astype(np.int64)
 
 
-def _neighbours(points: np.ndarray, edges: np.ndarray | None):
+def _neighbours(points: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First neighbour of every point, the numbers of the neighbours, each once, and the scales of the edges."""
     n = len(points)
     ends = np.concatenate([edges, edges[:, ::-1]])
@@ -338,13 +340,13 @@ def _neighbours(points: np.ndarray, edges: np.ndarray | None):
     return starts, ends[:, 1].astype(np.int32), scales
 
 
-def _corners(quads: np.ndarray | None, n: int):
+def _corners(quads: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     """First corner at every point, and the corners: four times the number of the quad plus that of the corner."""
     order = np.argsort(quads.ravel(), kind="stable")
     return np.searchsorted(quads.ravel()[order], np.arange(n + 1)), order
 
 
-def _quad_scales(points: np.ndarray, quads: np.ndarray | None):
+def _quad_scales(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     """1 / squared areas; 0 for quads that have none."""
     x = points[quads]
     diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]

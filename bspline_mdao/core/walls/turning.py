@@ -52,70 +52,32 @@ TURNED_BY = ("control_points", "control_points_initial")
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """The map from control points to the rotations of vectors at the nodes. Made by `Turning.of`.
+    """The map from control points to the rotations of vectors at the nodes. Made by `Turning.of`."""
 
-    Parameters
-    ----------
-    corners : Evaluator
-        From control points to the corners of all spans, each shared one once.
-    points : ndarray, shape (n_corners, 3)
-        The corners on the baseline (m).
-    groups : tuple
-        Corners that see each other.
-    planes : tuple
-        Planes of boundary faces.
-    faces : tuple
-        The boundary faces in them.
-    plane_of_corner : ndarray of int, shape (n_corners,)
-        The plane that a corner sees alone; -1 for none.
-    cells : tuple
-        The nodes of every volume.
-    evaluator : Evaluator
-        Of the nodes; it gives the pieces of work and the number of threads.
-    flat : FaceNodes
-        The nodes in planes.
-    flat_copies : ndarray of int, shape (n_copies, 2)
-        Rows that are copies of these, and the rows that they copy.
-    """
-
-    corners: Evaluator
-    points: np.ndarray
-    groups: tuple[CornerGroup, ...]
-    planes: tuple[PlaneNormal, ...]
-    faces: tuple[_BoundaryFace, ...]
-    plane_of_corner: np.ndarray
-    cells: tuple[SpanNodes, ...]
-    evaluator: Evaluator
-    flat: FaceNodes
-    flat_copies: np.ndarray
+    corners: Evaluator  # from control points to the corners of all spans, each shared one once
+    points: np.ndarray  # (n_corners, 3), the corners on the baseline (m)
+    groups: tuple[CornerGroup, ...]  # corners that see each other
+    planes: tuple[PlaneNormal, ...]  # planes of boundary faces
+    faces: tuple[_BoundaryFace, ...]  # the boundary faces in them
+    plane_of_corner: np.ndarray  # (n_corners,) of int, the plane that a corner sees alone; -1 for none
+    cells: tuple[SpanNodes, ...]  # the nodes of every volume
+    evaluator: Evaluator  # of the nodes; it gives the pieces of work and the number of threads
+    flat: FaceNodes  # the nodes in planes
+    flat_copies: np.ndarray  # (n_copies, 2) of int, rows that are copies of these, and the rows that they copy
 
     @classmethod
     def of(
         cls,
-        held: HeldNodes,
-        mesh: BSplineMesh,
+        held: HeldNodes,  # the nodes; their topology has segments, links, and the kinds of boundary faces
+        mesh: BSplineMesh,  # one volume per segment
+        # sequence of ndarray, each of shape (n_v, 3), parameters of the nodes that each segment evaluates
         parameters: Sequence[np.ndarray],
-        control_points: np.ndarray,
+        control_points: np.ndarray,  # (n_control_points, 3), control points of the baseline (m)
+        # (n_corners,), largest vector around every corner (m), by `.residual_lengths.residual_lengths`
         lengths: np.ndarray,
-        evaluator: Evaluator,
+        evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_nodes`
     ) -> Turning:
-        """Find the corners, groups and planes that the vectors of nodes turn with.
-
-        Parameters
-        ----------
-        held : HeldNodes
-            The nodes; their topology has segments, links, and the kinds of boundary faces.
-        mesh : BSplineMesh
-            One volume per segment.
-        parameters : sequence of ndarray, each of shape (n_v, 3)
-            Parameters of the nodes that each segment evaluates.
-        control_points : ndarray, shape (n_control_points, 3)
-            Control points of the baseline (m).
-        lengths : ndarray, shape (n_corners,)
-            Largest vector around every corner (m), by `.residual_lengths.residual_lengths`.
-        evaluator : Evaluator
-            Evaluation of the nodes, by `Evaluator.of_nodes`.
-        """
+        """Find the corners, groups and planes that the vectors of nodes turn with."""
         places, ids = corner_numbers(held.topology, mesh)
         corners = _corner_evaluator(mesh, places, ids, evaluator.n_threads)
         points = corners.forward(control_points)
@@ -147,13 +109,7 @@ class Turning:
         return Vectors(tuple(cell.pack(inner) for cell in self.cells), vectors[self.flat.rows])
 
     def at(self, control_points: np.ndarray, initial: np.ndarray | None = None) -> Turn:
-        """Rotations of control points, shape (n_control_points, 3), from where they were at first: on the baseline.
-
-        Raises
-        ------
-        MovementError
-            If the surroundings of a corner are turned inside out.
-        """
+        """Rotations of control points, shape (n_control_points, 3), from where they were at first: on the baseline."""
         moved = self.corners.forward(control_points)
         initial = self.points if initial is None else self.corners.forward(initial)
         matrices = np.tile(np.eye(3).ravel(), (self.corners.n_rows, 1))
@@ -187,28 +143,15 @@ class Turning:
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """Rotations at one set of control points.
+    """Rotations at one set of control points."""
 
-    Parameters
-    ----------
-    of : Turning
-        The map.
-    initial, moved : ndarray, shape (n_corners, 3)
-        Corners of the spans at first and now (m).
-    rotations : tuple of Rotations
-        Of every group.
-    matrices : ndarray, shape (n_corners, 9)
-        Rotation of every corner.
-    normals : ndarray, shape (2, n_planes, 3)
-        Normals of all planes, now and at first.
-    """
-
-    of: Turning
+    of: Turning  # the map
+    # initial, moved: (n_corners, 3), corners of the spans at first and now (m)
     initial: np.ndarray
     moved: np.ndarray
-    rotations: tuple[Rotations, ...]
-    matrices: np.ndarray
-    normals: np.ndarray
+    rotations: tuple[Rotations, ...]  # of every group
+    matrices: np.ndarray  # (n_corners, 9), rotation of every corner
+    normals: np.ndarray  # (2, n_planes, 3), normals of all planes, now and at first
 
     def evaluate(self, control_points: np.ndarray, vectors: Vectors) -> np.ndarray:
         """Nodes ``A b + T v``, shape (n_nodes, 3)."""
@@ -248,20 +191,18 @@ class Turn:
             out += self._forward(np.zeros_like(d_control_points), self.matrices, d_vectors, np.zeros_like(flat))
         return out
 
-    def vjp(self, vectors: Vectors, bar: np.ndarray, wrt: Collection[str]) -> dict[str, np.ndarray]:
-        """Transpose of `jvp` with `change`, in what nodes ``A b + T v`` depend on.
-
-        Parameters
-        ----------
-        vectors : Vectors
-            The vectors.
-        bar : ndarray, shape (n_nodes, 3)
-            Derivative of a scalar with respect to the nodes, zero in copies where those of vectors are asked for.
-        wrt : collection of str
-            Which derivatives: ``points``, the control points of A b; ``control_points`` and ``control_points_initial``,
-            those that T turns with, now and at first, all of shape (n_control_points, 3); and ``vectors``, shape
-            (n_nodes, 3), of which those of copies do not count.
-        """
+    def vjp(
+        self,
+        vectors: Vectors,  # the vectors
+        # (n_nodes, 3), derivative of a scalar with respect to the nodes, zero in copies where those of vectors are
+        # asked for
+        bar: np.ndarray,
+        # which derivatives: ``points``, the control points of A b; ``control_points`` and ``control_points_initial``,
+        # those that T turns with, now and at first, all of shape (n_control_points, 3); and ``vectors``, shape
+        # (n_nodes, 3), of which those of copies do not count
+        wrt: Collection[str],
+    ) -> dict[str, np.ndarray]:
+        """Transpose of `jvp` with `change`, in what nodes ``A b + T v`` depend on."""
         points_bar, flat_bar, change = self._bars(vectors, bar)
         bars = {"points": points_bar} | self.change_vjp(change, [name for name in wrt if name in TURNED_BY])
         if "vectors" in wrt:
@@ -287,7 +228,9 @@ class Turn:
         parts = {"control_points": moved_bar, "control_points_initial": initial_bar}
         return {name: self.of.corners.adjoint(parts[name]) for name in wrt}
 
-    def _forward(self, control_points, matrices, vectors: Vectors, flat: np.ndarray) -> np.ndarray:
+    def _forward(
+        self, control_points: np.ndarray, matrices: np.ndarray, vectors: Vectors, flat: np.ndarray
+    ) -> np.ndarray:
         """Evaluate and turn all nodes, those in planes with vectors that are turned already."""
         cells = self.of.cells
         turned = [(cell.fractions, packed, cell.corners, matrices) for cell, packed in zip(cells, vectors.packed)]
@@ -412,7 +355,9 @@ def _groups(
     return tuple(groups), plane
 
 
-def _cells(mesh: BSplineMesh, ids, evaluator: Evaluator, parameters, held: HeldNodes) -> tuple[SpanNodes, ...]:
+def _cells(
+    mesh: BSplineMesh, ids, evaluator: Evaluator, parameters: Sequence[np.ndarray], held: HeldNodes
+) -> tuple[SpanNodes, ...]:
     """Place the nodes of all volumes in their spans."""
     cells, place = [], np.empty(evaluator.n_rows, dtype=np.int64)
     for volume, corners, nodes, x, numbers in zip(mesh.volumes, ids, evaluator.nodes, parameters, held.numbers):
