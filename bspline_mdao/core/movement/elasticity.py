@@ -126,27 +126,29 @@ class ElasticElements:
     modulus: np.ndarray
 
     @property
-    def _arguments(self):
+    def _arguments(self) -> tuple:
         return self._arguments_of(ALL)
 
-    def _arguments_of(self, ids):
+    def _arguments_of(self, ids: slice | np.ndarray) -> tuple:
         mesh = self.mesh
         return self.points, mesh.elements[ids], mesh.handedness[ids], self.modulus[ids], self.lame
 
-    def add_stiffness(self, element_rows, slots, data, element_ids=ALL) -> None:
+    def add_stiffness(
+        self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray, element_ids: slice | np.ndarray = ALL
+    ) -> None:
         """Add the stiffness of all elements, or of some, to blocks."""
         add_stiffness(*self._arguments_of(element_ids), element_rows, slots, data)
 
-    def force(self, displacement: np.ndarray):
+    def force(self, displacement: np.ndarray) -> np.ndarray:
         """Force on all points."""
         return force(*self._arguments, displacement)
 
-    def force_jvp(self, displacement: np.ndarray, d_initial, d_points: np.ndarray):
+    def force_jvp(self, displacement: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray) -> np.ndarray:
         """Change of the force of a given displacement."""
         d_modulus = self.law.modulus_jvp(self.mesh, self.initial, self.points, d_initial, d_points)
         return force_jvp(*self._arguments, displacement, d_points, d_modulus)
 
-    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray):
+    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Transpose of `force_jvp` and of `force`."""
         points_bar, modulus_bar, displacement_bar = force_vjp(*self._arguments, displacement, bar)
         initial_bar, law_bar = self.law.modulus_vjp(self.mesh, self.initial, self.points, modulus_bar)
@@ -264,7 +266,7 @@ def force(
     # (n_parts, n_points, 3), the field u as a sum of parts (m). Two are what an element needs whose corners lie closer
     # together than the digits of one can tell: the second holds what rounding left of the first.
     displacement: np.ndarray,
-):  # (n_parts, n_points, 3), as a sum of as many parts
+) -> np.ndarray:  # (n_parts, n_points, 3), as a sum of as many parts
     """Compute the force K u on every point, matrix-free."""
     total = np.zeros_like(displacement)
     x, u, fluxes = (

@@ -384,20 +384,20 @@ class Unknowns:
         return displacement
 
     @cached_property
-    def _is_free(self):
+    def _is_free(self) -> np.ndarray:
         return self.mesh.is_free[self.point_ids]
 
     @cached_property
-    def _frames(self):
+    def _frames(self) -> np.ndarray | None:
         return None if self.mesh.frames is None else self.mesh.frames[self.point_ids]
 
-    def _turned(self, vectors):
+    def _turned(self, vectors: np.ndarray) -> np.ndarray:
         return vectors if self._frames is None else np.einsum("nij,nj->ni", self._frames, vectors)
 
     @cached_property
-    def _restrained(self):
+    def _restrained(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Entries, with rows and columns, that meet a point with a frame of its own or a fixed direction."""
-        is_special = ~self._is_free[self.rows].all(axis=1)
+        is_special: np.ndarray = ~self._is_free[self.rows].all(axis=1)
         if self._frames is not None:
             is_special |= (self._frames[self.rows] != np.eye(3)).any(axis=(1, 2))
         rows = np.repeat(np.arange(self.pattern.n, dtype=np.int32), np.diff(self.pattern.indptr))
@@ -434,7 +434,7 @@ def _less(load: np.ndarray, force: np.ndarray) -> np.ndarray:
     return first + (lost + (load[1:].sum(axis=0) - force[1:].sum(axis=0)))
 
 
-def _sum(a, b):
+def _sum(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sum, and exactly what its rounding leaves [Knuth, The Art of Computer Programming 2, 4.2.2]."""
     total = a + b
     of_b = total - a

@@ -77,25 +77,27 @@ class GuidedElements:
         return cls(mesh, stiffness, law, points, modulus, np.zeros((len(mesh.elements), 3, 3)))
 
     @property
-    def _arguments(self):
+    def _arguments(self) -> tuple:
         return self.points, self.mesh.elements, self.mesh.handedness, self.modulus, self.law
 
-    def add_stiffness(self, element_rows, slots, data, element_ids=ALL) -> None:
+    def add_stiffness(
+        self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray, element_ids: slice | np.ndarray = ALL
+    ) -> None:
         """Add the stiffness of all elements, or of some, to blocks."""
         points, elements, signs, modulus, law = self._arguments
         chosen = elements[element_ids], signs[element_ids], modulus[element_ids]
         _add_stiffness(points, *chosen, law, element_rows, slots, data)
 
-    def force(self, displacement: np.ndarray):
+    def force(self, displacement: np.ndarray) -> np.ndarray:
         """Force on all points: linear where the guidance is zero."""
         return _force(*self._arguments, self.guidance, displacement)
 
-    def force_jvp(self, displacement: np.ndarray, d_points: np.ndarray, d_guidance: np.ndarray | None):
+    def force_jvp(self, displacement: np.ndarray, d_points: np.ndarray, d_guidance: np.ndarray | None) -> np.ndarray:
         """Change of the force of a given displacement with the points, which the modulus follows, and the guidance."""
         d_modulus = self.stiffness.modulus_jvp(self.mesh, self.points, self.points, 0.0 * d_points, d_points)
         return _force_jvp(*self._arguments, self.guidance, displacement, d_points, d_modulus, d_guidance)
 
-    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray):
+    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Transpose of `force_jvp` and of `force`: for the points, the guidance and the displacement."""
         points_bar, modulus_bar, guidance_bar, displacement_bar = _force_vjp(
             *self._arguments, self.guidance, displacement, bar

@@ -53,7 +53,7 @@ def surface_rotations(mesh: MovingMesh) -> LocalRotations:
     )
 
 
-def _sign(normals):
+def _sign(normals: np.ndarray) -> np.ndarray:
     """Sign of the largest component of each normal, shape (n, 1)."""
     largest = np.argmax(np.abs(normals), axis=1)[:, None]
     return np.sign(np.take_along_axis(normals, largest, axis=1))

@@ -98,7 +98,7 @@ def nearest_to_any(matrices: np.ndarray) -> np.ndarray:
     return np.eye(3) + 2.0 * (q[:, :1, None] * w + w @ w)
 
 
-def _followed(vectors: np.ndarray, q: np.ndarray, half):
+def _followed(vectors: np.ndarray, q: np.ndarray, half: float) -> np.ndarray:
     """``(I + half W + c W^2) q``."""
     t = _squares(vectors)[:, 0, 0]
     x = 0.5 * np.sqrt(np.maximum(t, SERIES_BELOW))
@@ -121,12 +121,12 @@ def _factors(t: np.ndarray):
     return values, slopes
 
 
-def _squares(vectors: np.ndarray):
+def _squares(vectors: np.ndarray) -> np.ndarray:
     """Squared lengths, shape (n, 1, 1)."""
     return (vectors * vectors).sum(axis=1)[:, None, None]
 
 
-def _crossing(vectors: np.ndarray):
+def _crossing(vectors: np.ndarray) -> np.ndarray:
     """Matrices [w]x of vectors."""
     matrices = np.zeros((*vectors.shape, 3), dtype=vectors.dtype)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -134,7 +134,7 @@ def _crossing(vectors: np.ndarray):
     return matrices
 
 
-def _axial(matrices: np.ndarray):
+def _axial(matrices: np.ndarray) -> np.ndarray:
     """Transpose of `_crossing`; of [w]x it is 2 w."""
     return np.stack([matrices[:, k, j] - matrices[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
 
@@ -152,7 +152,7 @@ def _directions_and_angles(matrices: np.ndarray):
     return quaternions[:, 1:] / np.where(is_turned, sines, np.inf)[:, None], np.where(is_turned, angles, 0.0)
 
 
-def _attitudes(matrices: np.ndarray):
+def _attitudes(matrices: np.ndarray) -> np.ndarray:
     """Davenport's matrix, shape (n, 4, 4), whose largest eigenvector is the quaternion of the nearest rotation."""
     trace = np.einsum("nii->n", matrices)
     attitudes = np.empty((len(matrices), 4, 4))

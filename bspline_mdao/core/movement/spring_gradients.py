@@ -22,7 +22,7 @@ N_SPRINGS = N_LINEAL + 8 * 4
 """All springs of an element: at every corner three angles and the triple product."""
 
 
-def _points():
+def _points() -> np.ndarray:
     """Corners of every spring, shape (N_SPRINGS, 4): two ends, or a vertex and two or three ends, and then any."""
     pairs = [(p, q, p, p) for p in range(8) for q in range(p + 1, 8)]
     corners = []

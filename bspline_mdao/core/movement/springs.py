@@ -36,7 +36,9 @@ __all__ = ["LinealSprings", "SpringElements", "TorsionalSprings", "add_stiffness
 class _Springs(EquilibriumMover):
     """Movers that differ in the springs of their network alone: their number in an element, and their settings."""
 
-    _network: tuple[int, tuple[float, float]]
+    @property
+    def _network(self) -> tuple[int, tuple[float, float]]:
+        raise NotImplementedError
 
     def _elements(self, initial: np.ndarray, before: np.ndarray) -> SpringElements:
         n_springs, settings = self._network
@@ -78,7 +80,7 @@ class LinealSprings(_Springs):
     keep_factors: bool | None = None
 
     @property
-    def _network(self):
+    def _network(self) -> tuple[int, tuple[float, float]]:
         return N_LINEAL, (float(self.power), 0.0)
 
 
@@ -118,7 +120,7 @@ class TorsionalSprings(_Springs):
     keep_factors: bool | None = None
 
     @property
-    def _network(self):
+    def _network(self) -> tuple[int, tuple[float, float]]:
         return N_SPRINGS, (2.0, float(np.sqrt(self.torsion)))
 
 
@@ -132,27 +134,29 @@ class SpringElements:
     points: np.ndarray
 
     @property
-    def _arguments(self):
+    def _arguments(self) -> tuple:
         return self._arguments_of(ALL)
 
-    def _arguments_of(self, ids):
+    def _arguments_of(self, ids: slice | np.ndarray) -> tuple:
         mesh = self.mesh
         of_elements = mesh.elements[ids], mesh.handedness[ids], mesh.degenerate_corners[ids]
         return self.points, *of_elements, self.n_springs, self.settings
 
-    def add_stiffness(self, element_rows, slots, data, element_ids=ALL) -> None:
+    def add_stiffness(
+        self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray, element_ids: slice | np.ndarray = ALL
+    ) -> None:
         """Add the stiffness of all elements, or of some, to blocks."""
         add_stiffness(*self._arguments_of(element_ids), element_rows, slots, data)
 
-    def force(self, displacement: np.ndarray):
+    def force(self, displacement: np.ndarray) -> np.ndarray:
         """Force on all points."""
         return force(*self._arguments, displacement)
 
-    def force_jvp(self, displacement: np.ndarray, d_initial, d_points: np.ndarray):
+    def force_jvp(self, displacement: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray) -> np.ndarray:
         """Change of the force of a given displacement."""
         return force_jvp(*self._arguments, displacement, d_points)
 
-    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray):
+    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Transpose of `force_jvp` and of `force`."""
         points_bar, displacement_bar = force_vjp(*self._arguments, displacement, bar)
         return np.zeros_like(self.points), points_bar, displacement_bar

@@ -162,7 +162,7 @@ def transfinite_weights(
     return weights
 
 
-def _in_rows(parts, shape) -> sparse.csr_array:
+def _in_rows(parts: Sequence[tuple[np.ndarray, sparse.csr_array]], shape: tuple[int, int]) -> sparse.csr_array:
     """Matrix of the given rows, zero in the others."""
     rows = np.concatenate([np.zeros(0, dtype=int), *(rows for rows, _ in parts)])
     stacked = sparse.vstack([sparse.csr_array((0, shape[1])), *(part for _, part in parts)], format="csr")

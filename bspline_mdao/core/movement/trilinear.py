@@ -84,7 +84,7 @@ _EDGES = np.array(
 """Corners at the ends of the four edges along each direction."""
 
 
-def _edge_weights():
+def _edge_weights() -> np.ndarray:
     """Weights of the four edges in the slope along each direction at each Gauss point, shape (3, 4, 8)."""
     ends = np.stack([1.0 - _GAUSS, _GAUSS])
     weights = np.empty((3, 4, 8))
@@ -93,7 +93,7 @@ def _edge_weights():
     return weights
 
 
-def _corner_slopes():
+def _corner_slopes() -> np.ndarray:
     """Slopes of the shape functions at each Gauss point, shape (8 Gauss points, 3, 8 corners)."""
     slopes = np.zeros((8, 3, 8))
     for direction, edge in np.ndindex(3, 4):

@@ -70,6 +70,14 @@ class StiffnessLaw(Protocol):
 class _CornerLaw(OneLine):
     """A law in which the modulus of an element depends on its own corners: E = exp(a(initial) + b(points))."""
 
+    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Modulus of every element."""
+        raise NotImplementedError
+
+    def _log_gradients(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray) -> tuple:
+        """Derivatives of a and of b with respect to the corners; None for one that does not depend on them."""
+        raise NotImplementedError
+
     def modulus_jvp(
         self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray
     ):
