@@ -146,7 +146,7 @@ class Search:
         )
         values, scales = self.values.copy(), self.scales[free]
 
-        def loss(some):
+        def loss(some: np.ndarray) -> tuple[float, np.ndarray]:
             values[free] = some * scales
             value, gradient = self.loss(values, worst)
             return value, gradient[free] * scales

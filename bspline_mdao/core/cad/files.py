@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -177,7 +178,7 @@ class _quiet:
             Message.DefaultMessenger_s().AddPrinter(printer)
 
 
-def read_cad(path) -> CadShape:
+def read_cad(path: str | os.PathLike) -> CadShape:
     """Read a CAD file by OpenCascade, and look at what is in it.
 
     Parameters

@@ -213,7 +213,7 @@ def _check_rows(
     parameters: Sequence[np.ndarray],
     rows: Sequence[np.ndarray],
     n_rows: int,
-    copies: np.ndarray | None,
+    copies: np.ndarray,
 ) -> bool:
     """Check the arguments of `Evaluator.build`; return whether every row belongs to a node."""
     if not len(mesh.volumes) == len(parameters) == len(rows):
@@ -247,7 +247,7 @@ def _check_destinations(destinations, n_rows: int) -> bool:
     return bool(count.all())
 
 
-def _copies_by_volume(rows: Sequence[np.ndarray], n_rows: int, copies: np.ndarray | None) -> list[np.ndarray]:
+def _copies_by_volume(rows: Sequence[np.ndarray], n_rows: int, copies: np.ndarray) -> list[np.ndarray]:
     """Per volume, the row of each copy and the number of the node that it copies, shape (n, 2)."""
     layout = BlockLayout.of(map(np.shape, rows))
     node_of_row = np.full(n_rows, -1, dtype=np.int64)

@@ -19,7 +19,7 @@ interpolated linearly across. Theory: ``docs/theory/evaluation.rst``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 
@@ -175,5 +175,5 @@ def refined_topology(
     )
 
 
-def _scaled_near_miss(miss: NearMiss, window: Window) -> NearMiss:
+def _scaled_near_miss(miss: NearMiss, window: Callable[[Window], Window]) -> NearMiss:
     return replace(miss, window=window(miss.window), other=None if miss.other is None else window(miss.other))

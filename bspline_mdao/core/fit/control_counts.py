@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def choose_affordable_counts(
     topology: Topology,  # segments and their links
     # see `choose_counts`. Where numbers are not given, spans are widened until a factor takes no more than
     # `LARGEST_FACTOR`
-    n_control: np.ndarray | None = None,
+    n_control: Any = None,
     order: int | None = None,
 ) -> tuple[ControlCounts, int | None]:  # factor_bytes: see `predict_factor_bytes`
     """Numbers of control points and orders, and the memory of a factor of the mover's matrix."""
@@ -120,7 +121,7 @@ def choose_counts(
     # cells. Blocks that nothing is asked of follow those that they are joined to; the rest get about one span to four
     # cells, fewer in blocks of millions of nodes; up to six nodes get two control points less, but three where they
     # are, or all where an order is asked for
-    n_control: np.ndarray | None = None,  # optional
+    n_control: Any = None,  # optional
     # order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered where a
     # direction has fewer control points. None: 4, or 3 in directions of fewer than `LONG` nodes where the number of
     # control points is chosen, too

@@ -100,10 +100,10 @@ def _is_narrow(breaks: np.ndarray) -> bool:
 
 def knots_of_segments(
     topology: Topology,  # segments and links
-    parameters: np.ndarray,  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
+    parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
     # number of control points and order in each direction
-    n_control: int,  # sequence of three int for every segment
-    orders,  # sequence of three int for every segment
+    n_control: Sequence[Sequence[int]],  # three for every segment
+    orders: Sequence[Sequence[int]],  # three for every segment
     kind: str = "curved",  # one of `KNOT_KINDS`
     sharing: FitNodes | None = None,  # which segments this process has parameters of; all by default
 ) -> list[tuple[Knots, ...]]:
@@ -143,8 +143,8 @@ def joined_corners(
 def knots_of_segment(
     parameters: np.ndarray,  # (L0, L1, L2, 3), parameters of the nodes
     # number of control points and order in each direction
-    n_control: int,  # sequence of three int
-    orders,  # sequence of three int
+    n_control: Sequence[int],  # three
+    orders: Sequence[int],  # three
     kind: str = "curved",  # one of `KNOT_KINDS`
 ) -> tuple[Knots, ...]:
     """Knots of the three directions of a segment by itself from the parameters on its twelve edges."""
@@ -154,7 +154,7 @@ def knots_of_segment(
 
 
 def knots_of_segment_jvp(
-    parameters: np.ndarray, n_control: int, orders, kind: str, d_parameters: np.ndarray
+    parameters: np.ndarray, n_control: Sequence[int], orders: Sequence[int], kind: str, d_parameters: np.ndarray
 ) -> list[np.ndarray]:
     """Differentiate the knots on the edges: one array of shape (2, 2, N + p) per direction, as in `BilinearKnots`."""
     d_corners = []
@@ -165,7 +165,13 @@ def knots_of_segment_jvp(
     return d_corners
 
 
-def knots_of_segment_vjp(parameters: np.ndarray, n_control: int, orders, kind: str, corners_bar) -> np.ndarray:
+def knots_of_segment_vjp(
+    parameters: np.ndarray,
+    n_control: Sequence[int],
+    orders: Sequence[int],
+    kind: str,
+    corners_bar: Sequence[np.ndarray],
+) -> np.ndarray:
     """Transpose of `knots_of_segment_jvp`: cotangent of the parameters, shape (L0, L1, L2, 3)."""
     parameters_bar = np.zeros(parameters.shape)
     for d, (n, p) in enumerate(zip(n_control, orders)):

@@ -59,7 +59,7 @@ class Entity:
 
 
 def entities_in_order(
-    control_ids: np.ndarray,  # sequence of ndarray of int, control point ids of every segment
+    control_ids: Sequence[np.ndarray],  # of int, control point ids of every segment
     sharing: FitNodes,  # nodes of this process, and which of them are one
     n_control_points: int,  # number of unique control points
 ) -> Iterator[Entity]:

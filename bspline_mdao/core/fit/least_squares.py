@@ -18,6 +18,7 @@ A. N. Tikhonov and V. Y. Arsenin, "Solutions of Ill-Posed Problems", Winston, 19
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,7 +66,8 @@ class FitStep:
     def solve_residual(
         self,
         points: np.ndarray,  # (n, 3), values at the entity's nodes
-        right: np.ndarray,  # (N0 N1 N2, 3), or 0, what is added on the right, for all control points of the section
+        right: np.ndarray
+        | float,  # (N0 N1 N2, 3), or 0, what is added on the right, for all control points of the section
         nodes: np.ndarray,  # (n_rows, 3), all nodes of the grid, for the reference
         # those of the boundary are read, those of the entity written
         control_points: np.ndarray,  # (n_control_points, 3)
@@ -239,8 +241,8 @@ class ReferenceNet:
 def greville_sampling(
     rows: np.ndarray,  # int (m0, m1, m2), rows in the grid vector of all nodes of the section
     # control points and orders of its directions
-    n_control: int,  # sequence of three int
-    orders,  # sequence of three int
+    n_control: Sequence[int],  # three
+    orders: Sequence[int],  # three
     n_rows: int,  # length of the grid vector
 ) -> csr_array:  # (N0 N1 N2, n_rows)
     """Sample the nodes of a section at the Greville nodes, linearly between them."""

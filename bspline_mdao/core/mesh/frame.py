@@ -6,6 +6,7 @@ Theory: ``docs/theory/deformations.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,7 @@ class Frame(OneLine):
         """Points, shape (n, 3), of coordinates along stream, normal and span."""
         return local @ self.axes + self.origin
 
-    def middle_at(self, span):
+    def middle_at(self, span: Any) -> tuple[Any, Any]:
         """Stream and normal coordinates of the middle line at places along the span (m)."""
         (stream, normal), (stream_slope, normal_slope) = self.middle
         return stream + stream_slope * span, normal + normal_slope * span
@@ -155,7 +156,7 @@ def _span_axis(points: np.ndarray, planes: tuple[Plane, ...]):
 def _across(axis: int):
     """Two directions at right angles to an axis, each along a coordinate axis as far as may be; shape (2, 3)."""
     main = int(np.argmax(np.abs(axis)))
-    rows = []
+    rows: list[np.ndarray] = []
     for candidate in np.delete(np.eye(3), main, axis=0):
         for row in (axis, *rows):
             candidate = candidate - (candidate @ row) * row
@@ -174,7 +175,7 @@ def _middle_line(local: np.ndarray):
     return np.polynomial.polynomial.polyfit(middles[:, 2], middles[:, :2], 1)
 
 
-def _coincide(plane, normal, offset, size):
+def _coincide(plane: Plane, normal: np.ndarray, offset: float, size: float) -> bool:
     """Whether a plane has this normal and offset but for round-off and sign."""
     sign = np.sign(plane.normal @ normal)
     is_parallel = np.abs(sign * normal - plane.normal).max() < 1e-6

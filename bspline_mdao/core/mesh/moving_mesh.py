@@ -8,8 +8,10 @@ Theory: ``docs/theory/movers.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -220,7 +222,7 @@ class MovingMesh(OneLine):
                 place = "" if least > 0.0 else _place("element", worst, name) + self._obstacle(ids, worst)
         return Tangling(n_tangled, place, least, ratio, n_invalid)
 
-    def _obstacle(self, ids: np.ndarray, element: int) -> str:
+    def _obstacle(self, ids: np.ndarray, element: tuple[Any, ...]) -> str:
         """Say which of the `obstacles` an element of a block lies on; nothing where it lies on none."""
         corners = ids[tuple(slice(n, n + 2) for n in element)]
         beside = [what for what, points in self.obstacles if np.isin(corners, points).any()]
@@ -242,7 +244,7 @@ def _hexahedra(ids: np.ndarray) -> np.ndarray:
     return np.stack(corners, axis=-1).reshape(-1, 8).astype(np.int32)
 
 
-def _place(what: str, index, name: str) -> str:
+def _place(what: str, index: Iterable[Any], name: str) -> str:
     i, j, k = (int(n) + 1 for n in index)
     return f"{what} ({i}, {j}, {k}) of {name}"
 

@@ -5,7 +5,7 @@ Theory: ``docs/theory/geometry.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
 
@@ -29,35 +29,19 @@ __all__ = ["SurfaceMap", "SurfaceState"]
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMap:
-    """Nodes of a surface from the control points of the design surface, ``x = A s + c + T(s) r``.
+    """Nodes of a surface from the control points of the design surface, ``x = A s + c + T(s) r``."""
 
-    They are those of the whole map from control points to the grid, `bspline_mdao.core.walls.grid_map`: nodes on
-    walls are where the residual, turned with the wall alone, puts them.
+    # They are those of the whole map from control points to the grid, `bspline_mdao.core.walls.grid_map`: nodes on
+    # walls are where the residual, turned with the wall alone, puts them.
 
-    Parameters
-    ----------
-    matrix : csr_array, shape (n, n_surface)
-        A, the basis values at the nodes.
-    constant : ndarray, shape (n, 3)
-        c (m): what control points that are fixed contribute, and the residual of the fit where it does not turn.
-    turned : _TurnedRows or None
-        The residual, where the model has one and lets it turn.
-    """
-
-    matrix: csr_array
+    matrix: csr_array  # (n, n_surface), A, the basis values at the nodes
+    # (n, 3), c (m): what control points that are fixed contribute, and the residual of the fit where it does not turn
     constant: np.ndarray
-    turned: _TurnedRows | None
+    turned: _TurnedRows | None  # the residual, where the model has one and lets it turn
 
     @classmethod
     def of(cls, model: Model, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
-        """Take the rows of the surface's nodes out of the evaluation of the grid.
-
-        Raises
-        ------
-        InputError
-            If a node depends on a control point that is free to move and not on the design surface, none depends on one
-            that is, or the surface or the mesh is of another model.
-        """
+        """Take the rows of the surface's nodes out of the evaluation of the grid."""
         require_mesh_of(model, mesh, "surface: the mesh")
         if surface.rows.max() >= model.n_nodes:
             raise InputError(f"surface: it has nodes that {model.header.source} has not; make it of this model")
@@ -69,21 +53,18 @@ class SurfaceMap:
         return found
 
     @classmethod
-    def of_rows(cls, model: Model, surface_ids: np.ndarray, rows: np.ndarray, require=None) -> SurfaceMap:
-        """Take some rows out of the evaluation of the grid.
-
-        Parameters
-        ----------
-        model : FittedModel or ModelShare
-            The fitted grid, or what one of several processes needs of it.
-        surface_ids : ndarray of int, shape (n_surface,)
-            Numbers of the surface control points; all others count as fixed.
-        rows : ndarray of int, shape (n,)
-            Rows of the nodes in the grid vector, ascending; of nodes that are one, the first.
-        require : callable, optional
-            Called with each matrix that the nodes depend on control points by (that of the nodes, and that of the
-            corners of spans that their residual turns with) and with whether it is the second; may refuse it.
-        """
+    def of_rows(
+        cls,
+        model: Model,  # the fitted grid, or what one of several processes needs of it
+        # (n_surface,) of int, numbers of the surface control points; all others count as fixed
+        surface_ids: np.ndarray,
+        # (n,) of int, rows of the nodes in the grid vector, ascending; of nodes that are one, the first
+        rows: np.ndarray,
+        # called with each matrix that the nodes depend on control points by (that of the nodes, and that of the corners
+        # of spans that their residual turns with) and with whether it is the second; may refuse it
+        require: Callable | None = None,
+    ) -> SurfaceMap:
+        """Take some rows out of the evaluation of the grid."""
         require = require or (lambda matrix, turned: None)
         held = HeldNodes.of(model.topology, rows)
         parameters = model.parameters_of(held)
@@ -111,13 +92,7 @@ class SurfaceMap:
         return self.turned is None
 
     def at(self, surface_control_points: np.ndarray) -> SurfaceState:
-        """Nodes and their derivative at surface control points, shape (n_surface, 3), in metres.
-
-        Raises
-        ------
-        MovementError
-            If the surroundings of a point are turned inside out.
-        """
+        """Nodes and their derivative at surface control points, shape (n_surface, 3), in metres."""
         nodes = self.matrix @ surface_control_points + self.constant
         if self.turned is None:
             return SurfaceState(self, nodes, None)
@@ -131,21 +106,11 @@ class SurfaceMap:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceState:
-    """Nodes of a surface, and their derivative.
+    """Nodes of a surface, and their derivative."""
 
-    Parameters
-    ----------
-    of : SurfaceMap
-        What gave them.
-    nodes : ndarray, shape (n, 3)
-        The nodes (m).
-    turn : Turn or None
-        Rotations of the residual.
-    """
-
-    of: SurfaceMap
-    nodes: np.ndarray
-    turn: Turn | None
+    of: SurfaceMap  # what gave them
+    nodes: np.ndarray  # (n, 3), the nodes (m)
+    turn: Turn | None  # rotations of the residual
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -171,26 +136,13 @@ class SurfaceState:
 
 @dataclass(frozen=True, eq=False)
 class _TurnedRows:
-    """The residual of some nodes, and how it turns with the design surface.
+    """The residual of some nodes, and how it turns with the design surface."""
 
-    Parameters
-    ----------
-    turning : Turning
-        Rotations of the corners that these nodes need.
-    rows : FaceNodes
-        The nodes.
-    residual : ndarray, shape (n, 3)
-        Their residual (m).
-    surface_ids : ndarray of int, shape (n_surface,)
-        Control points on the design surface.
-    control_points : ndarray, shape (n_control_points, 3)
-        All on the baseline (m). Those that slide in planes do not matter: the planes stay.
-    """
-
-    turning: Turning
-    rows: FaceNodes
-    residual: np.ndarray
-    surface_ids: np.ndarray
+    turning: Turning  # rotations of the corners that these nodes need
+    rows: FaceNodes  # the nodes
+    residual: np.ndarray  # (n, 3), their residual (m)
+    surface_ids: np.ndarray  # (n_surface,) of int, control points on the design surface
+    # (n_control_points, 3), all on the baseline (m). Those that slide in planes do not matter: the planes stay.
     control_points: np.ndarray
 
     def at(self, control_points: np.ndarray) -> Turn:

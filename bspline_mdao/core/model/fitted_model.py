@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -259,17 +261,17 @@ class FittedModel(Shown, Model):
         self._note_file(path)
 
     @classmethod
-    def load(cls, path) -> FittedModel:
+    def load(cls, path: str | os.PathLike) -> FittedModel:
         """Read a model from a file, see `bspline_mdao.core.model.model_file.read_model`."""
         model = read_model(path, cls)
         model._note_file(path)
         return model
 
-    def _fields(self) -> dict[str, object]:
+    def _fields(self) -> dict[str, Any]:
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         return {**own, "residual_lengths": self.residual_lengths}
 
-    def _note_file(self, path) -> None:
+    def _note_file(self, path: str | os.PathLike) -> None:
         object.__setattr__(self, "_file", Path(path).absolute())
 
     @property

@@ -26,7 +26,7 @@ from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -89,7 +89,7 @@ Model = TypeVar("Model")
 
 
 def write_model(
-    fields_of_model: Mapping[str, object],  # the fields of a `bspline_mdao.core.model.fitted_model.FittedModel` by name
+    fields_of_model: Mapping[str, Any],  # the fields of a `bspline_mdao.core.model.fitted_model.FittedModel` by name
     path: str | os.PathLike,  # the file
     compress: bool = True,  # compress the arrays
 ) -> None:
@@ -265,7 +265,7 @@ def arrays_of(
     return {name: array for name, array in arrays.items() if array is not None}
 
 
-def attributes_of(report, **_) -> dict[str, object]:
+def attributes_of(report: FitReport, **_: Any) -> dict[str, object]:
     """Attributes of the file of a model but its checksum: what is no part of the model, such as the time of the fit."""
     return {"format": MODEL_FORMAT, "version": VERSION, "seconds": report.seconds}
 
@@ -406,7 +406,7 @@ def check_parameters(topology: Topology, number: int, shape, values: np.ndarray 
         raise ValueError("parameters")
 
 
-def _encode(value):
+def _encode(value: Any) -> Any:
     """Turn records, tuples and numbers into what JSON holds."""
     if is_dataclass(value):
         if type(value).__name__ not in _RECORDS:
@@ -421,7 +421,7 @@ def _encode(value):
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _decode(value):
+def _decode(value: Any) -> Any:
     """Reverse of `_encode`; lists become tuples."""
     if isinstance(value, list):
         return tuple(_decode(item) for item in value)

@@ -257,11 +257,12 @@ class SparseComponent(CheckedOnProcesses, om.ExplicitComponent):
     # check sees products with the very entries that are declared, in the place of the declaration.
 
     way_of_check = OWN
+    _subjacs_info: dict
 
     def __init__(self, **options: Any):
         super().__init__(**options)
         self.matrix_free = False  # OpenMDAO takes a component with products for one without entries
-        self._entries: dict[tuple[str, str], tuple[np.ndarray, np.ndarray, np.ndarray | float | None]] = {}
+        self._entries: dict[tuple[str, str], tuple[np.ndarray, np.ndarray, Any]] = {}
 
     def check_partials(self, *arguments: Any, **options: Any) -> Any:
         """Check the partial derivatives, see ``om.ExplicitComponent.check_partials``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from openmdao.vectors.vector import Vector
 from scipy.sparse import identity, kron
 
 from ...base.numerics.processes import summed
@@ -88,7 +89,7 @@ class GridEvaluate(SparseComponent):
     True
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self, desc="the fitted grid, or a share of it")
         declare_partition(self)
@@ -104,7 +105,7 @@ class GridEvaluate(SparseComponent):
         return not model.settings.wall_layer or (model.residual is None and not has_walls)
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables, of the sizes of the model."""
         model, surface = part_of_model(self), self.options["surface"]
         self._last = LastState()
@@ -128,14 +129,14 @@ class GridEvaluate(SparseComponent):
             check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)
 
     @fails_together
-    def setup_partials(self):
+    def setup_partials(self) -> None:
         """Declare the Jacobian once and for all where it is wanted as a matrix."""
         if self.options["assembled"]:  # a matrix-free one stays undeclared: OpenMDAO would allocate it, and it is dense
             matrix = self._map.evaluator.matrix()[: self._map.n_asked]
             jacobian = kron(matrix, identity(3), format="coo")
             self.declare_sparse(GRID, CONTROL_POINTS, jacobian.row, jacobian.col, jacobian.data)
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Evaluate the volumes at the nodes, and let nodes follow walls."""
         state = self._state_at(inputs)
         outputs[GRID] = state.nodes[: self._map.n_asked].ravel()
@@ -143,7 +144,7 @@ class GridEvaluate(SparseComponent):
             change = state.jvp(*(inputs[name].imag.reshape(-1, 3) for name in self._map.inputs))
             outputs[GRID] += 1j * change[: self._map.n_asked].ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose at the inputs."""
         if self.options["assembled"]:
             super().compute_jacvec_product(inputs, d_inputs, d_outputs, mode)
@@ -151,10 +152,10 @@ class GridEvaluate(SparseComponent):
         state, grid_map = self._state_at(inputs), self._map
         names = [name for name in grid_map.inputs if name in d_inputs]
 
-        def jvp(*directions):
+        def jvp(*directions: np.ndarray) -> np.ndarray:
             return state.jvp(**dict(zip(names, directions)))[: grid_map.n_asked]
 
-        def vjp(bar):
+        def vjp(bar: np.ndarray) -> list[np.ndarray | None]:
             bars = state.vjp(grid_map.padded(bar), names)
             return [summed(self.comm, bars[name]) for name in names]
 
@@ -177,7 +178,7 @@ class GridEvaluate(SparseComponent):
             raise InputError(f"{self.msginfo}: 'numbers' has a node twice; give each once")
         return numbers
 
-    def _state_at(self, inputs) -> GridState:
+    def _state_at(self, inputs: Vector) -> GridState:
         with failures_as_analysis_errors(self):
             points = [finite_points(inputs[name], name, self.msginfo).real for name in self._map.inputs]
             return self._last.at(points, self._map.at)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ...errors import InputError
 from ...names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
@@ -81,13 +82,13 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self, FittedModel, desc="fit of the baseline grid")
         declare_partition(self)
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables, of the sizes of the model."""
         model, is_shared = self.options["model"], self.comm.size > 1
         partition = blocks_of(self)
@@ -107,23 +108,23 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
         for name in (CONTROL_POINTS_INITIAL, CONTROL_POINTS) if needs_initial else (CONTROL_POINTS,):
             check_along_edges(self, name, model.mesh.control_ids)
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Evaluate the volumes at the nodes, and let nodes follow walls."""
         outputs[GRID] = self._whole.own(self._state_at(inputs).nodes).ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
         state, whole = self._state_at(inputs), self._whole
 
         names = [name for name in state.inputs if name in d_inputs]
 
-        def jvp(*directions):
+        def jvp(*directions) -> np.ndarray:
             changes = dict(zip(names, directions))
             if GRID_INITIAL in changes:
                 changes[GRID_INITIAL] = whole.gather(changes[GRID_INITIAL])
             return whole.own(state.jvp(**changes))
 
-        def vjp(bar):
+        def vjp(bar: np.ndarray) -> list[np.ndarray | None]:
             bars = state.vjp(whole.gather(bar), names)
             return [whole.own(bars[name]) if name == GRID_INITIAL else bars[name] for name in names]
 
@@ -132,13 +133,13 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     def _grid(self, nodes: np.ndarray) -> LiveGrid:
         return live_grid(self.options["model"], nodes)
 
-    def _state_at(self, inputs) -> LiveGridState:
+    def _state_at(self, inputs: Vector) -> LiveGridState:
         points = self._points(inputs)
         points[GRID_INITIAL] = self._whole.gather(points[GRID_INITIAL])
         return self._state_of(points)
 
     @fails_together
-    def _points(self, inputs) -> dict[str, np.ndarray]:
+    def _points(self, inputs: Vector) -> dict[str, np.ndarray]:
         """Inputs as points, those of the grid of this process alone."""
         refuse_complex_step(self)
         return {name: finite_points(inputs[name], name, self.msginfo) for name in INPUTS if name in inputs}

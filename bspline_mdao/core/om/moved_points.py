@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import openmdao.api as om
+from openmdao.vectors.vector import Vector
 
 from ..evaluation.node_map import NodeMap, NodeState
 from .checked_along_edges import CheckedAlongEdges
 from .component import LastState, add_product, failures_as_analysis_errors, finite_points
 
 
-def add_node_product(state: NodeState, inputs, d_inputs, d_outputs, mode: str, of: str) -> None:
+def add_node_product(state: NodeState, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str, of: str) -> None:
     """Add the product of the Jacobian of nodes, or of its transpose, in those inputs that play a part."""
     names = [name for name in state.inputs if name in d_inputs]
 
@@ -25,27 +26,26 @@ def add_node_product(state: NodeState, inputs, d_inputs, d_outputs, mode: str, o
 
 
 class MovedPoints(CheckedAlongEdges, om.ExplicitComponent):
-    """Component whose output is the nodes of a map.
+    """Component whose output is the nodes of a map."""
 
-    Its ``setup`` calls `_moves_by` once the map is known.
-    """
+    # Its ``setup`` calls `_moves_by` once the map is known.
 
     def _moves_by(self, node_map: NodeMap, of: str, *wrt: str) -> None:
         """Set the map, the name of the output, and those of the inputs in the order in which the map takes them."""
         self._map, self._of, self._wrt, self._last = node_map, of, wrt, LastState()
 
-    def compute(self, inputs, outputs):
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Evaluate the points."""
         state = self._state_at(inputs)
         outputs[self._of] = state.nodes.ravel()
         if self.under_complex_step:
             outputs[self._of] += 1j * state.jvp(*(inputs[wrt].imag.reshape(-1, 3) for wrt in self._wrt)).ravel()
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose at the inputs."""
         add_node_product(self._state_at(inputs), inputs, d_inputs, d_outputs, mode, self._of)
 
-    def _state_at(self, inputs) -> NodeState:
+    def _state_at(self, inputs: Vector) -> NodeState:
         with failures_as_analysis_errors(self):
             points = [finite_points(inputs[name], name, self.msginfo).real for name in self._wrt]
             return self._last.at(points, self._map.at)

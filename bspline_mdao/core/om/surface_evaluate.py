@@ -60,7 +60,7 @@ class SurfaceEvaluate(MovedPoints):
     (294,)
     """
 
-    def initialize(self):
+    def initialize(self) -> None:
         """Declare the options."""
         declare_model(self)
         self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
@@ -73,7 +73,7 @@ class SurfaceEvaluate(MovedPoints):
         return model.residual is None or not model.settings.wall_layer
 
     @fails_together
-    def setup(self):
+    def setup(self) -> None:
         """Declare the variables."""
         mesh, surface = self.options["mesh"], self.options["surface"]
         self._moves_by(SurfaceMap.of(self.options["model"], mesh, surface), SURFACE, SURFACE_CONTROL_POINTS)

@@ -60,32 +60,17 @@ AT_END = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class RidingWalls(OneLine):
-    """Walls of a mesh that rides.
+    """Walls of a mesh that rides."""
 
-    Parameters
-    ----------
-    faces : WallFaces
-        Their faces.
-    rows : ndarray of int, shape (n_wall,)
-        Their nodes, ascending.
-    planes : list of (ndarray of int, ndarray of shape (3,))
-        Nodes of the mesh in planes that walls end on, and the planes' unit normals.
-    fading : scipy.sparse.csr_array, shape (n_points, n_wall)
-        F, but for these planes.
-    following : WallFollowing
-        Nodes that follow them.
-    missed : ndarray, shape (n_wall, 3)
-        d: what the volumes miss of their nodes (m).
-    at, beside : ndarray of int, shape (m,)
-        Numbers of nodes of walls among `rows`, and the nodes of the mesh next to them.
-    """
-
-    faces: WallFaces
-    rows: np.ndarray
+    faces: WallFaces  # their faces
+    rows: np.ndarray  # (n_wall,) of int, their nodes, ascending
+    # list of (ndarray of int, ndarray of shape (3,)) of int, nodes of the mesh in planes that walls end on, and the
+    # planes' unit normals
     planes: list[tuple[np.ndarray, np.ndarray]]
-    fading: csr_array
-    following: WallFollowing
-    missed: np.ndarray
+    fading: csr_array  # scipy.sparse.csr_array, shape (n_points, n_wall), F, but for these planes
+    following: WallFollowing  # nodes that follow them
+    missed: np.ndarray  # (n_wall, 3), d: what the volumes miss of their nodes (m)
+    # at, beside: (m,) of int, numbers of nodes of walls among `rows`, and the nodes of the mesh next to them
     at: np.ndarray
     beside: np.ndarray
 
@@ -314,24 +299,12 @@ class RidingMesh(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class RiddenMesh(OneLine):
-    """A mesh that was moved, and the derivative of its nodes.
+    """A mesh that was moved, and the derivative of its nodes."""
 
-    Parameters
-    ----------
-    of : RidingMesh
-        The map.
-    nodes : ndarray, shape (n_points, 3)
-        The nodes (m).
-    turned : Frames or None
-        How walls turned of which nothing was asked.
-    followed : Followed or None
-        The nodes that followed walls.
-    """
-
-    of: RidingMesh
-    nodes: np.ndarray
-    turned: Frames | None
-    followed: Followed | None
+    of: RidingMesh  # the map
+    nodes: np.ndarray  # (n_points, 3), the nodes (m)
+    turned: Frames | None  # how walls turned of which nothing was asked
+    followed: Followed | None  # the nodes that followed walls
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -339,16 +312,14 @@ class RiddenMesh(OneLine):
         is_asked = self.followed is not None and self.turned is None
         return (CONTROL_POINTS, WALL) if is_asked else (CONTROL_POINTS,)
 
-    def jvp(self, control_points: np.ndarray | None = None, wall: np.ndarray | None = None) -> np.ndarray:
-        """Change of the nodes, shape (n_points, 3).
-
-        Parameters
-        ----------
-        control_points : ndarray, shape (n_control_points, 3), optional
-            Change of the control points; none by default.
-        wall : ndarray, shape (n_asked, 3), optional
-            Change of the places that the nodes of walls were asked for; none by default.
-        """
+    def jvp(
+        self,
+        # (n_control_points, 3), change of the control points; none by default
+        control_points: np.ndarray | None = None,
+        # (n_asked, 3), change of the places that the nodes of walls were asked for; none by default
+        wall: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Change of the nodes, shape (n_points, 3)."""
         of, change = self.of, np.zeros_like(self.nodes)
         if control_points is not None:
             change[of.rows] = of.evaluator.forward(control_points)
@@ -365,21 +336,14 @@ class RiddenMesh(OneLine):
         self.followed.jvp(change, change)
         return change
 
-    def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
-        """Transpose of `jvp`.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n_points, 3)
-            Derivative of a scalar with respect to the nodes.
-        wrt : collection of str, optional
-            Which derivatives: ``control_points``, shape (n_control_points, 3), and, where places of the nodes of walls
-            were asked for, ``wall``, shape (n_asked, 3); in all `inputs` by default.
-
-        Returns
-        -------
-        dict of str to ndarray
-        """
+    def vjp(
+        self,
+        bar: np.ndarray,  # (n_points, 3), derivative of a scalar with respect to the nodes
+        # which derivatives: ``control_points``, shape (n_control_points, 3), and, where places of the nodes of walls
+        # were asked for, ``wall``, shape (n_asked, 3); in all `inputs` by default
+        wrt: Collection[str] | None = None,
+    ) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`."""
         of, bar, wrt = self.of, np.array(bar, dtype=float), require_inputs(wrt, self.inputs)
         walls, bars = of.walls, {}
         if walls is not None and self.followed is not None:
@@ -413,12 +377,10 @@ def _fading(points: np.ndarray, wall: np.ndarray, quads: np.ndarray) -> csr_arra
 
 
 def _on_planes(model: FittedModel, found: PointInversion, points: np.ndarray, planes: list) -> PointInversion:
-    """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there.
-
-    The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it. What
-    is off by round-off is in the plane: all parameters of a section are in its planes but for those across. Parameters
-    that are off an end by round-off are put there, so that nodes stay in planes to the last bit.
-    """
+    """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there."""
+    # The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it.
+    # What is off by round-off is in the plane: all parameters of a section are in its planes but for those across.
+    # Parameters that are off an end by round-off are put there, so that nodes stay in planes to the last bit.
     parameters, near = found.parameters.copy(), ON_PLANE * np.linalg.norm(np.ptp(model.control_points, axis=0))
     for rows, normal in planes:
         for d in range(3):
