@@ -166,7 +166,7 @@ class BlockFactor:
     is_transposed: bool = False  # whether it is the factor of the transpose
 
     @classmethod
-    def of(cls, pattern: Pattern, lower, upper, diagonal) -> BlockFactor:
+    def of(cls, pattern: Pattern, lower, upper, diagonal: np.ndarray) -> BlockFactor:
         """Factor a matrix, whose blocks off the diagonal are halves, at their entries, the others by rank."""
         # They are written over.
         schedule = pattern.schedule

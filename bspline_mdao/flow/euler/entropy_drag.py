@@ -80,7 +80,7 @@ class EntropyDrag:
         ends = faces.corners[first:], far - first, faces.left[far], slip - first
         return cls(*ends, *pressures, discretization.halo, vortex, axes)
 
-    def evaluate(self, states: np.ndarray, areas: np.ndarray, alpha: float, mach):
+    def evaluate(self, states: np.ndarray, areas: np.ndarray, alpha: float, mach: float):
         """Drag of states, shape (n_cells, 5), and boundary faces with area vectors (m^2), shape (n_boundary, 3)."""
         stream, seen = free_stream(mach, alpha, self.axes), self.halo.extend(states)
         _, *at = self._at_far_field(seen, areas, stream)
@@ -89,7 +89,15 @@ class EntropyDrag:
         return summed_number(self.halo.comm, own) / (0.5 * mach**3)
 
     def jvp(
-        self, states: np.ndarray, areas: np.ndarray, alpha: float, mach, d_states: np.ndarray, d_areas, d_alpha, d_mach
+        self,
+        states: np.ndarray,
+        areas: np.ndarray,
+        alpha: float,
+        mach: float,
+        d_states: np.ndarray,
+        d_areas: np.ndarray,
+        d_alpha,
+        d_mach,
     ):
         """Change of the drag with the states, the area vectors, the angle (rad) and the Mach number."""
         stream, seen, d_seen = free_stream(mach, alpha, self.axes), self.halo.extend(states), self.halo.extend(d_states)
@@ -99,7 +107,12 @@ class EntropyDrag:
         d_outside = np.tile(d_stream, (len(self.far), 1))
         if self.vortex is not None:
             d_outside = self.vortex.linearize(seen, areas, stream).outside_jvp(d_seen, d_areas, d_stream)
-        d_near = d_seen[self.cells[far]] - d_stream, d_outside[far] - d_stream, d_areas[self.far[far]], d_stream[1:4]
+        d_near: tuple[np.ndarray, ...] = (
+            d_seen[self.cells[far]] - d_stream,
+            d_outside[far] - d_stream,
+            d_areas[self.far[far]],
+            d_stream[1:4],
+        )
         slip, d_slip = areas[self.slip], d_areas[self.slip]
         own = np.sum(far_terms(*at, *d_near)[1]) + self._rises(d_seen, 0.0) @ (slip @ stream[1:4])
         own += self._rises(seen, stream[4]) @ (d_slip @ stream[1:4] + slip @ d_stream[1:4])
@@ -107,7 +120,7 @@ class EntropyDrag:
         return change - 3.0 / mach * self.evaluate(states, areas, alpha, mach) * d_mach
 
     def vjp(
-        self, states: np.ndarray, areas: np.ndarray, alpha: float, mach, bar: float
+        self, states: np.ndarray, areas: np.ndarray, alpha: float, mach: float, bar: float
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Derivatives with respect to the states, the area vectors, the angle and the Mach number, times a number."""
         stream, seen, scaled = free_stream(mach, alpha, self.axes), self.halo.extend(states), bar / (0.5 * mach**3)
@@ -142,7 +155,7 @@ class EntropyDrag:
         beyond = np.broadcast_to(outside, (len(self.far), N_STATES))[far] - stream
         return far, seen[self.cells[far]] - stream, beyond, areas[self.far[far]], stream[1:4]
 
-    def _rises(self, seen, pressure):
+    def _rises(self, seen: np.ndarray, pressure: float | np.ndarray) -> np.ndarray:
         """Pressures on walls and planes of symmetry above another, shape (n_slip,)."""
         return np.sum(self.weights * (seen[self.slip_cells, 4] - pressure), axis=1)
 
@@ -162,7 +175,7 @@ class EntropyCoefficient:
         """Take the far field of a grid."""
         return cls(EntropyDrag.of(flow.discretization, flow.axes), flow.corners, area)
 
-    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach) -> dict[str, np.ndarray]:
+    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach: float) -> dict[str, np.ndarray]:
         """Coefficient by its name; real or complex."""
         boundary = area_vectors(self.nodes.extend(nodes), self.drag.corners)
         return {"CD_entropy": self.drag.evaluate(states, boundary, alpha, mach) / self.area}
@@ -172,7 +185,7 @@ class EntropyCoefficient:
         states: np.ndarray,
         nodes: np.ndarray,
         alpha: float,
-        mach,
+        mach: float,
         d_states: np.ndarray,
         d_nodes: np.ndarray,
         d_alpha,
@@ -186,7 +199,7 @@ class EntropyCoefficient:
         return {"CD_entropy": d_drag / self.area}
 
     def vjp(
-        self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach, bars: dict
+        self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach: float, bars: dict
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Apply the transpose of `jvp`: derivatives with respect to states, nodes, angle and Mach number."""
         seen = self.nodes.extend(nodes)
@@ -196,7 +209,16 @@ class EntropyCoefficient:
         return states_bar, nodes_bar, alpha_bar, mach_bar
 
 
-def far_terms(b, o, s, u, db, do, ds, du):
+def far_terms(
+    b: np.ndarray,
+    o: np.ndarray,
+    s: np.ndarray,
+    u: np.ndarray,
+    db: np.ndarray,
+    do: np.ndarray,
+    ds: np.ndarray,
+    du: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Flux of the entropy less v_inf . F by the latter's factor, shape (n,), and its change, on the far field."""
     # Of states of the cells and outside less that of the stream, both of shape (n, 5), area vectors, shape (n, 3), and
     # the velocity of the stream, shape (3,).
@@ -233,7 +255,9 @@ def far_terms(b, o, s, u, db, do, ds, du):
     return value, change + 0.5 * (dP * cs + P * dcs + dl0 * loss + l0 * d_loss)
 
 
-def _entropy(b, s, u, db, ds, du):
+def _entropy(
+    b: np.ndarray, s: np.ndarray, u: np.ndarray, db: np.ndarray, ds: np.ndarray, du: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Flux of the entropy of cells, by the factor of v_inf . F, with their states less that of the stream."""
     rho, v, dv = 1.0 + b[:, 0], u + b[:, 1:4], du + db[:, 1:4]
     entropy, heat = np.log1p(GAMMA * b[:, 4]) - GAMMA * np.log1p(b[:, 0]), 1.0 + GAMMA * b[:, 4]
@@ -247,7 +271,7 @@ def _entropy(b, s, u, db, ds, du):
     return rho * out * entropy / _HEAT, change / _HEAT
 
 
-def _gradients(b, o, s, u) -> list[np.ndarray]:
+def _gradients(b: np.ndarray, o: np.ndarray, s: np.ndarray, u: np.ndarray) -> list[np.ndarray]:
     """Derivatives of `far_terms` with respect to its four arguments, of each face: shapes (n, 5), (n, 5), (n, 3) twice.
 
     One direction after the other: there are few faces.
@@ -272,6 +296,6 @@ def relative_entropy(w: np.ndarray) -> np.ndarray:
     return np.log(GAMMA * w[:, 4]) - GAMMA * np.log(w[:, 0])
 
 
-def entropy_scale(mach):
+def entropy_scale(mach: float) -> float:
     """Dynamic pressure times speed, divided by temperature of the stream and specific heat at constant volume."""
     return 0.5 * mach**3 * _HEAT

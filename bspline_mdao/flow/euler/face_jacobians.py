@@ -63,7 +63,7 @@ class FaceJacobians:
             rows = rows if at_shock.any() else rows[:0]  # in slow flow a product costs what it costs without a sensor
         shocks = np.zeros((int(rows.max(initial=-1)) + 1, N_SHOCK), np.float32)
 
-        def fill(part) -> None:
+        def fill(part: slice) -> None:
             face_jacobians(*linearization.at(part), values[part], rows[part], shocks)
 
         visit(n, fill)
@@ -77,7 +77,7 @@ class FaceJacobians:
         d_states = discretization.halo.extend(np.ascontiguousarray(d_states, np.float32))
         flux, rest = np.empty((len(self.values), N_STATES), np.float32), (self.shocks, d_states)
 
-        def fill(part) -> None:
+        def fill(part: slice) -> None:
             index = stencil.cells[part], stencil.means, stencil.classes[part], self.jump_weights, stencil.lines[part]
             multiply(*index, self.values[part], self.shock_rows[part], *rest, flux[part])
 
@@ -91,7 +91,7 @@ class FaceJacobians:
         bar = discretization.halo.pad(np.ascontiguousarray(bar, np.float32))
         shares, rest = np.empty((len(self.values), 4, N_STATES), np.float32), (self.shocks, bar)
 
-        def fill(part) -> None:
+        def fill(part: slice) -> None:
             index = stencil.cells[part], stencil.means, stencil.classes[part], self.jump_weights, stencil.lines[part]
             multiply_transposed(
                 *index, stencil.roles[part], self.values[part], self.shock_rows[part], *rest, shares[part]

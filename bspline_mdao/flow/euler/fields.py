@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ def field_values(
     }
 
 
-def _total(mach: float):
+def _total(mach: float | np.ndarray) -> Any:
     """Total pressure divided by pressure."""
     return (1.0 + 0.5 * (GAMMA - 1.0) * mach**2) ** (GAMMA / (GAMMA - 1.0))
 

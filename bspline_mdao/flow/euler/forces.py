@@ -45,7 +45,7 @@ class StateKernel(Protocol):
     def outputs(self) -> tuple[str, ...]:
         """Their names."""
 
-    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach) -> dict[str, Any]:
+    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach: float) -> dict[str, Any]:
         """Values by name; real or complex."""
 
     def jvp(
@@ -53,7 +53,7 @@ class StateKernel(Protocol):
         states: np.ndarray,
         nodes: np.ndarray,
         alpha: float,
-        mach,
+        mach: float,
         d_states: np.ndarray,
         d_nodes: np.ndarray,
         d_alpha,
@@ -62,7 +62,7 @@ class StateKernel(Protocol):
         """Derivatives of `evaluate` along a direction in all of its arguments."""
 
     def vjp(
-        self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach, bars: dict
+        self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach: float, bars: dict
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name."""
 
@@ -130,7 +130,7 @@ class FlowForces:
         states: np.ndarray,
         nodes: np.ndarray,
         alpha: float,
-        mach,
+        mach: float,
         d_states: np.ndarray,
         d_nodes: np.ndarray,
         d_alpha,
@@ -147,7 +147,7 @@ class FlowForces:
         return found
 
     def vjp(
-        self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach, bars: dict
+        self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach: float, bars: dict
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name."""
         # Returns derivatives with respect to the states, the nodes, the angle (1/rad) and the Mach number.
@@ -194,17 +194,17 @@ class WallPressure:
         weights = stencil.means[stencil.classes[wall]]
         return cls(stencil.cells[wall, :3], weights[:, :3], flow.discretization.halo, flow.walls)
 
-    def evaluate(self, states: np.ndarray, mach) -> np.ndarray:
+    def evaluate(self, states: np.ndarray, mach: float) -> np.ndarray:
         """Pressure coefficients, shape (n_wall,), of states, shape (n_cells, 5), at a Mach number."""
         pressures = self._extrapolated(states)
         return (pressures - 1.0 / GAMMA) / (0.5 * mach**2)
 
-    def jvp(self, states: np.ndarray, mach, d_states: np.ndarray, d_mach) -> np.ndarray:
+    def jvp(self, states: np.ndarray, mach: float, d_states: np.ndarray, d_mach) -> np.ndarray:
         """Change of the coefficients with the states and the Mach number."""
         d_pressures = self._extrapolated(d_states)
         return d_pressures / (0.5 * mach**2) - 2.0 * d_mach / mach * self.evaluate(states, mach)
 
-    def vjp(self, states: np.ndarray, mach, bar: np.ndarray) -> tuple[np.ndarray, float]:
+    def vjp(self, states: np.ndarray, mach: float, bar: np.ndarray) -> tuple[np.ndarray, float]:
         """Apply the transpose of `jvp`: derivatives with respect to the states and the Mach number."""
         seen_bar = self.halo.pad(np.zeros_like(states))
         own_bar = bar[self.walls.own]

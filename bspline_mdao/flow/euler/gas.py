@@ -20,7 +20,7 @@ N_STATES = 5
 
 
 def free_stream(
-    mach,  # mach number
+    mach: float,  # mach number
     alpha: float,  # angle of attack (rad)
     axes: np.ndarray,  # (3, 3), rows are the directions downstream at zero angle, along the span, and up
 ) -> np.ndarray:  # (5,)
@@ -29,7 +29,7 @@ def free_stream(
     return np.concatenate([[1.0], velocity, [1.0 / GAMMA]])
 
 
-def free_stream_partials(mach, alpha: float, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def free_stream_partials(mach: float, alpha: float, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Differentiate `free_stream` with respect to the Mach number and the angle (1/rad): two arrays of shape (5,)."""
     drag, lift = stream_axes(alpha, axes)
     return np.concatenate([[0.0], drag, [0.0]]), np.concatenate([[0.0], mach * lift, [0.0]])

@@ -25,21 +25,17 @@ ROUNDED = 1e-12
 
 
 @njit(cache=True, error_model="numpy")
-def free_changes(face, weights, has_first, has_last):
-    """Changes of the four weights with no bound on them, and the determinant of the matrix of the face.
-
-    They are there where the determinant is positive.
-
-    Parameters
-    ----------
-    face : tuple
-        Centre of the face, those of the four cells (m), and the sum of the squares of the edges of the middle two
-        (m^2), as rows.
-    weights : tuple of four
-        Weights of smooth lines.
-    has_first, has_last : float
-        1.0 where the first and the last cell are no stand-ins for missing ones, else 0.0.
-    """
+def free_changes(
+    # centre of the face, those of the four cells (m), and the sum of the squares of the edges of the middle two (m^2),
+    # as rows
+    face,
+    weights,  # weights of smooth lines
+    # has_first, has_last: 1.0 where the first and the last cell are no stand-ins for missing ones, else 0.0
+    has_first: float,
+    has_last: float,
+):
+    """Changes of the four weights with no bound on them, and the determinant of the matrix of the face."""
+    # They are there where the determinant is positive.
     middle, a, b, c, d, spread = face
     p, q, r, s = less(a, middle), less(b, middle), less(c, middle), less(d, middle)
     miss = _sum(p, q, r, s, weights[0], weights[1], weights[2], weights[3])
@@ -82,11 +78,9 @@ def free_changes(face, weights, has_first, has_last):
 
 @njit(cache=True, error_model="numpy")
 def bounded_changes(free, weights, is_more):
-    """Changes of the weights, kept below what is allowed; ``is_more`` is 1.0 where the outer two gain, else 0.0.
-
-    Their factor ``(1 + sum_k (free_k / LARGEST)^8 + (outer / room)^8)^(-1/8)`` is smooth, and 1 to 0.05 % up to half of
-    both.
-    """
+    """Changes of the weights, kept below what is allowed; ``is_more`` is 1.0 where the outer two gain, else 0.0."""
+    # Their factor ``(1 + sum_k (free_k / LARGEST)^8 + (outer / room)^8)^(-1/8)`` is smooth, and 1 to 0.05 % up to half
+    # of both.
     beyond = is_more * _eighth((free[0] + free[3]) / (OUTER - weights[0] - weights[3]))
     inner = _eighth(free[0] / LARGEST) + _eighth(free[1] / LARGEST) + _eighth(free[2] / LARGEST)
     total = 1.0 + inner + _eighth(free[3] / LARGEST) + beyond

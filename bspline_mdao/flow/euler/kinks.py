@@ -53,43 +53,25 @@ with others Newton's steps do not converge on the spacing of boundary layers."""
 
 @dataclass(frozen=True, eq=False)
 class Kinks:
-    """Faces with weights of their own, and these as functions of the nodes. Made by `Kinks.of`.
+    """Faces with weights of their own, and these as functions of the nodes. Made by `Kinks.of`."""
 
-    Nodes are those of this process and of others that it sees, and so are what is returned for them.
-
-    Parameters
-    ----------
-    faces : CellFaces
-    halo : Halo
-        Exchange of cells with other processes.
-    plain : Stencil
-        With the weights of smooth lines.
-    ids : ndarray of int, shape (n_kinked,)
-        Numbers of the faces, all of them inner ones.
-    n_of_grid : int
-        Number of those of all processes.
-    """
+    # Nodes are those of this process and of others that it sees, and so are what is returned for them.
 
     faces: CellFaces
-    halo: Halo
-    plain: Stencil
-    ids: np.ndarray
-    n_of_grid: int
+    halo: Halo  # exchange of cells with other processes
+    plain: Stencil  # with the weights of smooth lines
+    ids: np.ndarray  # (n_kinked,) of int, numbers of the faces, all of them inner ones
+    n_of_grid: int  # number of those of all processes
 
     @classmethod
-    def of(cls, plain: Stencil, faces: CellFaces, nodes: np.ndarray, halo: Halo) -> Kinks:
-        """Choose the faces by where their four cells are, where that is not where smooth lines have them.
-
-        Parameters
-        ----------
-        plain : Stencil
-            With the weights of smooth lines.
-        faces : CellFaces
-        nodes : ndarray, shape (n_nodes, 3)
-            Baseline nodes (m).
-        halo : Halo
-            Exchange of cells with other processes.
-        """
+    def of(
+        cls,
+        plain: Stencil,  # with the weights of smooth lines
+        faces: CellFaces,
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
+        halo: Halo,  # exchange of cells with other processes
+    ) -> Kinks:
+        """Choose the faces by where their four cells are, where that is not where smooth lines have them."""
         every = cls(faces, halo, plain, np.arange(faces.n_inner), faces.n_inner)
         spreads = every._shapes(nodes)[-1]
         lengths = np.linalg.eigvalsh(spreads[faces.left[faces.faces_of("wall")]])
@@ -141,30 +123,27 @@ class Kinks:
         """Cells of all faces, and the number of cells."""
         return self.faces.left, self.faces.right, self.faces.n_cells + self.faces.n_ghosts
 
-    def _shapes(self, nodes):
+    def _shapes(self, nodes: np.ndarray):
         """Centres and area vectors of the faces, and centres and squares of edges of the cells."""
         middles, areas = face_centres(nodes, self.faces.corners)
         return middles, areas, *self._seen(cell_shapes(middles, areas, *self._sides))
 
-    def _seen(self, shapes):
+    def _seen(self, shapes: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
         """Arrays of cells, those of other processes taken from there."""
         return tuple(self.halo.extend(np.ascontiguousarray(self.halo.cut(part))) for part in shapes)
 
 
 @njit(cache=True, error_model="numpy")
-def weight_changes(cells, weights, middles, centres, spreads):
-    """Changes of the weights of the four cells in the mean states of faces, shape (n, 4); real or complex.
-
-    Parameters
-    ----------
-    cells : ndarray of int, shape (n, 4)
-    weights : ndarray, shape (n, 4)
-        Weights of smooth lines.
-    middles : ndarray, shape (n, 3)
-        Centres of the faces (m).
-    centres, spreads : ndarray, shapes (n_cells, 3) and (n_cells, 3, 3)
-        Centres (m) and sums of the squares of the edges (m^2) of the cells.
-    """
+def weight_changes(
+    cells: np.ndarray,  # (n, 4) of int
+    weights: np.ndarray,  # (n, 4), weights of smooth lines
+    middles: np.ndarray,  # (n, 3), centres of the faces (m)
+    # centres, spreads: (n_cells, 3) and (n_cells, 3, 3), centres (m) and sums of the squares of the edges (m^2) of the
+    # cells
+    centres: np.ndarray,
+    spreads: np.ndarray,
+):
+    """Changes of the weights of the four cells in the mean states of faces, shape (n, 4); real or complex."""
     out = np.zeros((len(cells), 4), centres.dtype)
     for f in range(len(cells)):
         own = _four(weights, f)

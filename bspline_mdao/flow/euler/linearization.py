@@ -61,7 +61,7 @@ class Linearization:
         discretization, bar = self.discretization, self._seen(bar)
         shares = np.zeros((len(self.areas), 4, N_STATES))
 
-        def fill(part) -> None:
+        def fill(part: slice) -> None:
             state_shares(*self.at(part), bar, shares[part])
 
         visit(len(shares), fill)
@@ -100,7 +100,7 @@ class Linearization:
         d_states, d_areas = (np.ascontiguousarray(d, dtype) for d in (d_states, d_areas))
         flux = np.zeros((len(d_areas), N_STATES), dtype)
 
-        def fill(part) -> None:
+        def fill(part: slice) -> None:
             flux_changes(*self.at(part), d_states, d_areas[part], d_outside[part], flux[part])
 
         visit(len(flux), fill)
@@ -118,7 +118,7 @@ class Linearization:
         """Rows of the cells of this process, with none at those of others."""
         return np.ascontiguousarray(self.discretization.halo.pad(bar))
 
-    def at(self, part) -> tuple:
+    def at(self, part: slice | np.ndarray) -> tuple:
         """What the kernels take, of a range or list of faces."""
         discretization, stencil = self.discretization, self.discretization.stencil
         settings = discretization.dissipation, discretization.shock_threshold

@@ -236,7 +236,7 @@ class _StepSystem:
         is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.left < 1.0
         return (solution.x if is_usable else None), solution.n_products
 
-    def course(self, update: np.ndarray, last, residual: np.ndarray) -> Course:
+    def course(self, update: np.ndarray | None, last: np.ndarray | None, residual: np.ndarray) -> Course:
         """Where an update leads, after the one before."""
         if update is None:
             return UNKNOWN

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
+from numpy.typing import DTypeLike
 
 from ...errors import InputError
 from ...grids.cells.cell_faces import NONE, CellFaces
@@ -81,7 +82,7 @@ class Stencil:
         cells = np.stack([np.where(no_a, b, a), b, c, np.where(no_d, c, d)], axis=1).astype(np.int32)
         return cls(cells, _MEANS, lines, _DIFFERENCES, lines, roles, CellSums.of(cells, roles == INNER))
 
-    def cast(self, dtype) -> Stencil:
+    def cast(self, dtype: DTypeLike) -> Stencil:
         """With weights of a type: complex ones for complex states."""
         if self.means.dtype == dtype:
             return self

@@ -8,6 +8,7 @@ Theory: ``docs/theory/euler.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -162,7 +163,9 @@ def spread_from(levels: list[CoarseLevel], flows: list[FlowSolution]) -> np.ndar
     return levels[0].spread(flows[0].states) if levels else None
 
 
-def _parents(shapes, coarse_shapes, planes) -> np.ndarray:
+def _parents(
+    shapes: Sequence[tuple[int, ...]], coarse_shapes: Sequence[tuple[int, ...]], planes: Sequence[Sequence[np.ndarray]]
+) -> np.ndarray:
     """Cell of the coarse blocks that each cell of the fine ones lies in."""
     coarse_cells = BlockLayout.of(coarse_shapes).cells.numbers
     parents = []
@@ -207,7 +210,7 @@ def _shared(fine: Partition, coarse: Partition, planes, comm: Any) -> tuple[np.n
     return picked, places, (nodes_halo, cells_halo)
 
 
-def _numbers(indices, shape) -> np.ndarray:
+def _numbers(indices: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
     """Numbers in the C order of a shape of what has some indices in each direction."""
     i, j, k = np.ix_(*indices)
     return ((i * shape[1] + j) * shape[2] + k).ravel()

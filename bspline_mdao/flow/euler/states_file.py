@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -136,6 +137,6 @@ def _member(topology: Topology, shapes) -> Topology | None:
     return None
 
 
-def _edges(shapes) -> int:
+def _edges(shapes: Sequence[tuple[int, ...]]) -> int:
     """Cells along the edges of all blocks."""
     return sum(n - 1 for shape in shapes for n in shape)

@@ -57,10 +57,8 @@ def flux_through_vjp(role, mean, jump, s, sigma, bar):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def state_jacobian(role, mean, jump, s, sigma, jacobian):
-    """Fill in the derivatives of the flux with respect to mean state and jump, shape (5, 10).
-
-    One row after the other, and written out: what is multiplied by zero is not compiled.
-    """
+    """Fill in the derivatives of the flux with respect to mean state and jump, shape (5, 10)."""
+    # One row after the other, and written out: what is multiplied by zero is not compiled.
     if is_wall(role):
         jacobian[:] = 0.0
         for n in range(3):

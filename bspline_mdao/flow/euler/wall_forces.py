@@ -64,8 +64,8 @@ class WallForces:
         self,
         states: np.ndarray,
         nodes: np.ndarray,
-        mach,
-        dynamic_pressure,
+        mach: float,
+        dynamic_pressure: float,
         d_states: np.ndarray,
         d_nodes: np.ndarray,
         d_mach,
@@ -81,7 +81,7 @@ class WallForces:
         return dynamic_pressure * change + d_dynamic_pressure * self._reduced(states, nodes, mach)
 
     def vjp(
-        self, states: np.ndarray, nodes: np.ndarray, mach, dynamic_pressure, bar: np.ndarray
+        self, states: np.ndarray, nodes: np.ndarray, mach: float, dynamic_pressure: float, bar: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Apply the transpose of `jvp` to derivatives with respect to the forces, shape (n_points, 3)."""
         # Returns derivatives with respect to the states, the nodes, the Mach number and the dynamic pressure.
@@ -94,7 +94,7 @@ class WallForces:
         nodes_bar = self.pressure.walls.nodes_vjp(walls_bar)
         return states_bar, nodes_bar, mach_bar, np.sum(forces_bar * areas * pressure[:, None])
 
-    def _reduced(self, states: np.ndarray, nodes: np.ndarray, mach):
+    def _reduced(self, states: np.ndarray, nodes: np.ndarray, mach: float):
         """Forces divided by the dynamic pressure (m^2)."""
         areas = area_vectors(self.pressure.walls.nodes(nodes), self._corners)
         return self.shares @ (self.pressure.evaluate(states, mach)[self.faces, None] * areas)

@@ -7,6 +7,7 @@ Theory: ``docs/theory/far_field.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,7 @@ class AxisMoment(OneLine):
     volume: float  # reference area times reference chord (m^3)
 
     @classmethod
-    def about_fixed(cls, points: csr_array, weights: np.ndarray, axis: int, volume: float) -> AxisMoment:
+    def about_fixed(cls, points: csr_array, weights: np.ndarray, axis: Sequence, volume: float) -> AxisMoment:
         """Take an axis that stays, given by two points (m), shape (2, 3)."""
         none = csr_array((2, points.shape[1]))
         return cls(points, weights, none, np.array(axis, dtype=float), volume)

@@ -5,6 +5,7 @@ Theory: ``docs/theory/far_field.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,7 +100,7 @@ class SectionLoads:
         """Sign of the span: a half wing is on the negative side."""
         return -1.0 if self.strips.is_symmetric else 1.0
 
-    def _named(self, values) -> dict[str, np.ndarray]:
+    def _named(self, values: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
         named = dict(zip(SECTION_LOADS, values))
         return named | {"strip_span": self._side * named["strip_span"]}
 

@@ -9,7 +9,7 @@ Theory: ``docs/theory/far_field.rst``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -189,6 +189,6 @@ class WingCoefficients:
         return forces_bar, nodes_bar, alpha_bar
 
 
-def _merged(parts) -> dict[str, np.ndarray]:
+def _merged(parts: Iterable[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """One mapping of several."""
     return {name: value for part in parts for name, value in part.items()}

@@ -105,7 +105,7 @@ class ErrorSearch:
         """Take what L-BFGS finds, or a part of it, if that is better with adjoints of its own; tell whether it was."""
         stiff = self.stiff.at(self.values)
 
-        def loss(steps):
+        def loss(steps: np.ndarray) -> tuple[float, np.ndarray]:
             values = stiff.values(steps)
             value, bar = self.loss(values)
             return value, stiff.vjp(values, bar)

@@ -5,6 +5,9 @@ Theory: ``docs/theory/euler.rst`` and ``docs/theory/far_field.rst``.
 
 from __future__ import annotations
 
+import os
+from typing import Any
+
 import numpy as np
 import openmdao.api as om
 from openmdao.vectors.vector import Vector
@@ -145,7 +148,7 @@ class EulerFlow(Copied, om.Group):
         self._partition, nodes = self._pieces()
         partition = self._partition
         shocks = self.options["shock_threshold"]
-        how = {"partition": partition, "comm": self.comm, "shock_threshold": shocks}
+        how: dict[str, Any] = {"partition": partition, "comm": self.comm, "shock_threshold": shocks}
         flow = FlowGrid.of(model.topology, nodes, self.options["axes"], **how)
         n_levels = useful_levels(model.topology)
         levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], **how)
@@ -169,7 +172,7 @@ class EulerFlow(Copied, om.Group):
             self.set_input_defaults("alpha", val=2.0, units="deg")
         self.set_input_defaults("Mach_number", val=0.3)
 
-    def write_fields(self, path) -> None:
+    def write_fields(self, path: str | os.PathLike) -> None:
         """Write the fields of the flow for ParaView or Tecplot: on all blocks, and those on the walls beside them.
 
         ``Cp``, ``Mach``, ``velocity`` relative to the speed of the stream, ``density`` relative to that of the stream,
@@ -191,7 +194,7 @@ class EulerFlow(Copied, om.Group):
         model = self.options["model"]
         write_fields(path, self.state, self.forces, model.topology, model.header, self._partition)
 
-    def save_states(self, path) -> None:
+    def save_states(self, path: str | os.PathLike) -> None:
         """Save the states, for the option ``restart`` or `load_states`.
 
         Parameters
@@ -206,7 +209,7 @@ class EulerFlow(Copied, om.Group):
         """
         save_states(path, self.state, self.options["model"].topology, self._partition)
 
-    def load_states(self, path) -> None:
+    def load_states(self, path: str | os.PathLike) -> None:
         """Start the next run from saved states of this grid or of another member of its family, after ``setup``.
 
         Parameters

@@ -6,10 +6,12 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import openmdao.api as om
 from openmdao.jacobians.jacobian import Jacobian
+from openmdao.utils.options_dictionary import OptionsDictionary
 from openmdao.vectors.vector import Vector
 
 from ...base.numerics.processes import largest, summed_number
@@ -121,6 +123,10 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
 
     _anchor: dict[str, np.ndarray] | None = None
 
+    _solution: Any
+    _converged: Any
+    _tangent: Any
+    _tangent_point: Any
     _last_scheme: tuple[np.ndarray, Discretization] | None = None
 
     def start_from(self, states: np.ndarray, alpha: float) -> None:
@@ -429,7 +435,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             if self.comm.rank == 0:
                 print(f"{self.pathname}: {end}{advice}", flush=True)
 
-    def _set_solver_print(self, level=2, depth=1e99, type_="all", debug_print=None) -> None:
+    def _set_solver_print(
+        self, level: int = 2, depth: float = 1e99, type_: str = "all", debug_print: bool | None = None
+    ) -> None:
         """Take the level that ``set_solver_print`` gives nonlinear solvers."""
         if type_ != "LN":
             self.options["iprint"] = level
@@ -439,7 +447,7 @@ SOLVER_OPTIONS = ("tolerance", "linear_tolerance", "max_steps", "iprint", "ancho
 """Options of `EulerState` that a group around it hands on."""
 
 
-def declare_solver(options) -> None:
+def declare_solver(options: OptionsDictionary) -> None:
     """Declare the options `SOLVER_OPTIONS`."""
     options.declare("tolerance", default=1e-12, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends")
     options.declare("linear_tolerance", default=1e-14, lower=0.0, desc="of the linear systems of derivatives")

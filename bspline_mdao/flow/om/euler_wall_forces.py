@@ -99,7 +99,7 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
             for name, bar in zip(INPUTS, bars):
                 add_bar(d_inputs, name, np.asarray(bar))
 
-    def _at(self, inputs: Vector):
+    def _at(self, inputs: Vector) -> tuple[np.ndarray, np.ndarray, float, float]:
         """States, nodes, Mach number and dynamic pressure."""
         states, nodes, mach, pressure = (inputs[name] for name in INPUTS)
         return states.reshape(-1, N_STATES), nodes.reshape(-1, 3), mach[0], pressure[0]

@@ -309,7 +309,7 @@ class LatticeForces(Copied, om.ExplicitComponent):
         found = self._wing.jvp(*self._arguments(inputs), forces, nodes, d_alpha)
         if "delta_Cp" in d_outputs:
             at = [inputs[name] for name in _VECTORS]
-            along = (direction_in(d_inputs, inputs, name).reshape(x.shape) for name, x in zip(_VECTORS, at))
+            along = (np.reshape(direction_in(d_inputs, inputs, name), x.shape) for name, x in zip(_VECTORS, at))
             found["delta_Cp"] = panel_pressures_jvp(*at, *along)
         for name in d_outputs:
             d_outputs[name] += found[name]
@@ -322,15 +322,15 @@ class LatticeForces(Copied, om.ExplicitComponent):
         if "alpha" in d_inputs:
             d_inputs["alpha"] += RADIAN * alpha_bar
         if "delta_Cp" in d_outputs:
-            at = (inputs[name] for name in _VECTORS)
-            for name, bar in zip(_VECTORS, panel_pressures_vjp(*at, d_outputs["delta_Cp"])):
+            forces, nodes = (inputs[name] for name in _VECTORS)
+            for name, bar in zip(_VECTORS, panel_pressures_vjp(forces, nodes, d_outputs["delta_Cp"])):
                 add_bar(d_inputs, name, bar)
 
     @property
     def _axes(self) -> np.ndarray:
         return self.options["camber"].axes
 
-    def _arguments(self, inputs: Vector):
+    def _arguments(self, inputs: Vector) -> tuple[np.ndarray, np.ndarray, float]:
         """Forces, nodes and angle (rad), in the axes of the grid."""
         forces, nodes = (inputs[name].reshape(-1, 3) @ self._axes for name in _VECTORS)
         return forces, nodes, RADIAN * inputs["alpha"][0]

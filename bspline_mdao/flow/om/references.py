@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from openmdao.utils.options_dictionary import OptionsDictionary
+
 __all__ = ["REFERENCES", "declare_references"]
 
 REFERENCES = ("reference_area", "reference_chord", "moment_reference")
 """Options that a group around the forces hands on."""
 
 
-def declare_references(options) -> None:
+def declare_references(options: OptionsDictionary) -> None:
     """Declare the options `REFERENCES`."""
     options.declare("reference_area", default=None, desc="of what the grid shows, m**2")
     options.declare("reference_chord", default=1.0, desc="for moments, m")

@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+import openmdao.api as om
+from openmdao.core.driver import Driver
 from openmdao.recorders.case_recorder import CaseRecorder
+from openmdao.solvers.solver import Solver
 from openmdao.utils.om_warnings import CaseRecorderWarning, issue_warning
 
 from ...base.numerics.processes import on_first
@@ -71,7 +74,7 @@ class SeriesRecorder(CaseRecorder):
         self._n_written = -1
         self._is_major_known = self._is_failing = False
 
-    def startup(self, recording_requester, comm: Any = None) -> None:
+    def startup(self, recording_requester: Any, comm: Any = None) -> None:
         """Begin the series anew; called by OpenMDAO."""
         super().startup(recording_requester, comm)
         self._lines, self._last, self._n_written = [], None, -1
@@ -81,20 +84,20 @@ class SeriesRecorder(CaseRecorder):
         if self._is_major_known and "record_derivatives" in options:
             options["record_derivatives"] = True
 
-    def record_metadata_system(self, system, run_number=None) -> None:
+    def record_metadata_system(self, system: om.System, run_number: int | None = None) -> None:
         """Options of systems have no place here."""
 
-    def record_metadata_solver(self, solver, run_number=None) -> None:
+    def record_metadata_solver(self, solver: Solver, run_number: int | None = None) -> None:
         """Nor have those of solvers."""
 
-    def record_iteration_driver(self, recording_requester, data, metadata) -> None:
+    def record_iteration_driver(self, recording_requester: Driver, data: dict, metadata: dict[str, Any]) -> None:
         """Keep what the model holds now, and write it where every run of the model is wanted."""
         problem = recording_requester._problem()
         self._last = self._counter, Snapshot.of(problem, f"iteration {self._counter}")
         if not self._is_major_known:
             self._write(problem.comm)
 
-    def record_derivatives_driver(self, recording_requester, data, metadata) -> None:
+    def record_derivatives_driver(self, recording_requester: Driver, data: dict, metadata: dict[str, Any]) -> None:
         """Write the last run of the model: the driver has asked for its derivatives."""
         self._write(recording_requester._problem().comm)
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import openmdao.api as om
 
 from ...base.display import OneLine
 from ...base.numerics.processes import from_all
@@ -106,7 +109,7 @@ class Snapshot(OneLine):
             f"nothing to look at in a {type(what).__name__}; give a Grid, a FittedModel, or a problem that has run"
         )
 
-    def write(self, path) -> dict[str, Path]:
+    def write(self, path: str | os.PathLike) -> dict[str, Path]:
         """Write what there is, for ParaView or Tecplot.
 
         Parameters
@@ -167,7 +170,7 @@ def _of_group(group, title: str) -> Snapshot:
     )
 
 
-def _lattice(systems) -> tuple[np.ndarray | None, np.ndarray | None]:
+def _lattice(systems: Iterable[om.System]) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Nodes of the first lattice in the axes of the grid, and the pressure differences on it."""
     for system in systems:
         if "camber" in system.options and "delta_Cp" in system.get_io_metadata(metadata_keys=()):
@@ -176,13 +179,13 @@ def _lattice(systems) -> tuple[np.ndarray | None, np.ndarray | None]:
     return None, None
 
 
-def _model_of(system) -> Model | None:
+def _model_of(system: om.System) -> Model | None:
     """The fitted grid that a system was made with."""
     found = system.options["model"] if "model" in system.options else None  # noqa: SIM401 (no mapping: it has no get)
     return found if isinstance(found, Model) else None
 
 
-def _values(systems) -> dict[str, np.ndarray]:
+def _values(systems: Iterable[om.System]) -> dict[str, np.ndarray]:
     """Values of the variables that are looked for, of the first component that has each, as copies."""
     found: dict[str, np.ndarray] = {}
     for system in systems:

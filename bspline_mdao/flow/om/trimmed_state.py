@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import openmdao.api as om
@@ -141,7 +142,7 @@ class TrimmedState(EulerState):
                 self._borders[mode] = self._solved(tangent, column if mode == "fwd" else bars["states"], mode)
             border, plain = self._borders[mode], self._solved(tangent, right["states"].reshape(-1, N_STATES), mode)
 
-            def across(vector):
+            def across(vector: np.ndarray) -> Any:
                 if mode == "fwd":
                     return self._lift_jvp(at, outputs, {}, {"states": vector})
                 return self._stream_partials(at)["alpha"] @ tangent.linearization.stream_vjp(vector)
@@ -211,7 +212,7 @@ class TrimmedState(EulerState):
             outputs["states"] = moved.ravel()
         outputs["alpha"] = alpha + change
 
-    def _solved(self, tangent, right: np.ndarray, mode, tolerance=None) -> np.ndarray:
+    def _solved(self, tangent, right: np.ndarray, mode: str, tolerance=None) -> np.ndarray:
         """Solve with the Jacobian of the states, or its transpose."""
         solve = tangent.solve if mode == "fwd" else tangent.solve_transposed
         return self._accepted(solve(right, tolerance or self.options["linear_tolerance"]))

@@ -122,7 +122,7 @@ class VortexLattice(Copied, om.Group):
         """Name of the lattice's own area."""
         return "S_ref" if self.options["reference_area"] is None else "S_mesh"
 
-    def _add_panel_forces(self, surface) -> None:
+    def _add_panel_forces(self, surface: dict[str, Any]) -> None:
         """From the forces on the panels to their coefficients."""
         lift_drag = openaerostruct("aerodynamics.lift_drag").LiftDrag(surface=surface)
         self.add_subsystem("forces", lift_drag, promotes_inputs=["alpha"])
@@ -136,7 +136,7 @@ class VortexLattice(Copied, om.Group):
         for name in ("L", "D"):
             self.connect(f"forces.{name}", f"coefficients.{name}")
 
-    def _add_moment(self, surface) -> None:
+    def _add_moment(self, surface: dict[str, Any]) -> None:
         """From the forces on the panels to the coefficients of their moments."""
         areas = [("S_ref_total", "S_ref"), ("wing_S_ref", self._mesh_area)]
         self.add_subsystem(

@@ -5,6 +5,8 @@ Theory: ``docs/theory/aerostructure.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import openmdao.api as om
 from mphys import Builder
@@ -51,7 +53,7 @@ class BeamBuilder(Builder):
     (2, 6)
     """
 
-    def __init__(self, nodes: np.ndarray, spar: Spar, radius: float, generation: int | None = None):
+    def __init__(self, nodes: np.ndarray, spar: Spar, radius: Sequence[float], generation: int | None = None):
         self._nodes, self._generation = as_finite_points(nodes, len(nodes), "nodes of the beam"), generation
         self._options = {"nodes": self._nodes, "spar": spar, "radius": tuple(radius), "generation": generation}
         _distances_from_root(self._nodes)
