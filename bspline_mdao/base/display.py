@@ -6,6 +6,7 @@ What draws is on top of all folders, so it is asked for by its name, and only wh
 from __future__ import annotations
 
 import importlib
+import os
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -85,7 +86,7 @@ class InNotebook(OneLine):
 class Shown(InNotebook):
     """What can be looked at: a grid, a fitted grid."""
 
-    def plot(self, show=None, file=None, **how):
+    def plot(self, show: bool | None = None, file: str | os.PathLike | None = None, **how: Any):
         """Look at it: in a window, in a notebook, or as a picture in a file.
 
         Parameters

@@ -18,6 +18,7 @@ import typing
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -131,7 +132,7 @@ def write_numbers(
     Path(path).write_text(json.dumps(numbers, indent=2, default=_plain) + "\n")
 
 
-def _keywords(default, hint) -> dict:
+def _keywords(default: Any, hint: Any) -> dict:
     """Keywords of ``add_argument`` for a parameter with a default and a type hint."""
     if isinstance(default, bool):
         return {"action": "store_true"}
@@ -148,6 +149,6 @@ def _helps(main: Callable) -> dict[str, str]:
     return {name: " ".join(text.split()) for names, text in entries for name in names.split(", ")}
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     """Turn what JSON does not know into what it does."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import openmdao.api as om
 
 from ..errors import InputError
 from .derivatives import central_differences, richardson
@@ -41,7 +42,7 @@ class TotalsCheck(NamedTuple):
 
 
 def check_totals(
-    problem,
+    problem: om.Problem,
     of: Sequence[str] | None = None,
     wrt: Sequence[str] | None = None,
     n_directions: int = 2,
@@ -114,7 +115,7 @@ def check_totals(
 
 
 def total_difference(
-    problem, of: Sequence[str], direction: Mapping[str, np.ndarray], step: float = 4e-3, levels: int = 3
+    problem: om.Problem, of: Sequence[str], direction: Mapping[str, np.ndarray], step: float = 4e-3, levels: int = 3
 ) -> dict[str, np.ndarray]:
     """Differentiate outputs of a problem along a direction in its inputs by extrapolated central differences.
 
@@ -147,7 +148,7 @@ def total_difference(
     return {name: richardson([each[name] for each in table]) for name in of}
 
 
-def perturb_design(problem, size: float = 0.1, seed: int = 4):
+def perturb_design(problem: om.Problem, size: float = 0.1, seed: int = 4):
     """Run a problem with every design variable off its present value, away from where derivatives happen to vanish.
 
     Parameters
@@ -172,7 +173,7 @@ def perturb_design(problem, size: float = 0.1, seed: int = 4):
     return problem
 
 
-def assert_partials(problem, **tolerances) -> None:
+def assert_partials(problem: om.Problem, **tolerances: float) -> None:
     """Check the partial derivatives of all components, and let none pass that has none or only zeros.
 
     Parameters
@@ -206,7 +207,9 @@ def assert_partials(problem, **tolerances) -> None:
     assert_check_partials(data, **tolerances)
 
 
-def _total_differences(problem, of, direction: Mapping, step: float, levels: int) -> list[dict[str, np.ndarray]]:
+def _total_differences(
+    problem: om.Problem, of, direction: Mapping, step: float, levels: int
+) -> list[dict[str, np.ndarray]]:
     """Central differences at halved steps along a direction, by output; the problem is where it was afterwards."""
     start = {name: problem.get_val(name).copy() for name in direction}
 

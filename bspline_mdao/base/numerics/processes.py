@@ -149,7 +149,7 @@ def _packed(failure: Exception | None) -> bytes:
     return packed
 
 
-def summed(comm, array: np.ndarray) -> np.ndarray:
+def summed(comm: Any, array: np.ndarray) -> np.ndarray:
     """Sum of an array of every process, on every one of them: the same bits everywhere.
 
     Parameters

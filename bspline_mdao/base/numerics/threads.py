@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
+from typing import Any
 
 import numba
 from threadpoolctl import ThreadpoolController
@@ -110,7 +111,8 @@ class _BlasLimit:
     # so it is done in threads that end at once. A limit that the user holds stays.
 
     def __init__(self) -> None:
-        self._lock, self._n_inside, self._restore = threading.Lock(), 0, None
+        self._lock, self._n_inside = threading.Lock(), 0
+        self._restore: Any = None
 
     def __enter__(self) -> None:
         with self._lock:

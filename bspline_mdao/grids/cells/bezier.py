@@ -127,7 +127,7 @@ def bezier_bound(
     has_zeros = long_a.min() + long_b.min() + long_c.min() < 3.0
     counts = np.ones((1, 1, 1))
     if has_zeros:
-        long_areas, counts = np.empty((n_0, n_1, n_2)), np.empty(out.shape)
+        long_areas, counts = np.empty((n_0, n_1, n_2)), np.empty(out.shape)  # type: ignore[assignment]
         _multiply_long(long_a, long_b, long_areas)
         _multiply_long(long_areas, long_c, counts)
     return decide(out, counts, margin, has_zeros, max_halvings)

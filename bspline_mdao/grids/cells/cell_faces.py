@@ -196,7 +196,7 @@ class _Lines:
     entries: np.ndarray
 
     @classmethod
-    def of(cls, n_cells: int, left, left_slot, right: np.ndarray, right_slot) -> _Lines:
+    def of(cls, n_cells: int, left: np.ndarray, left_slot, right: np.ndarray, right_slot) -> _Lines:
         neighbours, entries = np.full((n_cells + 1, 6), NONE), np.zeros((n_cells + 1, 6), dtype=int)
         neighbours[left, left_slot], entries[left, left_slot] = right, right_slot
         neighbours[right, right_slot], entries[right, right_slot] = left, left_slot

@@ -159,7 +159,7 @@ def unit_normal(area: np.ndarray) -> np.ndarray:
     return area / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
-def stack_plane(plane: np.ndarray, normal: np.ndarray | None) -> np.ndarray:
+def stack_plane(plane: np.ndarray, normal: np.ndarray | float) -> np.ndarray:
     """Return nodes (n, m, 3) with depth: shape (n, m, 2, 3), the second layer displaced by ``normal``."""
     return np.stack([plane, plane + normal], axis=2)
 

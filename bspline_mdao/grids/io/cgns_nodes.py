@@ -12,6 +12,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import h5py
 import numpy as np
@@ -140,7 +141,7 @@ def word(group: h5py.Group) -> str:
     return value(group).tobytes().decode(errors="replace").split("\x00")[0].strip()
 
 
-def _text(attribute) -> str:
+def _text(attribute: Any) -> str:
     """Text of an attribute up to its first zero byte, however it is stored."""
     raw = attribute if isinstance(attribute, (bytes, str)) else np.asarray(attribute).tobytes()
     text = raw if isinstance(raw, str) else raw.decode("ascii", "replace")

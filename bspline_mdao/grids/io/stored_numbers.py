@@ -84,7 +84,7 @@ class BinaryNumbers:
     ends: np.ndarray  # (n,) of int, bytes of all pieces up to the end of each
 
     @classmethod
-    def whole(cls, data) -> BinaryNumbers:
+    def whole(cls, data: Any) -> BinaryNumbers:
         """All of the bytes of a file, or the numbers of an array."""
         data = data.view(np.uint8).data if isinstance(data, np.ndarray) else data
         return cls(data, np.array([0]), np.array([len(data)]))

@@ -78,7 +78,7 @@ class Window(OneLine):
         ends = zip(self.lo, self.hi, other.lo, other.hi)
         return self.block == other.block and all(max(a, c) < min(b, d) or a == b == c == d for a, b, c, d in ends)
 
-    def is_on_face(self, shape) -> bool:
+    def is_on_face(self, shape: tuple[int, ...]) -> bool:
         """Whether the window lies in a block of ``shape`` nodes, on one of its faces, and is no line or point of it."""
         ends = tuple(zip(self.lo, self.hi, shape))
         n_flat = sum(lo == hi and n > 1 for lo, hi, n in ends)

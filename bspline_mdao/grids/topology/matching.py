@@ -111,7 +111,7 @@ class Region:
     shift: tuple[int, ...]
     pairs: np.ndarray
 
-    def map_quads(self, p, q: np.ndarray):
+    def map_quads(self, p: int | np.ndarray, q: int | np.ndarray) -> tuple:
         """Return the indices in face b of the quads that meet quads (p, q) of face a."""
         swap, flip0, flip1 = _TURNS[self.turn]
         ends = (self.shift[0] + (-p if flip0 else p), self.shift[1] + (-q if flip1 else q))

@@ -114,7 +114,7 @@ def boundary_sides(topology: Topology) -> Iterator[tuple[BoundaryFace, int, int]
 
 
 def rows_of_points(
-    grid: Grid | StoredGrid, topology: Topology, points: np.ndarray, what: str = "volume", comm=ONE
+    grid: Grid | StoredGrid, topology: Topology, points: np.ndarray, what: str = "volume", comm: Any = ONE
 ) -> np.ndarray:
     """Find the rows in the grid vector of points that another program holds.
 
@@ -196,7 +196,7 @@ _NEARER = 0.1
 """A point is a node if it is nearer to it than this part of its distance to the next one."""
 
 
-def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm=ONE) -> np.ndarray:
+def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm: Any = ONE) -> np.ndarray:
     """Find every point among nodes that are there once each.
 
     The precision of the points does not matter as long as they can be distinguished.

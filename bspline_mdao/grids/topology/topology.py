@@ -158,7 +158,7 @@ def _link_pairs(
     return np.stack([a.ravel(), b.ravel()])
 
 
-def _disagreement(link: Link, a_shape, b_shape, names: Sequence[str] | None) -> InputError:
+def _disagreement(link: Link, a_shape: tuple[int, ...], b_shape: tuple[int, ...], names: Sequence[str]) -> InputError:
     """Name the first direction in which two linked sections differ."""
     d = next(d for d in range(3) if a_shape[d] != b_shape[d])
     a, b = names[link.a], names[link.b]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import click
 
@@ -14,7 +15,9 @@ class BlockCounts(click.ParamType):
 
     name = "counts"
 
-    def convert(self, value, param, context) -> tuple[str | None, Counts]:
+    def convert(
+        self, value: str, param: click.Parameter | None, context: click.Context | None
+    ) -> tuple[str | None, Counts]:
         """Convert the text of the option to the block, None for all, and three numbers."""
         match = re.fullmatch(r"(?:(.+)=)?(\d+)x(\d+)x(\d+)", value)
         if not match or not all(map(int, match.groups()[1:])):
@@ -22,7 +25,9 @@ class BlockCounts(click.ParamType):
         return match[1], (int(match[2]), int(match[3]), int(match[4]))
 
 
-def _by_block(context, param, values) -> dict[str | None, Counts] | None:
+def _by_block(
+    context: click.Context, param: click.Parameter, values: Sequence[tuple[str | None, Counts]]
+) -> dict[str | None, Counts] | None:
     """Collect what is asked for by blocks; None where nothing is."""
     found: dict[str | None, Counts] = {}
     for block, counts in values:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from h5py import is_hdf5
@@ -24,6 +24,7 @@ from ...grids.io.formats import MODEL
 from ...grids.io.patches import merge_patches, read_patches
 from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Grid
+from ...grids.topology.index_space import Window
 from ...grids.topology.partition import Partition
 from ...grids.topology.stored_grid import StoredBlock, StoredGrid
 from .curved import measure_curved
@@ -142,7 +143,7 @@ def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
     share = ModelShare.load(file, comm)
     header, shapes = share.header, share.topology.shapes
 
-    def no_nodes(window):
+    def no_nodes(window: Window) -> NoReturn:
         raise InputError(f"{patches}: its connections need the nodes of a grid; give patches as TOML, or one process")
 
     blocks = (StoredBlock(shape, name, no_nodes) for shape, name in zip(shapes, header.names))

@@ -375,7 +375,7 @@ def _cards(contents: Contents, numbers: dict[str, Any]) -> list[tuple[str, str, 
     return cards
 
 
-def _diagram(case_file) -> tuple[str | None, tuple[str, ...]]:
+def _diagram(case_file: Path) -> tuple[str | None, tuple[str, ...]]:
     """N2 diagram of a case file, and what is missing."""
     with sound_cases(case_file) as sound:
         if not (om.CaseReader(str(sound.file)).problem_metadata or {}).get("tree"):
@@ -387,7 +387,7 @@ def _diagram(case_file) -> tuple[str | None, tuple[str, ...]]:
             return None, (f"The N2 diagram in the case file is damaged ({type(error).__name__}): record it again.",)
 
 
-def diagram_of(source) -> str:
+def diagram_of(source: om.Problem | str | os.PathLike) -> str:
     """N2 diagram of a problem or a case file, a whole HTML page."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "n2.html"
