@@ -397,7 +397,7 @@ class Unknowns:
     @cached_property
     def _restrained(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Entries, with rows and columns, that meet a point with a frame of its own or a fixed direction."""
-        is_special: np.ndarray = ~self._is_free[self.rows].all(axis=1)
+        is_special: Any = ~self._is_free[self.rows].all(axis=1)
         if self._frames is not None:
             is_special |= (self._frames[self.rows] != np.eye(3)).any(axis=(1, 2))
         rows = np.repeat(np.arange(self.pattern.n, dtype=np.int32), np.diff(self.pattern.indptr))

@@ -277,9 +277,7 @@ def _by_corners(barycentric: np.ndarray) -> np.ndarray:
     return (smooth / smooth.sum(axis=1, keepdims=True))[:, :2]
 
 
-def _cut(
-    rows, counts, places, planes: Sequence[tuple[np.ndarray, np.ndarray]], corners, barycentric, weights
-) -> tuple[_Piece, ...]:
+def _cut(rows, counts, places, planes: np.ndarray, corners, barycentric, weights) -> tuple[_Piece, ...]:
     """Cut the nodes of a layer into pieces, each over a part of the wall."""
     starts = np.concatenate([[0], np.cumsum(counts)])
     order = np.argsort(places, kind="stable")

@@ -8,7 +8,7 @@ Theory: ``docs/theory/euler.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -210,7 +210,7 @@ def _shared(fine: Partition, coarse: Partition, planes, comm: Any) -> tuple[np.n
     return picked, places, (nodes_halo, cells_halo)
 
 
-def _numbers(indices: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+def _numbers(indices: Iterable[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
     """Numbers in the C order of a shape of what has some indices in each direction."""
     i, j, k = np.ix_(*indices)
     return ((i * shape[1] + j) * shape[2] + k).ravel()

@@ -35,7 +35,7 @@ __all__ = ["begins_to_hover", "course_of", "hovering_cfl", "lowest_before", "sin
 
 def course_of(
     update: np.ndarray,  # update, last: (n_cells, 5), the update and the one before, which may be missing
-    last: np.ndarray,
+    last: np.ndarray | None,
     residual: np.ndarray,  # (n_cells, 5), before the step
     # (n_cells, 5), the time terms' product with the update, ``T dW / CFL``, in the units of the residual
     held: np.ndarray,

@@ -153,7 +153,8 @@ class EulerFlow(Copied, om.Group):
         n_levels = useful_levels(model.topology)
         levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], **how)
         settings = {name: self.options[name] for name in SOLVER_OPTIONS}
-        forces = FlowForces.of(flow, nodes, *(self.options[name] for name in REFERENCES), hinges=self._hinges(flow))
+        references = [self.options[name] for name in REFERENCES]
+        forces = FlowForces.of(flow, nodes, *references, hinges=self._hinges(flow))  # type: ignore[misc]
         kind = TrimmedState if self.options["trim"] else EulerState
         state = kind(flow=flow, levels=levels, nodes=nodes, forces=forces, **settings)
         if self.options["restart"] is not None:

@@ -79,6 +79,8 @@ class TrimmedState(EulerState):
         with the angle.
     """
 
+    _borders: dict[str, Any]
+
     def solve_nonlinear(self, inputs: Vector, outputs: Vector) -> None:
         """Solve for states and angle, from those that are there."""
         self._log = ResidualLog(self.pathname, self.options["forces"], self.comm, shows_alpha=True)
@@ -156,7 +158,7 @@ class TrimmedState(EulerState):
 
     def _declare_angle(self) -> None:
         self._sensitivity: _Sensitivity | None = None
-        self._borders: dict = {}
+        self._borders = {}
         self.add_input("CL_target", desc="lift coefficient")
         start = 2.0 if self._start is None else self._start[1]
         self.add_output("alpha", val=start, units="deg", desc="angle of attack")

@@ -143,7 +143,7 @@ def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
     share = ModelShare.load(file, comm)
     header, shapes = share.header, share.topology.shapes
 
-    def no_nodes(window: Window) -> NoReturn:
+    def no_nodes(window: Window | None) -> NoReturn:
         raise InputError(f"{patches}: its connections need the nodes of a grid; give patches as TOML, or one process")
 
     blocks = (StoredBlock(shape, name, no_nodes) for shape, name in zip(shapes, header.names))
