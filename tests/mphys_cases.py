@@ -22,7 +22,7 @@ from bspline_mdao.core.om.mphys.warper import VolumeWarper
 from bspline_mdao.design import Parametrization, ReferenceAxis, Span, Twist
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
-from bspline_mdao.grids.topology.held_nodes import boundary_rows
+from bspline_mdao.grids.topology.node_numbering import boundary_rows
 from bspline_mdao.grids.topology.partition import Partition
 from bspline_mdao.grids.topology.sharing import numbers_of_points, rows_of_points
 from bspline_mdao.grids.topology.stored_grid import StoredGrid

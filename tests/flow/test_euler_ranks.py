@@ -23,7 +23,7 @@ from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
 from bspline_mdao.flow.euler.wall_forces import WallForces
 from bspline_mdao.generators import FarField, Spacing, hh_wing_grid, onera_m6_grid, rectangular_wing
 from bspline_mdao.grids.topology.detection import find_topology
-from bspline_mdao.grids.topology.holders import Holders
+from bspline_mdao.grids.topology.ownership import Ownership
 from bspline_mdao.grids.topology.partition import Partition
 
 STREAM = free_stream(0.3, 0.07, AXES)
@@ -380,7 +380,7 @@ def test_what_is_seen_of_others_goes_back_to_them(n):
 def test_holders_find_what_the_shares_list(n):
     topology = wing().topology
     partition = Partition.of(topology, n)
-    nodes, cells = Holders.of_nodes(partition), Holders.of_cells(partition)
+    nodes, cells = Ownership.of_nodes(partition), Ownership.of_cells(partition)
     seen = np.zeros(topology.n_nodes, bool)
     for rank in range(n):
         share = partition.share(rank)

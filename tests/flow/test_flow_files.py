@@ -13,7 +13,7 @@ from bspline_mdao.core.model.model_file import checksum_of
 from bspline_mdao.flow.euler.fields import field_values, node_means
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.generators import infinite_wing_grid, naca_section, onera_m6_grid
-from bspline_mdao.grids.topology.held_nodes import node_copies
+from bspline_mdao.grids.topology.node_numbering import node_copies
 
 
 @cache

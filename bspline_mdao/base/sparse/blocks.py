@@ -68,8 +68,8 @@ class BlockPattern:
         elements, corners = np.nonzero(element_points >= 0)
         points = np.asarray(element_points, np.int32)[elements, corners]
         shape = (len(element_points), n)
-        holds = scipy.sparse.csr_array((np.ones(len(elements), np.int32), (elements, points)), shape=shape)
-        coupled = scipy.sparse.tril(holds.T @ holds + scipy.sparse.eye_array(n, dtype=np.int32), format="csr")
+        incidence = scipy.sparse.csr_array((np.ones(len(elements), np.int32), (elements, points)), shape=shape)
+        coupled = scipy.sparse.tril(incidence.T @ incidence + scipy.sparse.eye_array(n, dtype=np.int32), format="csr")
         coupled.sort_indices()
         return cls(coupled.indptr.astype(np.int64), coupled.indices.astype(np.int32))
 

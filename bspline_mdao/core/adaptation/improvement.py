@@ -35,12 +35,12 @@ class WorstOfBlock(NamedCell):
         See `bspline_mdao.grids.cells.report.NamedCell`.
     q : float
         Its Q, Eq. (9).
-    is_held : bool
+    is_fixed : bool
         Whether no interior control point moves any of its nodes.
     """
 
     q: float
-    is_held: bool
+    is_fixed: bool
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def reason_of(changes: Sequence[BlockChange]) -> str:
         return ""
     if 1.0 - worst.q <= ORTHOGONAL:
         return "all cells are orthogonal"
-    if worst.is_held:
+    if worst.is_fixed:
         return f"the worst, {worst}, has no node that an interior control point moves: all lie on what is held"
     return (
         f"the worst, {worst}, is not raised by any step that leaves the surface and the heights of first cells as they "

@@ -71,7 +71,7 @@ class Search:
         self.corner_bound = self.quality.evaluate(self.nodes, (CORNER,)).aggregates[CORNER]
         self.worst = self.worst_by_block(self.q)
         self.values, self.q_now = shift.initial, self.q
-        self.is_held = np.zeros(shift.n_values, dtype=bool)
+        self.is_fixed = np.zeros(shift.n_values, dtype=bool)
         self.iterations = self.evaluations = 0
         self.margin, self.mean = 0.0, MEAN
         self.moved_by_any = self.moved_cells(np.ones(shift.n_values, dtype=bool))
@@ -136,7 +136,7 @@ class Search:
             if self.mean and spoiled.any():
                 self.mean = 0.0
             else:
-                self.is_held |= self.values_that_move(spoiled)
+                self.is_fixed |= self.values_that_move(spoiled)
 
     def minimised(self, sharpness: float, iterations: int, free: np.ndarray) -> np.ndarray:
         """Values that L-BFGS-B finds from those taken last, the free ones moved."""
@@ -177,7 +177,7 @@ class Search:
             moved = self.moved_by_any[cells]
             most = lacks[cells][moved].max(initial=0.0)
             near[cells] = moved & (lacks[cells] >= SHARE * most) & (most > ORTHOGONAL)
-        return self.values_that_move(self.nodes_of_cells(near)) & ~self.is_held
+        return self.values_that_move(self.nodes_of_cells(near)) & ~self.is_fixed
 
     def spoiled_nodes(self, nodes: np.ndarray, q: np.ndarray, corners: np.ndarray) -> np.ndarray:
         """Nodes of cells that make a block worse than it was given or are newly inverted, and walls' next ones."""
@@ -266,6 +266,6 @@ class Search:
     def worst_cell(self, block: BlockCells, q: np.ndarray) -> WorstOfBlock:
         """The worst cell of a block."""
         n = int(np.argmin(q[block.cells]))
-        is_held = not self.moved_by_any[block.cells][n]
+        is_fixed = not self.moved_by_any[block.cells][n]
         i, j, k = block.number(n)
-        return WorstOfBlock(block.name, i, j, k, float(q[block.cells][n]), is_held)
+        return WorstOfBlock(block.name, i, j, k, float(q[block.cells][n]), is_fixed)

@@ -19,7 +19,7 @@ from ...base.checks import require_kind
 from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.topology.topology import describe
-from ..mesh.interior import held_periodic_planes, interior_directions
+from ..mesh.interior import fixed_periodic_planes, interior_directions
 from ..model.fitted_model import FittedModel
 from .variable import block_diagonal
 
@@ -171,7 +171,7 @@ def _what_may_slide(model: FittedModel, sliding: str | Sequence[str]) -> str:
     """Name the periodic planes of a model, and say what lets them slide."""
     patch_of = {face.window: face.patch for face in model.topology.boundary}
     texts = []
-    for pair in held_periodic_planes(model, sliding):
+    for pair in fixed_periodic_planes(model, sliding):
         windows = (*pair.windows, *pair.others)
         names = sorted({patch for window in windows if (patch := patch_of[window]) is not None})
         if all(patch_of[window] is not None for window in windows):

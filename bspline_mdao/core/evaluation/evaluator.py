@@ -20,7 +20,7 @@ from ...base.display import OneLine
 from ...base.numerics.threads import run_tasks, thread_count
 from ...errors import InputError
 from ...grids.topology.block_layout import BlockLayout
-from ...grids.topology.held_nodes import HeldNodes
+from ...grids.topology.node_numbering import NodeNumbering
 from ...grids.topology.topology import Topology
 from ..splines.mesh import BSplineMesh
 from .kernels import assemble, forward_kernel, reverse_kernel, turned_forward_kernel, turned_reverse_kernel
@@ -105,21 +105,21 @@ class Evaluator(OneLine):
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
     ) -> Evaluator:
         """Operator to the nodes of a grid; shared nodes are evaluated once and copied."""
-        held = HeldNodes.of_grid(topology)
-        own = [x.reshape(-1, 3)[places] for x, places in zip(parameters, held.places)]
-        return cls.of_nodes(held, mesh, own, n_threads)
+        numbering = NodeNumbering.of_grid(topology)
+        own = [x.reshape(-1, 3)[places] for x, places in zip(parameters, numbering.places)]
+        return cls.of_nodes(numbering, mesh, own, n_threads)
 
     @classmethod
     def of_nodes(
         cls,
-        held: HeldNodes,
+        numbering: NodeNumbering,
         mesh: BSplineMesh,  # one volume per segment
         # parameters of the nodes that each segment evaluates, ``held.numbers``
         parameters: Sequence[np.ndarray],  # each (n_v, 3)
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
     ) -> Evaluator:
         """Operator to some nodes of a grid, with the bits that they have in all of it."""
-        return cls.build(mesh, parameters, held.numbers, held.n_nodes, held.copies, n_threads)
+        return cls.build(mesh, parameters, numbering.numbers, numbering.n_nodes, numbering.copies, n_threads)
 
     def with_threads(self, n_threads: int | None) -> Evaluator:
         """Return the same map on another number of threads."""

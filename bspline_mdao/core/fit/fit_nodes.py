@@ -18,8 +18,8 @@ import numpy as np
 
 from ...base.numerics.processes import ONE
 from ...grids.topology.block_layout import BlockLayout
-from ...grids.topology.held_nodes import HeldNodes
 from ...grids.topology.index_space import window_rows
+from ...grids.topology.node_numbering import NodeNumbering
 from ...grids.topology.partition import Partition
 from ...grids.topology.sharing import node_sharing
 from ...grids.topology.topology import Topology
@@ -92,15 +92,15 @@ class FitNodes:
         """Add the nodes of others that these are copies of, and agree with all processes on what is sent."""
         layout = self.topology.layout
         own = [np.arange(layout.starts[block], layout.starts[block + 1]) for block in self.blocks]
-        held = HeldNodes.of(self.topology, np.concatenate([np.zeros(0, dtype=np.int64), *own]))
-        there = held.rows[self.n_own :]
+        numbering = NodeNumbering.of(self.topology, np.concatenate([np.zeros(0, dtype=np.int64), *own]))
+        there = numbering.rows[self.n_own :]
         rank_of = np.asarray(self.homes)[layout.owner(there)]
         wanted = [self.n_own + np.flatnonzero(rank_of == rank) for rank in range(self.comm.size)]
-        asked = self.comm.alltoall([held.rows[numbers] for numbers in wanted])
-        is_copy = np.zeros(held.n_nodes, dtype=bool)
-        is_copy[held.copies[:, 0]] = True
+        asked = self.comm.alltoall([numbering.rows[numbers] for numbers in wanted])
+        is_copy = np.zeros(numbering.n_nodes, dtype=bool)
+        is_copy[numbering.copies[:, 0]] = True
         # a node whose first segment is in one of these blocks is evaluated by that segment, so by the first that has it
-        order = np.full(held.n_nodes, -1)
+        order = np.full(numbering.n_nodes, -1)
         for number in reversed(self.here):
             order[self.rows[number]] = number
         is_evaluated = tuple(
@@ -110,10 +110,10 @@ class FitNodes:
         return replace(
             self,
             is_evaluated=is_evaluated,
-            copies=held.copies,
-            n_rows=held.n_nodes,
+            copies=numbering.copies,
+            n_rows=numbering.n_nodes,
             wanted=tuple(wanted),
-            given=tuple(held.numbers_of(rows) for rows in asked),
+            given=tuple(numbering.numbers_of(rows) for rows in asked),
         )
 
     @property

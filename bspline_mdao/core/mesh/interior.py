@@ -20,7 +20,7 @@ from ..model.fitted_model import FittedModel
 from .allowed_directions import AllowedDirections, required_planes
 from .boundary import boundary_points, matching_patches
 
-__all__ = ["held_periodic_planes", "interior_directions"]
+__all__ = ["fixed_periodic_planes", "interior_directions"]
 
 
 def interior_directions(
@@ -52,7 +52,7 @@ def interior_directions(
     return projectors
 
 
-def held_periodic_planes(
+def fixed_periodic_planes(
     model: FittedModel,  # the fitted grid
     sliding: str | Sequence[str] = (),  # patches that slide already, by name or pattern
 ) -> tuple[PeriodicPair, ...]:

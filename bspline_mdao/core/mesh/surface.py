@@ -16,7 +16,7 @@ from ...base.display import OneLine
 from ...base.numerics.mean_planes import mean_planes
 from ...errors import InputError
 from ...grids.topology.boundary_surface import BoundarySurface, quads_in_turn
-from ...grids.topology.held_nodes import NodesByRow, face_layer_rows, face_rows, node_copies, source_rows
+from ...grids.topology.node_numbering import NodesByRow, face_layer_rows, face_rows, node_copies, source_rows
 from ...grids.topology.topology import BoundaryFace, Topology, describe
 from ..model.model import Model, nodes_at
 from .allowed_directions import required_planes

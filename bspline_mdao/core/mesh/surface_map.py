@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...errors import InputError
-from ...grids.topology.held_nodes import HeldNodes
+from ...grids.topology.node_numbering import NodeNumbering
 from ...names import CONTROL_POINTS, SURFACE_CONTROL_POINTS
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.node_map import require_inputs
@@ -66,9 +66,9 @@ class SurfaceMap:
     ) -> SurfaceMap:
         """Take some rows out of the evaluation of the grid."""
         require = require or (lambda matrix, turned: None)
-        held = HeldNodes.of(model.topology, rows)
-        parameters = model.parameters_of(held)
-        evaluator = Evaluator.of_nodes(held, model.mesh, parameters)
+        numbering = NodeNumbering.of(model.topology, rows)
+        parameters = model.parameters_of(numbering)
+        evaluator = Evaluator.of_nodes(numbering, model.mesh, parameters)
         matrix = evaluator.matrix()
         require(matrix, False)
         is_surface = np.zeros(len(model.control_points), dtype=bool)
@@ -77,7 +77,7 @@ class SurfaceMap:
         turned, residual = None, model.residual_at(rows)
         if residual is not None and model.residual_lengths is not None:
             points, lengths = model.control_points, model.residual_lengths
-            turning = Turning.of(held, model.mesh, parameters, points, lengths, evaluator)
+            turning = Turning.of(numbering, model.mesh, parameters, points, lengths, evaluator)
             face_nodes = turning.rows(np.arange(len(rows)))
             require(turning.corners.matrix()[turning.seen_by(face_nodes)], True)
             turning = turning.of_rows(face_nodes)

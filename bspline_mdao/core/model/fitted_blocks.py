@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...base.display import OneLine
-from ...grids.topology.held_nodes import HeldNodes
+from ...grids.topology.node_numbering import NodeNumbering
 from ...grids.topology.partition import Partition, Share
 from ...grids.topology.topology import Topology
 from ..splines.mesh import BSplineMesh
@@ -66,9 +66,9 @@ class FittedBlocks(OneLine):
         topology = self.topology
         if share is None:
             share = Partition.of(topology, self.comm.size).share(self.comm.rank)
-        held = HeldNodes.of(topology, rows_of_share(topology, share))
-        parameters = self._parameters_of(held)
-        residual = None if self.residual is None else self._residual_of(held.rows)
+        numbering = NodeNumbering.of(topology, rows_of_share(topology, share))
+        parameters = self._parameters_of(numbering)
+        residual = None if self.residual is None else self._residual_of(numbering.rows)
 
         def residual_at(rows: np.ndarray) -> np.ndarray:
             assert residual is not None
@@ -101,10 +101,10 @@ class FittedBlocks(OneLine):
         own = {f.name: getattr(self, f.name) for f in fields(self)} | {"residual_lengths": self.residual_lengths()}
         write_by_turns(path, self.comm, own, parts, compress)
 
-    def _parameters_of(self, held: HeldNodes) -> dict[int, np.ndarray]:
+    def _parameters_of(self, numbering: NodeNumbering) -> dict[int, np.ndarray]:
         """Parameters of the nodes that each segment evaluates."""
         asked: list[dict[int, np.ndarray]] = [{} for _ in range(self.comm.size)]
-        for segment, places in enumerate(held.places):
+        for segment, places in enumerate(numbering.places):
             if len(places):
                 asked[self.homes[self.topology.segments[segment].block]][segment] = places
         given = [

@@ -16,7 +16,7 @@ from ...grids.io.cgns import CgnsDialect
 from ...grids.io.plane_grids import PlaneDialect
 from ...grids.topology.boundary_surface import BoundarySurface
 from ...grids.topology.grid import Grid, Patch
-from ...grids.topology.held_nodes import HeldNodes
+from ...grids.topology.node_numbering import NodeNumbering
 from ...grids.topology.partition import Share
 from ...grids.topology.sharing import node_sharing
 from ...grids.topology.topology import Topology
@@ -136,9 +136,9 @@ class FittedModel(Shown, Model):
         residual = self.residual, self.residual_lengths
         return GridMap.of(*places, *residual, self.settings.wall_layer, self.evaluator())
 
-    def parameters_of(self, held: HeldNodes) -> list[np.ndarray]:
-        """Parameters of the nodes that each segment evaluates, ``held.numbers``, each of shape (n_v, 3)."""
-        return [x.reshape(-1, 3)[places] for x, places in zip(self.parameters, held.places)]
+    def parameters_of(self, numbering: NodeNumbering) -> list[np.ndarray]:
+        """Parameters of the nodes that each segment evaluates, ``numbering.numbers``, each of shape (n_v, 3)."""
+        return [x.reshape(-1, 3)[places] for x, places in zip(self.parameters, numbering.places)]
 
     def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
         """Residual of nodes by their rows, shape (n, 3); None where there is none."""

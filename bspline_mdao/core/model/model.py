@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ...grids.topology.held_nodes import HeldNodes
+from ...grids.topology.node_numbering import NodeNumbering
 from ...grids.topology.partition import Share
 from ...grids.topology.topology import Topology
 from ..evaluation.evaluator import Evaluator
@@ -58,8 +58,8 @@ class Model(ABC):
         """Take what a process with some nodes needs of the model: the model itself where it is made for these."""
 
     @abstractmethod
-    def parameters_of(self, held: HeldNodes) -> list[np.ndarray]:
-        """Parameters of the nodes that each segment evaluates, ``held.numbers``, each of shape (n_v, 3)."""
+    def parameters_of(self, numbering: NodeNumbering) -> list[np.ndarray]:
+        """Parameters of the nodes that each segment evaluates, ``numbering.numbers``, each of shape (n_v, 3)."""
 
     @abstractmethod
     def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
@@ -88,7 +88,7 @@ class Model(ABC):
 
 def nodes_at(model: Model, rows: np.ndarray) -> np.ndarray:
     """Nodes of the baseline by their rows in the grid vector, shape (n, 3), with the bits of the whole grid (m)."""
-    held = HeldNodes.of(model.topology, np.asarray(rows))
-    nodes = Evaluator.of_nodes(held, model.mesh, model.parameters_of(held)).forward(model.control_points)
-    nodes, residual = nodes[: held.n_asked], model.residual_at(held.rows[: held.n_asked])
+    numbering = NodeNumbering.of(model.topology, np.asarray(rows))
+    nodes = Evaluator.of_nodes(numbering, model.mesh, model.parameters_of(numbering)).forward(model.control_points)
+    nodes, residual = nodes[: numbering.n_asked], model.residual_at(numbering.rows[: numbering.n_asked])
     return nodes if residual is None else nodes + residual

@@ -114,16 +114,16 @@ def read_model(
     with damaged_is_input_error(path), opened_model(path) as file:
         arrays = datasets_of(path, file)
         document = checked_document(path, file, arrays)
-        held = {name: item[()] for name, item in arrays.items()}
-        _bring_up_to_date(path, document, held)
+        stored = {name: item[()] for name, item in arrays.items()}
+        _bring_up_to_date(path, document, stored)
         document = _decode_of(file, document)
-        fields_of_model = _fields_of(document, held)
-        parameters = tuple(held[f"parameters/{s}"] for s in range(len(document["orders"])))
+        fields_of_model = _fields_of(document, stored)
+        parameters = tuple(stored[f"parameters/{s}"] for s in range(len(document["orders"])))
         for s, array in enumerate(parameters):
             check_parameters(document["topology"], s, array.shape, array)
-        iblanks = tuple(held.get(f"iblank/{b}") for b in range(len(document["header"].names)))
+        iblanks = tuple(stored.get(f"iblank/{b}") for b in range(len(document["header"].names)))
         header = replace(document["header"], iblanks=iblanks)
-        rest = {"parameters": parameters, "residual": held.get("residual"), "header": header}
+        rest = {"parameters": parameters, "residual": stored.get("residual"), "header": header}
         return make(**fields_of_model | rest)
 
 
@@ -135,14 +135,14 @@ def read_fields(
     with damaged_is_input_error(path), opened_model(path) as file:
         arrays = datasets_of(path, file)
         document = checked_document(path, file, arrays)
-        held = {name: item[()] for name, item in arrays.items() if not is_of_grid(name)}
-        _bring_up_to_date(path, document, held)
+        stored = {name: item[()] for name, item in arrays.items() if not is_of_grid(name)}
+        _bring_up_to_date(path, document, stored)
         document = _decode_of(file, document)
-        found = _fields_of(document, held)
+        found = _fields_of(document, stored)
         for s in range(len(document["orders"])):
             check_parameters(document["topology"], s, arrays[f"parameters/{s}"].shape)
         has_residual = "residual" in arrays
-        found["residual_lengths"] = _checked_lengths(path, held, has_residual and document["settings"].wall_layer)
+        found["residual_lengths"] = _checked_lengths(path, stored, has_residual and document["settings"].wall_layer)
         if has_residual and arrays["residual"].shape != (document["topology"].n_nodes, 3):
             raise ValueError("residual")
         return found | {"has_residual": has_residual}

@@ -23,7 +23,7 @@ from ...base.checks import as_finite_points
 from ...base.display import OneLine
 from ...base.numerics.processes import ONE, on_first, together
 from ...errors import InputError
-from ...grids.topology.held_nodes import HeldNodes, NodesByRow, each_once, face_layer_rows
+from ...grids.topology.node_numbering import NodeNumbering, NodesByRow, each_once, face_layer_rows
 from ...grids.topology.partition import Partition, Share
 from ...grids.topology.topology import Topology
 from ..evaluation.evaluator import Evaluator
@@ -44,7 +44,7 @@ def rows_of_share(topology: Topology, share: Share) -> np.ndarray:
     # They are its own, those of the boundary of the grid and of the layer next to it, and those that these are copies
     # of.
     boundary = [rows.ravel() for face in topology.boundary for rows in face_layer_rows(topology, face.window)]
-    return each_once(HeldNodes.of(topology, each_once(np.concatenate([share.rows, *boundary]))).rows)
+    return each_once(NodeNumbering.of(topology, each_once(np.concatenate([share.rows, *boundary]))).rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +84,16 @@ class ModelShare(OneLine, Model):
                 f"{topology.source}: a share of a grid of {share.n_nodes_of_grid} nodes, but it has "
                 f"{topology.n_nodes}; make the partition with the topology of the model"
             )
-        held = HeldNodes.of(topology, rows_of_share(topology, share))
-        parameters = np.empty((held.n_nodes, 3))
-        for segment, (numbers, places) in enumerate(zip(held.numbers, held.places)):
+        nodes_here = NodeNumbering.of(topology, rows_of_share(topology, share))
+        parameters = np.empty((nodes_here.n_nodes, 3))
+        for segment, (numbers, places) in enumerate(zip(nodes_here.numbers, nodes_here.places)):
             if len(numbers):
                 parameters[numbers] = parameters_at(segment, places)
-        parameters[held.copies[:, 0]] = parameters[held.copies[:, 1]]
-        residual = None if residual_at is None else residual_at(held.rows)
-        return cls(share=share, topology=topology, rows=held.rows, parameters=parameters, residual=residual, **others)
+        parameters[nodes_here.copies[:, 0]] = parameters[nodes_here.copies[:, 1]]
+        residual = None if residual_at is None else residual_at(nodes_here.rows)
+        return cls(
+            share=share, topology=topology, rows=nodes_here.rows, parameters=parameters, residual=residual, **others
+        )
 
     @classmethod
     def load(
@@ -108,8 +110,10 @@ class ModelShare(OneLine, Model):
             if share is None:
                 share = Partition.of(topology, comm.size).share(comm.rank)
             with opened_parts(path, topology) as parts:
-                held = {window.block for window in share.windows or ()}
-                iblanks = (parts.iblank_of(block) if block in held else None for block in range(len(header.names)))
+                nodes_here = {window.block for window in share.windows or ()}
+                iblanks = (
+                    parts.iblank_of(block) if block in nodes_here else None for block in range(len(header.names))
+                )
                 fields["header"] = replace(header, iblanks=tuple(iblanks))
                 fields["parameters_at"] = parts.parameters_at
                 fields["residual_at"] = parts.residual_at if has_residual else None
@@ -139,9 +143,9 @@ class ModelShare(OneLine, Model):
         arrays = (self.rows, self.parameters, self.residual, self.share.rows)
         return sum(array.nbytes for array in arrays if array is not None)
 
-    def parameters_of(self, held: HeldNodes) -> list[np.ndarray]:
-        """Parameters of the nodes that each segment evaluates, ``held.numbers``, each of shape (n_v, 3)."""
-        return [self.parameters[self._places(held.rows[numbers])] for numbers in held.numbers]
+    def parameters_of(self, nodes_here: NodeNumbering) -> list[np.ndarray]:
+        """Parameters of the nodes that each segment evaluates, ``nodes_here.numbers``, each of shape (n_v, 3)."""
+        return [self.parameters[self._places(nodes_here.rows[numbers])] for numbers in nodes_here.numbers]
 
     def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
         """Residual of nodes by their rows, shape (n, 3); None where there is none."""
@@ -169,10 +173,10 @@ class ModelShare(OneLine, Model):
     def corrected_map(self, rows: np.ndarray, whole: Model) -> tuple[GridMap, WallCorrection]:
         """Map to the nodes of the share for walls that are met exactly, and what of the correction it needs."""
         nodes, walls = nodes_at(whole, np.arange(whole.n_nodes)), self._walls
-        wanted = HeldNodes.of(self.topology, self.share.rows, () if walls is None else walls.needed)
+        wanted = NodeNumbering.of(self.topology, self.share.rows, () if walls is None else walls.needed)
         part = WallCorrection.of(self.topology, nodes, rows).part(wanted.sources_of(wanted.rows))
         grid_map = self._map_of(whole, [part.needed])
-        return grid_map, part.among(grid_map.held)
+        return grid_map, part.among(grid_map.numbering)
 
     @cached_property
     def _walls(self) -> GridWalls | None:
@@ -183,10 +187,12 @@ class ModelShare(OneLine, Model):
 
     def _map_of(self, model: Model, needed: Sequence[np.ndarray]) -> GridMap:
         walls = self._walls
-        held = HeldNodes.of(self.topology, self.share.rows, [*needed, *(() if walls is None else walls.needed)])
-        parameters, residual = model.parameters_of(held), model.residual_at(held.rows)
-        evaluator = Evaluator.of_nodes(held, self.mesh, parameters)
-        places = held, self.mesh, parameters, self.control_points, residual, self.residual_lengths
+        nodes_here = NodeNumbering.of(
+            self.topology, self.share.rows, [*needed, *(() if walls is None else walls.needed)]
+        )
+        parameters, residual = model.parameters_of(nodes_here), model.residual_at(nodes_here.rows)
+        evaluator = Evaluator.of_nodes(nodes_here, self.mesh, parameters)
+        places = nodes_here, self.mesh, parameters, self.control_points, residual, self.residual_lengths
         return GridMap.of_nodes(*places, self.settings.wall_layer, walls, evaluator)
 
     def __getstate__(self) -> dict:

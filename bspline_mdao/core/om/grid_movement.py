@@ -162,12 +162,12 @@ class GridMovement(Copied, om.Group):
             self._add_measures(mover.mesh)
         certified = model if self.options["certify"] else None
         self._add("move", ControlMeshMove(mover=mover, certified=certified, processes=self.options["processes"]))
-        held = {"model": model, "partition": self.options["partition"]}
-        self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(**held, **asked))
+        common = {"model": model, "partition": self.options["partition"]}
+        self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(**common, **asked))
         quality, is_judged = self.options["quality"], self.options["require_valid"] and self._has_cells()
         if quality or is_judged:
             bounds = {} if quality is True else {"aggregates": quality or ()}
-            self._add("quality", Quality(**held, **bounds, require_valid=is_judged))
+            self._add("quality", Quality(**common, **bounds, require_valid=is_judged))
 
     def _has_cells(self) -> bool:
         """Whether processes have cells of the grid: shares that are made of rows have nodes alone."""

@@ -128,7 +128,7 @@ class RidingMesh(OneLine):
         A of the nodes that move.
     rows : ndarray of int, shape (n_moving,)
         Nodes that move.
-    held : ndarray of int, shape (n_held,)
+    left : ndarray of int, shape (n_held,)
         Nodes outside the grid, which stay.
     boundary : Evaluator or None
         Nearest points of the grid to these.
@@ -157,7 +157,7 @@ class RidingMesh(OneLine):
     control_points: np.ndarray
     evaluator: Evaluator
     rows: np.ndarray
-    held: np.ndarray
+    left: np.ndarray
     boundary: Evaluator | None
     distances: np.ndarray
     walls: RidingWalls | None
@@ -212,13 +212,13 @@ class RidingMesh(OneLine):
             raise InputError(_outside_message(mesh, found, lost))
         rows = np.setdiff1d(np.arange(len(points)), lost)
         evaluator = embed_points(model.mesh, _part(found, rows))
-        held = embed_points(model.mesh, _part(found, lost)) if len(lost) else None
+        left = embed_points(model.mesh, _part(found, lost)) if len(lost) else None
         missed = np.zeros_like(points)
         missed[rows] = points[rows] - evaluator.forward(b0)
         faces, parts = WallFaces.of(mesh, boundary, walls), None
         if len(faces.faces):
             parts = RidingWalls.of(mesh, faces, planes, lost, missed)
-        made = cls(mesh, b0, evaluator, rows, lost, held, found.distance, parts, points)
+        made = cls(mesh, b0, evaluator, rows, lost, left, found.distance, parts, points)
         return replace(made, baseline=made._mapped(b0, None)[0])
 
     @property
@@ -291,8 +291,8 @@ class RidingMesh(OneLine):
         worst = int(np.argmax(moves))
         if moves[worst] > STAYS * np.linalg.norm(np.ptp(self.control_points, axis=0)):
             raise MovementError(
-                f"{self.mesh.source}: {len(self.held):,} nodes outside the grid are held, but beside node "
-                f"{self.held[worst] + 1} its boundary moves by {moves[worst]:.3g} m; fix that boundary, or take a grid "
+                f"{self.mesh.source}: {len(self.left):,} nodes outside the grid are held, but beside node "
+                f"{self.left[worst] + 1} its boundary moves by {moves[worst]:.3g} m; fix that boundary, or take a grid "
                 f"that covers the mesh"
             )
 

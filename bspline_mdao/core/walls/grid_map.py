@@ -20,7 +20,7 @@ import numpy as np
 
 from ...base.display import OneLine
 from ...errors import InputError
-from ...grids.topology.held_nodes import HeldNodes
+from ...grids.topology.node_numbering import NodeNumbering
 from ...grids.topology.topology import Topology
 from ...names import CONTROL_POINTS, SURFACE
 from ..evaluation.evaluator import Evaluator
@@ -45,7 +45,9 @@ class GridMap(OneLine):
     # Vectors, ndarray of shape (n, 3) or None, the residual of the fit, ready to be turned, or to be added
     residual: Vectors | np.ndarray | None
     following: WallFollowing | None  # nodes that follow walls
-    held: HeldNodes  # which nodes of the grid they are; in the map of all of it every number is that of its row
+    numbering: (
+        NodeNumbering  # which nodes of the grid they are; in the map of all of it every number is that of its row
+    )
     correction: WallCorrection | None = None  # correction of nodes whose places are given, see `meeting`
 
     @classmethod
@@ -65,14 +67,16 @@ class GridMap(OneLine):
         """Prepare the map of a fitted grid."""
         nodes = _baseline(evaluator, control_points, residual)
         walls = GridWalls.of(topology, nodes, evaluator.n_threads) if wall_layer else None
-        held = HeldNodes.of_grid(topology)
-        own = [x.reshape(-1, 3)[places] for x, places in zip(parameters, held.places)]
-        return cls.of_nodes(held, mesh, own, control_points, residual, residual_lengths, wall_layer, walls, evaluator)
+        numbering = NodeNumbering.of_grid(topology)
+        own = [x.reshape(-1, 3)[places] for x, places in zip(parameters, numbering.places)]
+        return cls.of_nodes(
+            numbering, mesh, own, control_points, residual, residual_lengths, wall_layer, walls, evaluator
+        )
 
     @classmethod
     def of_nodes(
         cls,
-        held: HeldNodes,  # the nodes, with those that walls need
+        numbering: NodeNumbering,  # the nodes, with those that walls need
         mesh: BSplineMesh,  # one volume per segment
         # sequence of ndarray, each of shape (n_v, 3), parameters of the nodes that each segment evaluates
         parameters: Sequence[np.ndarray],
@@ -90,13 +94,13 @@ class GridMap(OneLine):
         turning, following = None, None
         vectors: Vectors | np.ndarray | None = residual
         if wall_layer and residual is not None and residual_lengths is not None:
-            turning = Turning.of(held, mesh, parameters, control_points, residual_lengths, evaluator)
+            turning = Turning.of(numbering, mesh, parameters, control_points, residual_lengths, evaluator)
             vectors = turning.vectors(residual)
         if walls is not None:
-            layer = walls.layer(held, nodes, evaluator.n_threads)
-            rows, plane_rows = map(held.numbers_of, walls.needed)
+            layer = walls.layer(numbering, nodes, evaluator.n_threads)
+            rows, plane_rows = map(numbering.numbers_of, walls.needed)
             following = WallFollowing(layer, rows, plane_rows, walls.normals)
-        return cls(evaluator, nodes, turning, vectors, following, held)
+        return cls(evaluator, nodes, turning, vectors, following, numbering)
 
     def meeting(self, correction: WallCorrection) -> GridMap:
         """Return the map with a second input, ``surface``: where the nodes of a correction of `nodes` are to be."""
@@ -115,7 +119,7 @@ class GridMap(OneLine):
     @property
     def n_asked(self) -> int:
         """Number of the nodes that were asked for, the first ones."""
-        return self.held.n_asked
+        return self.numbering.n_asked
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
         """Return derivatives with respect to the nodes asked for, shape (n_asked, 3), with zeros for the others."""

@@ -16,8 +16,9 @@ import numpy as np
 from ...base.numerics.mean_planes import MeanPlane, mean_planes, near_enough
 from ...base.numerics.vectors import is_line, nearest_plane
 from ...grids.topology.boundary_surface import BoundarySurface
-from ...grids.topology.held_nodes import (
-    HeldNodes,
+from ...grids.topology.index_space import Window
+from ...grids.topology.node_numbering import (
+    NodeNumbering,
     NodesByRow,
     boundary_rows,
     face_layer_rows,
@@ -25,7 +26,6 @@ from ...grids.topology.held_nodes import (
     node_copies,
     source_rows,
 )
-from ...grids.topology.index_space import Window
 from ...grids.topology.topology import BoundaryFace, Topology
 from .layer import WallLayer
 from .planes import PlaneNormal
@@ -100,15 +100,19 @@ class GridWalls:
 
     def layer(
         self,
-        held: HeldNodes,  # nodes of the grid, `needed` ones among them
+        numbering: NodeNumbering,  # nodes of the grid, `needed` ones among them
         nodes: np.ndarray,  # (n, 3), their places on the baseline (m)
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
     ) -> WallLayer:
         """Find which nodes follow the walls."""
-        planes = [(numbers[numbers >= 0], n) for numbers, n in ((held.numbers_of(rows), n) for rows, n in self.planes)]
-        fixed = held.numbers_of(self.fixed)
-        rows = held.numbers_of(self.rows)
-        return WallLayer.of(self.wall, nodes, rows, planes, fixed[fixed >= 0], held.copies, n_threads, by_corners=True)
+        planes = [
+            (numbers[numbers >= 0], n) for numbers, n in ((numbering.numbers_of(rows), n) for rows, n in self.planes)
+        ]
+        fixed = numbering.numbers_of(self.fixed)
+        rows = numbering.numbers_of(self.rows)
+        return WallLayer.of(
+            self.wall, nodes, rows, planes, fixed[fixed >= 0], numbering.copies, n_threads, by_corners=True
+        )
 
 
 def _planes(faces: Sequence[BoundaryFace], nodes: Sequence[np.ndarray]) -> list[MeanPlane | None]:

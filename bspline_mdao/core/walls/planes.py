@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
-from ...grids.topology.held_nodes import NodesByRow
+from ...grids.topology.node_numbering import NodesByRow
 
 __all__ = ["MirrorMeans", "PlaneNormal"]
 

@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 
 from ...base.display import OneLine
-from ...grids.topology.held_nodes import HeldNodes
 from ...grids.topology.index_space import sections_of, whole_slices
+from ...grids.topology.node_numbering import NodeNumbering
 
 __all__ = ["Sections"]
 
@@ -85,9 +85,9 @@ class Sections(OneLine):
                 found.append((here, [self.blends[start : start + n] for start, n in zip(starts, shape)]))
         return self._joined(found[::-1])
 
-    def among(self, held: HeldNodes) -> Sections:
+    def among(self, numbering: NodeNumbering) -> Sections:
         """Return the same with nodes numbered as some hold them."""
-        rows = np.where(self.rows >= 0, held.numbers_of(self.rows), -1).astype(np.int32)
+        rows = np.where(self.rows >= 0, numbering.numbers_of(self.rows), -1).astype(np.int32)
         return replace(self, rows=rows)
 
     def fill(self, values: np.ndarray) -> None:

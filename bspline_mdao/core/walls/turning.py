@@ -30,7 +30,7 @@ from numba import njit
 from ...base.numerics.mean_planes import mean_planes, near_enough
 from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.boundary_surface import quads_in_turn
-from ...grids.topology.held_nodes import HeldNodes, face_rows
+from ...grids.topology.node_numbering import NodeNumbering, face_rows
 from ...grids.topology.sharing import boundary_sides
 from ..evaluation.evaluator import Evaluator
 from ..splines.mesh import BSplineMesh
@@ -68,7 +68,7 @@ class Turning:
     @classmethod
     def of(
         cls,
-        held: HeldNodes,  # the nodes; their topology has segments, links, and the kinds of boundary faces
+        numbering: NodeNumbering,  # the nodes; their topology has segments, links, and the kinds of boundary faces
         mesh: BSplineMesh,  # one volume per segment
         # sequence of ndarray, each of shape (n_v, 3), parameters of the nodes that each segment evaluates
         parameters: Sequence[np.ndarray],
@@ -78,20 +78,20 @@ class Turning:
         evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_nodes`
     ) -> Turning:
         """Find the corners, groups and planes that the vectors of nodes turn with."""
-        places, ids = corner_numbers(held.topology, mesh)
+        places, ids = corner_numbers(numbering.topology, mesh)
         corners = _corner_evaluator(mesh, places, ids, evaluator.n_threads)
         points = corners.forward(control_points)
-        faces = _boundary_faces(held, ids, points)
+        faces = _boundary_faces(numbering, ids, points)
         groups, plane = _groups(faces, ids, points, lengths)
         planes = [face for face in faces if face.plane is not None]
         quads = [
             np.concatenate([f.quads for f in planes if f.plane == k]) for k in range(len({f.plane for f in planes}))
         ]
-        cells = _cells(mesh, ids, evaluator, parameters, held)
+        cells = _cells(mesh, ids, evaluator, parameters, numbering)
         rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(face.rows for face in planes)]))
         flat = _face_nodes(rows, cells, planes, plane)
         flat = flat.part(np.flatnonzero((flat.planes >= 0).any(axis=1)))
-        copies = held.copies[np.isin(held.copies[:, 1], flat.rows)]
+        copies = numbering.copies[np.isin(numbering.copies[:, 1], flat.rows)]
         normals = tuple(map(PlaneNormal.of_quads, quads))
         return cls(corners, points, groups, normals, tuple(planes), plane, cells, evaluator, flat, copies)
 
@@ -277,16 +277,16 @@ class _BoundaryFace:
     plane: int | None
 
 
-def _boundary_faces(held: HeldNodes, ids, points: np.ndarray) -> list[_BoundaryFace]:
+def _boundary_faces(numbering: NodeNumbering, ids, points: np.ndarray) -> list[_BoundaryFace]:
     """Gather the boundary faces; those of one plane have quads whose areas point to one side."""
     numbers: dict[tuple, int] = {}
-    topology, faces = held.topology, []
+    topology, faces = numbering.topology, []
     size = np.linalg.norm(np.ptp(points, axis=0))
     sides = [(*side, np.take(ids[side[1]], -(side[2] % 2), axis=side[2] // 2)) for side in boundary_sides(topology)]
     parts = [points[corners.ravel()] for face, _, _, corners in sides if face.kind == "symmetry"]
     near, mirrors = near_enough(parts), iter(mean_planes(parts))  # of symmetry, which may be rough
     for face, number, side, corners in sides:
-        rows = held.numbers_of(face_rows(topology, topology.segments[number].face(side)).ravel())
+        rows = numbering.numbers_of(face_rows(topology, topology.segments[number].face(side)).ravel())
         quads, plane = quads_in_turn(corners), None
         normal, area = PlaneNormal.of_quads(quads).normal_and_area(points)
         offsets = points[corners.ravel()] @ normal
@@ -356,11 +356,11 @@ def _groups(
 
 
 def _cells(
-    mesh: BSplineMesh, ids, evaluator: Evaluator, parameters: Sequence[np.ndarray], held: HeldNodes
+    mesh: BSplineMesh, ids, evaluator: Evaluator, parameters: Sequence[np.ndarray], numbering: NodeNumbering
 ) -> tuple[SpanNodes, ...]:
     """Place the nodes of all volumes in their spans."""
     cells, place = [], np.empty(evaluator.n_rows, dtype=np.int64)
-    for volume, corners, nodes, x, numbers in zip(mesh.volumes, ids, evaluator.nodes, parameters, held.numbers):
+    for volume, corners, nodes, x, numbers in zip(mesh.volumes, ids, evaluator.nodes, parameters, numbering.numbers):
         place[numbers] = np.arange(len(numbers))
         cells.append(SpanNodes.of(volume, corners, nodes, x[place[nodes.rows[: nodes.n_nodes]]]))
     return tuple(cells)

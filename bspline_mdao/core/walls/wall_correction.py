@@ -26,8 +26,8 @@ from scipy import sparse
 from ...base.display import OneLine
 from ...base.numerics.mean_planes import mean_planes
 from ...base.sparse.spring_network import SpringNetwork
-from ...grids.topology.held_nodes import HeldNodes
 from ...grids.topology.index_space import Window, sections_of, whole_slices
+from ...grids.topology.node_numbering import NodeNumbering
 from ...grids.topology.sharing import direction_classes, node_sharing
 from ...grids.topology.topology import Topology
 from .sections import Sections
@@ -145,15 +145,15 @@ class WallCorrection(OneLine):
         inner = [level.rows[level.rows >= 0] for level in self.levels]
         return np.unique(np.concatenate([self.rows, self.corner_rows, *inner]))
 
-    def among(self, held: HeldNodes) -> WallCorrection:
+    def among(self, numbering: NodeNumbering) -> WallCorrection:
         """Return the same for nodes that are numbered as some hold them, all that are `needed` among them."""
         return replace(
             self,
-            rows=held.numbers_of(self.rows),
-            corner_rows=held.numbers_of(self.corner_rows),
-            levels=tuple(level.among(held) for level in self.levels),
-            copies=held.copies,
-            n_nodes=held.n_nodes,
+            rows=numbering.numbers_of(self.rows),
+            corner_rows=numbering.numbers_of(self.corner_rows),
+            levels=tuple(level.among(numbering) for level in self.levels),
+            copies=numbering.copies,
+            n_nodes=numbering.n_nodes,
         )
 
     @property

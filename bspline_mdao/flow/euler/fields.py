@@ -17,7 +17,7 @@ from ...grids.cells.cell_fields import face_layer
 from ...grids.io.fields import quality_fields, writer_of
 from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.grid import Block, Grid
-from ...grids.topology.held_nodes import face_rows, node_copies, source_rows
+from ...grids.topology.node_numbering import face_rows, node_copies, source_rows
 from ...grids.topology.topology import Topology
 from .gas import GAMMA, mach_numbers
 

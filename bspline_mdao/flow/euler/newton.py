@@ -241,8 +241,8 @@ class _StepSystem:
         if update is None:
             return UNKNOWN
         inverse = (1.0 / self.field.sizes.ravel()).astype(np.float32)
-        held = add_blocks(self.diagonal, update.astype(np.float32), inverse, np.zeros(update.shape, np.float32))
-        return course_of(update, last, residual, held, self.field.discretization.halo.comm)
+        scaled = add_blocks(self.diagonal, update.astype(np.float32), inverse, np.zeros(update.shape, np.float32))
+        return course_of(update, last, residual, scaled, self.field.discretization.halo.comm)
 
 
 def advance(settings: NewtonSettings, field: Field, states, residual, update):

@@ -18,8 +18,8 @@ from ...base.numerics.halo import ALONE, Halo
 from ...base.numerics.processes import ONE
 from ...core.evaluation.family import IndexScaling, refined_topology
 from ...grids.topology.block_layout import BlockLayout
-from ...grids.topology.holders import Holders
 from ...grids.topology.index_space import Window
+from ...grids.topology.ownership import Ownership
 from ...grids.topology.partition import Partition
 from ...grids.topology.topology import Topology
 from .flow_grid import FlowGrid
@@ -205,8 +205,8 @@ def _shared(fine: Partition, coarse: Partition, planes, comm: Any) -> tuple[np.n
         inside = (_lying_in(plane, cells) for plane, cells in zip(planes[piece.block], ranges))
         parents.append(cells.starts[piece.block] + _numbers(inside, cells.shapes[piece.block]))
     n_nodes, n_cells = fine.share(comm.rank).n_nodes, len(coarse.share(comm.rank).cells)
-    nodes_halo, picked = Halo.of(comm, n_nodes, *Holders.of_nodes(fine).find(np.concatenate(rows)))
-    cells_halo, places = Halo.of(comm, n_cells, *Holders.of_cells(coarse).find(np.concatenate(parents)))
+    nodes_halo, picked = Halo.of(comm, n_nodes, *Ownership.of_nodes(fine).find(np.concatenate(rows)))
+    cells_halo, places = Halo.of(comm, n_cells, *Ownership.of_cells(coarse).find(np.concatenate(parents)))
     return picked, places, (nodes_halo, cells_halo)
 
 

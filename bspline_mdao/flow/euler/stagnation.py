@@ -38,12 +38,12 @@ def course_of(
     last: np.ndarray | None,
     residual: np.ndarray,  # (n_cells, 5), before the step
     # (n_cells, 5), the time terms' product with the update, ``T dW / CFL``, in the units of the residual
-    held: np.ndarray,
+    scaled: np.ndarray,
     comm: Any,  # the processes
 ) -> Course:
     """Tell where an update leads."""
     last = np.zeros_like(update) if last is None else last
-    pairs = (update, last), (update, update), (last, last), (held, residual), (held, held)
+    pairs = (update, last), (update, update), (last, last), (scaled, residual), (scaled, scaled)
     along, new, old, driven, slowed = summed(comm, np.array([np.einsum("ij,ij", a, b) for a, b in pairs]))
     tiny = np.finfo(float).tiny
     return Course(float(along / max(np.sqrt(new * old), tiny)), float(1.0 + driven / max(slowed, tiny)))
@@ -57,8 +57,8 @@ def begins_to_hover(settings: NewtonSettings, history: Sequence[NewtonStep]) -> 
     goes_back = (
         history[-1].course.has_turned and residuals[-1] > residuals[-2] and max(residuals[-3:]) < settings.hovering_from
     )
-    is_held = max(residuals[-settings.hovering :]) < settings.hovering_from and len(residuals) > settings.hovering
-    return goes_back or (is_held and min(residuals[-settings.hovering :]) > min(residuals[: -settings.hovering]))
+    is_stagnant = max(residuals[-settings.hovering :]) < settings.hovering_from and len(residuals) > settings.hovering
+    return goes_back or (is_stagnant and min(residuals[-settings.hovering :]) > min(residuals[: -settings.hovering]))
 
 
 def lowest_before(settings: NewtonSettings, history: Sequence[NewtonStep]) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from ...base.numerics.halo import Halo
 from ...base.numerics.processes import ONE, summed
 from ...grids.cells.cell_faces import CellFaces
-from ...grids.topology.holders import Holders
+from ...grids.topology.ownership import Ownership
 from ...grids.topology.partition import Partition
 
 __all__ = ["Walls"]
@@ -32,10 +32,10 @@ class Walls:
     # process
     rows: np.ndarray | None
     own: np.ndarray  # (n_own,) of int, wall faces whose cells this process has
-    # held, places: (n_held,) of int, nodes of this process that are on walls, and which of `nodes` they are
-    held: np.ndarray
+    # held, places: (n_here,) of int, nodes of this process that are on walls, and which of `nodes` they are
+    rows_here: np.ndarray
     places: np.ndarray
-    n_held: int  # nodes of this process
+    n_here: int  # nodes of this process
 
     @classmethod
     def of(cls, faces: CellFaces) -> Walls:
@@ -55,10 +55,10 @@ class Walls:
         all_numbers, all_corners = (np.concatenate(lists) for lists in zip(*parts))
         order = np.argsort(all_numbers)
         rows, corners = np.unique(all_corners[order], return_inverse=True)
-        ranks, held = Holders.of_nodes(partition).find(rows)
+        ranks, rows_here = Ownership.of_nodes(partition).find(rows)
         places = np.flatnonzero(ranks == comm.rank)
         own = np.searchsorted(all_numbers[order], numbers)
-        return cls(comm, corners.reshape(-1, 4), rows, own, held[places], places, len(own_rows))
+        return cls(comm, corners.reshape(-1, 4), rows, own, rows_here[places], places, len(own_rows))
 
     @property
     def rows_of_corners(self) -> np.ndarray:
@@ -74,15 +74,15 @@ class Walls:
         if self.rows is None:
             return nodes
         on_walls = np.zeros((len(self.rows), 3), nodes.dtype)
-        on_walls[self.places] = nodes[self.held]
+        on_walls[self.places] = nodes[self.rows_here]
         return summed(self.comm, on_walls)
 
     def nodes_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Apply the transpose of `nodes` to a derivative that all processes have."""
         if self.rows is None:
             return bar
-        own = np.zeros((self.n_held, 3), bar.dtype)
-        own[self.held] = bar[self.places]
+        own = np.zeros((self.n_here, 3), bar.dtype)
+        own[self.rows_here] = bar[self.places]
         return own
 
     def gather(self, values: np.ndarray) -> np.ndarray:

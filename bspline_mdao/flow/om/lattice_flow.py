@@ -125,8 +125,8 @@ class LatticeFlow(Copied, om.Group):
         entries = (3 * places[:, None] + np.arange(3)).ravel()
         self.promotes("camber", inputs=[(SURFACE, GRID)], src_indices=entries, src_shape=(3 * n_nodes,))
         if self.comm.size == 1 or model.ownership is None:  # a share of several knows only its own
-            held = np.concatenate([partition.share(rank).rows for rank in range(partition.n_ranks)])
-            self.set_input_defaults(GRID, val=nodes_at(model, held).ravel(), units="m")
+            rows_here = np.concatenate([partition.share(rank).rows for rank in range(partition.n_ranks)])
+            self.set_input_defaults(GRID, val=nodes_at(model, rows_here).ravel(), units="m")
         return camber
 
     def _partition(self) -> Partition:
@@ -233,13 +233,13 @@ def _places(partition: Partition, rows: np.ndarray) -> tuple[np.ndarray, int]:
     """Places of nodes among those that processes hold one after another, and the number of these."""
     places, start = np.empty_like(rows), 0
     for rank in range(partition.n_ranks):
-        held = partition.share(rank).rows
-        order = np.argsort(held, kind="stable")
-        at = np.searchsorted(held, rows, sorter=order)
+        rows_here = partition.share(rank).rows
+        order = np.argsort(rows_here, kind="stable")
+        at = np.searchsorted(rows_here, rows, sorter=order)
         is_here = np.zeros(len(rows), dtype=bool)
-        is_here[at < len(held)] = held[order[at[at < len(held)]]] == rows[at < len(held)]
+        is_here[at < len(rows_here)] = rows_here[order[at[at < len(rows_here)]]] == rows[at < len(rows_here)]
         places[is_here] = start + order[at[is_here]]
-        start += len(held)
+        start += len(rows_here)
     return places, start
 
 

@@ -271,14 +271,14 @@ class _WallPart:
 
 def _wall_parts(pieces: Pieces, walls: Sequence[Patch]) -> Iterator[_WallPart]:
     """Cut the windows of walls into parts, and yield those of this process and all those of windows that are cut."""
-    held = _held(pieces)
+    by_block = _pieces_by_block(pieces)
     windows = [(patch, window) for patch, wall in enumerate(walls) for window in wall.windows]
     starts = BlockLayout.of(window.shape for _, window in windows).starts.tolist()
     for number, ((patch, window), start) in enumerate(zip(windows, starts)):
         shape = pieces.shapes[window.block]
         direction = next((d for d, n in enumerate(shape) if n > 1 and window.lo[d] == window.hi[d]), None)
         if direction is not None and has_cells(shape):
-            parts = [(process, n, _common(window, piece)) for process, n, piece in held[window.block]]
+            parts = [(process, n, _common(window, piece)) for process, n, piece in by_block[window.block]]
             parts = [place for place in parts if _has_quads(place[2], window)]
             for at, (process, n, part) in enumerate(parts):
                 if process == pieces.comm.rank or len(parts) > 1:
@@ -289,13 +289,13 @@ def _wall_parts(pieces: Pieces, walls: Sequence[Patch]) -> Iterator[_WallPart]:
                     yield _WallPart(process, n, number, patch, direction, part, keys[_within(part, window)], is_first)
 
 
-def _held(pieces: Pieces) -> dict[int, list[tuple[int, int, Window]]]:
+def _pieces_by_block(pieces: Pieces) -> dict[int, list[tuple[int, int, Window]]]:
     """Process, number there and window of the pieces of every block."""
-    held = defaultdict(list)
+    by_block = defaultdict(list)
     for process, windows in enumerate(pieces.partition.pieces):
         for number, piece in enumerate(windows):
-            held[piece.block].append((process, number, piece))
-    return held
+            by_block[piece.block].append((process, number, piece))
+    return by_block
 
 
 def _has_quads(part: Window, window: Window) -> bool:

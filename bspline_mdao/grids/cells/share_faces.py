@@ -23,9 +23,9 @@ from ...base.numerics.halo import Halo
 from ...base.numerics.processes import summed
 from ...errors import InputError
 from ..topology.block_layout import BlockLayout
-from ..topology.held_nodes import node_copies, source_rows
-from ..topology.holders import Holders
 from ..topology.index_space import Interface, Window
+from ..topology.node_numbering import node_copies, source_rows
+from ..topology.ownership import Ownership
 from ..topology.partition import Partition, Share
 from ..topology.topology import Topology
 from .cell_faces import NONE, NUMBER, BoundaryFaces, CellFaces, _Block, _signed_volume
@@ -74,7 +74,7 @@ def faces_of_share(
     return faces, cells, corners
 
 
-def _places(comm: Any, holders: Holders, n_own: int, lists) -> tuple[Halo, list[np.ndarray]]:
+def _places(comm: Any, holders: Ownership, n_own: int, lists) -> tuple[Halo, list[np.ndarray]]:
     """Exchange of all entries of some lists of numbers of the grid, and the lists with the places of these."""
     layout = BlockLayout.of(map(np.shape, lists))
     numbers = layout.join(lists)
@@ -92,8 +92,8 @@ class _ShareCells:
     topology: Topology
     own: tuple[Window, ...]
     rank: int
-    cells: Holders
-    nodes: Holders
+    cells: Ownership
+    nodes: Ownership
     copies: np.ndarray
     is_right_handed: np.ndarray
     lines: _IndexLines
@@ -106,8 +106,8 @@ class _ShareCells:
             topology,
             pieces,
             comm.rank,
-            Holders.of_cells(partition),
-            Holders.of_nodes(partition),
+            Ownership.of_cells(partition),
+            Ownership.of_nodes(partition),
             node_copies(topology),
             right_handed,
             _IndexLines.of(topology, {piece.block for piece in pieces}),

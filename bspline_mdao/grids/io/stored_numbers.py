@@ -47,10 +47,10 @@ class StoredBytes:
         self.path = os.fspath(path)
         self.compression = ""
         self.ignored: tuple[str, ...] = ()
-        self._held: bytes | None = None
+        self._bytes: bytes | None = None
         if is_compressed(path):
-            self._held, self.compression, self.ignored = read_bytes(path)
-        self._size = os.path.getsize(path) if self._held is None else len(self._held)
+            self._bytes, self.compression, self.ignored = read_bytes(path)
+        self._size = os.path.getsize(path) if self._bytes is None else len(self._bytes)
 
     def __getstate__(self) -> dict:
         return self.__dict__ | {"_held": None}
@@ -60,10 +60,10 @@ class StoredBytes:
 
     def __getitem__(self, part: slice) -> bytes:
         start, stop, _ = part.indices(self._size)
-        if self.compression and self._held is None:
-            self._held = read_bytes(self.path)[0]
-        if self._held is not None:
-            return self._held[start:stop]
+        if self.compression and self._bytes is None:
+            self._bytes = read_bytes(self.path)[0]
+        if self._bytes is not None:
+            return self._bytes[start:stop]
         try:
             with open(self.path, "rb") as file:
                 file.seek(start)

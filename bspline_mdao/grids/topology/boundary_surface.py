@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .held_nodes import NodesByRow, face_layer_rows, node_copies, source_rows
+from .node_numbering import NodesByRow, face_layer_rows, node_copies, source_rows
 from .topology import BoundaryFace, Topology
 
 

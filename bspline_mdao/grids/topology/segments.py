@@ -18,9 +18,9 @@ import numpy as np
 
 from .block_layout import BlockLayout
 from .faces import block_faces
-from .held_nodes import node_copies, source_rows
 from .index_space import Interface, Orientation, Section, Window, by_blocks, sections_of, window_rows
 from .matching import Quads
+from .node_numbering import node_copies, source_rows
 from .shell import OnFaces
 from .topology import Collapse, Link, Topology
 

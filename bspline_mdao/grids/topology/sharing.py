@@ -17,7 +17,7 @@ from ...base.numerics.threads import thread_count
 from ...errors import InputError
 from .block_layout import BlockLayout
 from .grid import Grid
-from .held_nodes import node_copies
+from .node_numbering import node_copies
 from .stored_grid import StoredGrid
 from .topology import BoundaryFace, Topology, first_joined
 

@@ -188,8 +188,8 @@ def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _Ridden
         "to": None if options.to is None else str(options.to),
         "n_nodes": of.mesh.n_stored,
         "n_cells": of.mesh.n_cells,
-        "n_held": n_nodes.held,
-        "farthest_outside": float(np.delete(of.distances, of.held).max(initial=0.0)),
+        "n_held": n_nodes.left,
+        "farthest_outside": float(np.delete(of.distances, of.left).max(initial=0.0)),
         "walls": () if of.walls is None else of.walls.faces.names,
         "n_wall_nodes": n_nodes.walls,
         "largest_displacement": float(np.linalg.norm(found.mesh.nodes - of.mesh.points, axis=1).max(initial=0.0)),
@@ -205,7 +205,7 @@ def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _Ridden
 class _StoredCounts(NamedTuple):
     """Numbers of nodes of the file, each once where the mesh has copies of it."""
 
-    held: int
+    left: int
     walls: int
     followers: int
 
@@ -217,7 +217,7 @@ def _stored_counts(of: RidingMesh) -> _StoredCounts:
     followers = (
         none if of.walls is None else np.concatenate([none, *(piece.rows for piece in of.walls.following.layer.pieces)])
     )
-    return _StoredCounts(*(len(of.mesh.stored_ids(ids)) for ids in (of.held, walls, followers)))
+    return _StoredCounts(*(len(of.mesh.stored_ids(ids)) for ids in (of.left, walls, followers)))
 
 
 def _least(quality: CellQuality) -> float:
@@ -235,9 +235,9 @@ def show_ride(output: Path, found: _Ridden, unit: str) -> None:
     if of.walls is not None:
         names = ", ".join(of.walls.faces.names)
         lines.append(f"walls: {names}, {counted(n_nodes.walls, 'node')}, {n_nodes.followers:,} follow them")
-    farthest = float(np.delete(of.distances, of.held).max(initial=0.0))
-    held = f"; {counted(n_nodes.held, 'node')} held" if n_nodes.held else ""
-    lines.append(f"farthest outside the fitted grid: {farthest:.2g} {unit}{held}")
+    farthest = float(np.delete(of.distances, of.left).max(initial=0.0))
+    left = f"; {counted(n_nodes.left, 'node')} held" if n_nodes.left else ""
+    lines.append(f"farthest outside the fitted grid: {farthest:.2g} {unit}{left}")
     print_lines(lines)
     rows = [
         (f"smallest volume ({unit}^3)", _least(found.before), _least(found.after)),

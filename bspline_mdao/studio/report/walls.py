@@ -13,7 +13,7 @@ from ...grids.cells.cell_faces import CellFaces
 from ...grids.cells.first_cells import FirstCells
 from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.boundary_surface import facing, quads_in_turn
-from ...grids.topology.held_nodes import face_layer_rows, node_copies, source_rows
+from ...grids.topology.node_numbering import face_layer_rows, node_copies, source_rows
 from ...grids.topology.topology import Topology
 
 __all__ = ["DrawnWalls", "cut", "wall_quads"]

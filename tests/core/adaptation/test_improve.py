@@ -112,8 +112,8 @@ def test_where_the_worst_corner_alone_falls_its_margin_grows_before_anything_is_
     np.testing.assert_allclose(margins[: steps + 1], WIDTH * np.arange(steps + 1))
     assert set(margins[steps + 1 :]) == {margins[steps]}
     cell = np.arange(len(falls)) == np.argmin(falls)
-    np.testing.assert_array_equal(search.is_held, search.values_that_move(search.nodes_of_cells(cell)))
-    assert search.is_held.any()
+    np.testing.assert_array_equal(search.is_fixed, search.values_that_move(search.nodes_of_cells(cell)))
+    assert search.is_fixed.any()
 
 
 def test_a_grid_without_anything_to_gain_is_returned_as_it_was():

@@ -13,7 +13,7 @@ from bspline_mdao.core.mesh.boundary import symmetry_planes
 from bspline_mdao.core.walls.wall_correction import WallCorrection
 from bspline_mdao.design import parse_deformation
 from bspline_mdao.generators import onera_m6_grid
-from bspline_mdao.grids.topology.held_nodes import face_rows
+from bspline_mdao.grids.topology.node_numbering import face_rows
 from bspline_mdao.measures import EnclosedVolume, SurfaceGrid
 from bspline_mdao.movers import Rotations, moving_mesh
 

@@ -16,8 +16,8 @@ from bspline_mdao.core.model.model_share import rows_of_share
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.grid import Block, Grid, Patch
-from bspline_mdao.grids.topology.held_nodes import HeldNodes
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.grids.topology.node_numbering import NodeNumbering
 from bspline_mdao.grids.topology.partition import Partition, Share
 
 
@@ -96,7 +96,7 @@ def test_derivatives_are_those_of_the_whole_grid_and_add_up(model, n_ranks):
         grid_map, rows = share.grid_map(), share.share.rows
         own = grid_map.at(points)
         np.testing.assert_allclose(own.jvp(step)[: len(rows)], change[rows], rtol=0, atol=1e-13 * np.abs(change).max())
-        seed = np.zeros((grid_map.held.n_nodes, 3))
+        seed = np.zeros((grid_map.numbering.n_nodes, 3))
         seed[: len(rows)] = rng.standard_normal((len(rows), 3))
         np.add.at(bar, rows, seed[: len(rows)])
         total = total + own.vjp(seed)["control_points"]
@@ -134,7 +134,7 @@ def test_a_correction_of_whole_blocks_needs_no_nodes_of_others():
     rows = SurfaceGrid.of(model).rows
     for share in shares_of(model, 3):
         grid_map, _ = share.corrected_map(rows, model)
-        assert grid_map.held.n_nodes <= 1.15 * share.grid_map().held.n_nodes
+        assert grid_map.numbering.n_nodes <= 1.15 * share.grid_map().numbering.n_nodes
 
 
 def test_a_whole_model_is_the_share_of_a_process_that_is_alone(model):
@@ -144,7 +144,7 @@ def test_a_whole_model_is_the_share_of_a_process_that_is_alone(model):
     for control_points in (None, points):
         assert alone.local_nodes(control_points).tobytes() == model.local_nodes(control_points).tobytes()
     rows = np.random.default_rng(4).permutation(model.n_nodes)
-    held = HeldNodes.of(model.topology, rows)
+    held = NodeNumbering.of(model.topology, rows)
     assert all(map(np.array_equal, alone.parameters_of(held), model.parameters_of(held)))
     for one in (alone, model):
         assert one.n_nodes == model.n_nodes

@@ -104,7 +104,7 @@ def test_nodes_outside_are_named_held_or_moved_with_the_nearest_point():
         RidingMesh.of(model(), lone)
     assert "\n" not in str(error.value)
     held = RidingMesh.of(model(), lone, hold_outside=True)
-    assert held.held.tolist() == [mesh().n_points]
+    assert held.left.tolist() == [mesh().n_points]
     assert (held.at(control).nodes[-1] == lone.points[-1]).all()
     with pytest.raises(
         MovementError, match=rf"beside node {lone.n_points} its boundary moves by 1 m; fix that boundary"

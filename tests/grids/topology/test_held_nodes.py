@@ -3,8 +3,8 @@ import pytest
 from topology_cases import c_grid, grid_of, o_grid, patch, smooth_box, sphere_octants, split, twelve_block_plate
 
 from bspline_mdao.grids.topology.detection import find_topology
-from bspline_mdao.grids.topology.held_nodes import HeldNodes, NodesByRow, boundary_rows, face_rows, node_copies
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.grids.topology.node_numbering import NodeNumbering, NodesByRow, boundary_rows, face_rows, node_copies
 from bspline_mdao.grids.topology.partition import Partition
 from bspline_mdao.grids.topology.sharing import node_sharing
 
@@ -35,7 +35,7 @@ def test_copies_are_those_of_the_sharing_of_all_nodes(topology):
 
 
 def test_all_nodes_of_a_grid_are_evaluated_where_the_sharing_says(topology):
-    held, sharing = HeldNodes.of_grid(topology), node_sharing(topology)
+    held, sharing = NodeNumbering.of_grid(topology), node_sharing(topology)
     assert held.n_nodes == held.n_asked == topology.n_nodes
     np.testing.assert_array_equal(held.copies, sharing.copies)
     for numbers, places, rows, own in zip(held.numbers, held.places, sharing.rows, sharing.is_evaluated):
@@ -49,7 +49,7 @@ def test_the_nodes_of_every_share_are_evaluated_once_where_the_sharing_says(topo
     source = sharing.source_rows()
     for rank in range(n_ranks):
         rows = partition.share(rank).rows
-        held = HeldNodes.of(topology, rows)
+        held = NodeNumbering.of(topology, rows)
         np.testing.assert_array_equal(held.rows[: held.n_asked], rows)
         values = np.full(held.n_nodes, -1)
         for numbers, places, segment_rows, own in zip(held.numbers, held.places, sharing.rows, sharing.is_evaluated):
@@ -66,7 +66,7 @@ def test_needed_nodes_follow_those_asked_for():
     source = node_sharing(topology).source_rows()
     rng = np.random.default_rng(3)
     rows, needed = rng.integers(topology.n_nodes, size=40), rng.integers(topology.n_nodes, size=30)
-    held = HeldNodes.of(topology, rows, [needed[:10], needed[10:]])
+    held = NodeNumbering.of(topology, rows, [needed[:10], needed[10:]])
     assert (np.diff(held.rows[held.n_asked :]) > 0).all()
     np.testing.assert_array_equal(source[held.rows[held.numbers_of(needed)]], source[needed])
     np.testing.assert_array_equal(held.rows[held.numbers_of(rows)], source[rows])
@@ -79,9 +79,9 @@ def test_needed_nodes_follow_those_asked_for():
 def test_a_process_without_nodes_holds_what_is_needed():
     topology = find_topology(twelve_block_plate())
     none = np.zeros(0, dtype=np.int64)
-    assert HeldNodes.of(topology, none).n_nodes == 0
-    assert (HeldNodes.of(topology, none).numbers_of(np.arange(3)) == -1).all()
-    np.testing.assert_array_equal(HeldNodes.of(topology, none, [np.array([5, 2])]).rows, [2, 5])
+    assert NodeNumbering.of(topology, none).n_nodes == 0
+    assert (NodeNumbering.of(topology, none).numbers_of(np.arange(3)) == -1).all()
+    np.testing.assert_array_equal(NodeNumbering.of(topology, none, [np.array([5, 2])]).rows, [2, 5])
 
 
 def test_rows_of_faces_are_those_of_the_blocks(topology):

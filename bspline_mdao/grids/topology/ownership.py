@@ -12,11 +12,11 @@ import numpy as np
 from .block_layout import BlockLayout
 from .partition import Partition
 
-__all__ = ["Holders"]
+__all__ = ["Ownership"]
 
 
 @dataclass(frozen=True, eq=False)
-class Holders:
+class Ownership:
     """Boxes of the index spaces of blocks, and the process that has each; by `of_nodes` or `of_cells`."""
 
     layout: BlockLayout  # layout of the nodes or cells of the grid
@@ -24,12 +24,12 @@ class Holders:
     boxes: tuple[tuple[int, int, np.ndarray, np.ndarray, int], ...]
 
     @classmethod
-    def of_nodes(cls, partition: Partition) -> Holders:
+    def of_nodes(cls, partition: Partition) -> Ownership:
         """Nodes; of those that several processes hold, the first process has them."""
         return cls(partition.layout, _boxes(partition, 0))
 
     @classmethod
-    def of_cells(cls, partition: Partition) -> Holders:
+    def of_cells(cls, partition: Partition) -> Ownership:
         """Cells."""
         return cls(partition.layout.cells, _boxes(partition, 1))
 

@@ -19,7 +19,7 @@ from .block_layout import BlockLayout
 from .index_space import Window, window_rows
 from .topology import BoundaryFace, Topology, joined_pairs, joined_points
 
-__all__ = ["HeldNodes", "NodesByRow", "boundary_rows", "face_layer_rows", "face_rows", "node_copies", "source_rows"]
+__all__ = ["NodeNumbering", "NodesByRow", "boundary_rows", "face_layer_rows", "face_rows", "node_copies", "source_rows"]
 
 
 def node_copies(topology: Topology) -> np.ndarray:
@@ -58,8 +58,8 @@ def face_layer_rows(topology: Topology, window: Window) -> tuple[np.ndarray, np.
 
 
 @dataclass(frozen=True, eq=False)
-class HeldNodes:
-    """Some nodes of a grid. Made by `HeldNodes.of` or `HeldNodes.of_grid`."""
+class NodeNumbering:
+    """Some nodes of a grid. Made by `NodeNumbering.of` or `NodeNumbering.of_grid`."""
 
     topology: Topology  # topology of the grid
     rows: np.ndarray  # (n,) of int, row of every node in the grid vector
@@ -75,23 +75,23 @@ class HeldNodes:
         topology: Topology,  # topology of the grid
         rows: np.ndarray,  # (n_asked,) of int, rows of the nodes in any order, which is kept; a node may be there twice
         needed: Sequence[np.ndarray] = (),  # of int, rows of nodes that are to be among the others
-    ) -> HeldNodes:
+    ) -> NodeNumbering:
         """Hold some nodes, and those that they are copies of."""
         copies = node_copies(topology)
         also = source_rows(copies, each_once(np.concatenate([np.zeros(0, dtype=np.int64), *needed])))
         also = each_once(np.concatenate([source_rows(copies, rows), also]))
         also = also[~np.isin(also, rows)]
-        held = np.concatenate([rows, also])
-        unique, first = np.unique(held, return_index=True)
-        source = first[np.searchsorted(unique, source_rows(copies, held))]
-        is_copy = source != np.arange(len(held))
+        rows_asked = np.concatenate([rows, also])
+        unique, first = np.unique(rows_asked, return_index=True)
+        source = first[np.searchsorted(unique, source_rows(copies, rows_asked))]
+        is_copy = source != np.arange(len(rows_asked))
         own = np.flatnonzero(~is_copy)
-        numbers, places = _by_segments(topology, held[own], own)
+        numbers, places = _by_segments(topology, rows_asked[own], own)
         copied = np.flatnonzero(is_copy)
-        return cls(topology, held, len(rows), np.stack([copied, source[copied]], axis=1), numbers, places)
+        return cls(topology, rows_asked, len(rows), np.stack([copied, source[copied]], axis=1), numbers, places)
 
     @classmethod
-    def of_grid(cls, topology: Topology) -> HeldNodes:
+    def of_grid(cls, topology: Topology) -> NodeNumbering:
         """Hold all nodes of a grid, in its order."""
         return cls.of(topology, np.arange(topology.n_nodes))
 
