@@ -133,10 +133,10 @@ def _first_that(comm: Any, is_so: bool) -> int:
     """Lowest rank of which something is true; the number of processes where it is true of none."""
     import numpy as np
 
-    told = np.zeros(comm.size, dtype=np.int8)
-    told[comm.rank] = is_so
-    told = summed(comm, told)
-    return int(told.argmax()) if told.any() else comm.size
+    flags = np.zeros(comm.size, dtype=np.int8)
+    flags[comm.rank] = is_so
+    flags = summed(comm, flags)
+    return int(flags.argmax()) if flags.any() else comm.size
 
 
 def _packed(failure: Exception | None) -> bytes:

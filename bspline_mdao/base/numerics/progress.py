@@ -139,13 +139,13 @@ class _Bar:
         """What work inside is to tell: it says what it does, and moves the bar as far as `within` allows."""
         outer = self.what
 
-        def tell(fraction: float, what: str) -> None:
+        def report(fraction: float, what: str) -> None:
             if self.window is not None and fraction >= 0.0:
                 start, stop = self.window
                 self.fraction = start + (stop - start) * fraction
             self._draw(f"{outer} | {title}: {what}" if outer else f"{title}: {what}")
 
-        return tell
+        return report
 
     def compiling(self, change: int) -> None:
         """Say that a kernel is compiled, one that calls others those in between, until the outermost is ready."""

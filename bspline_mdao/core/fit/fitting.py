@@ -133,8 +133,8 @@ def fit_grid(
     """
     options = {"n_control": n_control, "order": order, "knots": knots, "corrections": corrections, "method": method}
     options |= {"wall_layer": wall_layer, "parametrization": parametrization}
-    with shown("fitting", progress) as tell:
-        _, parameters, residual, whole = _fit(grid, ONE, topology, **options, progress=tell)
+    with shown("fitting", progress) as report_progress:
+        _, parameters, residual, whole = _fit(grid, ONE, topology, **options, progress=report_progress)
     _warn(grid, whole)
     return FittedModel(parameters=tuple(parameters), residual=residual if keep_residual else None, **whole)
 
@@ -184,8 +184,8 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
     >>> blocks.control_points.shape
     (224, 3)
     """
-    with shown("fitting", options.pop("progress", None)) as tell:
-        sharing, parameters, residual, whole = _fit(grid, comm, **options, progress=tell)
+    with shown("fitting", options.pop("progress", None)) as report_progress:
+        sharing, parameters, residual, whole = _fit(grid, comm, **options, progress=report_progress)
     if comm.rank == 0:
         _warn(grid, whole)
     return FittedBlocks(

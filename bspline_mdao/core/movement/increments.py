@@ -132,9 +132,9 @@ def in_increments(
     check_request(mesh, initial, surface)
     began, steps, reports = time.perf_counter(), [], []
     before, surface_before = initial, initial[mesh.surface_ids]
-    with shown("moving the control mesh") as tell:
+    with shown("moving the control mesh") as report_progress:
         for i in range(1, n_increments + 1):
-            tell((i - 1) / n_increments, f"increment {i} of {n_increments}")
+            report_progress((i - 1) / n_increments, f"increment {i} of {n_increments}")
             try:
                 steps.append(step(initial, before, _between(surface_before, surface, i, n_increments)))
             except MovementError as error:

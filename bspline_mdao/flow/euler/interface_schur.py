@@ -67,15 +67,15 @@ class Border:
         cells, places = Halo.of(comm, n, ranks, others)
         left, right = np.append(inside[0], own), np.append(inside[1], places)
         names = np.stack([cells.owners(), cells.extend(np.arange(n))])
-        told: list[Any] = [np.zeros((5, 0), int)] * comm.size
+        outgoing: list[Any] = [np.zeros((5, 0), int)] * comm.size
         for rank, rows in cells.sent:
             is_seen = (names[0] > comm.rank) & (names[0] != rank)  # of two processes one tells what a third one may see
             is_seen[rows] = True
             at = np.flatnonzero(is_seen[left] & is_seen[right])
-            told[rank] = np.concatenate([at[None], names[:, left[at]], names[:, right[at]]])
-        heard = comm.alltoall(told)
-        tellers = np.repeat(np.arange(comm.size), [part.shape[1] for part in heard])
-        numbers, *ends = np.concatenate(heard, axis=1)
+            outgoing[rank] = np.concatenate([at[None], names[:, left[at]], names[:, right[at]]])
+        incoming = comm.alltoall(outgoing)
+        tellers = np.repeat(np.arange(comm.size), [part.shape[1] for part in incoming])
+        numbers, *ends = np.concatenate(incoming, axis=1)
         (more_left, is_left), (more_right, is_right) = (_find(names, *end) for end in (ends[:2], ends[2:]))
         is_seen = is_left & is_right
         pairs, at = Halo.of(comm, len(left), tellers[is_seen], numbers[is_seen])

@@ -90,13 +90,13 @@ def adapt_grid(
     _check(names, limits, rounds, iterations, flow)
     started = time.perf_counter()
     shift = InteriorPoints("interior", reach=reach, sliding=sliding).bind(model)
-    tell = progress or (lambda done, what: None)
+    report = progress or (lambda done, what: None)
     if limits is None:
-        tell(0.0, "flow on the finer member")
+        report(0.0, "flow on the finer member")
         limits = limits_of(model, names, mach, alpha, flow)
     search = ErrorSearch(model, shift, {name: float(limits[name]) for name in names}, mach, alpha, flow)
     for number in range(rounds):
-        tell((number + 1) / (rounds + 1), f"round {number + 1} of {rounds}")
+        report((number + 1) / (rounds + 1), f"round {number + 1} of {rounds}")
         if not search.run_round(iterations):
             break
     return Adaptation(

@@ -158,7 +158,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         self._log = ResidualLog(self.pathname, self.options["forces"], self.comm)
         self._return_to_anchor(inputs, outputs)
         self._solve(inputs, outputs, self.options["tolerance"])
-        self._tell(self._solution)
+        self._warn_of(self._solution)
 
     def _declare_angle(self) -> None:
         """Declare the angle of attack."""
@@ -171,8 +171,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             self._is_mach_said = warn_of_mach_number(self.pathname, float(inputs["Mach_number"][0]), EULER)
         areas, stream = self._at(inputs)
         self._solution = None
-        with shown("flow") as tell:
-            for solution in self._attempts(inputs, outputs, areas, stream, tolerance, tell):
+        with shown("flow") as report:
+            for solution in self._attempts(inputs, outputs, areas, stream, tolerance, report):
                 if self._solution is None or solution.residual < self._solution.residual:
                     self._solution = solution  # the best one is told of
                 if solution.residual <= max(tolerance, LARGEST_RESIDUAL):
@@ -180,8 +180,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                     outputs["states"] = solution.states.ravel()
                     return
         field = self._scheme(inputs), areas, stream
-        told = f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(*field)}"
-        raise om.AnalysisError(f"{told}; take a smaller angle or Mach number, or a finer or more even grid")
+        message = f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(*field)}"
+        raise om.AnalysisError(f"{message}; take a smaller angle or Mach number, or a finer or more even grid")
 
     def linearize(self, inputs: Vector, outputs: Vector, jacobian: Jacobian) -> None:
         """Refuse states that are no solution, and differentiate the residual."""
@@ -380,11 +380,11 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         )
         return {"Mach_number": d_stream_d_mach, "alpha": RADIAN * d_stream_d_alpha}
 
-    def _attempts(self, inputs: Vector, outputs: Vector, areas: np.ndarray, stream, tolerance, tell: Progress):
+    def _attempts(self, inputs: Vector, outputs: Vector, areas: np.ndarray, stream, tolerance, report: Progress):
         """Yield solutions, each by a surer way than the last."""
         flow, levels = (self.options[name] for name in ("flow", "levels"))
         settings = {"tolerance": tolerance, "max_steps": self.options["max_steps"]}
-        settings["progress"] = self._progress(inputs, tolerance, tell)
+        settings["progress"] = self._progress(inputs, tolerance, report)
         scheme, settings["pattern"] = self._scheme(inputs), flow.pattern
         field, starts = (scheme, areas, stream), (self._last_states(outputs, stream), scheme.uniform(stream))
         # the plain norm, of the far field above all, tells whether states know the stream; gas at rest does not
@@ -414,20 +414,20 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         solution = solve_flow(*field, states=nearby.states, **settings)
         return replace(solution, history=nearby.history[:-1] + solution.history)
 
-    def _progress(self, inputs: Vector, tolerance: float, tell: Progress):
+    def _progress(self, inputs: Vector, tolerance: float, report: Progress):
         """What Newton's method calls with every step: it moves a bar, and prints a line where that is asked for."""
         nodes, alpha, mach = inputs[GRID].reshape(-1, 3), RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
         is_printed = self.options["iprint"] > 1
 
-        def told(step, states: np.ndarray) -> None:
+        def message(step, states: np.ndarray) -> None:
             digits = np.log(max(step.residual, tolerance)) / np.log(tolerance)
-            tell(float(np.clip(digits, 0.0, 1.0)), f"residual {step.residual:.1e}")
+            report(float(np.clip(digits, 0.0, 1.0)), f"residual {step.residual:.1e}")
             if is_printed:
-                self._log.tell(step, states, nodes, alpha, mach)
+                self._log.log_step(step, states, nodes, alpha, mach)
 
-        return told
+        return message
 
-    def _tell(self, solution: FlowSolution) -> None:
+    def _warn_of(self, solution: FlowSolution) -> None:
         """Print a line about a solution."""
         if self.options["iprint"] > 0:
             end = f"residual {solution.residual:.1e} after {len(solution.history) - 1} Newton steps"

@@ -28,7 +28,7 @@ class ResidualLog:
         self.name, self.forces, self.comm, self.shows_alpha = name, forces, comm, shows_alpha
         self.n_steps = 0
 
-    def tell(
+    def log_step(
         self,
         step: NewtonStep,  # the step
         states: np.ndarray,  # (n_cells, 5), states after it

@@ -93,7 +93,7 @@ class TrimmedState(EulerState):
             for name, value in start.items():
                 outputs[name] = value
             raise
-        self._tell(self._solution)
+        self._warn_of(self._solution)
 
     def apply_nonlinear(self, inputs: Vector, outputs: Vector, residuals: Vector) -> None:
         """Sum what flows out of every cell, and compare the lift."""

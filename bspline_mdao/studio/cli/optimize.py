@@ -69,7 +69,7 @@ def optimize_study(
             pass
         print_warnings(on_first(comm, lambda: _gaps(names["model"], problem)))
         print_warnings([gain.warning for gain in _gains(names) if gain.warning])
-        _tell(folder, problem, numbers, names["after"].infeasible)
+        _print_outcome(folder, problem, numbers, names["after"].infeasible)
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ def _status(problem: om.Problem) -> str:
     return f"{driver.options['optimizer']} {'converged' if driver.result.success else 'did not converge'}"
 
 
-def _tell(folder: RunFolder, problem: om.Problem, numbers: dict[str, Any], infeasible: str) -> None:
+def _print_outcome(folder: RunFolder, problem: om.Problem, numbers: dict[str, Any], infeasible: str) -> None:
     """Say how it ended and what was written; raise where it failed."""
     driver = problem.driver
     counts = f"{numbers['evaluations']} evaluations, {numbers['gradients']} gradients"

@@ -147,8 +147,8 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         statement = Statement.of(designs, constraints, self.options["constraint_tolerance"])
 
         def optimise(model: ScaledModel | LedModel) -> tuple[Outcome, Point, int, int, str]:
-            with shown(self._get_name()) as tell:
-                return self._optimise(model, statement, settings, tell)
+            with shown(self._get_name()) as report:
+                return self._optimise(model, statement, settings, report)
 
         comm = self._problem().comm
         try:
@@ -169,10 +169,10 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
             self.options[name] = value
 
     def _optimise(
-        self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, tell: Progress
+        self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, report: Progress
     ) -> tuple[Outcome, Point, int, int, str]:
         """End of the run, the best point, at which the model is left, the numbers of failures, and the last of them."""
-        functions = self._functions(model, statement, settings, tell)
+        functions = self._functions(model, statement, settings, report)
         try:
             outcome = _minimise(settings, functions)
             functions.restore_best()
@@ -184,7 +184,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         return outcome, functions.best, functions.n_failed, functions.n_failed_gradients, functions.last_failure
 
     def _functions(
-        self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, tell: Progress
+        self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, report: Progress
     ) -> Functions:
         """The functions for NLopt, after the first run of the model."""
         x, objective, constraints = model.start()
@@ -202,7 +202,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
             self.n_failed_gradients, self._last_failure = functions.n_failed_gradients, functions.last_failure
             residual = None if totals is None else partial(functions.residual, functions.last, totals)
             log.add(functions.last, functions.best, residual)
-            tell(-1.0, f"run {self.iter_count}, best objective {functions.best.objective:.6g}")
+            report(-1.0, f"run {self.iter_count}, best objective {functions.best.objective:.6g}")
 
         return Functions(model, statement, recover, make_rules, start, watch, settings.maxiter)
 
@@ -350,8 +350,8 @@ def _criteria(options: Mapping[str, Any], prefix: str = "") -> Criteria:
     """Stopping criteria of the algorithm, or of the local one."""
     names = ("ftol_rel", "ftol_abs", "xtol_rel", "xtol_abs", "maxeval")
     criteria = Criteria(**{name: options[prefix + name] for name in names})
-    is_told = options["tol"] is not None and not prefix
-    return replace(criteria, ftol_abs=options["tol"], ftol_rel=0.0) if is_told else criteria
+    is_given = options["tol"] is not None and not prefix
+    return replace(criteria, ftol_abs=options["tol"], ftol_rel=0.0) if is_given else criteria
 
 
 def _require_end(algorithm: Algorithm, options: Mapping[str, Any]) -> None:

@@ -75,7 +75,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
     def __init__(self, **kwargs: Any):
         super().__init__(**kwargs)
         self.n_failed_analyses = 0
-        self._tell: Progress | None = None
+        self._progress: Progress | None = None
         self._record: SearchRecord | None = None
         self._substitute: Substitute | None = None
         self._last = self._good_states = np.zeros(0)
@@ -101,8 +101,8 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         """
         self.n_failed_analyses, self._record, self._substitute, self._n_gradients = 0, None, None, 0
         self.best, self._statement, self.is_interrupted = None, None, False
-        with shown(self._get_name()) as tell:
-            self._tell = tell
+        with shown(self._get_name()) as report:
+            self._progress = report
             try:
                 self.fail = self._end_at_the_result(super().run())
             except _GradientError as error:  # no optimizer takes another step instead
@@ -125,7 +125,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
                     self.add_best_to(error, self.best)
                 raise
             finally:
-                self._tell = None
+                self._progress = None
         return self.fail
 
     def get_exit_status(self) -> str:
@@ -145,8 +145,8 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         elif self._exc_info is None:
             objective = float(np.ravel(objective)[0])
             self._keep(objective)
-        if self._tell is not None and self._record is not None:
-            self._tell(-1.0, f"run {self.iter_count}, best objective {self._record.base.objective:.6g}")
+        if self._progress is not None and self._record is not None:
+            self._progress(-1.0, f"run {self.iter_count}, best objective {self._record.base.objective:.6g}")
         return objective
 
     def _gradfunc(self, x_new: np.ndarray) -> np.ndarray:
