@@ -28,7 +28,7 @@ COARSEST = 0.1
 EXACT = 1e-12
 """Least such part: what is smaller is round-off."""
 
-BESIDE, FOLLOWER = 0.01, 0.1
+NEIGHBOUR, FOLLOWER = 0.01, 0.1
 """How much less points beside a seam count than those on it where those that follow are chosen, also if asked for."""
 
 SNAP = 0.003
@@ -111,7 +111,7 @@ class TangentContinuity(OneLine):
         least = np.clip(np.radians(relations.kinks), self.tolerance, COARSEST)
         allowed = _allowed(mesh)
         matrix = _on(allowed, relations)
-        wish = np.full(len(points), BESIDE)
+        wish = np.full(len(points), NEIGHBOUR)
         if self.followers is not None:
             wish[rows_of(self.followers, mesh, f"linear constraint '{self.name}': followers")] = FOLLOWER
         wish[relations.at] = 1.0

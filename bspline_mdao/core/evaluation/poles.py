@@ -17,7 +17,7 @@ from numba import njit
 from ...grids.cells.bernstein import UNIT
 from .knot_ranges import determinant, plane_slope, product_range, span_width
 
-__all__ = ["NO_POLE", "beside", "divided_turns", "mean_weights", "poles_of", "raise_divided"]
+__all__ = ["NO_POLE", "divided_turns", "mean_weights", "next_to_pole", "poles_of", "raise_divided"]
 
 NO_POLE = (-1, -1, -1)
 
@@ -43,7 +43,7 @@ def poles_of(
     return found
 
 
-def beside(pole: tuple[int, int, int], shape: tuple[int, ...]) -> np.ndarray:
+def next_to_pole(pole: tuple[int, int, int], shape: tuple[int, ...]) -> np.ndarray:
     """Which elements of a volume, in an array of a shape, touch a pole."""
     _, towards, end = pole
     at = np.arange(shape[towards]) == (shape[towards] - 1) * end

@@ -19,7 +19,7 @@ from numba import njit
 from ...grids.cells.bernstein import INVALID, UNDECIDED, VALID
 from .derivative_cones import are_positive, control_vectors, cut_direction, frames, load_edges, worst_corner
 from .knot_ranges import enclose, extraction, parameter_slopes
-from .poles import NO_POLE, beside, divided_turns, poles_of
+from .poles import NO_POLE, divided_turns, next_to_pole, poles_of
 
 __all__ = ["Lanes", "Queue", "decide_elements"]
 
@@ -243,7 +243,7 @@ def decide_elements(
         if p > 1 and not varies[e].any():
             is_empty |= np.diff(T[0, 0, p - 1 : T.shape[2] - p + 1]).reshape(np.roll([-1, 1, 1], e)) <= 0.0
     status[~is_empty], n_boxes = UNDECIDED, 0
-    poles = [(pole, beside(pole, status.shape)) for pole in poles_of(knots, B, shortest)]
+    poles = [(pole, next_to_pole(pole, status.shape)) for pole in poles_of(knots, B, shortest)]
     elsewhere = ~np.any([np.zeros(status.shape, dtype=bool), *(side for _, side in poles)], axis=0)
     few = min(LANES[1], status.size)
     many = min(max(few, LANES[0] // int(np.prod(orders))), status.size)

@@ -188,8 +188,8 @@ def body_intervals(
     # along each line; entries count as nearer by the tolerance, so that a flat body is entered before it is left
     found = found.take(np.lexsort((found.quad, found.depth - tolerance * ~found.is_exit, found.line)))
     inside = np.flatnonzero((np.diff(found.line) == 0) & ~found.is_exit[:-1] & found.is_exit[1:])
-    beside = np.maximum(np.maximum(found.depth[inside], -found.depth[inside + 1]), 0.0)
-    inside = inside[np.lexsort((beside, found.line[inside]))]
+    miss = np.maximum(np.maximum(found.depth[inside], -found.depth[inside + 1]), 0.0)
+    inside = inside[np.lexsort((miss, found.line[inside]))]
     chosen = inside[np.unique(found.line[inside], return_index=True)[1]]
     return found.take(chosen), found.take(chosen + 1)
 

@@ -176,10 +176,10 @@ def apexes_of_caps(
     normals, offsets = np.array([plane.normal for plane in planes]), np.array([plane.offset for plane in planes])
     # the least-squares point nearest to the middle; directions that normals share but for 1e-5 rad are parallel
     common = middle + np.linalg.pinv(normals, rcond=1e-5) @ (offsets - normals @ middle)
-    beside = offsets - normals @ common
-    if (np.abs(beside) > _IN_PLANE * size).any() and np.linalg.matrix_rank(normals, tol=1e-5) > 1:
+    off_plane = offsets - normals @ common
+    if (np.abs(off_plane) > _IN_PLANE * size).any() and np.linalg.matrix_rank(normals, tol=1e-5) > 1:
         raise InputError(f"{what}: the planes of symmetry neither have a point in common nor are parallel")
-    return common + beside[:, None] * normals
+    return common + off_plane[:, None] * normals
 
 
 def _complaint(surface: SurfaceGrid, edge: np.ndarray, what: str) -> str:

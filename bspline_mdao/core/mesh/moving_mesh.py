@@ -225,8 +225,8 @@ class MovingMesh(OneLine):
     def _obstacle(self, ids: np.ndarray, element: tuple[Any, ...]) -> str:
         """Say which of the `obstacles` an element of a block lies on; nothing where it lies on none."""
         corners = ids[tuple(slice(n, n + 2) for n in element)]
-        beside = [what for what, points in self.obstacles if np.isin(corners, points).any()]
-        return f" on {beside[0]}, which is fixed where the surface ends on it" if beside else ""
+        nearby = [what for what, points in self.obstacles if np.isin(corners, points).any()]
+        return f" on {nearby[0]}, which is fixed where the surface ends on it" if nearby else ""
 
     @cached_property
     def _degenerate_corners(self):

@@ -230,12 +230,12 @@ def _twins(points: np.ndarray, size: float) -> np.ndarray:
 def _aside(mesh: MovingMesh, prescribed_ids: np.ndarray) -> sparse.csr_array:
     """Way from each twin to the mean of the points beside it that are free, or at least not on the surface."""
     twins = np.unique(_twins(mesh.points[prescribed_ids], mesh.size))
-    beside = _neighbours(mesh)[prescribed_ids[twins]]
+    adjacent = _neighbours(mesh)[prescribed_ids[twins]]
     is_surface = np.zeros(mesh.n_points)
     is_surface[mesh.surface_ids] = 1.0
-    chosen = beside @ sparse.diags_array(mesh.is_free.any(axis=1).astype(float))
+    chosen = adjacent @ sparse.diags_array(mesh.is_free.any(axis=1).astype(float))
     has_none = (chosen.sum(axis=1) == 0.0).astype(float)
-    chosen = chosen + sparse.diags_array(has_none) @ beside @ sparse.diags_array(1.0 - is_surface)
+    chosen = chosen + sparse.diags_array(has_none) @ adjacent @ sparse.diags_array(1.0 - is_surface)
     counts = chosen.sum(axis=1)
     mean = sparse.diags_array(1.0 / np.maximum(counts, 1.0)) @ chosen
     way = mean - sparse.diags_array((counts > 0.0).astype(float)) @ _selection(prescribed_ids[twins], mesh.n_points)

@@ -189,8 +189,8 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
     def _refuse_inverted(self, nodes: np.ndarray) -> None:
         inverted = inverted_cells(self._quality, self._quality.cells_in_turn(nodes), newly=True)
         if inverted:
-            beside = ", ".join(f"'{name}'" for name in patches_of(inverted))
+            adjacent = ", ".join(f"'{name}'" for name in patches_of(inverted))
             raise om.AnalysisError(
                 f"{self.msginfo}: {inverted[0]} is inverted, with corner triple product {inverted[0].corner:.2g}; "
-                f"{f'the worst of such cells lie on {beside}; ' if beside else ''}take a smaller step"
+                f"{f'the worst of such cells lie on {adjacent}; ' if adjacent else ''}take a smaller step"
             )

@@ -72,23 +72,23 @@ class RidingWalls(OneLine):
     missed: np.ndarray  # (n_wall, 3), d: what the volumes miss of their nodes (m)
     # at, beside: (m,) of int, numbers of nodes of walls among `rows`, and the nodes of the mesh next to them
     at: np.ndarray
-    beside: np.ndarray
+    above: np.ndarray
 
     @classmethod
     def of(cls, mesh: MixedMesh, faces: WallFaces, planes: list, fixed: np.ndarray, missed: np.ndarray) -> RidingWalls:
         """Find what follows walls; ``missed`` is what the volumes miss of all nodes, ``fixed`` are nodes that stay."""
         rows = np.unique(faces.faces)
         quads, points = np.searchsorted(rows, faces.faces), mesh.points[rows]
-        at, beside = first_heights(mesh, faces.faces, rows)
+        at, above = first_heights(mesh, faces.faces, rows)
         normals = wall_normals(mesh.points, faces.faces, rows)
         heights = np.zeros(len(rows))
-        heights[at] = np.maximum(np.einsum("nd,nd->n", mesh.points[beside] - points[at], normals[at]), 0.0)
+        heights[at] = np.maximum(np.einsum("nd,nd->n", mesh.points[above] - points[at], normals[at]), 0.0)
         of_wall = [(np.flatnonzero(np.isin(rows, ids)), normal) for ids, normal in planes]
         of_wall = [(ids, normal) for ids, normal in of_wall if len(ids)]
         wall = Wall.of(points, quads, heights, of_wall, faces=faces.marker)
         layer = WallLayer.of(wall, mesh.points, rows, planes, fixed)
         following = WallFollowing(layer, rows, np.zeros(0, dtype=int), None)
-        return cls(faces, rows, planes, _fading(mesh.points, points, quads), following, missed[rows], at, beside)
+        return cls(faces, rows, planes, _fading(mesh.points, points, quads), following, missed[rows], at, above)
 
     @property
     def initial(self) -> np.ndarray:
@@ -111,7 +111,7 @@ class RidingWalls(OneLine):
     def heights(self, points: np.ndarray) -> np.ndarray:
         """Heights of the nodes next to walls above them (m), shape (m,), of a mesh, shape (n_points, 3)."""
         normals = wall_normals(points, self.faces.faces, self.rows)[self.at]
-        return np.einsum("nd,nd->n", points[self.beside] - points[self.rows[self.at]], normals)
+        return np.einsum("nd,nd->n", points[self.above] - points[self.rows[self.at]], normals)
 
 
 @dataclass(frozen=True, eq=False)

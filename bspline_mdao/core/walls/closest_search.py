@@ -320,12 +320,14 @@ def _is_minimum(p, t, distance, barycentric, points, triangles, around_starts, a
     corners, near = triangles[t], distance * (1.0 - SAME_DISTANCE) - round_off
     first = corners[np.argmax(barycentric)]
     for at in range(around_starts[first], around_starts[first + 1]):
-        beside, is_there = triangles[around[at]], True
+        neighbour, is_there = triangles[around[at]], True
         for corner in range(3):
             v = corners[corner]
-            is_there = is_there and (barycentric[corner] == 0.0 or beside[0] == v or beside[1] == v or beside[2] == v)
+            is_there = is_there and (
+                barycentric[corner] == 0.0 or neighbour[0] == v or neighbour[1] == v or neighbour[2] == v
+            )
         if is_there:
-            square = _closest(points[beside[0]], points[beside[1]], points[beside[2]], p, place)
+            square = _closest(points[neighbour[0]], points[neighbour[1]], points[neighbour[2]], p, place)
             if np.sqrt(square) < near:
                 return False
     return True

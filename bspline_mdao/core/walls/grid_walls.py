@@ -51,8 +51,8 @@ class GridWalls:
     def rows_seen(topology: Topology) -> np.ndarray:
         """Rows of the nodes that `of` looks at, ascending."""
         # They are those of the boundary and of the layer next to walls, and those that these are copies of.
-        beside = [face_layer_rows(topology, f.window)[1].ravel() for f in topology.boundary if f.kind == "wall"]
-        rows = np.unique(np.concatenate([boundary_rows(topology, topology.boundary), *beside]))
+        next_rows = [face_layer_rows(topology, f.window)[1].ravel() for f in topology.boundary if f.kind == "wall"]
+        rows = np.unique(np.concatenate([boundary_rows(topology, topology.boundary), *next_rows]))
         return np.union1d(rows, source_rows(node_copies(topology), rows))
 
     @classmethod

@@ -78,11 +78,11 @@ def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray) -> np.nda
     width = np.divide(area, longest, out=np.zeros(len(quads)), where=longest > 0.0)
     ends = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
     around = _mean_of(quads.ravel(), np.repeat(np.arange(len(quads)), 4), len(points), len(quads))
-    beside = _mean_of(ends.ravel(), ends[:, ::-1].ravel(), len(points), len(points))
+    adjacent = _mean_of(ends.ravel(), ends[:, ::-1].ravel(), len(points), len(points))
     spacing = around @ width
     reach = np.maximum(spacing, np.minimum(REACH[0] * heights, REACH[1] * spacing))
     for _ in range(N_SMOOTHINGS):
-        reach = 0.5 * (reach + beside @ reach)
+        reach = 0.5 * (reach + adjacent @ reach)
     return reach * _viscosity(spacing, heights)
 
 

@@ -131,14 +131,14 @@ def _face_edges(shell: Shell, round_off: float):
     shortest = COLLAPSED_EDGE * shell.extent
     rounding = ROUND_OFF_UNITS * round_off * shell.largest
     collapsed, real = [np.empty((2, 0), dtype=int)], [np.empty((2, 0), dtype=int)]
-    for face, beside in enumerate(shell.beside):
-        if beside is None:
+    for face, inner_layer in enumerate(shell.inner_layers):
+        if inner_layer is None:
             continue
         places = shell.nodes.face(face)
         layer, at = shell.points[places], spacing[places]
-        _shorten(at, _norm(layer - beside), shortest)
+        _shorten(at, _norm(layer - inner_layer), shortest)
         for t in range(2):
-            lines, inner = np.moveaxis(layer, t, 0), np.moveaxis(beside, t, 0)
+            lines, inner = np.moveaxis(layer, t, 0), np.moveaxis(inner_layer, t, 0)
             length = _norm(lines[1:] - lines[:-1])
             length[(length <= shortest) | _are_points(lines, inner, rounding)] = 0.0
             near = np.moveaxis(at, t, 0)
@@ -159,10 +159,10 @@ def _shorten(spacing: np.ndarray, length: np.ndarray, shortest: float) -> None:
 
 def _are_points(lines: np.ndarray, inner: np.ndarray, rounding: float) -> np.ndarray:
     """Mark grid lines (n, m, 3), n nodes each, that are points but for round-off, as the lines beside them show."""
-    extent, beside = _norm(np.ptp(lines, axis=0)), _norm(np.ptp(inner, axis=0))
-    beside[1:] = np.maximum(beside[1:], extent[:-1])
-    beside[:-1] = np.maximum(beside[:-1], extent[1:])
-    return (extent <= rounding) & (extent <= COLLAPSED_LINE_RATIO * beside)
+    extent, inner_layer = _norm(np.ptp(lines, axis=0)), _norm(np.ptp(inner, axis=0))
+    inner_layer[1:] = np.maximum(inner_layer[1:], extent[:-1])
+    inner_layer[:-1] = np.maximum(inner_layer[:-1], extent[1:])
+    return (extent <= rounding) & (extent <= COLLAPSED_LINE_RATIO * inner_layer)
 
 
 def _norm(vectors: np.ndarray) -> np.ndarray:

@@ -376,9 +376,9 @@ def _bounded_holes(is_hole: np.ndarray, is_open: np.ndarray) -> np.ndarray:
     """Pick the holes, made of quads that share edges, that have no open quad beside them that is not of a hole."""
     holes, n_holes = label(is_hole)
     padded = np.pad(is_open & ~is_hole, 1)
-    beside = padded[2:, 1:-1] | padded[:-2, 1:-1] | padded[1:-1, 2:] | padded[1:-1, :-2]
+    neighbours = padded[2:, 1:-1] | padded[:-2, 1:-1] | padded[1:-1, 2:] | padded[1:-1, :-2]
     is_bounded = np.ones(n_holes + 1, dtype=bool)
-    is_bounded[holes[beside]] = False
+    is_bounded[holes[neighbours]] = False
     is_bounded[0] = False
     return is_bounded[holes]
 

@@ -51,8 +51,8 @@ def face_layer_rows(topology: Topology, window: Window) -> tuple[np.ndarray, np.
     """Rows of the nodes of a face window and of the layer next to it, shape (n, m), as `face_layers` takes them."""
     flat = window.shape.index(1)
     at = window.lo[flat]
-    beside = min(1, topology.shapes[window.block][flat] - 1) if at == 0 else at - 1
-    lo, hi = (end[:flat] + (beside,) + end[flat + 1 :] for end in (window.lo, window.hi))
+    next_index = min(1, topology.shapes[window.block][flat] - 1) if at == 0 else at - 1
+    lo, hi = (end[:flat] + (next_index,) + end[flat + 1 :] for end in (window.lo, window.hi))
     face, inner = face_rows(topology, window), face_rows(topology, Window(window.block, lo, hi))
     return face.squeeze(flat), inner.squeeze(flat)
 

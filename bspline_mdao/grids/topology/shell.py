@@ -83,7 +83,7 @@ class Shell:
     points: np.ndarray  # (n, 3), nodes on the faces (m)
     # layer of nodes next to each face, shape (n, m, 3), over its tangent directions in ascending order (m); None of a
     # direction of one node
-    beside: tuple[np.ndarray | None, ...]
+    inner_layers: tuple[np.ndarray | None, ...]
     samples: np.ndarray  # (n_samples,), coordinates spread over the block (m)
     # extent, largest: largest extent of the block along a coordinate, and its largest absolute coordinate (m)
     extent: float
@@ -94,7 +94,7 @@ class Shell:
         """Take the shell of a block by its nodes, shape (ni, nj, nk, 3)."""
         shape = nodes.shape[:3]
         on_faces, flat = FaceNodes.of(shape), nodes.reshape(-1, 3)
-        beside = tuple(
+        inner_layers = tuple(
             np.ascontiguousarray(np.moveaxis(nodes, d, 0)[-2 if side else 1]) if shape[d] > 1 else None
             for d in range(3)
             for side in (0, 1)
@@ -102,7 +102,7 @@ class Shell:
         samples = flat[:: max(1, nodes.size // N_SAMPLES)].ravel()
         extent = float(np.ptp(flat, axis=0).max())
         largest = float(max(abs(flat.min()), abs(flat.max())))
-        return cls(on_faces, flat[on_faces.numbers], beside, samples.copy(), extent, largest)
+        return cls(on_faces, flat[on_faces.numbers], inner_layers, samples.copy(), extent, largest)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -117,5 +117,5 @@ class Shell:
         """Nodes of a face window and those next to it, as `bspline_mdao.grids.topology.index_space.face_layers` (m)."""
         flat = window.shape.index(1)
         tangents = tuple(part for d, part in enumerate(window.slices) if d != flat)
-        inner, face = self.beside[2 * flat + (window.lo[flat] > 0)], self.at(window).squeeze(flat)
+        inner, face = self.inner_layers[2 * flat + (window.lo[flat] > 0)], self.at(window).squeeze(flat)
         return face, face if inner is None else inner[tangents]

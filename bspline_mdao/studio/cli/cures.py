@@ -44,11 +44,11 @@ def proposals(
     options: Any,  # how the move was made
     topology: Topology,  # the patches of the grid
     mesh: MovingMesh,  # what was moved
-    beside: Sequence[str],  # patches that inverted cells lie on
+    adjacent: Sequence[str],  # patches that inverted cells lie on
 ) -> Iterator[tuple[str, Any]]:
     """Yield what to type, and the options with it: changes that may cure a move, none of them in use already."""
     free = _following(topology, mesh)
-    yield from _boundary(options, topology, [name for name in beside if name not in free])
+    yield from _boundary(options, topology, [name for name in adjacent if name not in free])
     mover = options.mover
     if not mover.comoving:
         yield "--comoving", replace(options, mover=replace(mover, comoving=True))
@@ -73,11 +73,11 @@ def _following(topology: Topology, mesh: MovingMesh) -> set[str | None]:
     return {face.patch for face, _ in parts} - {face.patch for face, ids in parts if not follows[ids].all()}
 
 
-def _boundary(options: Any, topology: Topology, beside: Sequence[str]) -> Iterator[tuple[str, Any]]:
+def _boundary(options: Any, topology: Topology, adjacent: Sequence[str]) -> Iterator[tuple[str, Any]]:
     """Let go of patches that are fixed or slide, and let walls that are not deformed slide where they are planar."""
     kinds = {face.patch: face.kind for face in topology.boundary}
     taken = matching_patches(topology, (*(options.design or wall_patches(topology)), *options.release))
-    left = [name for name in beside if name not in taken]
+    left = [name for name in adjacent if name not in taken]
     fixing = [pattern for pattern in options.fix if any(fnmatchcase(name, pattern) for name in left)]
     left = [name for name in left if not any(fnmatchcase(name, pattern) for pattern in fixing)]
     released = [name for name in left if kinds[name] in LET_GO]
@@ -98,11 +98,11 @@ def _boundary(options: Any, topology: Topology, beside: Sequence[str]) -> Iterat
 
 
 def try_cures(
-    options: Any, topology: Topology, mesh: MovingMesh, beside: Sequence[str], count: Callable[[Any], int]
+    options: Any, topology: Topology, mesh: MovingMesh, adjacent: Sequence[str], count: Callable[[Any], int]
 ) -> list[Trial]:
     """Try `proposals` until one inverts no cell; ``count`` makes a move and counts the cells that it inverts."""
     trials: list[Trial] = []
-    for text, changed in proposals(options, topology, mesh, beside):
+    for text, changed in proposals(options, topology, mesh, adjacent):
         try:
             trials.append(Trial(text, count(changed)))
         except (InputError, MovementError):

@@ -46,13 +46,13 @@ def draft_study(
                 f"inspect {grid_name} --draft patches.toml', check them, and give --patches patches.toml"
             ) from None
         progress(0.6, "drafting")
-        text = study_draft(_beside(file, output) or grid_name, _beside(patches, output), grid, topology)
+        text = study_draft(_relative_to(file, output) or grid_name, _relative_to(patches, output), grid, topology)
     with replaced_file(output) as part:
         part.write_text(text, encoding="utf-8")
     print_lines([text, f"{output} written; check it, and run 'bspline-mdao optimize {output} -o out'"])
 
 
-def _beside(file: str | Path | None, output: Path) -> str | None:
+def _relative_to(file: str | Path | None, output: Path) -> str | None:
     """Name a file as seen from the folder of the study."""
     if file is None:
         return None

@@ -352,8 +352,8 @@ def complaint(
     trials: Sequence[Trial],  # other options that were tried
 ) -> str:
     """Say which cells are inverted, why, and what cures it."""
-    beside = ", ".join(f"'{name}'" for name in patches_of(moved.newly_inverted))
-    where = f"the worst {moved.newly_inverted[0]}{f', and they lie on {beside}' if beside else ''}"
+    adjacent = ", ".join(f"'{name}'" for name in patches_of(moved.newly_inverted))
+    where = f"the worst {moved.newly_inverted[0]}{f', and they lie on {adjacent}' if adjacent else ''}"
     return (
         f"the move leaves {counted(moved.after.n_inverted, 'cell')} inverted, {where}; {_cause(model, moved)}; nothing "
         f"was written; {verdict(trials)}, or --allow-invalid to see it"

@@ -261,8 +261,8 @@ def _trials(model: FittedModel, model_file: Path, riding: RidingMesh, options: R
     before = riding.mesh.quality().is_inverted
     mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
     parts = boundary_points(model.topology, mesh.blocks)
-    beside = {face.patch: None for face, ids in parts if face.patch and (mesh.surface_rows[ids] >= 0).any()}
-    return try_cures(options, model.topology, mesh, list(beside), n_inverted)
+    adjacent = {face.patch: None for face, ids in parts if face.patch and (mesh.surface_rows[ids] >= 0).any()}
+    return try_cures(options, model.topology, mesh, list(adjacent), n_inverted)
 
 
 def _complaint(found: _Ridden, trials: Sequence[Trial]) -> str:

@@ -33,7 +33,7 @@ def test_windows_of_faces_are_those_of_the_block(shape):
 def test_a_shell_is_a_small_part_of_a_block():
     nodes = smooth_box(60, 60, 60)
     shell = Shell.of(nodes)
-    arrays = [shell.points, shell.nodes.numbers, shell.samples, *shell.beside]
+    arrays = [shell.points, shell.nodes.numbers, shell.samples, *shell.inner_layers]
     assert sum(array.nbytes for array in arrays) < 0.25 * nodes.nbytes
 
 

@@ -204,12 +204,12 @@ def _remaining(settings: Settings, n_evaluations: int, seconds: float) -> Settin
 
 def _is_worth_restarting(end: str, functions: Functions, n_substituted: int, before: Point) -> bool:
     """Analyses failed on the way, so that the end may be no optimum; and the last restart, if any, got somewhere."""
-    is_beside_failures = functions.n_substituted > n_substituted and end not in (
+    is_near_failures = functions.n_substituted > n_substituted and end not in (
         *_SPENT,
         "STOPVAL_REACHED",
         "FORCED_STOP",
     )
-    return is_beside_failures and functions.best is not before
+    return is_near_failures and functions.best is not before
 
 
 def _judged(end: str, settings: Settings, functions: Functions, n_restarts: int) -> Outcome:
