@@ -14,7 +14,13 @@ from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.newton_step import Course, NewtonStep
 from bspline_mdao.flow.euler.sequencing import coarse_levels, useful_levels
 from bspline_mdao.flow.euler.settings import NEWTON
-from bspline_mdao.flow.euler.stagnation import begins_to_hover, course_of, hovering_cfl, lowest_before, since_it_hovers
+from bspline_mdao.flow.euler.stagnation import (
+    begins_to_stagnate,
+    course_of,
+    lowest_before,
+    since_stagnation,
+    stagnation_cfl,
+)
 from bspline_mdao.grids.io.files import read_grid
 from bspline_mdao.grids.io.patch_guess import with_guessed_patches
 from bspline_mdao.grids.topology.detection import find_topology
@@ -48,26 +54,26 @@ def run(*residuals, turn=0.0, growth=-1.0, cfl=800.0, length=1.0):
     history = []
     for residual in residuals:
         history.append(NewtonStep(residual, cfl, 1, length, Course(turn, growth)))
-        history[-1] = replace(history[-1], hovers_from=lowest_before(NEWTON, history))
+        history[-1] = replace(history[-1], stagnates_from=lowest_before(NEWTON, history))
     return history
 
 
 def test_a_run_hovers_after_eight_low_residuals_without_a_lowest_one():
-    assert not begins_to_hover(NEWTON, run(1e-4, *7 * [2e-4]))
-    assert begins_to_hover(NEWTON, run(1e-4, *8 * [2e-4]))
-    assert not begins_to_hover(NEWTON, run(2e-3, *20 * [4e-3]))  # where shocks travel
+    assert not begins_to_stagnate(NEWTON, run(1e-4, *7 * [2e-4]))
+    assert begins_to_stagnate(NEWTON, run(1e-4, *8 * [2e-4]))
+    assert not begins_to_stagnate(NEWTON, run(2e-3, *20 * [4e-3]))  # where shocks travel
 
 
 def test_a_run_hovers_as_soon_as_a_step_goes_back_and_its_residual_rises():
-    assert begins_to_hover(NEWTON, run(1e-5, 4e-6, 6e-6, turn=-0.6))
-    assert not begins_to_hover(NEWTON, run(1e-5, 6e-6, 4e-6, turn=-0.6))
-    assert not begins_to_hover(NEWTON, run(1e-5, 4e-6, 6e-6, turn=-0.4))
-    assert not begins_to_hover(NEWTON, run(2e-3, 4e-6, 6e-6, turn=-0.6))
+    assert begins_to_stagnate(NEWTON, run(1e-5, 4e-6, 6e-6, turn=-0.6))
+    assert not begins_to_stagnate(NEWTON, run(1e-5, 6e-6, 4e-6, turn=-0.6))
+    assert not begins_to_stagnate(NEWTON, run(1e-5, 4e-6, 6e-6, turn=-0.4))
+    assert not begins_to_stagnate(NEWTON, run(2e-3, 4e-6, 6e-6, turn=-0.6))
 
 
 def test_a_run_hovers_until_its_residual_is_a_tenth_of_the_lowest_before():
     history = run(1e-4, *8 * [2e-4], 5e-2, 2e-5, 0.9e-5, 2e-5)
-    assert [step.hovers_from for step in history] == [*8 * [0.0], *3 * [1e-4], *2 * [0.0]]
+    assert [step.stagnates_from for step in history] == [*8 * [0.0], *3 * [1e-4], *2 * [0.0]]
 
 
 @pytest.mark.parametrize(("is_long", "rest"), [(False, 20.0), (True, 5.0)])
@@ -93,13 +99,13 @@ def test_a_run_that_begins_to_hover_goes_back_to_short_time_steps(is_long, rest)
 )
 def test_time_steps_of_a_run_that_hovers_grow_as_far_as_growth_allows(after, growth, length, factor):
     history = run(1e-4, *8 * [2e-4], after, growth=growth, length=length, cfl=100.0)
-    assert hovering_cfl(NEWTON, history, True) == pytest.approx(100.0 * factor)
+    assert stagnation_cfl(NEWTON, history, True) == pytest.approx(100.0 * factor)
 
 
 def test_a_run_may_take_its_steps_anew_from_where_it_began_to_hover():
     history = run(1e-4, *8 * [2e-4], 3e-3, 2e-4)
-    assert since_it_hovers(history) == history[8:]
-    assert since_it_hovers(history[:8]) == history[:8]
+    assert since_stagnation(history) == history[8:]
+    assert since_stagnation(history[:8]) == history[:8]
 
 
 GAP = 1e-5
@@ -159,7 +165,7 @@ STARTS = pytest.mark.parametrize("start", [-0.01, -0.02, -0.05, -0.1])
 @STARTS
 def test_a_run_is_carried_past_the_end_of_steady_states_to_the_flow_behind_it(past_a_fold, start):
     solution = past_a_fold(start)
-    assert any(step.hovers_from for step in solution.history)
+    assert any(step.stagnates_from for step in solution.history)
     assert solution.is_converged
     np.testing.assert_allclose(solution.states[0, 1], 1.0, atol=1e-9)
 
@@ -174,7 +180,7 @@ def test_steps_that_let_only_the_residual_lead_the_time_step_go_to_and_fro_there
 
 def test_a_step_that_takes_back_what_grows_is_not_taken(past_a_fold, monkeypatch):
     monkeypatch.setitem(globals(), "GAP", 1e-6)
-    backward = [step for step in past_a_fold(-0.01).history if step.hovers_from and step.course.is_backward]
+    backward = [step for step in past_a_fold(-0.01).history if step.stagnates_from and step.course.is_backward]
     assert len(backward) > 1
     assert all(step.length == 0.0 for step in backward[1:])  # the first one is what tells that the run hovers
 
@@ -192,4 +198,4 @@ def test_a_flow_with_shocks_about_a_fine_grid_of_another_project_is_found(real_g
         if solution.is_converged:  # which way it is depends on rounding; the first one where this was written
             break
     assert solutions[-1].is_converged
-    assert any(step.hovers_from for solution in solutions for step in solution.history)
+    assert any(step.stagnates_from for solution in solutions for step in solution.history)

@@ -19,7 +19,7 @@ from .newton_step import UNKNOWN, Course, NewtonStep
 from .preconditioner import Factor, add_blocks, by_surface, compact_factor, time_terms
 from .residual import Discretization
 from .settings import NEWTON, NewtonSettings
-from .stagnation import course_of, hovering_cfl, lowest_before, since_it_hovers
+from .stagnation import course_of, lowest_before, since_stagnation, stagnation_cfl
 
 __all__ = [
     "Field",
@@ -124,7 +124,7 @@ def solve_flow(
     system: _StepSystem | None = None
     last: np.ndarray | None = None
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > settings.smallest_cfl:
-        is_stalled = _is_stalled(since_it_hovers(history), settings.stalled)
+        is_stalled = _is_stalled(since_stagnation(history), settings.stalled)
         if is_stalled or _is_rounded(settings, history) or _is_spent(settings, history):
             break
         part = _forcing(settings, history, tolerance)
@@ -134,13 +134,13 @@ def solve_flow(
         is_rough = history[-1].residual > settings.rough_until
         update, n_products = system.solve(settings, residual, part, is_rough)  # step 3
         course = system.course(update, last, residual)
-        if history[-1].hovers_from and course.is_backward:
+        if history[-1].stagnates_from and course.is_backward:
             update = None  # it would lead back to where the run came from, and the next one here again
         states, residual, length = advance(settings, field, states, residual, update)  # step 4
         before, norm = norm, field.norm(residual)
         last = last if update is None else update
         history.append(NewtonStep(norm / scale, cfl, n_products, length, course))
-        history[-1] = replace(history[-1], hovers_from=lowest_before(settings, history))
+        history[-1] = replace(history[-1], stagnates_from=lowest_before(settings, history))
         if progress:
             progress(history[-1], states)
         cfl = _next_cfl(settings, history, before, norm, is_long)  # step 5
@@ -280,8 +280,8 @@ def _forcing(settings: NewtonSettings, history: list[NewtonStep], tolerance: flo
 def _next_cfl(settings: NewtonSettings, history: list[NewtonStep], before: float, after: float, is_long: bool) -> float:
     """CFL number of the next step, from those and the lengths of the last ones and the norms of the residual."""
     cfl, length = history[-1].cfl, history[-1].length
-    if history[-1].hovers_from:
-        return hovering_cfl(settings, history, is_long)
+    if history[-1].stagnates_from:
+        return stagnation_cfl(settings, history, is_long)
     if length < 1.0:  # while shocks travel, shorter time steps get further than parts of long ones
         return cfl * min(1.0, max(0.2, 1.5 * length))
     if after > 1.5 * before:

@@ -77,13 +77,13 @@ class NewtonSettings:
     """Part of its residual that a cycle of a rough linear solve may leave; beyond, a smaller CFL number is cheaper.
     Cuts later on give Newton's convergence away, as about the C-grid of CFL3D at M 0.663 and 5.45 degrees."""
 
-    hovering: int = 8
+    stagnation_steps: int = 8
     """Steps without a new lowest residual after which a run hovers, see `.stagnation`."""
 
-    hovering_from: float = 1e-3
+    stagnation_from: float = 1e-3
     """Residual that all of these are below; from 3e-3 on one flow fewer of 40 about the RAE 2822 was found."""
 
-    hovers_until: float = 0.1
+    stagnates_until: float = 0.1
     """Part of the lowest residual before it hovered below which a run hovers no more."""
 
     long_rest_cfl: float = 5.0

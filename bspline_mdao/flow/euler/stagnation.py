@@ -30,7 +30,7 @@ from ...base.numerics.processes import summed
 from .newton_step import Course, NewtonStep
 from .settings import NewtonSettings
 
-__all__ = ["begins_to_hover", "course_of", "hovering_cfl", "lowest_before", "since_it_hovers"]
+__all__ = ["begins_to_stagnate", "course_of", "lowest_before", "since_stagnation", "stagnation_cfl"]
 
 
 def course_of(
@@ -49,30 +49,37 @@ def course_of(
     return Course(float(along / max(np.sqrt(new * old), tiny)), float(1.0 + driven / max(slowed, tiny)))
 
 
-def begins_to_hover(settings: NewtonSettings, history: Sequence[NewtonStep]) -> bool:
+def begins_to_stagnate(settings: NewtonSettings, history: Sequence[NewtonStep]) -> bool:
     """Whether residuals are low but no new lowest one was among the last; while shocks travel they are higher."""
     residuals = [step.residual for step in history]
     if len(residuals) < 3:
         return False
     goes_back = (
-        history[-1].course.has_turned and residuals[-1] > residuals[-2] and max(residuals[-3:]) < settings.hovering_from
+        history[-1].course.has_turned
+        and residuals[-1] > residuals[-2]
+        and max(residuals[-3:]) < settings.stagnation_from
     )
-    is_stagnant = max(residuals[-settings.hovering :]) < settings.hovering_from and len(residuals) > settings.hovering
-    return goes_back or (is_stagnant and min(residuals[-settings.hovering :]) > min(residuals[: -settings.hovering]))
+    is_stagnant = (
+        max(residuals[-settings.stagnation_steps :]) < settings.stagnation_from
+        and len(residuals) > settings.stagnation_steps
+    )
+    return goes_back or (
+        is_stagnant and min(residuals[-settings.stagnation_steps :]) > min(residuals[: -settings.stagnation_steps])
+    )
 
 
 def lowest_before(settings: NewtonSettings, history: Sequence[NewtonStep]) -> float:
     """Lowest residual before a run began to hover, zero of one that does not; that of its last step is not set yet."""
-    before = history[-2].hovers_from if len(history) > 1 else 0.0
+    before = history[-2].stagnates_from if len(history) > 1 else 0.0
     if before:
-        return before if history[-1].residual > settings.hovers_until * before else 0.0
-    return min(step.residual for step in history) if begins_to_hover(settings, history) else 0.0
+        return before if history[-1].residual > settings.stagnates_until * before else 0.0
+    return min(step.residual for step in history) if begins_to_stagnate(settings, history) else 0.0
 
 
-def hovering_cfl(settings: NewtonSettings, history: Sequence[NewtonStep], is_long: bool) -> float:
+def stagnation_cfl(settings: NewtonSettings, history: Sequence[NewtonStep], is_long: bool) -> float:
     """CFL number of the next step of a run that hovers: short at first, then as long as growth allows."""
     cfl, length, growth = history[-1].cfl, history[-1].length, history[-1].course.growth
-    if not history[-2].hovers_from:
+    if not history[-2].stagnates_from:
         return min(cfl, settings.long_rest_cfl if is_long else settings.first_cfl)
     fall = history[-2].residual / max(history[-1].residual, np.finfo(float).tiny)
     factor = (
@@ -83,9 +90,9 @@ def hovering_cfl(settings: NewtonSettings, history: Sequence[NewtonStep], is_lon
     return cfl * (min(factor, settings.most_growing / growth) if growth > 0.0 else factor)
 
 
-def since_it_hovers(history: list[NewtonStep]) -> list[NewtonStep]:
+def since_stagnation(history: list[NewtonStep]) -> list[NewtonStep]:
     """Steps of a run that hovers, from the first one that did on; all of another. Past a fold residuals rise."""
     first = len(history)
-    while history[first - 1].hovers_from:
+    while history[first - 1].stagnates_from:
         first -= 1
     return history[first:] or history
