@@ -15,9 +15,9 @@ from .studio.plotting.histories import draw_history as draw_history
 from .studio.plotting.histories import draw_optimality as draw_optimality
 from .studio.plotting.histories import driver_colors as driver_colors
 from .studio.plotting.html import html_of as html_of
-from .studio.plotting.panels import FIELD_LOOKS as FIELD_LOOKS
+from .studio.plotting.panels import FIELD_STYLES as FIELD_STYLES
 from .studio.plotting.panels import SURFACES as SURFACES
-from .studio.plotting.panels import FieldLook as FieldLook
+from .studio.plotting.panels import FieldStyle as FieldStyle
 from .studio.plotting.panels import Panel as Panel
 from .studio.plotting.panels import camera_of as camera_of
 from .studio.plotting.panels import sheets_of as sheets_of

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["InNotebook", "OneLine", "Shown", "in_brief"]
+__all__ = ["InNotebook", "OneLine", "Plottable", "in_brief"]
 
 WIDTH = 120
 """Characters that a line has at most, as a rule."""
@@ -83,7 +83,7 @@ class InNotebook(OneLine):
             return None
 
 
-class Shown(InNotebook):
+class Plottable(InNotebook):
     """What can be looked at: a grid, a fitted grid."""
 
     def plot(self, show: bool | None = None, file: str | os.PathLike | None = None, **how: Any):

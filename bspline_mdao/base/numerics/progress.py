@@ -25,7 +25,7 @@ from typing import Any
 
 from .processes import world
 
-__all__ = ["COMPILING", "SWITCH", "Progress", "is_terminal", "show_progress", "shown", "within"]
+__all__ = ["COMPILING", "SWITCH", "Progress", "is_terminal", "progress_bar", "show_progress", "within"]
 
 Progress = Callable[[float, str], None]
 """What is told the fraction done, from 0 to 1, or less than 0 where it is not known, and what is being done."""
@@ -60,7 +60,7 @@ def show_progress(wanted: bool = True) -> None:
 
 
 @contextmanager
-def shown(
+def progress_bar(
     title: str,  # what the work is, in a word or two
     # who is told instead of a bar; False for nobody. By default there is a bar where a terminal is
     progress: Progress | bool | None = None,

@@ -118,10 +118,10 @@ def claim(
             chunk = first + (own * n_chunks // n_parts + n_tried) % n_chunks
             n_tried += 1
             if numbers[FIRST + chunk] == 0 and _mark(numbers, FIRST + chunk) == 0:
-                looks = 0
+                polls = 0
                 while _n_done(numbers) < first:
-                    looks += 1
-                    if looks % PATIENCE == 0:
+                    polls += 1
+                    if polls % PATIENCE == 0:
                         _let_others_run()
                 return chunk, level, n_tried
         level, n_tried = level + 1, 0

@@ -216,8 +216,8 @@ def _warn_of_clipped(topology: Topology, requested: RequestedCounts) -> Iterator
         for block, d in np.argwhere((requested.counts > shapes) & (shapes > 1))
     ]
     if places:
-        shown = ", ".join(places[:8]) + (", ..." if len(places) > 8 else "")
-        yield f"no more control points than nodes where more were asked for ({len(places)}): {shown}"
+        listed = ", ".join(places[:8]) + (", ..." if len(places) > 8 else "")
+        yield f"no more control points than nodes where more were asked for ({len(places)}): {listed}"
 
 
 def _limit_size(
@@ -302,5 +302,5 @@ def _warn_of_lowered_orders(topology: Topology, orders: np.ndarray, result: np.n
                 lowest[key] = min(int(row[d]), lowest.get(key, int(row[d])))
     if lowest:
         places = [f"block {block + 1} {'ijk'[d]} (order {order})" for (block, d), order in lowest.items()]
-        shown = ", ".join(places[:4]) + (", ..." if len(places) > 4 else "")
-        yield f"the order is lowered where a direction has fewer control points ({len(places)}): {shown}"
+        listed = ", ".join(places[:4]) + (", ..." if len(places) > 4 else "")
+        yield f"the order is lowered where a direction has fewer control points ({len(places)}): {listed}"

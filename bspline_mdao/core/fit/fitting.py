@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...base.numerics.processes import ONE, together
-from ...base.numerics.progress import Progress, shown
+from ...base.numerics.progress import Progress, progress_bar
 from ...errors import FitWarning, InputError
 from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Block, Grid
@@ -133,7 +133,7 @@ def fit_grid(
     """
     options = {"n_control": n_control, "order": order, "knots": knots, "corrections": corrections, "method": method}
     options |= {"wall_layer": wall_layer, "parametrization": parametrization}
-    with shown("fitting", progress) as report_progress:
+    with progress_bar("fitting", progress) as report_progress:
         _, parameters, residual, whole = _fit(grid, ONE, topology, **options, progress=report_progress)
     _warn(grid, whole)
     return FittedModel(parameters=tuple(parameters), residual=residual if keep_residual else None, **whole)
@@ -184,7 +184,7 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
     >>> blocks.control_points.shape
     (224, 3)
     """
-    with shown("fitting", options.pop("progress", None)) as report_progress:
+    with progress_bar("fitting", options.pop("progress", None)) as report_progress:
         sharing, parameters, residual, whole = _fit(grid, comm, **options, progress=report_progress)
     if comm.rank == 0:
         _warn(grid, whole)

@@ -153,9 +153,9 @@ def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[s
     if not entities:
         return ()
     names = topology.segment_names
-    shown = ", ".join(entity.describe(names) for entity in entities[:5]) + (", ..." if len(entities) > 5 else "")
+    listed = ", ".join(entity.describe(names) for entity in entities[:5]) + (", ..." if len(entities) > 5 else "")
     return (
-        f"the nodes do not determine all control points of {len(entities)} parts ({shown}); these are drawn to the "
+        f"the nodes do not determine all control points of {len(entities)} parts ({listed}); these are drawn to the "
         f"grid's own coarse nodes; fewer control points avoid it (n_control, --n-control)",
     )
 

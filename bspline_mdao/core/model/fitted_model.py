@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...base.checks import as_finite_points
-from ...base.display import Shown
+from ...base.display import Plottable
 from ...grids.io.cgns import CgnsDialect
 from ...grids.io.plane_grids import PlaneDialect
 from ...grids.topology.boundary_surface import BoundarySurface
@@ -36,7 +36,7 @@ from .records import FitReport, FitSettings, GridHeader
 
 
 @dataclass(frozen=True, eq=False)
-class FittedModel(Shown, Model):
+class FittedModel(Plottable, Model):
     """A multi-block grid as a B-spline mesh.
 
     Parameters

@@ -21,7 +21,7 @@ import numpy as np
 
 from ...base.checks import as_array
 from ...base.display import OneLine
-from ...base.numerics.progress import shown
+from ...base.numerics.progress import progress_bar
 from ...errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
 from .mover import IncrementReport, MovementReport, Mover, Step, check_reach, check_request
@@ -132,7 +132,7 @@ def in_increments(
     check_request(mesh, initial, surface)
     began, steps, reports = time.perf_counter(), [], []
     before, surface_before = initial, initial[mesh.surface_ids]
-    with shown("moving the control mesh") as report_progress:
+    with progress_bar("moving the control mesh") as report_progress:
         for i in range(1, n_increments + 1):
             report_progress((i - 1) / n_increments, f"increment {i} of {n_increments}")
             try:

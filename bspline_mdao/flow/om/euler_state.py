@@ -15,7 +15,7 @@ from openmdao.utils.options_dictionary import OptionsDictionary
 from openmdao.vectors.vector import Vector
 
 from ...base.numerics.processes import largest, summed_number
-from ...base.numerics.progress import Progress, shown
+from ...base.numerics.progress import Progress, progress_bar
 from ...core.om.check_directions import check_along_directions
 from ...core.om.component import (
     SMOOTH_STEP,
@@ -171,7 +171,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             self._is_mach_said = warn_of_mach_number(self.pathname, float(inputs["Mach_number"][0]), EULER)
         areas, stream = self._at(inputs)
         self._solution = None
-        with shown("flow") as report:
+        with progress_bar("flow") as report:
             for solution in self._attempts(inputs, outputs, areas, stream, tolerance, report):
                 if self._solution is None or solution.residual < self._solution.residual:
                     self._solution = solution  # the best one is told of

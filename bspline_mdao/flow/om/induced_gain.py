@@ -26,7 +26,7 @@ class InducedGain(OneLine):
     doubt: float
 
     @property
-    def is_shown(self) -> bool:
+    def is_listed(self) -> bool:
         """Whether both grids have more of it than errors may be."""
         return min(self.gain, self.finer) > self.doubt
 
@@ -41,7 +41,7 @@ class InducedGain(OneLine):
     @property
     def warning(self) -> str:
         """What is said where a finer grid may have no gain; nothing where it has one."""
-        if self.is_shown:
+        if self.is_listed:
             return ""
         return f"{self.words}: the errors of the grid may be all that was gained; run the study on a finer grid"
 

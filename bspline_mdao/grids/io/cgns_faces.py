@@ -76,9 +76,9 @@ def read_patches_of_zones(
     bases = {base.name: base for base, _ in zones}.values()
     families = [name for base in bases for name in known.of(base)]
     if further:
-        shown = ", ".join(sorted(further)[:3])
+        listed = ", ".join(sorted(further)[:3])
         ignored.append(
-            f"conditions have further families, {shown}{', ...' * (len(further) > 3)}; patches are named after the "
+            f"conditions have further families, {listed}{', ...' * (len(further) > 3)}; patches are named after the "
             f"first of each, and CGNS files that are written have them all"
         )
     ignored += [

@@ -44,7 +44,7 @@ class GridFormat:
     reader: str = ""  # function of the module that reads a path
     opener: str = ""  # function of the module that opens a path, so that blocks of it can be read later
     suffixes: tuple[str, ...] = ()  # suffixes of its files; ``""`` for names without one
-    shown: tuple[str, ...] = ()  # those of the suffixes that help names, all by default
+    listed: tuple[str, ...] = ()  # those of the suffixes that help names, all by default
     folder: str = ""  # name of the folder that it writes, instead of a file
     # what its files have at which byte; files that have the signature of no format are read by the format without
     signatures: tuple[tuple[int, bytes], ...] = ()
@@ -58,8 +58,8 @@ class GridFormat:
 
     def __str__(self) -> str:
         """Name its suffixes or its folder, and the format where they do not say it themselves."""
-        shown = f"a folder {self.folder}" if self.folder else ", ".join(self.shown or self.suffixes)
-        return shown if shown == f".{self.name.lower()}" else f"{shown} ({self.name})"
+        listed = f"a folder {self.folder}" if self.folder else ", ".join(self.listed or self.suffixes)
+        return listed if listed == f".{self.name.lower()}" else f"{listed} ({self.name})"
 
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -76,7 +76,7 @@ FORMATS = (
         "read_plot3d",
         "open_plot3d",
         suffixes=("", ".xyz", ".x", ".p3d", ".plot3d", ".g", ".grd", ".unf", ".fmt", ".p3dfmt", ".txt"),
-        shown=(".xyz", ".fmt"),
+        listed=(".xyz", ".fmt"),
         may_be_compressed=True,
     ),
     GridFormat(
@@ -90,7 +90,7 @@ FORMATS = (
         takes_topology=True,
     ),
     GridFormat("ParaView", "fields", "write_with_quality", suffixes=(".vtm",)),
-    GridFormat("Tecplot", "fields", "write_with_quality", suffixes=(".dat", ".tec"), shown=(".dat",)),
+    GridFormat("Tecplot", "fields", "write_with_quality", suffixes=(".dat", ".tec"), listed=(".dat",)),
     GridFormat("OpenFOAM", "openfoam", "write_polymesh", folder=POLYMESH, takes_topology=True),
 )
 """All formats, in the order in which help names them."""

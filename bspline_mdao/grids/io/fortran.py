@@ -163,8 +163,8 @@ def _not_a_number(data: bytes, source: str, n_lines: int) -> InputError:
     for number, line in enumerate(data.splitlines(), 1 + n_lines):
         for token in re.split(rb"[\s,;]+", line):
             if token and not _is_number(token):
-                shown = token[:24].decode("ascii", "backslashreplace")
-                return InputError(f"{source}: line {number}: '{shown}' is not a number; is this an ASCII PLOT3D grid?")
+                text = token[:24].decode("ascii", "backslashreplace")
+                return InputError(f"{source}: line {number}: '{text}' is not a number; is this an ASCII PLOT3D grid?")
     return InputError(f"{source}: holds text that is not a list of numbers; is this an ASCII PLOT3D grid?")
 
 

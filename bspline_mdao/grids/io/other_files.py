@@ -19,14 +19,14 @@ __all__ = ["head_of_grid"]
 _MESH = (
     "is {} mesh, without structured blocks; {}; 'bspline-mdao ride MODEL.h5 {}' takes it along with the model of one"
 )
-_SHOWN = "is a {} file, which is looked at and not read here; {}"
+_NOT_READ = "is a {} file, which is looked at and not read here; {}"
 
 _OTHERS = (
     (rb"\$MeshFormat", _MESH, "a Gmsh"),
     (rb"(?:[ \t\r]*(?:%.*)?\n)*[ \t]*(?:NDIME|NZONE)\s*=", _MESH, "an SU2"),
     (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile[^>]*UnstructuredGrid", _MESH, "a VTK"),
-    (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile|# vtk DataFile", _SHOWN, "ParaView"),
-    (rb"\s*(?:TITLE|VARIABLES|FILETYPE)\s*=|#!TDV", _SHOWN, "Tecplot"),
+    (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile|# vtk DataFile", _NOT_READ, "ParaView"),
+    (rb"\s*(?:TITLE|VARIABLES|FILETYPE)\s*=|#!TDV", _NOT_READ, "Tecplot"),
     (rb"ISO-10303-21", "is a CAD file ({}), of surfaces without a grid; {}", "STEP"),
     (rb"SQLite format 3", "is {} of an optimisation; {}; 'bspline-mdao report {}' shows it", "a case file"),
 )

@@ -120,9 +120,9 @@ def merge_patches(
     """Add patches to a grid; one of the same name takes the place of the grid's."""
     added = {patch.name: patch for patch in patches}
     merged = {patch.name: patch for patch in grid.patches} | added
-    claims = [(patch, window) for patch in merged.values() for window in patch.windows]
+    claimed = [(patch, window) for patch in merged.values() for window in patch.windows]
     faces: dict[tuple, list[tuple[Patch, Window]]] = {}
-    for patch, window in claims:
+    for patch, window in claimed:
         faces.setdefault(_face_key(window), []).append((patch, window))
     for rivals in faces.values():
         for (patch, window), (other, other_window) in combinations(rivals, 2):

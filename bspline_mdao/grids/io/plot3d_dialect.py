@@ -289,10 +289,10 @@ def _no_reading(near: list[Reading], n_bytes: int, source: str) -> InputError:
     announced = n_present - int(_misfit(best) / size)
     if announced == n_present:
         return InputError(f"{source}: the Fortran records are cut in no known way; write one record per block")
-    shown = "(" + ", ".join(str(n) for n in best.shapes[0].tolist()) + ")"
+    listed = "(" + ", ".join(str(n) for n in best.shapes[0].tolist()) + ")"
     what = "truncated" if announced > n_present else "too long"
     return InputError(
-        f"{source}: {what}: read as PLOT3D ({best.dialect}), {len(best.shapes)} block(s) beginning with {shown} need "
+        f"{source}: {what}: read as PLOT3D ({best.dialect}), {len(best.shapes)} block(s) beginning with {listed} need "
         f"{announced} {unit}, but it holds {n_present}; transfer or write it again"
     )
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...base.checks import as_array, require_kind
-from ...base.display import OneLine, Shown
+from ...base.display import OneLine, Plottable
 from ...errors import InputError
 from .block_layout import BlockLayout
 from .index_space import Interface, Window
@@ -108,7 +108,7 @@ class Block(OneLine):
 
 
 @dataclass(frozen=True)
-class Grid(Shown):
+class Grid(Plottable):
     """A multi-block structured grid: blocks, declared patches and connections, and how it was written.
 
     Parameters
@@ -216,12 +216,12 @@ def find_fault(
         is_sound = np.abs(block.nodes) <= MAX_COORDINATE
         if not is_sound.all():
             *index, axis = np.argwhere(~is_sound)[0].tolist()
-            return f"{name}: node {_shown(index, lo)} has {'xyz'[axis]} = {block.nodes[(*index, axis)]:.6g}"
+            return f"{name}: node {_index_text(index, lo)} has {'xyz'[axis]} = {block.nodes[(*index, axis)]:.6g}"
         if block.iblank is not None:
             is_sound = np.abs(block.iblank.astype(np.int64)) <= MAX_IBLANK
             if not is_sound.all():
                 index = np.argwhere(~is_sound)[0].tolist()
-                return f"{name}: node {_shown(index, lo)} has an IBLANK that is no block number"
+                return f"{name}: node {_index_text(index, lo)} has an IBLANK that is no block number"
     return None
 
 
@@ -233,6 +233,6 @@ MAX_IBLANK = 1_000_000
 """IBLANK is 0, 1 or the negative of a block number."""
 
 
-def _shown(index: list[int], lo: tuple[int, ...]) -> str:
+def _index_text(index: list[int], lo: tuple[int, ...]) -> str:
     """Write an index from 1."""
     return "(" + ", ".join(str(i + start + 1) for i, start in zip(index, lo)) + ")"

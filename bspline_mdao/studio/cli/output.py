@@ -17,7 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from ...base.numerics.processes import ONE, on_first, together
-from ...base.numerics.progress import Progress, shown
+from ...base.numerics.progress import Progress
+from ...base.numerics.progress import progress_bar as bar_of
 from ...base.text import counted
 from ...errors import InputError
 from ...grids.cells.certificate import Certificate
@@ -150,7 +151,7 @@ def _cell(value: object) -> str:
 
 def progress_bar() -> AbstractContextManager[Progress]:
     """Give a function of the fraction done and what is being done, which moves a bar on a terminal's standard error."""
-    return shown("")
+    return bar_of("")
 
 
 MEANING_OF_INVALID = (

@@ -49,7 +49,7 @@ from .sources import file_of, load_grid, stored_grid
 MOST_WORST = 5
 """Cells with the smallest corners that are printed."""
 
-MOST_SHOWN = 10
+MOST_LISTED = 10
 """Inverted cells that are printed."""
 
 
@@ -245,5 +245,5 @@ def _show(
     show_heights(report.heights, unit)
     if baseline_name is not None:
         show_height_ratios(report.heights)
-    print_lines([f"{cell} was valid on the baseline" for cell in newly[:MOST_SHOWN]], style="yellow")
-    print_lines([f"{cell} has corner triple product {cell.corner:.2g}" for cell in report.inverted[:MOST_SHOWN]])
+    print_lines([f"{cell} was valid on the baseline" for cell in newly[:MOST_LISTED]], style="yellow")
+    print_lines([f"{cell} has corner triple product {cell.corner:.2g}" for cell in report.inverted[:MOST_LISTED]])

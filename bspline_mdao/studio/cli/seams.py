@@ -14,7 +14,7 @@ from ...core.mesh.boundary import moving_mesh
 from ...core.model.fitted_model import FittedModel
 from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
 
-MOST_SHOWN = 10
+MOST_LISTED = 10
 """Seams and poles that are printed, those with the largest kinks."""
 
 
@@ -87,13 +87,13 @@ def show_seams(
     print_title(f"{name}: {counted(len(seams), 'seam')}, {counted(len(poles), 'pole')}")
     edges = [seam for seam in seams if not any(seam is other for other in smooth)]
     for what, chosen in (("smooth seam", smooth), ("edge", edges)):
-        rows = [_row(seam, before) for seam in chosen[:MOST_SHOWN]]
+        rows = [_row(seam, before) for seam in chosen[:MOST_LISTED]]
         was = ["before"] if before is not None else []
         if rows:
             print_table([what, "kink (deg)", *was, "around (m)", "jump (1/m)"], rows)
     if poles:
-        shown = [(_sides(pole.names), f"{pole.kink:.3g}", _place(pole.point)) for pole in poles[:MOST_SHOWN]]
-        print_table(["pole of", "kink (deg)", "at (m)"], shown)
+        listed = [(_sides(pole.names), f"{pole.kink:.3g}", _place(pole.point)) for pole in poles[:MOST_LISTED]]
+        print_table(["pole of", "kink (deg)", "at (m)"], listed)
     lines = []
     if smooth:
         kink, jump = max(seam.max_kink for seam in smooth), max(seam.max_jump for seam in smooth)

@@ -17,7 +17,7 @@ __all__ = ["draw_first_heights", "draw_wall_cells"]
 REACH = {"leading edge": 30.0, "trailing edge": 40.0, "tip": 40.0}
 """Half the width of what is shown of each edge, relative to the median height of the first cells."""
 
-SHOWN_HEIGHTS = (0.4, 2.5)
+HEIGHT_RANGE = (0.4, 2.5)
 """Range of what is shown of the heights; others are at its ends."""
 
 NEAR_TIP = 0.9
@@ -91,9 +91,9 @@ def draw_first_heights(folder, name: str, ratios: Mapping[str, Mapping[str, np.n
         panels = canvas.subplots(1, len(ratios), squeeze=False, sharey=True)[0]
         for axes, (asked, ways) in zip(panels, ratios.items()):
             for (way, values), color in zip(ways.items(), (ORANGE, BLUE, GRAY)):
-                values = np.clip(np.sort(values), *SHOWN_HEIGHTS)
+                values = np.clip(np.sort(values), *HEIGHT_RANGE)
                 axes.plot(100.0 * np.arange(len(values)) / max(1, len(values) - 1), values, color=color, label=way)
-            axes.set(title=asked, xlabel="wall nodes (%)", yscale="log", ylim=SHOWN_HEIGHTS)
+            axes.set(title=asked, xlabel="wall nodes (%)", yscale="log", ylim=HEIGHT_RANGE)
             axes.set_yticks([0.5, 0.7, 1.0, 1.4, 2.0], ["0.5", "0.7", "1", "1.4", "2"])
             axes.minorticks_off()
         panels[0].set_ylabel("height relative to that before")
@@ -136,9 +136,9 @@ def _draw(axes, surfaces: Sequence[np.ndarray], side: float, reach: float) -> No
         corners = net_quads(surface)
         first, second = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
         area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-        is_shown = (np.abs(corners - centre).max(axis=2) < 3.0 * reach).any(axis=1)
+        is_drawn = (np.abs(corners - centre).max(axis=2) < 3.0 * reach).any(axis=1)
         is_bad = np.sign(area) != np.sign(np.median(area))
-        for which, color, width in ((is_shown & ~is_bad, GRAY, 0.25), (is_shown & is_bad, RED, 0.8)):
+        for which, color, width in ((is_drawn & ~is_bad, GRAY, 0.25), (is_drawn & is_bad, RED, 0.8)):
             lines = {"facecolors": "none", "edgecolors": color, "linewidths": width}
             axes.add_collection(require("matplotlib.collections").PolyCollection(corners[which], **lines))
         axes.plot(*surface[:, 0].T, color="black", linewidth=0.9)

@@ -14,7 +14,7 @@ from ...grids.topology.index_space import Window
 from .scenes import Camera
 from .surfaces import Sheet, control_sheets, flow_sheets, grid_sheets, worst_cells
 
-__all__ = ["FIELD_LOOKS", "SURFACES", "FieldLook", "Panel", "camera_of", "sheets_of"]
+__all__ = ["FIELD_STYLES", "SURFACES", "FieldStyle", "Panel", "camera_of", "sheets_of"]
 
 SURFACES = {
     "walls": ("wall",),
@@ -28,7 +28,7 @@ SURFACES = {
 
 
 @dataclass(frozen=True)
-class FieldLook:
+class FieldStyle:
     """How a field is shown.
 
     Parameters
@@ -52,17 +52,17 @@ class FieldLook:
     surfaces: tuple[str, ...] = ("walls", "symmetry")
 
 
-FIELD_LOOKS = {
-    "quality": FieldLook("Q", "orthogonality Q", "viridis"),
-    "corner": FieldLook("smallest_corner", "smallest corner", "viridis"),
-    "wall height": FieldLook("wall_height", "height of the first cell (m)", "viridis", surfaces=("walls",)),
-    "block": FieldLook("block", "block", "tab20"),
-    "patch": FieldLook("patch", "patch", "tab20", surfaces=("boundary",)),
-    "Cp": FieldLook("Cp", "pressure coefficient", "RdYlBu_r", True),
-    "Mach": FieldLook("Mach", "Mach number", "turbo", True),
-    "entropy": FieldLook("entropy", "entropy", "magma", True),
-    "delta_Cp": FieldLook("delta_Cp", "pressure difference below - above", "viridis", True, ("lattice", "symmetry")),
-    "total pressure loss": FieldLook("total_pressure_loss", "loss of total pressure", "magma", True),
+FIELD_STYLES = {
+    "quality": FieldStyle("Q", "orthogonality Q", "viridis"),
+    "corner": FieldStyle("smallest_corner", "smallest corner", "viridis"),
+    "wall height": FieldStyle("wall_height", "height of the first cell (m)", "viridis", surfaces=("walls",)),
+    "block": FieldStyle("block", "block", "tab20"),
+    "patch": FieldStyle("patch", "patch", "tab20", surfaces=("boundary",)),
+    "Cp": FieldStyle("Cp", "pressure coefficient", "RdYlBu_r", True),
+    "Mach": FieldStyle("Mach", "Mach number", "turbo", True),
+    "entropy": FieldStyle("entropy", "entropy", "magma", True),
+    "delta_Cp": FieldStyle("delta_Cp", "pressure difference below - above", "viridis", True, ("lattice", "symmetry")),
+    "total pressure loss": FieldStyle("total_pressure_loss", "loss of total pressure", "magma", True),
 }
 """Fields that colour the surfaces."""
 
@@ -86,7 +86,7 @@ class Panel:
     title: str
 
     @classmethod
-    def of(cls, state: Snapshot, surfaces: Sequence[str], look: FieldLook | None, worst: int) -> Panel:
+    def of(cls, state: Snapshot, surfaces: Sequence[str], look: FieldStyle | None, worst: int) -> Panel:
         """Cut what is wanted out of a state."""
         marks = np.zeros((0, 3))
         if look is not None and look.field in ("Q", "smallest_corner") and worst:
@@ -94,7 +94,7 @@ class Panel:
         return cls(sheets_of(state, surfaces, look), marks, state.title)
 
 
-def sheets_of(what: Any, surfaces: Sequence[str], look: FieldLook | str | None = None) -> list[Sheet]:
+def sheets_of(what: Any, surfaces: Sequence[str], look: FieldStyle | str | None = None) -> list[Sheet]:
     """Cut surfaces out of what is looked at, with the field that colours them.
 
     Parameters
@@ -103,8 +103,8 @@ def sheets_of(what: Any, surfaces: Sequence[str], look: FieldLook | str | None =
         What is looked at.
     surfaces : sequence of str
         Keys of `SURFACES` and names of patches.
-    look : FieldLook or str, optional
-        One of `FIELD_LOOKS`, or its key.
+    look : FieldStyle or str, optional
+        One of `FIELD_STYLES`, or its key.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def sheets_of(what: Any, surfaces: Sequence[str], look: FieldLook | str | None =
         If there is nothing of the kind.
     """
     state = Snapshot.of(what)
-    look = FIELD_LOOKS[look] if isinstance(look, str) else look
+    look = FIELD_STYLES[look] if isinstance(look, str) else look
     topology = None if state.model is None else state.model.topology
     if look is not None and look.field == "delta_Cp":
         every = [*_lattice_sheets(state), *grid_sheets(state.grid, topology=topology)]

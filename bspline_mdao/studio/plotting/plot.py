@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import InputError
 from ...flow.om.snapshots import Snapshot
 from .figures import figure, require
-from .panels import FIELD_LOOKS, SURFACES, FieldLook, Panel, camera_of
+from .panels import FIELD_STYLES, SURFACES, FieldStyle, Panel, camera_of
 from .plotter import make_plotter
 from .scenes import Camera, Paint, Scene, draw_scene, has_renderer
 from .surfaces import Sheet, joined_sheets
@@ -123,24 +123,24 @@ def _before(what: Any, before: Any) -> Snapshot | None:
     return replace(state, title="before") if state.pressures is None else state
 
 
-def _wanted(state: Snapshot, show: str | Sequence[str] | None) -> tuple[tuple[str, ...], FieldLook | None]:
+def _wanted(state: Snapshot, show: str | Sequence[str] | None) -> tuple[tuple[str, ...], FieldStyle | None]:
     """Surfaces and field that are asked for."""
     names = [show] if isinstance(show, str) else list(show or ())
     known = {patch.name for patch in state.grid.patches}
-    unknown = [name for name in names if name not in SURFACES and name not in FIELD_LOOKS and name not in known]
+    unknown = [name for name in names if name not in SURFACES and name not in FIELD_STYLES and name not in known]
     if unknown:
         raise InputError(
-            f"show: no '{unknown[0]}'; choose from {', '.join([*SURFACES, *FIELD_LOOKS])}"
+            f"show: no '{unknown[0]}'; choose from {', '.join([*SURFACES, *FIELD_STYLES])}"
             + (f", and the patches {', '.join(sorted(known))}" if known else "")
         )
-    fields = [name for name in names if name in FIELD_LOOKS]
+    fields = [name for name in names if name in FIELD_STYLES]
     if len(fields) > 1:
         raise InputError(f"show: one field at a time, not {' and '.join(fields)}")
     kinds = {patch.kind for patch in state.grid.patches}
     if not names and state.pressures is not None:
         fields = ["Cp"]
-    look = FIELD_LOOKS[fields[0]] if fields else None
-    surfaces = tuple(name for name in names if name not in FIELD_LOOKS)
+    look = FIELD_STYLES[fields[0]] if fields else None
+    surfaces = tuple(name for name in names if name not in FIELD_STYLES)
     if not surfaces:
         surfaces = look.surfaces if look else ("walls", "symmetry")
         if look is None and state.model is not None:
@@ -150,7 +150,7 @@ def _wanted(state: Snapshot, show: str | Sequence[str] | None) -> tuple[tuple[st
     return surfaces, look
 
 
-def _limits(panels: Sequence[Panel], look: FieldLook | None) -> tuple[float, float]:
+def _limits(panels: Sequence[Panel], look: FieldStyle | None) -> tuple[float, float]:
     """Range of the colours: that of all panels."""
     if look is None:
         return 0.0, 1.0
@@ -210,7 +210,7 @@ def _in_notebook() -> bool:
 
 
 def _draw(
-    path: Path, panels: Sequence[Panel], camera: Camera, look: FieldLook | None, limits, size: tuple[int, int]
+    path: Path, panels: Sequence[Panel], camera: Camera, look: FieldStyle | None, limits, size: tuple[int, int]
 ) -> None:
     """Draw panels by matplotlib, where PyVista does not render."""
     inches = (size[0] / 200, size[1] / 200)
@@ -222,7 +222,7 @@ def _draw(
                 axes.set_title(panel.title)
 
 
-def draw_panel(axes, panel, camera: Camera, look: FieldLook | None, limits, inches) -> None:
+def draw_panel(axes, panel, camera: Camera, look: FieldStyle | None, limits, inches) -> None:
     """Draw the sheets of a panel into empty axes by matplotlib's polygons."""
     painted = [sheet for sheet in panel.sheets if look is not None and look.field in sheet.values]
     rest = [sheet for sheet in panel.sheets if not any(sheet is other for other in painted)]
@@ -237,7 +237,7 @@ def draw_panel(axes, panel, camera: Camera, look: FieldLook | None, limits, inch
         axes.figure.colorbar(paint.mappable(), ax=axes, label=look.label, shrink=0.7)
 
 
-def _paint(sheets: Sequence[Sheet], look: FieldLook, limits) -> Paint:
+def _paint(sheets: Sequence[Sheet], look: FieldStyle, limits) -> Paint:
     """Faces of sheets in the colours of a field."""
     values = np.concatenate([np.ravel(sheet.values[look.field]) for sheet in sheets]).astype(float)
     return Paint(*joined_sheets(sheets), values, limits, look.colors)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .figures import RED, require
-from .panels import FieldLook, camera_of
+from .panels import FieldStyle, camera_of
 from .scenes import Camera
 from .surfaces import Sheet, joined_sheets
 
@@ -24,7 +24,7 @@ LINES, CONTROL = "#2b3238", "#cc3311"
 def make_plotter(
     panels: Sequence[Any],
     camera: Camera | None = None,
-    look: FieldLook | None = None,
+    look: FieldStyle | None = None,
     limits: tuple[float, float] = (0.0, 1.0),
     size: tuple[int, int] = (1200, 800),
     *,
@@ -39,7 +39,7 @@ def make_plotter(
         Pictures side by side, each with ``sheets``, ``marks``, and ``title``.
     camera : Camera, optional
         Where they are seen from; by default as `plot` does.
-    look : FieldLook, optional
+    look : FieldStyle, optional
         The field that colours them.
     limits : tuple of float
         Range of the colours.
@@ -85,7 +85,7 @@ def make_plotter(
 def add_sheets(
     plotter,
     sheets: Sequence[Sheet],
-    look: FieldLook | None = None,
+    look: FieldStyle | None = None,
     limits: tuple[float, float] = (0.0, 1.0),
     *,
     lines: bool = True,
@@ -98,7 +98,7 @@ def add_sheets(
         Where they go.
     sheets : sequence of Sheet
         What is shown.
-    look : FieldLook, optional
+    look : FieldStyle, optional
         The field that colours them.
     limits : tuple of float
         Range of the colours.

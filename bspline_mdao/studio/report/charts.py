@@ -221,11 +221,11 @@ def lattice_charts(
     for name, found in history.outputs.items():
         if name.rpartition(".")[2] != "delta_Cp" or 0 not in found or found[0].ndim != 2:
             continue
-        shown = {
+        drawn = {
             "Before": found[0],
             **({"After": found[history.best]} if history.best in found and history.best else {}),
         }
-        styles = [{"color": GRAY, "width": 1.6, "dash": "dash"}] * (len(shown) - 1) + [{"color": BLUE, "width": 2}]
+        styles = [{"color": GRAY, "width": 1.6, "dash": "dash"}] * (len(drawn) - 1) + [{"color": BLUE, "width": 2}]
         n_chord, n_span = found[0].shape
         places = (np.arange(n_chord) + 0.5) / n_chord
         layout: dict[str, Any] = {
@@ -234,7 +234,7 @@ def lattice_charts(
         data: list[dict[str, Any]] = []
         for row, part in enumerate(STATIONS, start=1):
             suffix, strip = "" if row == 1 else str(row), min(int((1.0 - part) * n_span), n_span - 1)
-            for (label, values), style in zip(shown.items(), styles):
+            for (label, values), style in zip(drawn.items(), styles):
                 line = _line(label, places, values[:, strip], style)
                 data.append(
                     line
@@ -246,7 +246,7 @@ def lattice_charts(
             }  # fmt: skip
             middle = 100.0 * (1.0 - (strip + 0.5) / n_span)
             layout["annotations"].append(_named(row, f"{middle:.0f} % of the span"))
-        peak = float(list(shown.values())[-1].max())
+        peak = float(list(drawn.values())[-1].max())
         text = f"{name}, the pressure coefficient below less that above the panels; the largest is {peak:.3g}."
         key = f"lattice-{name.replace('.', '-')}"
         charts.append(Chart(key, f"Pressure difference {name}", text, data, layout, 60 + 170 * len(STATIONS)))

@@ -32,7 +32,7 @@ from .charts import Chart, height_chart, history_charts, lattice_charts, pressur
 from .contents import Contents, axes_of, shapes_of
 from .model_file import find_model
 from .notes import notes_on
-from .space import LAYERS, SHOWN, camera, space_traces
+from .space import DRAWN, LAYERS, camera, space_traces
 from .tables import (
     Table,
     estimate_table,
@@ -199,7 +199,7 @@ def write_contents(path, contents: Contents, most_triangles: int = MOST_TRIANGLE
         sections=sections,
         charts={key: markup(_harmless(value)) for key, value in charts.items()},
         layers=LAYERS,
-        shown=SHOWN,
+        shown=DRAWN,
         space=numbers,
         shapes=[shape.label for shape in contents.shapes],
         diagram=None if contents.diagram is None else markup(_harmless(json.dumps(contents.diagram))),

@@ -29,7 +29,7 @@ LAYERS = {
 }
 """What can be shown or hidden."""
 
-SHOWN = ("lines", "symmetry")
+DRAWN = ("lines", "symmetry")
 """Layers that are shown at first."""
 
 MOST_POINTS = 20_000
@@ -78,7 +78,7 @@ def space_traces(
     for trace in traces:
         meta = trace["meta"]
         is_shape = meta.get("shape") in (None, len(contents.shapes) - 1)
-        trace["visible"] = bool(is_shape and meta.get("color", "plain") == "plain" and _is_shown(meta["layer"]))
+        trace["visible"] = bool(is_shape and meta.get("color", "plain") == "plain" and _is_drawn(meta["layer"]))
     return traces, colors
 
 
@@ -95,8 +95,8 @@ def camera(axes: Axes, points: np.ndarray, has_symmetry: bool) -> dict[str, Any]
     }
 
 
-def _is_shown(layer: str) -> bool:
-    return layer == "walls" or layer in SHOWN
+def _is_drawn(layer: str) -> bool:
+    return layer == "walls" or layer in DRAWN
 
 
 def _values(

@@ -139,9 +139,9 @@ def flow_table(
             found[name] = first.item(), best.item()
     flows = list(dict.fromkeys(name.rpartition(".")[0] for name in found if name.rpartition(".")[2] in OF_FLOWS[2:]))
     of_flow = {flow: {name: found.get(f"{flow}.{name}" if flow else name) for name in OF_FLOWS} for flow in flows}
-    shown = [name for name in OF_FLOWS if any(values[name] for values in of_flow.values())]
-    rows = [(flow or "flow", *(_change(values[name]) for name in shown)) for flow, values in of_flow.items()]
-    columns = ("condition", *(f"{name} (°)" if name == "alpha" else name for name in shown))
+    listed = [name for name in OF_FLOWS if any(values[name] for values in of_flow.values())]
+    rows = [(flow or "flow", *(_change(values[name]) for name in listed)) for flow, values in of_flow.items()]
+    columns = ("condition", *(f"{name} (°)" if name == "alpha" else name for name in listed))
     return Table("Coefficients", columns, rows, "At the first and the best evaluation.") if rows else None
 
 

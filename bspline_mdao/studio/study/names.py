@@ -54,14 +54,14 @@ def fault_of_name(
     return ""
 
 
-def choices(name: str, allowed: Iterable[str], words: str, shown: list[str] | None = None) -> str:
+def choices(name: str, allowed: Iterable[str], words: str, listed: list[str] | None = None) -> str:
     """Say what was probably meant, and what is allowed."""
     names = list(dict.fromkeys(map(str, allowed)))
     by_letters = {known.lower(): known for known in names}
     wanted = name.lower()[:_LONGEST]
     near = get_close_matches(wanted, by_letters, n=1) or [known for known in by_letters if known.startswith(wanted)]
     meant = f"did you mean '{by_letters[near[0]]}'? " if near else ""
-    return f"{meant}{words} {', '.join(names if shown is None else shown)}"
+    return f"{meant}{words} {', '.join(names if listed is None else listed)}"
 
 
 def shortened(text: str) -> str:

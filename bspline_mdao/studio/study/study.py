@@ -406,7 +406,7 @@ class _Reader(Tables):
         driver = self.table("driver", DRIVER)
         name = driver["optimizer"]
         if name not in ALGORITHMS and name not in SCIPY:
-            advice = choices(name, [*SCIPY, *ALGORITHMS], "those of SciPy are", shown=list(SCIPY))
+            advice = choices(name, [*SCIPY, *ALGORITHMS], "those of SciPy are", listed=list(SCIPY))
             said = f"is '{shortened(name)}', which is none; {advice}, of NLopt LD_SLSQP, LD_MMA, ..."
             raise self.refuse(("driver", "optimizer"), said)
         driver["options"] = driver["options"] or {}

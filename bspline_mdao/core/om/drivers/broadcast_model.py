@@ -14,10 +14,10 @@ import numpy as np
 from ....base.numerics.processes import from_first, together
 from .scaled_model import ScaledModel
 
-__all__ = ["LedModel", "led"]
+__all__ = ["BroadcastModel", "run_broadcast"]
 
 
-class LedModel:
+class BroadcastModel:
     """A model of several processes as the first one sees it: what it does, all do."""
 
     def __init__(
@@ -85,7 +85,7 @@ END = "end"
 """What the first process says when it is done."""
 
 
-def led(
+def run_broadcast(
     comm: Any,  # the processes of the model
     model: ScaledModel,  # the model
     task: Callable[[Any], Any],  # takes the model
@@ -93,7 +93,7 @@ def led(
     """Result of a task that the first process does with the model of all."""
     if comm.size == 1:
         return task(model)
-    everywhere = LedModel(model, comm)
+    everywhere = BroadcastModel(model, comm)
     result = failure = None
     if comm.rank > 0:
         everywhere.follow()

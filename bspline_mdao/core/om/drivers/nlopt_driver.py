@@ -15,9 +15,9 @@ import openmdao.api as om
 from openmdao.core.driver import Driver
 
 from ....base.numerics.processes import from_first
-from ....base.numerics.progress import Progress, shown
+from ....base.numerics.progress import Progress, progress_bar
 from ....errors import InputError
-from .broadcast_model import LedModel, led
+from .broadcast_model import BroadcastModel, run_broadcast
 from .familiar_options import translated
 from .kept_design import KeptDesign
 from .nlopt_algorithms import ALGORITHMS, Algorithm, Needs, find_algorithm
@@ -146,13 +146,13 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         settings = make_settings(self.options, _needs(model, designs, constraints))
         statement = Statement.of(designs, constraints, self.options["constraint_tolerance"])
 
-        def optimise(model: ScaledModel | LedModel) -> tuple[Outcome, Point, int, int, str]:
-            with shown(self._get_name()) as report:
+        def optimise(model: ScaledModel | BroadcastModel) -> tuple[Outcome, Point, int, int, str]:
+            with progress_bar(self._get_name()) as report:
                 return self._optimise(model, statement, settings, report)
 
         comm = self._problem().comm
         try:
-            self.outcome, self.best, *counts, self._last_failure = led(comm, model, optimise)
+            self.outcome, self.best, *counts, self._last_failure = run_broadcast(comm, model, optimise)
             self.n_failed_analyses, self.n_failed_gradients = counts
         except Exception:
             found = self.best, self.n_failed_analyses, self.n_failed_gradients
@@ -169,7 +169,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
             self.options[name] = value
 
     def _optimise(
-        self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, report: Progress
+        self, model: ScaledModel | BroadcastModel, statement: Statement, settings: Settings, report: Progress
     ) -> tuple[Outcome, Point, int, int, str]:
         """End of the run, the best point, at which the model is left, the numbers of failures, and the last of them."""
         functions = self._functions(model, statement, settings, report)
@@ -184,7 +184,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         return outcome, functions.best, functions.n_failed, functions.n_failed_gradients, functions.last_failure
 
     def _functions(
-        self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, report: Progress
+        self, model: ScaledModel | BroadcastModel, statement: Statement, settings: Settings, report: Progress
     ) -> Functions:
         """The functions for NLopt, after the first run of the model."""
         x, objective, constraints = model.start()
@@ -249,7 +249,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
             print(f"{self.result.deriv_evals} total derivatives")
 
 
-def _responses_within(model: ScaledModel | LedModel, x: np.ndarray) -> tuple[float, np.ndarray]:
+def _responses_within(model: ScaledModel | BroadcastModel, x: np.ndarray) -> tuple[float, np.ndarray]:
     """Objective and constraints at the start that bounds leave, at which no optimisation begins where it fails."""
     try:
         return model.run(x)
@@ -293,9 +293,9 @@ class IterationLog:
     def __init__(
         self,
         has_gradients: bool,  # whether the algorithm uses gradients
-        is_shown: bool,  # whether to print anything
+        is_printed: bool,  # whether to print anything
     ):
-        self._has_gradients, self._is_shown = has_gradients, is_shown
+        self._has_gradients, self._is_printed = has_gradients, is_printed
         self._n_lines, self._n_runs = 0, 0
         self._best: Point | None = None
 
@@ -304,13 +304,13 @@ class IterationLog:
         self._n_runs += residual is None
         is_line = residual is not None if self._has_gradients else best is not self._best
         self._best = best
-        if not (is_line and self._is_shown):
+        if not (is_line and self._is_printed):
             return
         if self._n_lines == 0:
             print(f"{'iteration':>9} {'runs':>6} {'objective':>18} {'violation':>10} {'optimality':>10}  (scaled)")
         self._n_lines += 1
-        shown = "" if residual is None else f"{residual():10.3e}"
-        line = f"{self._n_lines:9d} {self._n_runs:6d} {last.objective:18.10e} {last.violation:10.3e} {shown}"
+        progress_bar = "" if residual is None else f"{residual():10.3e}"
+        line = f"{self._n_lines:9d} {self._n_runs:6d} {last.objective:18.10e} {last.violation:10.3e} {progress_bar}"
         print(line.rstrip(), flush=True)
 
 

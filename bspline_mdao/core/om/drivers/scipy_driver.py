@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import openmdao.api as om
 
-from ....base.numerics.progress import Progress, shown
+from ....base.numerics.progress import Progress, progress_bar
 from .case_history import FEASIBLE
 from .kept_design import KeptDesign
 from .nlopt_problem import Point, Statement
@@ -101,7 +101,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         """
         self.n_failed_analyses, self._record, self._substitute, self._n_gradients = 0, None, None, 0
         self.best, self._statement, self.is_interrupted = None, None, False
-        with shown(self._get_name()) as report:
+        with progress_bar(self._get_name()) as report:
             self._progress = report
             try:
                 self.fail = self._end_at_the_result(super().run())
