@@ -24,7 +24,7 @@ class Halo:
 
     comm: Any  # the processes
     # rows of this process, and rows of others that it sees
-    n_own: int = 0
+    n_owned: int = 0
     n_ghosts: int = 0
     sent: tuple[tuple[int, np.ndarray], ...] = ()  # processes that see rows of this one, and which
     # processes whose rows this one sees, and where these are behind its own
@@ -34,45 +34,45 @@ class Halo:
     def of(
         cls,
         comm: Any,  # communicator, the processes
-        n_own: int,  # rows of this process
+        n_owned: int,  # rows of this process
         # process that holds each row that is wanted, and its number there; its own ones and repetitions are fine
         ranks: np.ndarray,  # int (n,)
         rows: np.ndarray,  # int (n,)
     ) -> tuple[Halo, np.ndarray]:  # places int (n,): where the wanted rows are in extended arrays
         """Settle which rows are seen: all processes call it together."""
         if comm.size == 1:
-            return cls(comm, n_own), rows
+            return cls(comm, n_owned), rows
         foreign = np.flatnonzero(ranks != comm.rank)
         keys = np.stack([ranks[foreign], rows[foreign]])
         (at, numbers), ghosts = np.unique(keys, axis=1, return_inverse=True)
         ends = np.searchsorted(at, np.arange(comm.size + 1))
         asked = comm.alltoall([numbers[first:end] for first, end in zip(ends[:-1], ends[1:])])
         places = np.array(rows)
-        places[foreign] = n_own + ghosts.ravel()
+        places[foreign] = n_owned + ghosts.ravel()
         received = tuple(
-            (rank, slice(int(n_own + first), int(n_own + end)))
+            (rank, slice(int(n_owned + first), int(n_owned + end)))
             for rank, (first, end) in enumerate(zip(ends[:-1], ends[1:]))
             if end > first
         )
         sent = tuple((rank, numbers) for rank, numbers in enumerate(asked) if len(numbers))
-        return cls(comm, n_own, len(at), sent, received), places
+        return cls(comm, n_owned, len(at), sent, received), places
 
     def owners(self) -> np.ndarray:
         """Process that holds each row of extended arrays."""
-        out = np.full(self.n_own + self.n_ghosts, self.comm.rank)
+        out = np.full(self.n_owned + self.n_ghosts, self.comm.rank)
         for rank, part in self.received:
             out[part] = rank
         return out
 
-    def extend(self, own: np.ndarray) -> np.ndarray:
-        """Put the rows of others behind those of this process: shape (n_own + n_ghosts, ...)."""
+    def extend(self, owned: np.ndarray) -> np.ndarray:
+        """Put the rows of others behind those of this process: shape (n_owned + n_ghosts, ...)."""
         # One process gets its array back.
         if self.comm.size == 1:
-            return own
-        seen = np.empty((self.n_own + self.n_ghosts, *own.shape[1:]), own.dtype)
-        seen[: self.n_own] = own
+            return owned
+        seen = np.empty((self.n_owned + self.n_ghosts, *owned.shape[1:]), owned.dtype)
+        seen[: self.n_owned] = owned
         arriving = [self.comm.Irecv(seen[part], source=rank) for rank, part in self.received]
-        buffers = [(rank, own[rows]) for rank, rows in self.sent]
+        buffers = [(rank, owned[rows]) for rank, rows in self.sent]
         leaving = [self.comm.Isend(buffer, dest=rank) for rank, buffer in buffers]
         for request in arriving + leaving:
             request.Wait()
@@ -82,7 +82,7 @@ class Halo:
         """Transposed product of `extend`: add what is at the rows of others to them, there."""
         if self.comm.size == 1:
             return seen
-        own = seen[: self.n_own].copy()
+        owned = seen[: self.n_owned].copy()
         buffers = [np.empty((len(rows), *seen.shape[1:]), seen.dtype) for _, rows in self.sent]
         arriving = [self.comm.Irecv(buffer, source=rank) for (rank, _), buffer in zip(self.sent, buffers)]
         parts = [(rank, np.ascontiguousarray(seen[part])) for rank, part in self.received]
@@ -90,18 +90,18 @@ class Halo:
         for request in arriving + leaving:
             request.Wait()
         for (_, rows), buffer in zip(self.sent, buffers):
-            own[rows] += buffer
-        return own
+            owned[rows] += buffer
+        return owned
 
     def cut(self, seen: np.ndarray) -> np.ndarray:
         """Leave the rows of others away."""
-        return seen if self.comm.size == 1 else seen[: self.n_own]
+        return seen if self.comm.size == 1 else seen[: self.n_owned]
 
-    def pad(self, own: np.ndarray) -> np.ndarray:
+    def pad(self, owned: np.ndarray) -> np.ndarray:
         """Transposed product of `cut`: zeros at the rows of others."""
         if self.comm.size == 1:
-            return own
-        return np.concatenate([own, np.zeros((self.n_ghosts, *own.shape[1:]), own.dtype)])
+            return owned
+        return np.concatenate([owned, np.zeros((self.n_ghosts, *owned.shape[1:]), owned.dtype)])
 
 
 ALONE = Halo(ONE)

@@ -113,9 +113,9 @@ def claim(
     # returns level, n_tried int: for the next call: its level, and how many chunks of that this thread has looked at
     while level + 1 < len(starts):
         first, n_chunks = starts[level], starts[level + 1] - starts[level]
-        own = part if level < turn else n_parts - 1 - part
+        local = part if level < turn else n_parts - 1 - part
         while n_tried < n_chunks:
-            chunk = first + (own * n_chunks // n_parts + n_tried) % n_chunks
+            chunk = first + (local * n_chunks // n_parts + n_tried) % n_chunks
             n_tried += 1
             if numbers[FIRST + chunk] == 0 and _mark(numbers, FIRST + chunk) == 0:
                 polls = 0

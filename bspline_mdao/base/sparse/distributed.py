@@ -35,7 +35,7 @@ class DistributedPattern(BlockPattern):
 
     # first row of every process in the whole matrix, and the number of its rows
     starts: np.ndarray  # int64 (comm.size + 1,)
-    others: np.ndarray  # int32 (n - n_own,), rows of the whole matrix, ascending, that follow its own ones here
+    others: np.ndarray  # int32 (n - n_owned,), rows of the whole matrix, ascending, that follow its own ones here
     comm: Any = field(default=ONE, repr=False)  # the processes
 
     @classmethod
@@ -46,7 +46,7 @@ class DistributedPattern(BlockPattern):
         return cls(pattern.indptr, pattern.indices, np.array([0, pattern.n]), np.zeros(0, np.int32))
 
     @classmethod
-    def of_own_elements(
+    def of_local_elements(
         cls,
         # row of the whole matrix of every corner of all elements; -1 where a point is fixed
         element_rows: np.ndarray,  # int32 (n_elements, m)
@@ -69,28 +69,28 @@ class DistributedPattern(BlockPattern):
         return cls(local.indptr, local.indices, starts, others, comm), element_ids, rows
 
     @property
-    def n_own(self) -> int:
+    def n_owned(self) -> int:
         """Number of rows that this process owns."""
         return self.n - len(self.others)
 
     @property
-    def own(self) -> slice:
+    def owned(self) -> slice:
         """Its rows in the whole matrix."""
         return slice(int(self.starts[self.comm.rank]), int(self.starts[self.comm.rank + 1]))
 
     @cached_property
     def rows(self) -> np.ndarray:
         """Row of the whole matrix of every row here, int32, shape (n,)."""
-        own = self.own
-        return np.concatenate([np.arange(own.start, own.stop, dtype=np.int32), self.others])
+        owned = self.owned
+        return np.concatenate([np.arange(owned.start, owned.stop, dtype=np.int32), self.others])
 
-    def gathered(self, own: np.ndarray) -> np.ndarray:
-        """Values of all rows, on every process, from those of its own rows, shape (n_own, 3) or (n_own, 3, m)."""
+    def gathered(self, owned: np.ndarray) -> np.ndarray:
+        """Values of all rows, on every process, from those of its own rows, shape (n_owned, 3) or (n_owned, 3, m)."""
         if self.comm.size == 1:
-            return own
-        whole = np.empty((int(self.starts[-1]), *own.shape[1:]))
-        counts = np.diff(self.starts) * int(np.prod(own.shape[1:]))
-        self.comm.Allgatherv(np.ascontiguousarray(own), (whole, counts))
+            return owned
+        whole = np.empty((int(self.starts[-1]), *owned.shape[1:]))
+        counts = np.diff(self.starts) * int(np.prod(owned.shape[1:]))
+        self.comm.Allgatherv(np.ascontiguousarray(owned), (whole, counts))
         return whole
 
 
@@ -98,7 +98,7 @@ class DistributedPattern(BlockPattern):
 class FullRows:
     """Own rows of a pattern with both of their halves, in compressed rows."""
 
-    indptr: np.ndarray  # int64 (n_own + 1,), where each row starts
+    indptr: np.ndarray  # int64 (n_owned + 1,), where each row starts
     columns: np.ndarray  # int32 (n_entries,), columns in the whole matrix
     # place of the block in the data of the matrix; ``-1 - place`` where it is the transposed one
     places: np.ndarray  # int32 (n_entries,)
@@ -106,7 +106,7 @@ class FullRows:
     @classmethod
     def of(cls, pattern: DistributedPattern) -> FullRows:
         """Find the full rows of a pattern."""
-        return cls(*_full_rows(pattern.indptr, pattern.indices, pattern.rows, pattern.n_own))
+        return cls(*_full_rows(pattern.indptr, pattern.indices, pattern.rows, pattern.n_owned))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ class DistributedMatrix:
 
     pattern: DistributedPattern
     matrix: BlockMatrix  # what this process holds, of this pattern
-    # values of the rows of others, shape (n - n_own, 3), from those of its own ones: collective
+    # values of the rows of others, shape (n - n_owned, 3), from those of its own ones: collective
     exchange: Callable[[np.ndarray], np.ndarray]
 
     @property
@@ -126,10 +126,10 @@ class DistributedMatrix:
     @property
     def n(self) -> int:
         """Number of block rows that this process owns."""
-        return self.pattern.n_own
+        return self.pattern.n_owned
 
     def dot(self, x: np.ndarray) -> np.ndarray:
-        """Own rows of the product with a vector, of which each process gives its own rows, shape (n_own, 3)."""
+        """Own rows of the product with a vector, of which each process gives its own rows, shape (n_owned, 3)."""
         return self.matrix.dot(np.concatenate([x, self.exchange(x)]))[: self.n]
 
     def dot_of_sizes(self, x: np.ndarray) -> np.ndarray:
@@ -138,25 +138,25 @@ class DistributedMatrix:
 
 
 @njit(cache=True)
-def _full_rows(indptr, indices, rows, n_own):
+def _full_rows(indptr, indices, rows, n_owned):
     """Both halves of the first rows: lower blocks come first because rows are taken in their order."""
-    starts = np.zeros(n_own + 1, np.int64)
+    starts = np.zeros(n_owned + 1, np.int64)
     for row in range(len(indptr) - 1):
         for entry in range(indptr[row], indptr[row + 1]):
             column = indices[entry]
-            if row < n_own:
+            if row < n_owned:
                 starts[row + 1] += 1
-            if column < n_own and column != row:
+            if column < n_owned and column != row:
                 starts[column + 1] += 1
     starts = np.cumsum(starts)
     columns, places, ends = np.empty(starts[-1], np.int32), np.empty(starts[-1], np.int32), starts[:-1].copy()
     for row in range(len(indptr) - 1):
         for entry in range(indptr[row], indptr[row + 1]):
             column = indices[entry]
-            if row < n_own:
+            if row < n_owned:
                 columns[ends[row]], places[ends[row]] = rows[column], entry
                 ends[row] += 1
-            if column < n_own and column != row:
+            if column < n_owned and column != row:
                 columns[ends[column]], places[ends[column]] = rows[row], -1 - entry
                 ends[column] += 1
     return starts, columns, places

@@ -56,11 +56,11 @@ def find_stages(supernodes: Supernodes) -> Stages:
 def _cut(sizes, n_rows, parents):
     """Ranges of supernodes, the stage of each (0 for branches), and its work."""
     n = len(parents)
-    own, below, total = np.zeros(n), np.zeros(n), 0.0
+    front, below, total = np.zeros(n), np.zeros(n), 0.0
     for s in range(n):
-        own[s] = front_seconds(sizes[s], n_rows[s])
-        below[s] += own[s]
-        total += own[s]
+        front[s] = front_seconds(sizes[s], n_rows[s])
+        below[s] += front[s]
+        total += front[s]
         if parents[s] != -1:
             below[parents[s]] += below[s]
     limit = np.inf if total < LEAST_WORK else LARGEST_BRANCH * total
@@ -70,7 +70,7 @@ def _cut(sizes, n_rows, parents):
         is_trunk = below[s] > limit
         if not is_trunk and parents[s] != -1 and below[parents[s]] <= limit:
             continue  # inside a subtree that is taken as a whole, with its root
-        load = own[s] if is_trunk else below[s]
+        load = front[s] if is_trunk else below[s]
         if is_trunk or not is_open or work[n_tasks - 1] + load > limit:
             ranges[n_tasks, 0] = n_covered
             n_tasks += 1
@@ -130,9 +130,9 @@ def _positions_in(fronts, places, supernodes: Supernodes):
     firsts, row_starts, n = supernodes.firsts.astype(np.int64), supernodes.row_starts, len(supernodes.order)
     owners = np.repeat(np.arange(len(firsts) - 1), np.diff(row_starts))
     rows = np.searchsorted(owners * n + supernodes.rows, fronts * n + places) - row_starts[fronts]
-    own = places - firsts[fronts]
+    front = places - firsts[fronts]
     sizes = np.diff(firsts)[fronts]
-    return np.where(own < sizes, own, sizes + rows)
+    return np.where(front < sizes, front, sizes + rows)
 
 
 @njit(cache=True)

@@ -49,25 +49,25 @@ def factorize(
     minus_one, zero, one = signs[0:1], signs[1:2], signs[2:3]
     info = np.zeros(1, np.int32)
     for s in range(first, last):
-        n_own, n_rest = _extents(s, supernodes)
-        n = n_own + n_rest
+        n_pivots, n_rest = _extents(s, supernodes)
+        n = n_pivots + n_rest
         _assemble(s, np.int64(0), n // 3, supernodes, fronts, data, factor, kept, scratch)  # step 1
         panel = factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
         update = _update_of(fronts.update_starts[s], n_rest, kept, scratch)
-        call(routines.potrf, (LOWER, n_own, panel, n, info))  # step 2
-        failed = info[0] - 1 if info[0] > 0 else _first_unusable(panel, n, n_own)
+        call(routines.potrf, (LOWER, n_pivots, panel, n, info))  # step 2
+        failed = info[0] - 1 if info[0] > 0 else _first_unusable(panel, n, n_pivots)
         if failed >= 0:
             return supernodes.firsts[s] + failed // 3
         if n_rest:
-            below = panel[n_own:]
+            below = panel[n_pivots:]
             call(  # step 3
                 routines.trsm,
-                (RIGHT, LOWER, TRANSPOSED, NOT_UNIT, n_rest, n_own, one, panel, n, below, n),
+                (RIGHT, LOWER, TRANSPOSED, NOT_UNIT, n_rest, n_pivots, one, panel, n, below, n),
             )
             beta = one if fronts.child_starts[s + 1] > fronts.child_starts[s] else zero
             call(  # step 4; without children there is nothing yet to subtract from
                 routines.syrk,
-                (LOWER, NOT_TRANSPOSED, n_rest, n_own, minus_one, below, n, beta, update, n_rest),
+                (LOWER, NOT_TRANSPOSED, n_rest, n_pivots, minus_one, below, n, beta, update, n_rest),
             )
     return -1
 
@@ -76,8 +76,8 @@ def factorize(
 def _assemble(s, first, last, supernodes, fronts, data, factor, kept, scratch):
     """Sum up the columns of the points ``first <= point < last`` of a front; see `factorize`."""
     # They consist of blocks of the matrix and of the updates of the front's children.
-    n_own, n_rest = _extents(s, supernodes)
-    n, size = n_own + n_rest, n_own // 3
+    n_pivots, n_rest = _extents(s, supernodes)
+    n, size = n_pivots + n_rest, n_pivots // 3
     panel = factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
     update = _update_of(fronts.update_starts[s], n_rest, kept, scratch)
     children = fronts.children[fronts.child_starts[s] : fronts.child_starts[s + 1]]
@@ -89,7 +89,7 @@ def _assemble(s, first, last, supernodes, fronts, data, factor, kept, scratch):
     for child in children:
         low, high = supernodes.row_starts[child], supernodes.row_starts[child + 1]
         child_update = _update_of(fronts.update_starts[child], 3 * (high - low), kept, scratch)
-        _add_update(fronts.positions[low:high], first, last, child_update, panel, n, n_own, update, n_rest)
+        _add_update(fronts.positions[low:high], first, last, child_update, panel, n, n_pivots, update, n_rest)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -111,9 +111,9 @@ def _update_of(start, n_rows, kept, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _first_unusable(panel, n, n_own):
+def _first_unusable(panel, n, n_pivots):
     """First column whose pivot is not a positive finite number, which LAPACK may let pass; -1 if there is none."""
-    for column in range(n_own):
+    for column in range(n_pivots):
         if not 0.0 < panel[column * n + column] < np.inf:
             return column
     return -1
@@ -134,7 +134,7 @@ def _add_blocks(s, low, high, fronts, data, panel, n):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_update(positions, first, last, child, panel, n, n_own, update, n_rest):
+def _add_update(positions, first, last, child, panel, n, n_pivots, update, n_rest):
     """Add what the update of a child has for the points ``first <= point < last`` to the two pieces of a front."""
     n_child = 3 * len(positions)
     for j in range(len(positions)):
@@ -143,10 +143,10 @@ def _add_update(positions, first, last, child, panel, n, n_own, update, n_rest):
         column = 3 * positions[j]
         for c in range(3):
             source = child[(3 * j + c) * n_child : (3 * j + c + 1) * n_child]
-            if column < n_own:
+            if column < n_pivots:
                 _add_column(source, positions, j, c, panel[(column + c) * n :], np.int64(0))
             else:
-                _add_column(source, positions, j, c, update[(column + c - n_own) * n_rest :], n_own)
+                _add_column(source, positions, j, c, update[(column + c - n_pivots) * n_rest :], n_pivots)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -192,11 +192,11 @@ def rounds(
     #   division     3     all tiles below the diagonal tile k, by its factor
     #   subtraction  2, 3  the products of these from all own tiles to their right; (k + 1, k + 1) is also factored
     # update         4     all tiles of the Schur complement of its rows
-    n_own = 3 * int(supernodes.firsts[s + 1] - supernodes.firsts[s])
-    n = n_own + 3 * int(supernodes.row_starts[s + 1] - supernodes.row_starts[s])
-    own, rest = _tiles(0, n_own), _tiles(n_own, n)
+    n_pivots = 3 * int(supernodes.firsts[s + 1] - supernodes.firsts[s])
+    n = n_pivots + 3 * int(supernodes.row_starts[s + 1] - supernodes.row_starts[s])
+    eliminated, rest = _tiles(0, n_pivots), _tiles(n_pivots, n)
     panel = factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
-    update = _update_of(fronts.update_starts[s], n - n_own, kept, kept[:0])
+    update = _update_of(fronts.update_starts[s], n - n_pivots, kept, kept[:0])
     is_leaf = fronts.child_starts[s + 1] == fronts.child_starts[s]
 
     def add_up(first: int, last: int) -> None:
@@ -209,18 +209,18 @@ def rounds(
 
     def subtract(tile: tuple[int, int], rows: tuple[int, int], columns: tuple[int, int]) -> None:
         _subtract(routines, panel, n, *tile, rows, columns, panel[columns[0] * n + rows[0] :], n, False)
-        if rows == columns == own[own.index(tile) + 1]:
+        if rows == columns == eliminated[eliminated.index(tile) + 1]:
             pivot(rows)
 
     def complement(rows: tuple[int, int], columns: tuple[int, int]) -> None:
-        target = update[(columns[0] - n_own) * (n - n_own) + rows[0] - n_own :]
-        _subtract(routines, panel, n, 0, n_own, rows, columns, target, n - n_own, is_leaf)
+        target = update[(columns[0] - n_pivots) * (n - n_pivots) + rows[0] - n_pivots :]
+        _subtract(routines, panel, n, 0, n_pivots, rows, columns, target, n - n_pivots, is_leaf)
 
-    yield [partial(add_up, *tile) for tile in own + rest]
-    yield [partial(pivot, own[0])]
-    for k, tile in enumerate(own, start=1):
-        yield [partial(_divide, routines, panel, n, *tile, *rows) for rows in own[k:] + rest]
-        yield [partial(subtract, tile, *pair) for pair in _pairs(own[k:], own[k:] + rest)]
+    yield [partial(add_up, *tile) for tile in eliminated + rest]
+    yield [partial(pivot, eliminated[0])]
+    for k, tile in enumerate(eliminated, start=1):
+        yield [partial(_divide, routines, panel, n, *tile, *rows) for rows in eliminated[k:] + rest]
+        yield [partial(subtract, tile, *pair) for pair in _pairs(eliminated[k:], eliminated[k:] + rest)]
     yield [partial(complement, *pair) for pair in _pairs(rest, rest)]
 
 
@@ -273,9 +273,9 @@ def pivots(supernodes, fronts, factor):
     """Pivots, the squares of the diagonal of the factor, in the order of elimination; shape (n, 3)."""
     squares = np.empty((supernodes.firsts[-1], 3))
     for s in range(len(supernodes.parents)):
-        n_own, n_rest = _extents(s, supernodes)
-        n, panel = n_own + n_rest, factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
-        for column in range(n_own):
+        n_pivots, n_rest = _extents(s, supernodes)
+        n, panel = n_pivots + n_rest, factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
+        for column in range(n_pivots):
             root = np.float64(panel[column * n + column])
             squares[supernodes.firsts[s] + column // 3, column % 3] = root * root
     return squares
@@ -300,15 +300,15 @@ def solve_forward(
     """Solve with the factor, as far as the fronts ``first <= supernode < last`` go, in place."""
     signs, rest = _signs_and_rest(first, last, row_starts, factor, x)
     for s in range(first, last):
-        own_rows = rows[row_starts[s] : row_starts[s + 1]]
-        own = x[3 * firsts[s] : 3 * firsts[s + 1]]
-        _forward(routines, factor[panel_starts[s] :], own, rest, 3 * len(own_rows), signs)
-        for i in range(len(own_rows)):
-            place = 3 * (own_rows[i] - firsts[last])
+        front_rows = rows[row_starts[s] : row_starts[s + 1]]
+        eliminated = x[3 * firsts[s] : 3 * firsts[s + 1]]
+        _forward(routines, factor[panel_starts[s] :], eliminated, rest, 3 * len(front_rows), signs)
+        for i in range(len(front_rows)):
+            place = 3 * (front_rows[i] - firsts[last])
             for r in range(3):
                 for side in range(x.shape[1]):
                     if place < 0:
-                        x[3 * own_rows[i] + r, side] -= rest[3 * i + r, side]
+                        x[3 * front_rows[i] + r, side] -= rest[3 * i + r, side]
                     else:
                         later[place + r, side] += rest[3 * i + r, side]
 
@@ -318,13 +318,13 @@ def solve_backward(first, last, firsts, row_starts, rows, panel_starts, routines
     """Solve with the transpose of the factor, when all later fronts are done; see `solve_forward`."""
     signs, rest = _signs_and_rest(first, last, row_starts, factor, x)
     for s in range(last - 1, first - 1, -1):
-        own_rows = rows[row_starts[s] : row_starts[s + 1]]
-        own = x[3 * firsts[s] : 3 * firsts[s + 1]]
-        for i in range(len(own_rows)):
+        front_rows = rows[row_starts[s] : row_starts[s + 1]]
+        eliminated = x[3 * firsts[s] : 3 * firsts[s + 1]]
+        for i in range(len(front_rows)):
             for r in range(3):
                 for side in range(x.shape[1]):
-                    rest[3 * i + r, side] = x[3 * own_rows[i] + r, side]
-        _backward(routines, factor[panel_starts[s] :], own, rest, 3 * len(own_rows), signs)
+                    rest[3 * i + r, side] = x[3 * front_rows[i] + r, side]
+        _backward(routines, factor[panel_starts[s] :], eliminated, rest, 3 * len(front_rows), signs)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -337,26 +337,29 @@ def _signs_and_rest(first, last, row_starts, factor, x):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _forward(routines, panel, own, rest, n_rest, signs):
-    """``own = L_11^-1 own`` and ``rest = L_21 own``; BLAS takes the rows of several sides for columns."""
-    n_own, m = own.shape
-    n, below, zero, one, step = n_own + n_rest, panel[n_own:], signs[1:2], signs[2:3], 1
+def _forward(routines, panel, eliminated, rest, n_rest, signs):
+    """``own = L_11^-1 eliminated`` and ``rest = L_21 eliminated``; BLAS takes the rows of several sides for columns."""
+    n_pivots, m = eliminated.shape
+    n, below, zero, one, step = n_pivots + n_rest, panel[n_pivots:], signs[1:2], signs[2:3], 1
     if m == 1:
-        call(routines.trsv, (LOWER, NOT_TRANSPOSED, NOT_UNIT, n_own, panel, n, own, step))
-        call(routines.gemv, (NOT_TRANSPOSED, n_rest, n_own, one, below, n, own, step, zero, rest, step))
+        call(routines.trsv, (LOWER, NOT_TRANSPOSED, NOT_UNIT, n_pivots, panel, n, eliminated, step))
+        call(routines.gemv, (NOT_TRANSPOSED, n_rest, n_pivots, one, below, n, eliminated, step, zero, rest, step))
         return
-    call(routines.trsm, (RIGHT, LOWER, TRANSPOSED, NOT_UNIT, m, n_own, one, panel, n, own, m))
-    call(routines.gemm, (NOT_TRANSPOSED, TRANSPOSED, m, n_rest, n_own, one, own, m, below, n, zero, rest, m))
+    call(routines.trsm, (RIGHT, LOWER, TRANSPOSED, NOT_UNIT, m, n_pivots, one, panel, n, eliminated, m))
+    call(routines.gemm, (NOT_TRANSPOSED, TRANSPOSED, m, n_rest, n_pivots, one, eliminated, m, below, n, zero, rest, m))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _backward(routines, panel, own, rest, n_rest, signs):
-    """``own = L_11^-T (own - L_21^T rest)``."""
-    n_own, m = own.shape
-    n, below, minus_one, one, step = n_own + n_rest, panel[n_own:], signs[0:1], signs[2:3], 1
+def _backward(routines, panel, eliminated, rest, n_rest, signs):
+    """``own = L_11^-T (eliminated - L_21^T rest)``."""
+    n_pivots, m = eliminated.shape
+    n, below, minus_one, one, step = n_pivots + n_rest, panel[n_pivots:], signs[0:1], signs[2:3], 1
     if m == 1:
-        call(routines.gemv, (TRANSPOSED, n_rest, n_own, minus_one, below, n, rest, step, one, own, step))
-        call(routines.trsv, (LOWER, TRANSPOSED, NOT_UNIT, n_own, panel, n, own, step))
+        call(routines.gemv, (TRANSPOSED, n_rest, n_pivots, minus_one, below, n, rest, step, one, eliminated, step))
+        call(routines.trsv, (LOWER, TRANSPOSED, NOT_UNIT, n_pivots, panel, n, eliminated, step))
         return
-    call(routines.gemm, (NOT_TRANSPOSED, NOT_TRANSPOSED, m, n_own, n_rest, minus_one, rest, m, below, n, one, own, m))
-    call(routines.trsm, (RIGHT, LOWER, NOT_TRANSPOSED, NOT_UNIT, m, n_own, one, panel, n, own, m))
+    call(
+        routines.gemm,
+        (NOT_TRANSPOSED, NOT_TRANSPOSED, m, n_pivots, n_rest, minus_one, rest, m, below, n, one, eliminated, m),
+    )
+    call(routines.trsm, (RIGHT, LOWER, NOT_TRANSPOSED, NOT_UNIT, m, n_pivots, one, panel, n, eliminated, m))

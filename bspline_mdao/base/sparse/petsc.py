@@ -139,7 +139,7 @@ class _Factor:
     inner: Any
 
     def apply(self, right: np.ndarray) -> np.ndarray:
-        """Apply it to own rows of a right-hand side, shape (n_own, 3)."""
+        """Apply it to own rows of a right-hand side, shape (n_owned, 3)."""
         right, x = np.ascontiguousarray(right), np.empty(right.shape)
         self.inner.apply(_vector(self.share, right), _vector(self.share, x))
         return x
@@ -148,7 +148,7 @@ class _Factor:
         """Solve for a right-hand side of all rows by conjugate gradients: the whole solution, on every process."""
         began, share = time.perf_counter(), self.share
         right = check_right(right, int(share.starts[-1]))
-        found = preconditioned_solve(self._system(matrix), self, right[share.own], **settings)
+        found = preconditioned_solve(self._system(matrix), self, right[share.owned], **settings)
         seconds = time.perf_counter() - began
         return LinearSolution(share.gathered(found.x), found.iterations, found.residual, seconds)
 
@@ -276,16 +276,16 @@ class PetscCholeskyFactor(_Factor):
         began, share = time.perf_counter(), self.share
         right = check_right(right, int(share.starts[-1]))
         sides = right.reshape(len(right), 3, -1)
-        x = np.stack([share.gathered(self.apply(side[share.own])) for side in np.moveaxis(sides, 2, 0)], axis=-1)
+        x = np.stack([share.gathered(self.apply(side[share.owned])) for side in np.moveaxis(sides, 2, 0)], axis=-1)
         x = x.reshape(right.shape)
-        rest = right[share.own] - self._product(x)
+        rest = right[share.owned] - self._product(x)
         residual = share.gathered(rest)
         return LinearSolution(x, 0, relative_residual(residual, right), time.perf_counter() - began)
 
     def _product(self, x: np.ndarray) -> np.ndarray:
         """Own rows of the product of the matrix with all rows of x, without a message."""
         share = self.share
-        return self.matrix.dot(x[share.rows])[: share.n_own]
+        return self.matrix.dot(x[share.rows])[: share.n_owned]
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,19 +293,19 @@ class _Exchange:
     """Values of the rows of others from those of own ones, by a vector of PETSc with ghosts."""
 
     vector: Any
-    n_own: int
+    n_owned: int
 
     @classmethod
     def of(cls, share: DistributedPattern) -> _Exchange:
         ghosts, comm = np.asarray(share.others, _petsc().IntType), _petsc_comm(share.comm)
-        return cls(_petsc().Vec().createGhost(ghosts, _sizes(share)[0], bsize=3, comm=comm), share.n_own)
+        return cls(_petsc().Vec().createGhost(ghosts, _sizes(share)[0], bsize=3, comm=comm), share.n_owned)
 
-    def __call__(self, own: np.ndarray) -> np.ndarray:
-        """Values of the rows of others, shape (n - n_own, 3): collective."""
-        self.vector.array = own.ravel()
+    def __call__(self, owned: np.ndarray) -> np.ndarray:
+        """Values of the rows of others, shape (n - n_owned, 3): collective."""
+        self.vector.array = owned.ravel()
         self.vector.ghostUpdate()
         with self.vector.localForm() as local:
-            return local.array[3 * self.n_own :].reshape(-1, 3).copy()
+            return local.array[3 * self.n_owned :].reshape(-1, 3).copy()
 
 
 def has_petsc() -> bool:
@@ -351,7 +351,7 @@ def _on(comm: Any) -> str:
 
 
 def _vector(share: DistributedPattern, values: np.ndarray):
-    """Vector of PETSc in the memory of own values, shape (n_own, 3)."""
+    """Vector of PETSc in the memory of own values, shape (n_owned, 3)."""
     return _petsc().Vec().createWithArray(values.reshape(-1), size=_sizes(share)[0], comm=_petsc_comm(share.comm))
 
 
@@ -375,7 +375,7 @@ def _upper_rows_matrix(full: FullRows, share: DistributedPattern, matrix: BlockM
     petsc = _petsc()
     with together(share.comm):
         _require_room(9 * len(full.columns), "MUMPS")
-        rows = _upper_rows(full.indptr, full.columns, full.places, matrix.data, share.own.start)
+        rows = _upper_rows(full.indptr, full.columns, full.places, matrix.data, share.owned.start)
         _require_definite(share, matrix, rows[2], "MUMPS")
     csr = tuple(np.asarray(part, kind) for part, kind in zip(rows, (petsc.IntType, petsc.IntType, float)))
     upper = petsc.Mat().createSBAIJ(_sizes(share), 1, csr=csr, comm=comm)
@@ -385,7 +385,7 @@ def _upper_rows_matrix(full: FullRows, share: DistributedPattern, matrix: BlockM
 
 def _sizes(share: DistributedPattern):
     """Sizes of a matrix for PETSc: own rows and all, and the same of columns."""
-    size = (3 * share.n_own, 3 * int(share.starts[-1]))
+    size = (3 * share.n_owned, 3 * int(share.starts[-1]))
     return size, size
 
 
@@ -400,10 +400,10 @@ def _require_room(n_entries: int, what: str) -> None:
 
 def _require_definite(share: DistributedPattern, matrix: BlockMatrix, values: np.ndarray, what: str) -> None:
     """Refuse entries that are not finite and diagonals that are not positive, which these engines do not look for."""
-    diagonal = np.einsum("ncc->nc", matrix.data[share.indptr[1 : share.n_own + 1] - 1])
+    diagonal = np.einsum("ncc->nc", matrix.data[share.indptr[1 : share.n_owned + 1] - 1])
     if np.isfinite(values.sum()) and (diagonal > 0.0).all():
         return
-    row = share.own.start + int(np.argmin((diagonal > 0.0).all(axis=1))) + 1
+    row = share.owned.start + int(np.argmin((diagonal > 0.0).all(axis=1))) + 1
     raise MovementError(
         f"{what}: the matrix is not positive definite, or not finite, at or beside block row {row}; "
         "look for an inverted or collapsed element there, or for a point that nothing holds"

@@ -225,9 +225,9 @@ def front_seconds(size, n_rows):
     """Model of the time of a front of so many own points and rows (s)."""
     # Arithmetic at 35 Gflop/s, traffic of the update and of the panel, and 4 microseconds for calls. These are
     # constants, so that supernodes, and with them all round-off, are the same on every machine.
-    own, rest = 3.0 * size, 3.0 * n_rows
-    arithmetic = own * (own * own / 3.0 + own * rest + rest * rest)
-    return arithmetic / 3.5e10 + 6e-10 * rest * rest + 2e-9 * own * (own + rest) + 4e-6
+    pivots, rest = 3.0 * size, 3.0 * n_rows
+    arithmetic = pivots * (pivots * pivots / 3.0 + pivots * rest + rest * rest)
+    return arithmetic / 3.5e10 + 6e-10 * rest * rest + 2e-9 * pivots * (pivots + rest) + 4e-6
 
 
 @njit(cache=True)

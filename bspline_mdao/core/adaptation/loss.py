@@ -68,9 +68,9 @@ class WorstCells:
         """Derivative of `value` with respect to Q of every cell, shape (n_cells,)."""
         bar = np.zeros_like(q)
         for ids, start, gain in zip(self.groups, self.start, self._gains(q)):
-            own = q[ids]
-            weights = self.rule.weights(stretched(own), gain + start)
-            slope = (price_slope(gain) - 1.0) * weights / np.hypot(own, SMALL)
+            qualities = q[ids]
+            weights = self.rule.weights(stretched(qualities), gain + start)
+            slope = (price_slope(gain) - 1.0) * weights / np.hypot(qualities, SMALL)
             bar[ids] = slope - self.mean / len(ids)
         return bar
 

@@ -440,17 +440,17 @@ class CoarseNet(OneLine):
         n_columns = len(self._order) if n_columns is None else n_columns
         along = [insertion_matrix(old, new) for old, new in zip(self._knots, knots)]
         blocks = []
-        for face, own_columns, own_rows in zip(self.surface.faces, columns, rows):
+        for face, face_columns, face_rows in zip(self.surface.faces, columns, rows):
             a, b = (along[s][::-1, ::-1] if r else along[s] for s, r in zip(face.strips, face.is_reversed))
             weights = coo_array(np.kron(a, b))
-            where = own_rows.ravel()[weights.row], own_columns.ravel()[weights.col]
+            where = face_rows.ravel()[weights.row], face_columns.ravel()[weights.col]
             blocks.append(csr_array(coo_array((weights.data, where), shape=(n_rows, n_columns))))
-            counts = np.bincount(own_rows.ravel(), minlength=n_rows)
+            counts = np.bincount(face_rows.ravel(), minlength=n_rows)
             blocks[-1] = csr_array(blocks[-1] * (1.0 / np.maximum(counts, 1))[:, None])  # where the face is collapsed
         counts = sum((np.diff(block.indptr) > 0).astype(float) for block in blocks)
         matrix = csr_array(sum(blocks) * (1.0 / np.maximum(counts, 1.0))[:, None])
-        for face, own_rows, block in zip(self.surface.faces, rows, blocks):
-            wrong = abs(block - matrix)[np.unique(own_rows)].max(axis=1).toarray().ravel() > SAME
+        for face, face_rows, block in zip(self.surface.faces, rows, blocks):
+            wrong = abs(block - matrix)[np.unique(face_rows)].max(axis=1).toarray().ravel() > SAME
             if wrong.any():
                 place = self.mesh.place_of_surface_point(int(face.rows.flat[0]))
                 raise InputError(

@@ -94,8 +94,8 @@ class FreeForm(OneLine):
         embedding = Embedding.of(self.lattice, layout)
         ids = self._ids(embedding, layout)
         directions = directions_of(self.direction, len(ids), None, f"'{self.name}'")
-        own = displacements(ids, directions, len(self.lattice.points))
-        return Displacement(embedding.transfer @ own)
+        of_lattice = displacements(ids, directions, len(self.lattice.points))
+        return Displacement(embedding.transfer @ of_lattice)
 
     def _ids(self, embedding: Embedding, layout: Layout) -> np.ndarray:
         weights = embedding.weights[layout.rows()].max(axis=0).toarray().ravel()

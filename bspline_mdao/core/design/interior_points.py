@@ -199,9 +199,9 @@ def control_lines(
     points = model.control_points
     lines, is_done = np.zeros((len(points), 3, 3)), np.zeros(len(points), dtype=bool)
     for ids in model.mesh.control_ids:
-        own = np.stack([_along(points[ids], d) for d in range(3)], axis=-2)
+        along = np.stack([_along(points[ids], d) for d in range(3)], axis=-2)
         is_new = ~is_done[ids]
-        lines[ids[is_new]] = own[is_new]
+        lines[ids[is_new]] = along[is_new]
         is_done[ids] = True
     return lines
 

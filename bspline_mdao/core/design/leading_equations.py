@@ -40,14 +40,14 @@ def leading_equations(
     joint = block_array([[None, matrix], [matrix.T, None]], format="csr")
     labels = connected_components(joint, directed=False)[1]
     rows_of, columns_of = labels[: matrix.shape[0]], labels[matrix.shape[0] :]
-    rows, own = [csr_array((0, n))], [np.zeros(0, dtype=np.int64)]
+    rows, leading = [csr_array((0, n))], [np.zeros(0, dtype=np.int64)]
     for label in np.unique(rows_of[np.diff(matrix.indptr) > 0]):
         members, columns = np.flatnonzero(rows_of == label), np.flatnonzero(columns_of == label)
         entries, pivots = _of_part(matrix[members][:, columns].toarray(), least[members].max(), wish[columns])
         line, column = entries.nonzero()
         rows.append(csr_array((entries[line, column], (line, columns[column])), shape=(len(entries), n)))
-        own.append(columns[pivots])
-    return vstack(rows, format="csr"), np.concatenate(own)
+        leading.append(columns[pivots])
+    return vstack(rows, format="csr"), np.concatenate(leading)
 
 
 def _of_part(matrix: np.ndarray, least: float, wish: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

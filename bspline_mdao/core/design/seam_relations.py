@@ -95,13 +95,13 @@ def relations_along(
 
 def derivatives(seam: Seam, t: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Derivatives into the first and the second side, and along the seam, each of shape (n, 3)."""
-    own, found = points[seam.first.line(0)], []
+    on_line, found = points[seam.first.line(0)], []
     for edge in (seam.first, seam.second):
         inner, on, _ = edge.weights(t)
-        found.append(inner @ points[edge.line(1)] + on @ own)
+        found.append(inner @ points[edge.line(1)] + on @ on_line)
     if seam.mirror is not None:
         found[1] -= 2.0 * np.outer(found[1] @ seam.mirror, seam.mirror)
-    return found[0], found[1], seam.first.weights(t)[2] @ own
+    return found[0], found[1], seam.first.weights(t)[2] @ on_line
 
 
 def pole_relations(

@@ -116,8 +116,8 @@ class TangentContinuity(OneLine):
             wish[rows_of(self.followers, mesh, f"linear constraint '{self.name}': followers")] = FOLLOWER
         wish[relations.at] = 1.0
         main = np.asarray(abs(allowed).argmax(axis=0)).ravel()
-        reduced, own = leading_equations(matrix, np.repeat(least, 3), wish[main // 3])
-        return Equations(csr_array(reduced @ allowed.T), main[own] // 3, main[own])
+        reduced, dependents = leading_equations(matrix, np.repeat(least, 3), wish[main // 3])
+        return Equations(csr_array(reduced @ allowed.T), main[dependents] // 3, main[dependents])
 
     def snapped(self, mesh: MovingMesh, points: np.ndarray) -> np.ndarray:
         """Points whose seams are smooth: small changes that take away what kinks there are.

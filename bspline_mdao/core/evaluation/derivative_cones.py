@@ -246,11 +246,11 @@ def are_positive(
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def _divide(centre, radius, own, columns):
+def _divide(centre, radius, leading, columns):
     """Divide the components of a control vector by its own one, and widen the ranges of the fractions by them."""
-    o_1, o_2 = (own + 1) % 3, (own + 2) % 3
+    o_1, o_2 = (leading + 1) % 3, (leading + 2) % 3
     for l in range(columns.shape[2]):
-        value, wrong = centre[own, l], radius[own, l] * (1.0 + 1e-12)
+        value, wrong = centre[leading, l], radius[leading, l] * (1.0 + 1e-12)
         floor = value - wrong
         has_collapsed = (
             value == 0.0 and wrong == 0.0 and centre[o_1, l] == 0.0 and centre[o_2, l] == 0.0
@@ -267,7 +267,7 @@ def _divide(centre, radius, own, columns):
                 columns[o, 0, l] = min(columns[o, 0, l], fraction - off)
                 columns[o, 1, l] = max(columns[o, 1, l], fraction + off)
             centre[o, l], radius[o, l] = fraction, off
-        radius[own, l] = -1.0 if has_collapsed else 0.0
+        radius[leading, l] = -1.0 if has_collapsed else 0.0
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")

@@ -106,8 +106,8 @@ class Evaluator(OneLine):
     ) -> Evaluator:
         """Operator to the nodes of a grid; shared nodes are evaluated once and copied."""
         numbering = NodeNumbering.of_grid(topology)
-        own = [x.reshape(-1, 3)[places] for x, places in zip(parameters, numbering.places)]
-        return cls.of_nodes(numbering, mesh, own, n_threads)
+        local = [x.reshape(-1, 3)[places] for x, places in zip(parameters, numbering.places)]
+        return cls.of_nodes(numbering, mesh, local, n_threads)
 
     @classmethod
     def of_nodes(

@@ -69,14 +69,14 @@ def entities_in_order(
     for n_free in range(4):
         for segment, (ids, rows, sample) in enumerate(zip(control_ids, sharing.rows, points)):
             for section in sections_of(sample.shape, n_free):
-                own_ids, inner = ids[whole_slices(section)], sample[inner_slices(section)]
-                if is_seen[inner].all() and is_solved[own_ids].all():
+                edge_ids, inner = ids[whole_slices(section)], sample[inner_slices(section)]
+                if is_seen[inner].all() and is_solved[edge_ids].all():
                     continue
-                unknown_ids, columns = _number_unknowns(own_ids, is_solved)
+                unknown_ids, columns = _number_unknowns(edge_ids, is_solved)
                 is_seen[inner] = True
                 is_solved[unknown_ids] = True
                 inner_rows = source[rows[inner_slices(section)].ravel()] if rows.size else rows.ravel()
-                yield Entity(segment, section, inner_rows, own_ids, unknown_ids, columns)
+                yield Entity(segment, section, inner_rows, edge_ids, unknown_ids, columns)
 
 
 def _sample_points(topology: Topology) -> list[np.ndarray]:

@@ -41,7 +41,7 @@ def report_errors(
 ) -> FitReport:  # its warnings are those of the solution and one, the last, where the control mesh is invalid
     """Report errors, invalid control elements and the fallback of a fit."""
     topology, sharing = problem.topology, problem.sharing
-    nodes, fitted = nodes[: sharing.n_own], solution.fitted[: sharing.n_own]
+    nodes, fitted = nodes[: sharing.n_owned], solution.fitted[: sharing.n_owned]
     residual = nodes - fitted
     squares = residual**2
     distances = squares.sum(axis=1)

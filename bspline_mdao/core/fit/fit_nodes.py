@@ -46,7 +46,7 @@ class FitNodes:
     # numbers of nodes that are copies, and of those that they copy, by ascending first ones
     copies: np.ndarray  # int (n_copies, 2)
     # numbers of nodes of the blocks, and of all, those from elsewhere included
-    n_own: int
+    n_owned: int
     n_rows: int
     homes: tuple[int, ...]  # process of every block
     # per process, the numbers of the nodes from there, and of the nodes that it needs from here
@@ -70,8 +70,8 @@ class FitNodes:
         pieces = (whole_blocks(topology, comm.size) if partition is None else partition).pieces
         home_of = {window.block: rank for rank, windows in enumerate(pieces) for window in windows}
         homes = tuple(home_of[block] for block in range(len(home_of)))
-        own = tuple(window.block for window in pieces[comm.rank])
-        return cls._of_blocks(topology, comm, homes, own)._with_others()
+        local = tuple(window.block for window in pieces[comm.rank])
+        return cls._of_blocks(topology, comm, homes, local)._with_others()
 
     @classmethod
     def _of_blocks(cls, topology: Topology, comm: Any, homes: tuple[int, ...], blocks: tuple[int, ...]) -> FitNodes:
@@ -91,11 +91,11 @@ class FitNodes:
     def _with_others(self) -> FitNodes:
         """Add the nodes of others that these are copies of, and agree with all processes on what is sent."""
         layout = self.topology.layout
-        own = [np.arange(layout.starts[block], layout.starts[block + 1]) for block in self.blocks]
-        numbering = NodeNumbering.of(self.topology, np.concatenate([np.zeros(0, dtype=np.int64), *own]))
-        there = numbering.rows[self.n_own :]
+        local = [np.arange(layout.starts[block], layout.starts[block + 1]) for block in self.blocks]
+        numbering = NodeNumbering.of(self.topology, np.concatenate([np.zeros(0, dtype=np.int64), *local]))
+        there = numbering.rows[self.n_owned :]
         rank_of = np.asarray(self.homes)[layout.owner(there)]
-        wanted = [self.n_own + np.flatnonzero(rank_of == rank) for rank in range(self.comm.size)]
+        wanted = [self.n_owned + np.flatnonzero(rank_of == rank) for rank in range(self.comm.size)]
         asked = self.comm.alltoall([numbering.rows[numbers] for numbers in wanted])
         is_copy = np.zeros(numbering.n_nodes, dtype=bool)
         is_copy[numbering.copies[:, 0]] = True
@@ -118,7 +118,7 @@ class FitNodes:
 
     @property
     def layout(self) -> BlockLayout:
-        """Layout of the nodes of the blocks of this process, the first ``n_own``."""
+        """Layout of the nodes of the blocks of this process, the first ``n_owned``."""
         return BlockLayout.of(self.topology.shapes[block] for block in self.blocks)
 
     def by_blocks(self, values: np.ndarray) -> dict[int, np.ndarray]:
@@ -132,10 +132,10 @@ class FitNodes:
         return source
 
     def with_places(self, values: np.ndarray) -> np.ndarray:
-        """Add places for the nodes of others to values of the nodes of the blocks, shape (n_own, ...)."""
-        if self.n_rows == self.n_own:
+        """Add places for the nodes of others to values of the nodes of the blocks, shape (n_owned, ...)."""
+        if self.n_rows == self.n_owned:
             return values
-        return np.concatenate([values, np.zeros((self.n_rows - self.n_own, *values.shape[1:]), values.dtype)])
+        return np.concatenate([values, np.zeros((self.n_rows - self.n_owned, *values.shape[1:]), values.dtype)])
 
     def fetch(self, values: np.ndarray) -> np.ndarray:
         """Write what other processes have at their nodes, in place; values are of shape (n_rows, ...)."""
@@ -156,7 +156,7 @@ class FitNodes:
         """Transpose of `fetch`: add what is at nodes of others to what their homes have, in place, and clear it."""
         if self.comm.size > 1:
             received = self.comm.alltoall([values[numbers] for numbers in self.wanted])
-            values[self.n_own :] = 0.0
+            values[self.n_owned :] = 0.0
             for numbers, part in zip(self.given, received):
                 np.add.at(values, numbers, part)
         return values
@@ -173,12 +173,12 @@ class FitNodes:
             for numbers, made in self.comm.allgather((ids, values[ids])):
                 values[numbers] = made
 
-    def of_all_segments(self, own: Sequence) -> list:
+    def of_all_segments(self, local: Sequence) -> list:
         """Items of all segments, on all processes, from those of its own segments that each process gives."""
         if self.comm.size == 1:
-            return list(own)
+            return list(local)
         items: list = [None] * len(self.topology.segments)
-        for numbers, found in self.comm.allgather((self.here, list(own))):
+        for numbers, found in self.comm.allgather((self.here, list(local))):
             for number, item in zip(numbers, found):
                 items[number] = item
         return items

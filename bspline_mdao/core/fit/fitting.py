@@ -280,8 +280,8 @@ def _block(grid: Grid | StoredGrid, number: int) -> Block:
 
 def _joined(blocks: Sequence[np.ndarray], sharing: FitNodes) -> np.ndarray:
     """Nodes of blocks, shape (n_rows, 3), of which those that are one point have the place of the first of them."""
-    own = [np.zeros((0, 3)), *(block.reshape(-1, 3) for block in blocks)]
-    return sharing.copy_shared(sharing.with_places(np.concatenate(own)))
+    local = [np.zeros((0, 3)), *(block.reshape(-1, 3) for block in blocks)]
+    return sharing.copy_shared(sharing.with_places(np.concatenate(local)))
 
 
 def _parameters_here(sharing: FitNodes, nodes: np.ndarray, parametrization) -> list[np.ndarray]:
@@ -321,7 +321,7 @@ def _come_closer(
     counts, sharing, topology = sized.counts, sized.problem.sharing, sized.problem.topology
     n_first, n_last = 2 * (sized.problem.mesh.n_control_points,)
     at_first = missed = _missed(sharing, nodes, solution)
-    if missed <= LARGEST_MISS or flattest_cell(sharing, nodes[: sharing.n_own]) > LAYER:
+    if missed <= LARGEST_MISS or flattest_cell(sharing, nodes[: sharing.n_owned]) > LAYER:
         return sized, solution, None
     n_invalid, too_many, raised = count_invalid(sized.problem, solution), None, None
     for most_per_node in MOST_PER_NODE:
@@ -346,8 +346,8 @@ def _come_closer(
 
 def _missed(sharing: FitNodes, nodes: np.ndarray, solution: FitSolution) -> float:
     """Largest error by the width of the cells."""
-    own = slice(sharing.n_own)
-    worst = worst_local_errors(sharing, nodes[own], nodes[own] - solution.fitted[own])[0]
+    local = slice(sharing.n_owned)
+    worst = worst_local_errors(sharing, nodes[local], nodes[local] - solution.fitted[local])[0]
     return worst.in_widths if worst else 0.0
 
 

@@ -131,14 +131,14 @@ def solve_fit(
 
     with threadpool_limits(1, "blas"):
         for number, entities in enumerate(rounds):
-            own = [place for place, entity in enumerate(entities) if entity.segment in here]
+            local = [place for place, entity in enumerate(entities) if entity.segment in here]
             with together(sharing.comm):
-                results = map_tasks(solve, [entities[place] for place in own], problem.n_threads)
-                for place, is_singular in zip(own, results):
+                results = map_tasks(solve, [entities[place] for place in local], problem.n_threads)
+                for place, is_singular in zip(local, results):
                     singular.extend([(number, place)] * is_singular)
                     n_done += len(entities[place].rows)
-                    progress(n_done / max(sharing.n_own, 1), "least squares")
-            found = [entities[place].unknown_ids for place in own]
+                    progress(n_done / max(sharing.n_owned, 1), "least squares")
+            found = [entities[place].unknown_ids for place in local]
             sharing.from_owners(np.concatenate([np.zeros(0, dtype=np.int64), *found]), control_points)
     sharing.put(fitted, is_fitted)
     sharing.copy_shared(fitted)

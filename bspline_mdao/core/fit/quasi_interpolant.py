@@ -75,13 +75,13 @@ class QuasiInterpolant:
         is_sampled = np.zeros(sharing.n_rows, dtype=bool)
         is_sampled[sampled] = True
         sharing.put(is_sampled, is_sampled.copy())
-        evaluated = np.flatnonzero(is_sampled[: sharing.n_own])
+        evaluated = np.flatnonzero(is_sampled[: sharing.n_owned])
         number = np.full(sharing.n_rows, -1)
         number[evaluated] = np.arange(len(evaluated))
-        is_own = [own & (number[rows] >= 0) for own, rows in zip(sharing.is_evaluated, sharing.rows)]
-        own_parameters = [x[own] for x, own in zip(parameters, is_own)]
-        own_numbers = [number[rows[own]] for rows, own in zip(sharing.rows, is_own)]
-        evaluator = Evaluator.build(mesh, own_parameters, own_numbers, len(evaluated))
+        is_local = [local & (number[rows] >= 0) for local, rows in zip(sharing.is_evaluated, sharing.rows)]
+        local_parameters = [x[local] for x, local in zip(parameters, is_local)]
+        local_numbers = [number[rows[local]] for rows, local in zip(sharing.rows, is_local)]
+        evaluator = Evaluator.build(mesh, local_parameters, local_numbers, len(evaluated))
         coarse = sampling_matrix(mesh, sharing, nodal)
         return cls(sampling, sampled, coarse, evaluator, tuple(greville), sharing, evaluated)
 
@@ -273,16 +273,16 @@ def sampling_matrix(
     columns, values, numbers = [], [], []
     for s in sharing.here:
         rows, place, start, end = sharing.rows[s], places[s], starts[s], starts[s + 1]
-        own = first[(first >= start) & (first < end)]
+        local = first[(first >= start) & (first < end)]
         last = np.array(rows.shape) - 1
-        place = place.reshape(-1, 3)[own - start]
+        place = place.reshape(-1, 3)[local - start]
         low = np.minimum(place.astype(int), np.maximum(last - 1, 0))
         fraction = place - low
         for corner in np.ndindex(2, 2, 2):
             i, j, k = np.minimum(low + corner, last).T
             columns.append(source[rows[i, j, k]])
             values.append(np.prod(np.where(corner, fraction, 1 - fraction), axis=1))
-            numbers.append(ids[own])
+            numbers.append(ids[local])
     all_values = np.concatenate([np.zeros(0), *values])
     is_used, none = all_values != 0, np.zeros(0, dtype=np.int64)
     places_used = (np.concatenate([none, *parts])[is_used] for parts in (numbers, columns))

@@ -49,13 +49,13 @@ class SharedFitOperator:
         ids, steps = [], []
         with together(problem.sharing.comm), threadpool_limits(1, "blas"):
             for entities in problem.rounds() if mixture.has_least_squares else ():
-                own = [entity for entity in entities if entity.segment in here]
+                local = [entity for entity in entities if entity.segment in here]
                 ids.append(np.concatenate([entity.unknown_ids for entity in entities]))
-                steps.append(tuple(map_tasks(partial(problem.step, parameters), own, problem.n_threads)))
+                steps.append(tuple(map_tasks(partial(problem.step, parameters), local, problem.n_threads)))
         return cls(problem.sharing, tuple(ids), tuple(steps), problem.mesh.n_control_points, mixture)
 
     def forward(self, nodes: np.ndarray) -> np.ndarray:
-        """Control points, shape (n_control_points, 3), on all processes, of the nodes of each, shape (n_own, 3)."""
+        """Control points, shape (n_control_points, 3), on all processes, of the nodes of each, shape (n_owned, 3)."""
         nodes = self.sharing.fetch(self.sharing.with_places(nodes))
         control_points = np.zeros((self.n_control_points, 3))
         with threadpool_limits(1, "blas"):
@@ -67,7 +67,7 @@ class SharedFitOperator:
         return self.mixture.forward(control_points, nodes)
 
     def adjoint(self, control_bar: np.ndarray) -> np.ndarray:
-        """Transpose of `forward`: shape (n_own, 3), of the same ``control_bar``, (n_control_points, 3), everywhere."""
+        """Transpose of `forward`, shape (n_owned, 3), of a ``control_bar`` that is the same on all processes."""
         seed, nodes_bar = self.mixture.adjoint(control_bar, self.sharing.n_rows)
         wanted = np.zeros_like(seed)
         with threadpool_limits(1, "blas"):
@@ -76,4 +76,4 @@ class SharedFitOperator:
                 for step in steps:
                     step.solve_transpose(wanted, nodes_bar)
                 wanted[ids] = 0.0
-        return self.sharing.add_back(nodes_bar)[: self.sharing.n_own]
+        return self.sharing.add_back(nodes_bar)[: self.sharing.n_owned]

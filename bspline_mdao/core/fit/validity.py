@@ -75,9 +75,9 @@ def make_valid(
 def _evaluated(problem: FitProblem, parameters, control_points: np.ndarray) -> np.ndarray:
     """Points of the spline at the nodes of this process, shape (n_rows, 3)."""
     sharing = problem.sharing
-    own_parameters = [x[own] for x, own in zip(parameters, sharing.is_evaluated)]
-    own_rows = [rows[own] for rows, own in zip(sharing.rows, sharing.is_evaluated)]
-    evaluator = Evaluator.build(problem.mesh, own_parameters, own_rows, sharing.n_rows)
+    local_parameters = [x[evaluated] for x, evaluated in zip(parameters, sharing.is_evaluated)]
+    local_rows = [rows[evaluated] for rows, evaluated in zip(sharing.rows, sharing.is_evaluated)]
+    evaluator = Evaluator.build(problem.mesh, local_parameters, local_rows, sharing.n_rows)
     return sharing.copy_shared(evaluator.forward(control_points))
 
 

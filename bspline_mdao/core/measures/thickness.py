@@ -183,7 +183,7 @@ class Thickness(OneLine):
         """
         if leading is None or trailing is None:
             found = within_edges(surface, chord, span, max(n_span, 2), name)
-            leading, trailing = (line if line is not None else own for line, own in zip((leading, trailing), found))
+            leading, trailing = (line if line is not None else cut for line, cut in zip((leading, trailing), found))
         points = ruled_points(leading, trailing, n_chord, n_span, name)
         return cls.at(surface, points, ruled_normals(points), relative, name)
 

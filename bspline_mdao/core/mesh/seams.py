@@ -68,17 +68,17 @@ class SideEdge(OneLine):
 
     def uv(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Parameters u and v of places t, 0 to 1, along the seam."""
-        own = 1.0 - t if self.is_reversed else t
+        on_edge = 1.0 - t if self.is_reversed else t
         fixed = np.full(len(t), float(self.end))
-        return (fixed, own) if self.axis == 0 else (own, fixed)
+        return (fixed, on_edge) if self.axis == 0 else (on_edge, fixed)
 
     def greville(self) -> np.ndarray:
         """Places along the seam that belong to its control points, ascending."""
         knots = self.side.edge_knots(1 - self.axis, self.end)
         sums, order = np.cumsum(knots.knots), knots.order
-        own = ((sums[order - 1 : -1] - sums[:-order]) / (order - 1)).clip(0.0, 1.0)
-        own[[0, -1]] = 0.0, 1.0
-        return 1.0 - own[::-1] if self.is_reversed else own
+        on_edge = ((sums[order - 1 : -1] - sums[:-order]) / (order - 1)).clip(0.0, 1.0)
+        on_edge[[0, -1]] = 0.0, 1.0
+        return 1.0 - on_edge[::-1] if self.is_reversed else on_edge
 
     def weights(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Weights of control points in derivatives at places along the seam."""
@@ -90,9 +90,9 @@ class SideEdge(OneLine):
         across = _dense(self.side.volume.knots[into], into, at)[..., 1 + into]
         first, second = (-1, -2) if self.end else (0, 1)
         inner = self.inward * across[:, second, None] * values[..., 0]
-        own = self.inward * (across[:, first, None] * values[..., 0] + values[..., 1 + into])
+        on_edge = self.inward * (across[:, first, None] * values[..., 0] + values[..., 1 + into])
         tangent = self.along * values[..., 1 + along]
-        return (inner[:, ::-1], own[:, ::-1], tangent[:, ::-1]) if self.is_reversed else (inner, own, tangent)
+        return (inner[:, ::-1], on_edge[:, ::-1], tangent[:, ::-1]) if self.is_reversed else (inner, on_edge, tangent)
 
 
 def _dense(knots, direction: int, parameters: np.ndarray) -> np.ndarray:

@@ -98,8 +98,8 @@ class FittedBlocks(OneLine):
         parts |= {f"residual/{block}": array for block, array in (self.residual or {}).items()}
         iblanks = {f"iblank/{block}": self.header.iblanks[block] for block in self.blocks}
         parts |= {name: iblank for name, iblank in iblanks.items() if iblank is not None}
-        own = {f.name: getattr(self, f.name) for f in fields(self)} | {"residual_lengths": self.residual_lengths()}
-        write_by_turns(path, self.comm, own, parts, compress)
+        contents = {f.name: getattr(self, f.name) for f in fields(self)} | {"residual_lengths": self.residual_lengths()}
+        write_by_turns(path, self.comm, contents, parts, compress)
 
     def _parameters_of(self, numbering: NodeNumbering) -> dict[int, np.ndarray]:
         """Parameters of the nodes that each segment evaluates."""

@@ -268,8 +268,8 @@ class FittedModel(Plottable, Model):
         return model
 
     def _fields(self) -> dict[str, Any]:
-        own = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {**own, "residual_lengths": self.residual_lengths}
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {**values, "residual_lengths": self.residual_lengths}
 
     def _note_file(self, path: str | os.PathLike) -> None:
         object.__setattr__(self, "_file", Path(path).absolute())
@@ -282,8 +282,8 @@ class FittedModel(Plottable, Model):
     @cached_property
     def checksum(self) -> str:
         """Checksum of all that the model is, which its file has as an attribute: by it case files know their model."""
-        own = self._fields()
-        return checksum_of(document_of(**own), arrays_of(**own))
+        values = self._fields()
+        return checksum_of(document_of(**values), arrays_of(**values))
 
 
 def family_member(model: FittedModel, factor: float, control_points: np.ndarray | None = None) -> Grid:

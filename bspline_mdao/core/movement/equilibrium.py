@@ -333,7 +333,7 @@ class Unknowns:
         rows = np.full(self.mesh.n_points, -1, dtype=np.int32)
         rows[self.point_ids] = np.arange(len(self.point_ids), dtype=np.int32)
         if self.comm.size > 1:
-            return DistributedPattern.of_own_elements(rows[self.mesh.elements], len(self.point_ids), self.comm)
+            return DistributedPattern.of_local_elements(rows[self.mesh.elements], len(self.point_ids), self.comm)
         element_rows = rows[self.mesh.elements]
         return BlockPattern.of_elements(element_rows, len(self.point_ids)), ALL, element_rows
 

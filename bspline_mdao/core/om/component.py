@@ -47,7 +47,7 @@ LINEAR_STEP = 1.0
 SMOOTH_STEP = 1e-5
 """Step of differences of what varies over a length of order 1, such as an angle or a scale."""
 
-OWN, SAME, LEFT_OUT = "own", "same", "left out"
+EACH, SAME, LEFT_OUT = "own", "same", "left out"
 """Ways to check derivatives on several processes, see `CheckedOnProcesses`."""
 
 
@@ -246,7 +246,7 @@ class CheckedOnProcesses(CheckedAlongEdges):
             return {self.pathname: {}}, None
         if self.comm.size > 1 and self.way_of_check == SAME:
             np.random.set_state(self.comm.bcast(np.random.get_state(), root=0))  # noqa: NPY002 - OpenMDAO draws there
-        with each_for_itself(self) if self.way_of_check == OWN else nullcontext():
+        with each_for_itself(self) if self.way_of_check == EACH else nullcontext():
             return super().check_partials(*arguments, **options)
 
 
@@ -256,7 +256,7 @@ class SparseComponent(CheckedOnProcesses, om.ExplicitComponent):
     # OpenMDAO cannot check along a direction where a pattern is declared: it takes one column after another. So the
     # check sees products with the very entries that are declared, in the place of the declaration.
 
-    way_of_check = OWN
+    way_of_check = EACH
     _subjacs_info: dict
 
     def __init__(self, **options: Any):

@@ -157,7 +157,7 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
                 return fit.jvp(whole.gather(d_nodes))
 
             def vjp(bar: np.ndarray) -> np.ndarray:
-                return whole.own(fit.vjp(bar))
+                return whole.local(fit.vjp(bar))
 
             products: dict[str, Callable[[np.ndarray], np.ndarray]] = {"jvp": jvp, "vjp": vjp}
         else:

@@ -217,10 +217,10 @@ class GridMovement(Copied, om.Group):
 
     def _mover(self) -> Mover:
         """The user's mover, or rotations, in a frame that goes along if that is asked for."""
-        mover = self._own_mover()
+        mover = self._mover_of_options()
         return ComovingFrame(mover) if self.options["comoving"] else mover
 
-    def _own_mover(self) -> Mover:
+    def _mover_of_options(self) -> Mover:
         """The user's mover, or rotations."""
         model, mover, parametrization = (self.options[name] for name in ("model", "mover", "parametrization"))
         if mover is None and parametrization is None:

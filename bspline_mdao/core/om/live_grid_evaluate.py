@@ -97,12 +97,12 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
         baseline = grid.to_vector().reshape(-1, 3)
         self._baseline, self._last = LastState(), LastState()
         needs_initial = self._baseline.at([baseline], self._grid).needs_initial
-        own = self._whole.own(baseline).ravel()
-        self.add_input(GRID_INITIAL, val=own, units="m", distributed=is_shared)
+        local = self._whole.local(baseline).ravel()
+        self.add_input(GRID_INITIAL, val=local, units="m", distributed=is_shared)
         if needs_initial:
             self.add_input(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
-        self.add_output(GRID, val=own, units="m", distributed=is_shared)
+        self.add_output(GRID, val=local, units="m", distributed=is_shared)
         shapes = (window.shape for window in partition.pieces[self.comm.rank])
         check_along_edges(self, GRID_INITIAL, numbered_blocks(shapes), LIVE_SHARPNESS)
         for name in (CONTROL_POINTS_INITIAL, CONTROL_POINTS) if needs_initial else (CONTROL_POINTS,):
@@ -110,7 +110,7 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Evaluate the volumes at the nodes, and let nodes follow walls."""
-        outputs[GRID] = self._whole.own(self._state_at(inputs).nodes).ravel()
+        outputs[GRID] = self._whole.local(self._state_at(inputs).nodes).ravel()
 
     def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose."""
@@ -122,11 +122,11 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
             changes = dict(zip(names, directions))
             if GRID_INITIAL in changes:
                 changes[GRID_INITIAL] = whole.gather(changes[GRID_INITIAL])
-            return whole.own(state.jvp(**changes))
+            return whole.local(state.jvp(**changes))
 
         def vjp(bar: np.ndarray) -> list[np.ndarray | None]:
             bars = state.vjp(whole.gather(bar), names)
-            return [whole.own(bars[name]) if name == GRID_INITIAL else bars[name] for name in names]
+            return [whole.local(bars[name]) if name == GRID_INITIAL else bars[name] for name in names]
 
         add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=names)
 

@@ -127,7 +127,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst of all corners
         if any(AGGREGATES[name].is_of_heights for name in self.options["aggregates"]):
             sharpness = max(sharpness, 10.0 * self.options["rho_height"])
-        check_along_edges(self, GRID, numbered_blocks(piece.shape for piece in pieces.own), sharpness)
+        check_along_edges(self, GRID, numbered_blocks(piece.shape for piece in pieces.local), sharpness)
 
     def _baseline(self) -> tuple[Pieces, np.ndarray]:
         """Pieces of the grid that the processes hold, and the nodes (n, 3) of those of this one on the baseline."""

@@ -90,6 +90,6 @@ class WholeNodes:
             whole[rows] = part
         return whole
 
-    def own(self, whole: np.ndarray) -> np.ndarray:
+    def local(self, whole: np.ndarray) -> np.ndarray:
         """Nodes of this process, shape (n, 3), out of those of the grid."""
         return whole if self.comm.size == 1 else whole[self.rows[self.comm.rank]]

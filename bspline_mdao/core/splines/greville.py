@@ -31,7 +31,7 @@ def greville_abscissae(volume: Volume) -> np.ndarray:  # (N0, N1, N2, 3), parame
     # In a direction of order p, control point i is at the mean of the p - 1 knots ``T_{i+1} .. T_{i+p-1}``: with these
     # coefficients the spline is the parameter itself. Curved knots depend on the other two parameters, which are those
     # of the control point, so that all three are found together by fixed-point iteration.
-    return _fixed_point(volume, volume.n_control, _own_means)
+    return _fixed_point(volume, volume.n_control, _knot_means)
 
 
 def span_breaks(knots: Knots) -> np.ndarray:
@@ -48,30 +48,30 @@ def span_corners(
 ) -> np.ndarray:  # (M0, M1, M2, 3), parameters at which the knots ``span_breaks`` of all three directions meet
     """Give every corner of the spans of a volume its place in parameter space."""
     shape = tuple(len(span_breaks(knots)) for knots in volume.knots)
-    return _fixed_point(volume, shape, _own_breaks)
+    return _fixed_point(volume, shape, _knot_breaks)
 
 
-def _fixed_point(volume: Volume, shape: tuple[int, ...], own) -> np.ndarray:
-    """Parameters of points, each of which is what ``own`` makes of the knots there and of the point's index."""
+def _fixed_point(volume: Volume, shape: tuple[int, ...], rule) -> np.ndarray:
+    """Parameters of points, each of which is what ``rule`` makes of the knots there and of the point's index."""
     axes = (np.linspace(0.0, 1.0, n) if n > 1 else np.zeros(1) for n in shape)
     parameters, indices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3), np.indices(shape)
     for _ in range(MOST_ITERATIONS):
         last, parameters = parameters, np.empty_like(parameters)
         for d, knots in enumerate(volume.knots):
             values = knots.values(last[:, (d + 1) % 3].copy(), last[:, (d + 2) % 3].copy())
-            parameters[:, d] = own(knots, values, indices[d].ravel())
+            parameters[:, d] = rule(knots, values, indices[d].ravel())
         if np.abs(parameters - last).max() <= CONVERGED:
             break
     return parameters.reshape(*shape, 3)
 
 
-def _own_means(knots: Knots, values: np.ndarray, index: np.ndarray) -> np.ndarray:
+def _knot_means(knots: Knots, values: np.ndarray, index: np.ndarray) -> np.ndarray:
     """Of the knots at each point, the mean that belongs to its own control point."""
     sums, rows = np.cumsum(values, axis=1), np.arange(len(index))
     means = (sums[rows, index + knots.order - 1] - sums[rows, index]) / max(knots.order - 1, 1)
     return means.clip(0.0, 1.0)  # running sums round
 
 
-def _own_breaks(knots: Knots, values: np.ndarray, index: np.ndarray) -> np.ndarray:
+def _knot_breaks(knots: Knots, values: np.ndarray, index: np.ndarray) -> np.ndarray:
     """Of the knots at each point, the one at which its own span begins."""
     return values[np.arange(len(index)), span_breaks(knots)[index]]

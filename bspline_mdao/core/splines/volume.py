@@ -140,7 +140,7 @@ def volume_basis(
     # returns firsts int (n, 3): first control point that each point depends on, in each direction
     # returns values (n, p0 + p1 + p2): the functions that differ from zero: those of xi, then eta, then zeta
     cyclic = [[parameters[:, (d + offset) % 3] for offset in range(3)] for d in range(3)]
-    spans, values = zip(*[basis(knots, *own) for knots, own in zip(volume.knots, cyclic)])
+    spans, values = zip(*[basis(knots, *is_cyclic) for knots, is_cyclic in zip(volume.knots, cyclic)])
     return np.stack([s - p + 1 for s, p in zip(spans, volume.orders)], axis=1), np.concatenate(values, axis=1)
 
 

@@ -255,9 +255,9 @@ def _group_starts(*keys) -> np.ndarray:
 def _is_back(starts: np.ndarray, corners, areas: np.ndarray) -> np.ndarray:
     """Whether the quad of each corner looks away from the first one of its group."""
     first = areas[corners[np.repeat(starts[:-1], np.diff(starts))] // 4]
-    own = areas[corners // 4]
-    lengths = np.linalg.norm(first, axis=1) * np.linalg.norm(own, axis=1)
-    return np.sum(first * own, axis=1) < FOLDED * lengths
+    second = areas[corners // 4]
+    lengths = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
+    return np.sum(first * second, axis=1) < FOLDED * lengths
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -68,9 +68,9 @@ class GridMap(OneLine):
         nodes = _baseline(evaluator, control_points, residual)
         walls = GridWalls.of(topology, nodes, evaluator.n_threads) if wall_layer else None
         numbering = NodeNumbering.of_grid(topology)
-        own = [x.reshape(-1, 3)[places] for x, places in zip(parameters, numbering.places)]
+        local = [x.reshape(-1, 3)[places] for x, places in zip(parameters, numbering.places)]
         return cls.of_nodes(
-            numbering, mesh, own, control_points, residual, residual_lengths, wall_layer, walls, evaluator
+            numbering, mesh, local, control_points, residual, residual_lengths, wall_layer, walls, evaluator
         )
 
     @classmethod

@@ -49,8 +49,8 @@ def cones_of_boxes(
         first = starts[:: n_leaves // n_boxes]
         axes = np.add.reduceat(normals, first[:-1])
         axes /= np.maximum(np.linalg.norm(axes, axis=1), np.finfo(float).tiny)[:, None]
-        own = np.arccos(np.clip(np.einsum("td,td->t", normals, np.repeat(axes, np.diff(first), axis=0)), -1.0, 1.0))
-        widest = np.maximum.reduceat(own + angles, first[:-1]) + MARGIN
+        offsets = np.arccos(np.clip(np.einsum("td,td->t", normals, np.repeat(axes, np.diff(first), axis=0)), -1.0, 1.0))
+        widest = np.maximum.reduceat(offsets + angles, first[:-1]) + MARGIN
         narrow = np.flatnonzero(widest < WIDEST)
         cones[n_boxes + narrow] = np.column_stack([axes, np.cos(widest), np.sin(widest)])[narrow]
         n_boxes //= 2

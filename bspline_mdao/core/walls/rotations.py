@@ -201,14 +201,14 @@ class LocalRotations:
         bar: np.ndarray,  # (n, 3, 3), one matrix per point
         points: np.ndarray,  # points, areas: (n, 3) and (n_quads, 3), points and areas of the other side
         areas: np.ndarray,
-        own: np.ndarray,  # (n, 3), points of the side asked
+        asked: np.ndarray,  # (n, 3), points of the side asked
         transposed: bool,  # whether the side asked is the one before the move
     ) -> np.ndarray:
         """Derivative of ``sum(bar M)`` with respect to the points after the move, or before it, shape (n, 3)."""
         bar = self._with_neighbours(bar, None if self.mix is None else self.mix.T)
         bar = np.ascontiguousarray(bar.transpose(0, 2, 1) if transposed else bar)
-        pulls = np.empty((len(self.quads), 2, 3), dtype=np.result_type(bar, own, points))
-        _diagonal_pulls(bar, self.quads, self.quad_scales, areas, own, pulls)
+        pulls = np.empty((len(self.quads), 2, 3), dtype=np.result_type(bar, asked, points))
+        _diagonal_pulls(bar, self.quads, self.quad_scales, areas, asked, pulls)
         out = np.empty((self.n_points, 3), dtype=pulls.dtype)
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners
         self.over_points(_gather, *graph, bar, points, pulls, out)
@@ -426,7 +426,7 @@ def _moments(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _diagonal_pulls(bar, quads, quad_scales, areas, own, pulls):
+def _diagonal_pulls(bar, quads, quad_scales, areas, asked, pulls):
     """Derivatives with respect to the two diagonals of every quad, through its area."""
     for q in range(len(quads)):
         a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
@@ -438,8 +438,8 @@ def _diagonal_pulls(bar, quads, quad_scales, areas, own, pulls):
             y += m[1, 0] * u + m[1, 1] * v + m[1, 2] * w
             z += m[2, 0] * u + m[2, 1] * v + m[2, 2] * w
         p = (x, y, z)
-        _set_half_cross(pulls[q], 0, _between(own, b, d), p)
-        _set_half_cross(pulls[q], 1, p, _between(own, a, c))
+        _set_half_cross(pulls[q], 0, _between(asked, b, d), p)
+        _set_half_cross(pulls[q], 1, p, _between(asked, a, c))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

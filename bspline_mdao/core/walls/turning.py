@@ -123,7 +123,7 @@ class Turning:
     def of_rows(self, rows: FaceNodes) -> Turning:
         """Return the part of the map that the rotations of these nodes need."""
         needed, _ = self._dependencies(rows)
-        return replace(self, groups=tuple(g for g in self.groups if needed[g.ids[g.own]].any()))
+        return replace(self, groups=tuple(g for g in self.groups if needed[g.ids[g.belongs]].any()))
 
     def seen_by(self, rows: FaceNodes) -> np.ndarray:
         """Corners that the rotations of these nodes depend on."""
@@ -261,9 +261,9 @@ def _corner_evaluator(mesh: BSplineMesh, places, ids, n_threads) -> Evaluator:
     numbers, first = np.unique(flat, return_index=True)
     is_first = np.zeros(len(flat), dtype=bool)
     is_first[first] = True
-    own = layout.split(is_first)
-    parameters = [x[mask] for x, mask in zip(places, own)]
-    rows = [part[mask] for part, mask in zip(ids, own)]
+    belongs = layout.split(is_first)
+    parameters = [x[mask] for x, mask in zip(places, belongs)]
+    rows = [part[mask] for part, mask in zip(ids, belongs)]
     return Evaluator.build(mesh, parameters, rows, len(numbers), n_threads=n_threads)
 
 
@@ -312,9 +312,9 @@ def _face_nodes(
     """Weights and planes of nodes by their rows; ``faces`` are those in planes."""
     places, found = [], []
     for cell in cells:
-        own = cell.nodes.rows[: cell.nodes.n_nodes]
-        nodes = np.flatnonzero(np.isin(own, rows))
-        places.append(np.searchsorted(rows, own[nodes]))
+        belongs = cell.nodes.rows[: cell.nodes.n_nodes]
+        nodes = np.flatnonzero(np.isin(belongs, rows))
+        places.append(np.searchsorted(rows, belongs[nodes]))
         found.append(cell.weights(nodes))
     order = np.argsort(np.concatenate(places))
     corners, weights = (np.concatenate(parts)[order] for parts in zip(*found))
@@ -340,9 +340,9 @@ def _groups(
     for face in faces:
         rank[face.quads] = np.minimum(rank[face.quads], face.rank)
     for face in faces:
-        own = np.unique(face.quads[rank[face.quads] == face.rank])
+        belongs = np.unique(face.quads[rank[face.quads] == face.rank])
         number = -1 if face.plane is None else face.plane
-        plane[own] = np.where(plane[own] == -2, number, np.where(plane[own] == number, number, -1))
+        plane[belongs] = np.where(plane[belongs] == -2, number, np.where(plane[belongs] == number, number, -1))
     for k in range(3):
         quads = [face.quads for face in faces if face.rank == k]
         if quads:

@@ -85,8 +85,8 @@ class EntropyDrag:
         stream, seen = free_stream(mach, alpha, self.axes), self.halo.extend(states)
         _, *at = self._at_far_field(seen, areas, stream)
         push = areas[self.slip] @ stream[1:4]
-        own = np.sum(far_terms(*at, *map(np.zeros_like, at))[0]) + self._rises(seen, stream[4]) @ push
-        return summed_number(self.halo.comm, own) / (0.5 * mach**3)
+        local = np.sum(far_terms(*at, *map(np.zeros_like, at))[0]) + self._rises(seen, stream[4]) @ push
+        return summed_number(self.halo.comm, local) / (0.5 * mach**3)
 
     def jvp(
         self,
@@ -114,9 +114,9 @@ class EntropyDrag:
             d_stream[1:4],
         )
         slip, d_slip = areas[self.slip], d_areas[self.slip]
-        own = np.sum(far_terms(*at, *d_near)[1]) + self._rises(d_seen, 0.0) @ (slip @ stream[1:4])
-        own += self._rises(seen, stream[4]) @ (d_slip @ stream[1:4] + slip @ d_stream[1:4])
-        change = summed_number(self.halo.comm, own) / (0.5 * mach**3)
+        local = np.sum(far_terms(*at, *d_near)[1]) + self._rises(d_seen, 0.0) @ (slip @ stream[1:4])
+        local += self._rises(seen, stream[4]) @ (d_slip @ stream[1:4] + slip @ d_stream[1:4])
+        change = summed_number(self.halo.comm, local) / (0.5 * mach**3)
         return change - 3.0 / mach * self.evaluate(states, areas, alpha, mach) * d_mach
 
     def vjp(

@@ -73,7 +73,7 @@ class FaceJacobians:
 
     def product(self, d_states: np.ndarray) -> np.ndarray:
         """Change of the residual with the states, both of float32 and shape (n_cells, 5)."""
-        discretization, stencil, own = self.discretization, self.discretization.stencil, d_states
+        discretization, stencil, local = self.discretization, self.discretization.stencil, d_states
         d_states = discretization.halo.extend(np.ascontiguousarray(d_states, np.float32))
         flux, rest = np.empty((len(self.values), N_STATES), np.float32), (self.shocks, d_states)
 
@@ -83,11 +83,11 @@ class FaceJacobians:
 
         visit(len(flux), fill)
         out = discretization.sums.of_faces(flux, discretization.faces.n_cells)
-        return self._with_circulation(out, self.of_circulation, self.circulation, own)
+        return self._with_circulation(out, self.of_circulation, self.circulation, local)
 
     def transposed_product(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `product`."""
-        discretization, stencil, own = self.discretization, self.discretization.stencil, bar
+        discretization, stencil, local = self.discretization, self.discretization.stencil, bar
         bar = discretization.halo.pad(np.ascontiguousarray(bar, np.float32))
         shares, rest = np.empty((len(self.values), 4, N_STATES), np.float32), (self.shocks, bar)
 
@@ -99,7 +99,7 @@ class FaceJacobians:
 
         visit(len(shares), fill)
         out = discretization.halo.fold(discretization.sums.of_stencils(shares, len(bar)))
-        return self._with_circulation(out, self.circulation, self.of_circulation, own)
+        return self._with_circulation(out, self.circulation, self.of_circulation, local)
 
     def _with_circulation(self, out, column: np.ndarray, row: np.ndarray, vector: np.ndarray) -> np.ndarray:
         """Add the part of a product that goes through the circulation of a section, if there is one."""

@@ -102,7 +102,7 @@ class FactorPattern(IncompletePattern):
     @property
     def n_entries(self) -> int:
         """Number of the entries and, behind them, of the own pairs of border cells."""
-        return len(self.columns) + (self.border.pairs.n_own if self.border else 0)
+        return len(self.columns) + (self.border.pairs.n_owned if self.border else 0)
 
     @classmethod
     def of(
@@ -137,13 +137,13 @@ class FactorPattern(IncompletePattern):
         """Find the pattern for the cells of one process, its border cells last: all processes call it together."""
         # They are eliminated from one end to the other: a turn in each of four processes takes 6 to 10 % more products.
         n, ends = len(diagonal), np.stack([left[cut], right[cut]])
-        own, others = ends.min(axis=0), ends.max(axis=0)
+        local, others = ends.min(axis=0), ends.max(axis=0)
         is_border = np.zeros(n, bool)
-        is_border[own] = True
+        is_border[local] = True
         pattern, inside, values, pivots = cls._with_last(left, right, couplings, diagonal, is_border, False, smallest)
         pattern.places[cut] = len(pattern.columns) + len(values) + np.arange(len(cut))
         numbers = np.where(is_border, pattern.rank - (n - len(pivots)), -1)
-        names = numbers[own], halo.extend(numbers)[others], halo.owners()[others]
+        names = numbers[local], halo.extend(numbers)[others], halo.owners()[others]
         border = Border.of(halo.comm, len(pivots), inside, *names)
         sums = border.pairs.extend(np.append(values, couplings[cut]))
         matrix = border.left, border.right, sums, border.cells.extend(pivots)
@@ -166,11 +166,11 @@ class FactorPattern(IncompletePattern):
         # them these are, by the numbers of the rows among the last ones, the later one first; couplings, diagonal: what
         # elimination of all others leaves of the matrix of numbers there.
         n, n_first = len(diagonal), int(np.count_nonzero(~is_last))
-        places, is_own = np.full(len(left), -1), (left < n) & (right < n)
-        left, right = left[is_own], right[is_own]
+        places, is_local = np.full(len(left), -1), (left < n) & (right < n)
+        left, right = left[is_local], right[is_local]
         order, parts = _parts(left, right, is_last, has_turn)
         rank = _ranks(order)
-        lower = _lower_rows(rank[left], rank[right], couplings[is_own], n)
+        lower = _lower_rows(rank[left], rank[right], couplings[is_local], n)
         pivots = np.maximum(diagonal, np.finfo(np.float32).tiny)[order]
         matrix = lower.indptr, lower.indices, lower.data, pivots
         starts, columns, values, pivots = _large_entries(*matrix, n_first, smallest, min(smallest, SMALLEST_OF_LARGE))
@@ -184,7 +184,7 @@ class FactorPattern(IncompletePattern):
         inner = _lower_rows(place[rows], place[columns], np.zeros(len(columns), np.int8), n)
         outer = _lower_rows(place[rest[0]] - n_first, place[rest[1]] - n_first, -rest[2], n - n_first)
         order, rank = order[by_level], place[rank]
-        places[is_own] = _places(inner, outer, np.stack([rank[left], rank[right]]))
+        places[is_local] = _places(inner, outer, np.stack([rank[left], rank[right]]))
         pattern = cls(order, rank, inner.indptr.astype(np.int64), inner.indices.astype(np.int32), parts, places)
         pairs = np.repeat(np.arange(n - n_first), np.diff(outer.indptr)), outer.indices.astype(int)
         return pattern, pairs, outer.data, pivots[by_level[n_first:]]

@@ -188,8 +188,10 @@ class VortexTangent:
 
     def outside_jvp(self, d_states: np.ndarray, d_areas: np.ndarray, d_stream: np.ndarray) -> np.ndarray:
         """Change of the states outside, shape (n_far, 5), with states, area vectors and free stream."""
-        own = np.vdot(self.by_state, self.vortex.halo.cut(d_states)) + np.vdot(self.by_area, d_areas[self.vortex.walls])
-        d_circulation = summed_number(self.vortex.halo.comm, own) + self.by_stream @ d_stream
+        local = np.vdot(self.by_state, self.vortex.halo.cut(d_states)) + np.vdot(
+            self.by_area, d_areas[self.vortex.walls]
+        )
+        d_circulation = summed_number(self.vortex.halo.comm, local) + self.by_stream @ d_stream
         return self.outside[..., :N_STATES] @ d_stream + self.by_circulation * d_circulation
 
     def circulation_vjp(self, bar: np.ndarray) -> float:

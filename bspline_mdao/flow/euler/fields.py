@@ -62,8 +62,8 @@ def node_means(
         for corner in np.ndindex(2, 2, 2):
             at = rows[nodes[tuple(slice(c, c + n) for c, n in zip(corner, cells.shape[:3]))].ravel()]
             counts += np.bincount(at, minlength=len(counts))
-            for column, own in zip(sums.T, cells.reshape(-1, values.shape[1]).T):
-                column += np.bincount(at, own, minlength=len(column))
+            for column, per_cell in zip(sums.T, cells.reshape(-1, values.shape[1]).T):
+                column += np.bincount(at, per_cell, minlength=len(column))
     return (sums / np.maximum(counts, 1.0)[:, None])[rows]
 
 

@@ -207,8 +207,8 @@ class WallPressure:
     def vjp(self, states: np.ndarray, mach: float, bar: np.ndarray) -> tuple[np.ndarray, float]:
         """Apply the transpose of `jvp`: derivatives with respect to the states and the Mach number."""
         seen_bar = self.halo.pad(np.zeros_like(states))
-        own_bar = bar[self.walls.own]
-        np.add.at(seen_bar[:, 4], self.cells, self.weights * own_bar[:, None] / (0.5 * mach**2))
+        local_bar = bar[self.walls.owned]
+        np.add.at(seen_bar[:, 4], self.cells, self.weights * local_bar[:, None] / (0.5 * mach**2))
         return self.halo.fold(seen_bar), -2.0 / mach * (bar @ self.evaluate(states, mach))
 
     def _extrapolated(self, states: np.ndarray) -> np.ndarray:

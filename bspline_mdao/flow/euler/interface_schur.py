@@ -59,13 +59,13 @@ class Border:
         inside: tuple[np.ndarray, np.ndarray],
         # own, others, ranks: (n_cut,) of int, for each face of the cut the own cell, the number of the other one among
         # the border cells of its process, and that process
-        own: np.ndarray,
+        owned: np.ndarray,
         others: np.ndarray,
         ranks: np.ndarray,
     ) -> Border:
         """Settle what is seen of the borders of others: all processes call it together."""
         cells, places = Halo.of(comm, n, ranks, others)
-        left, right = np.append(inside[0], own), np.append(inside[1], places)
+        left, right = np.append(inside[0], owned), np.append(inside[1], places)
         names = np.stack([cells.owners(), cells.extend(np.arange(n))])
         outgoing: list[Any] = [np.zeros((5, 0), int)] * comm.size
         for rank, rows in cells.sent:
@@ -117,7 +117,7 @@ class BorderedFactor:
         diagonal: np.ndarray,  # (n, 5, 5), by rank
     ) -> BorderedFactor:
         """Factor a matrix in place, see `BlockFactor.of`: all processes call it together."""
-        m, n_first = len(pattern.columns), len(diagonal) - border.cells.n_own
+        m, n_first = len(pattern.columns), len(diagonal) - border.cells.n_owned
         rest = lower[m:], upper[m:], diagonal[n_first:].copy()
         inner = BlockFactor.of(pattern, lower[:m], upper[:m], diagonal)
         rows = pattern.starts[n_first:], pattern.columns, lower, upper
@@ -140,7 +140,7 @@ class BorderedFactor:
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solve approximately, shape (n, 5), in single precision: all processes call it together."""
         x, cells = self.inner.upwards(right), self.cells
-        at_border = x[len(x) - cells.n_own :]
+        at_border = x[len(x) - cells.n_owned :]
         if self.inner.is_transposed:
             at_border[:] = cells.fold(self.outer.solve(cells.pad(at_border)))
         else:

@@ -85,10 +85,10 @@ class Kinks:
         """Cells and weights of all faces on a grid, shape (n_nodes, 3), in metres; real or complex."""
         if not self.n_of_grid:
             return self.plain
-        own = self.plain.means[self.plain.classes[self.ids]] + self.changes(nodes)
+        changed = self.plain.means[self.plain.classes[self.ids]] + self.changes(nodes)
         classes = self.plain.classes.astype(np.int32)
         classes[self.ids] = len(self.plain.means) + np.arange(len(self.ids))
-        return replace(self.plain, means=np.concatenate([self.plain.means, own]), classes=classes)
+        return replace(self.plain, means=np.concatenate([self.plain.means, changed]), classes=classes)
 
     def changes(self, nodes: np.ndarray) -> np.ndarray:
         """Changes of the weights in the mean states of the faces, shape (n_kinked, 4); real or complex."""
@@ -146,10 +146,10 @@ def weight_changes(
     """Changes of the weights of the four cells in the mean states of faces, shape (n, 4); real or complex."""
     out = np.zeros((len(cells), 4), centres.dtype)
     for f in range(len(cells)):
-        own = _four(weights, f)
-        free, determinant = free_changes(_face(f, cells[f], middles, centres, spreads), own, *_are_there(cells[f]))
+        changed = _four(weights, f)
+        free, determinant = free_changes(_face(f, cells[f], middles, centres, spreads), changed, *_are_there(cells[f]))
         if determinant.real > 0.0:
-            _put(out, f, bounded_changes(free, own, _is_more(free)))
+            _put(out, f, bounded_changes(free, changed, _is_more(free)))
     return out
 
 
@@ -158,13 +158,13 @@ def weight_changes_jvp(cells, weights, middles, centres, spreads, d_middles, d_c
     """Change of `weight_changes` with the places and sizes."""
     out = np.zeros((len(cells), 4))
     for f in range(len(cells)):
-        own, (has_first, has_last) = _four(weights, f), _are_there(cells[f])
+        changed, (has_first, has_last) = _four(weights, f), _are_there(cells[f])
         face = _face(f, cells[f], middles, centres, spreads)
-        free, determinant = free_changes(face, own, has_first, has_last)
+        free, determinant = free_changes(face, changed, has_first, has_last)
         if determinant > 0.0:
             d_face = _face(f, cells[f], d_middles, d_centres, d_spreads)
-            d_free, _ = free_changes_jvp(face, own, has_first, has_last, d_face)
-            _put(out, f, bounded_changes_jvp(free, own, _is_more(free), d_free))
+            d_free, _ = free_changes_jvp(face, changed, has_first, has_last, d_face)
+            _put(out, f, bounded_changes_jvp(free, changed, _is_more(free), d_free))
     return out
 
 
@@ -173,12 +173,12 @@ def weight_changes_vjp(cells, weights, middles, centres, spreads, bar):
     """Transposed product of `weight_changes_jvp`: what middles, centres and spreads get."""
     middles_bar, centres_bar, spreads_bar = np.zeros_like(middles), np.zeros_like(centres), np.zeros_like(spreads)
     for f in range(len(cells)):
-        near, own, (has_first, has_last) = cells[f], _four(weights, f), _are_there(cells[f])
+        near, changed, (has_first, has_last) = cells[f], _four(weights, f), _are_there(cells[f])
         face = _face(f, near, middles, centres, spreads)
-        free, determinant = free_changes(face, own, has_first, has_last)
+        free, determinant = free_changes(face, changed, has_first, has_last)
         if determinant > 0.0:
-            free_bar = bounded_changes_vjp(free, own, _is_more(free), _four(bar, f))
-            bars = free_changes_vjp(face, own, has_first, has_last, (free_bar, 0.0))
+            free_bar = bounded_changes_vjp(free, changed, _is_more(free), _four(bar, f))
+            bars = free_changes_vjp(face, changed, has_first, has_last, (free_bar, 0.0))
             add_to(middles_bar, f, bars[0])
             add_to(centres_bar, near[0], bars[1])
             add_to(centres_bar, near[1], bars[2])

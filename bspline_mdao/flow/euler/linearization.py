@@ -80,9 +80,9 @@ class Linearization:
 
     def stream_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `stream_jvp`."""
-        own = self._outside_bars(self._seen(bar))
-        own = self.vortex.stream_vjp(own) if self.vortex else own.sum(axis=0)
-        return summed(self.discretization.halo.comm, own)
+        local = self._outside_bars(self._seen(bar))
+        local = self.vortex.stream_vjp(local) if self.vortex else local.sum(axis=0)
+        return summed(self.discretization.halo.comm, local)
 
     def of_circulation(self, vortex: VortexTangent) -> np.ndarray:
         """Change of the residual, shape (n_cells, 5), with the circulation of a section."""

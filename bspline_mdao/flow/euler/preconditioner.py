@@ -83,7 +83,7 @@ def _place(
 ):  # fmt: skip
     """Add the blocks of all faces of a range of cells; a block between two cells is added where the later row is."""
     # Own cells are later than those of other processes.
-    n_own, half, carried = len(rank), np.float32(0.5), np.zeros((5, 5), np.float32)
+    n_owned, half, carried = len(rank), np.float32(0.5), np.zeros((5, 5), np.float32)
     for cell in range(first, end):
         row = rank[cell]
         for at in range(face_starts[cell], face_starts[cell + 1]):
@@ -101,7 +101,7 @@ def _place(
                 part += shocks[shock_rows[f], 0] * (np.float32(1.0) - dissipation)
             sign = np.float32(1.0 if faces[at] >= 0 else -1.0)  # rows of the right cell get the negative
             other = cells[f, 2] if faces[at] >= 0 else cells[f, 1]
-            is_later = places[f] >= 0 and (other >= n_own or rank[other] < row)
+            is_later = places[f] >= 0 and (other >= n_owned or rank[other] < row)
             place = 25 * places[f]
             if excess[f] > 0.0:
                 _half_way(states[cells[f, 1]], states[cells[f, 2]], carried)
@@ -110,8 +110,8 @@ def _place(
                 if excess[f] > 0.0:
                     jump = add_scaled(jump, excess[f], load(carried, 5 * n))
                 # of the row of this cell: from itself, and from the other
-                own = add_scaled(load(diagonal, 25 * row + 5 * n), sign * half, mean)
-                store(diagonal, 25 * row + 5 * n, subtract_scaled(own, part, jump))
+                diagonal_block = add_scaled(load(diagonal, 25 * row + 5 * n), sign * half, mean)
+                store(diagonal, 25 * row + 5 * n, subtract_scaled(diagonal_block, part, jump))
                 if is_later:
                     at_lower, at_upper = load_halves(lower, place + 5 * n), load_halves(upper, place + 5 * n)
                     at_lower = add_scaled(add_scaled(at_lower, sign * half, mean), part, jump)
@@ -160,10 +160,10 @@ def _largest(cells, roles, sizes, largest):
     """Find the four largest faces of every cell, in falling order."""
     for f in range(len(cells)):
         for k in range(1, 3 if roles[f] == INNER else 2):
-            size, own = sizes[f], largest[cells[f, k]]
+            size, diagonal_block = sizes[f], largest[cells[f, k]]
             for n in range(4):
-                if size > own[n]:
-                    size, own[n] = own[n], size
+                if size > diagonal_block[n]:
+                    size, diagonal_block[n] = diagonal_block[n], size
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -31,7 +31,7 @@ class Walls:
     # (n_nodes,) of int, rows in the grid vector of these nodes, ascending; None where they are all of the grid, of one
     # process
     rows: np.ndarray | None
-    own: np.ndarray  # (n_own,) of int, wall faces whose cells this process has
+    owned: np.ndarray  # (n_own,) of int, wall faces whose cells this process has
     # held, places: (n_here,) of int, nodes of this process that are on walls, and which of `nodes` they are
     rows_here: np.ndarray
     places: np.ndarray
@@ -48,8 +48,8 @@ class Walls:
         """List the walls of all processes, from the faces of each and the exchange of their nodes."""
         comm, wall = exchange.comm, faces.faces_of("wall")
         assert faces.numbers_in_grid is not None  # they are those of a share
-        own_rows = partition.share(comm.rank).rows
-        corners = exchange.extend(own_rows)[faces.corners[wall]]
+        owned_rows = partition.share(comm.rank).rows
+        corners = exchange.extend(owned_rows)[faces.corners[wall]]
         numbers = faces.numbers_in_grid[wall - faces.n_inner]
         parts = comm.allgather((numbers, corners))
         all_numbers, all_corners = (np.concatenate(lists) for lists in zip(*parts))
@@ -57,8 +57,8 @@ class Walls:
         rows, corners = np.unique(all_corners[order], return_inverse=True)
         ranks, rows_here = Ownership.of_nodes(partition).find(rows)
         places = np.flatnonzero(ranks == comm.rank)
-        own = np.searchsorted(all_numbers[order], numbers)
-        return cls(comm, corners.reshape(-1, 4), rows, own, rows_here[places], places, len(own_rows))
+        owned = np.searchsorted(all_numbers[order], numbers)
+        return cls(comm, corners.reshape(-1, 4), rows, owned, rows_here[places], places, len(owned_rows))
 
     @property
     def rows_of_corners(self) -> np.ndarray:
@@ -81,16 +81,16 @@ class Walls:
         """Apply the transpose of `nodes` to a derivative that all processes have."""
         if self.rows is None:
             return bar
-        own = np.zeros((self.n_here, 3), bar.dtype)
-        own[self.rows_here] = bar[self.places]
-        return own
+        owned = np.zeros((self.n_here, 3), bar.dtype)
+        owned[self.rows_here] = bar[self.places]
+        return owned
 
     def gather(self, values: np.ndarray) -> np.ndarray:
         """Values on all wall faces, shape (n_wall,), of those of this process, shape (n_own,)."""
         if self.rows is None:
             return values
         on_walls = np.zeros(len(self.corners), values.dtype)
-        on_walls[self.own] = values
+        on_walls[self.owned] = values
         return summed(self.comm, on_walls)
 
 

@@ -75,7 +75,7 @@ def _whole(comm: Any, part: np.ndarray, partition: Partition, what: str) -> Any:
     if comm.size == 1:
         return part
     numbers = [getattr(partition.share(rank), what) for rank in range(comm.size)]
-    whole = np.empty((1 + max(int(own.max(initial=-1)) for own in numbers), part.shape[1]))
-    for own, values in zip(numbers, from_all(comm, part)):
-        whole[own] = values
+    whole = np.empty((1 + max(int(local.max(initial=-1)) for local in numbers), part.shape[1]))
+    for local, values in zip(numbers, from_all(comm, part)):
+        whole[local] = values
     return whole

@@ -189,9 +189,9 @@ def _values(systems: Iterable[om.System]) -> dict[str, np.ndarray]:
     """Values of the variables that are looked for, of the first component that has each, as copies."""
     found: dict[str, np.ndarray] = {}
     for system in systems:
-        own = system.get_io_metadata(metadata_keys=())
+        local = system.get_io_metadata(metadata_keys=())
         for name in (GRID, CONTROL_POINTS, "Cp", "states", "Mach_number"):
-            if name not in found and name in own:
+            if name not in found and name in local:
                 value = np.array(system.get_val(name, from_src=False))
                 found[name] = value if system.comm.size == 1 else _gathered(systems, system, name, value)
     return found
@@ -204,9 +204,9 @@ def _gathered(systems, system, name: str, value: np.ndarray) -> np.ndarray:
     share = _share(systems, system.comm)
     numbers = share.rows if name == GRID else share.cells
     every = from_all(system.comm, (numbers, value.reshape(len(numbers), -1)))
-    whole = np.empty((1 + max(int(own.max(initial=-1)) for own, _ in every), every[0][1].shape[1]))
-    for own, part in every:
-        whole[own] = part
+    whole = np.empty((1 + max(int(local.max(initial=-1)) for local, _ in every), every[0][1].shape[1]))
+    for local, part in every:
+        whole[local] = part
     return whole.ravel()
 
 

@@ -138,7 +138,7 @@ def block_cells(
     first_nodes, first_cells = (layout.starts.tolist() for layout in (pieces.layout, pieces.layout.cells))
     signs = _handedness(pieces, nodes, frames) if pieces.split else {}
     with together(pieces.comm):
-        parts = zip(pieces.own, pieces.nodes_of(nodes), first_nodes, first_cells, frames)
+        parts = zip(pieces.local, pieces.nodes_of(nodes), first_nodes, first_cells, frames)
         for piece, x, first_node, first_cell, frame in parts:
             if has_cells(piece.shape):
                 place, sign = (piece, x, first_node, first_cell), signs.get(piece.block)
@@ -150,7 +150,7 @@ def _handedness(pieces: Pieces, nodes: np.ndarray, frames: Sequence[Frame]) -> d
     """Sign that most cells of each split block have; where as many have the other, that of its middle layer."""
     counts = []
     with together(pieces.comm):
-        for piece, x, frame in zip(pieces.own, pieces.nodes_of(nodes), frames):
+        for piece, x, frame in zip(pieces.local, pieces.nodes_of(nodes), frames):
             if piece.block in pieces.split and has_cells(piece.shape):
                 counts.append((piece.block, *_signs(piece, x, frame, pieces.shapes[piece.block])))
     every = gathered(pieces.comm, np.array(counts, dtype=int).reshape(-1, 3))

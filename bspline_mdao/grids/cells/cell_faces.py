@@ -211,13 +211,13 @@ def _blocks(topology: Topology, nodes: np.ndarray) -> list[_Block]:
     """Index the blocks, with shared nodes in one row."""
     sources = node_sharing(topology).source_rows()
     layout, blocks = topology.layout, []
-    for number, (rows, own) in enumerate(zip(layout.numbers, layout.cells.numbers), start=1):
+    for number, (rows, in_block) in enumerate(zip(layout.numbers, layout.cells.numbers), start=1):
         if min(rows.shape) < 2:
             raise InputError(f"{topology.source}: block {number} is a surface; give blocks with cells")
         volume = _signed_volume(nodes[rows])
         if volume == 0.0:
             raise InputError(f"{topology.source}: block {number} has no volume; leave it out")
-        blocks.append(_Block(sources[rows], own, bool(volume > 0.0)))
+        blocks.append(_Block(sources[rows], in_block, bool(volume > 0.0)))
     return blocks
 
 

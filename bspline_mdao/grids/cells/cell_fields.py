@@ -91,12 +91,12 @@ def _set_heights(grid: Grid, quality: GridQuality, nodes: np.ndarray, heights: l
     walls = [patch for patch in grid.patches if patch.kind == "wall"]
     for number, ids in first.by_patch():
         for window in walls[number].windows:
-            own = ids[places[ids, 0] == window.block]
-            at = places[own, 1:] - 1
+            in_block = ids[places[ids, 0] == window.block]
+            at = places[in_block, 1:] - 1
             is_inside = ((at >= window.lo) & (at <= window.hi)).all(axis=1)
             if has_cells(grid.shapes[window.block]):
                 on_nodes = np.full(window.shape, np.nan)
-                on_nodes[tuple((at[is_inside] - window.lo).T)] = values[own[is_inside]]
+                on_nodes[tuple((at[is_inside] - window.lo).T)] = values[in_block[is_inside]]
                 layer = face_layer(heights[window.block], window, grid.shapes[window.block])
                 layer[...] = _mean_at_corners(on_nodes).reshape(layer.shape)
 

@@ -130,16 +130,16 @@ def certify_cells(
     max_halvings: int = MAX_HALVINGS,  # see `bspline_mdao.grids.cells.bernstein.decide`
 ) -> tuple[BlockCertificate, ...]:  # one for each block of the grid that has cells
     """Prove which cells are valid: whose trilinear maps have a positive Jacobian everywhere inside."""
-    own, pieces = [], quality.pieces
+    local, pieces = [], quality.pieces
     normals = quality.normals(nodes)
     with together(pieces.comm):
         for block in quality.blocks:
             status = statuses_of(block, nodes, normals.get(block.window.block), max_halvings, quality.n_threads)
             part = of_statuses(block.name, "cell", status, block.window.lo)
-            own.append((block.window.block, block.window.lo, part))
+            local.append((block.window.block, block.window.lo, part))
     found: dict[int, list] = {}
     for number, _, part in sorted(
-        (entry for parts in from_all(pieces.comm, own) for entry in parts), key=lambda e: e[:2]
+        (entry for parts in from_all(pieces.comm, local) for entry in parts), key=lambda e: e[:2]
     ):
         found.setdefault(number, []).append(part)
     return tuple(joined(parts) for parts in found.values())

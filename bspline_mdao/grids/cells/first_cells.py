@@ -120,7 +120,7 @@ class FirstCells(OneLine):
                 if part.process == pieces.comm.rank:
                     n = part.piece
                     start = int(pieces.layout.starts[n])
-                    faces.append(_Face.of(views[n], start, pieces.own[n], part, frames[n]))
+                    faces.append(_Face.of(views[n], start, pieces.local[n], part, frames[n]))
                     volumes[part.number] += faces[-1].volume
         keys = np.unique(np.concatenate(cut_keys))
         if keys.size:
@@ -148,8 +148,8 @@ class FirstCells(OneLine):
     def places(self) -> np.ndarray:
         """Block, from 0, and number (i, j, k) there, from 1, of the wall node of every entry: shape (n, 4)."""
         number, index = self.pieces.layout.unravel(self.rows[self.at])
-        own = np.array([(piece.block, *piece.lo) for piece in self.pieces.own], dtype=int).reshape(-1, 4)
-        return np.column_stack([own[number, 0], own[number, 1:] + index + 1])
+        local = np.array([(piece.block, *piece.lo) for piece in self.pieces.local], dtype=int).reshape(-1, 4)
+        return np.column_stack([local[number, 0], local[number, 1:] + index + 1])
 
     def by_patch(self) -> Iterator[tuple[int, np.ndarray]]:
         """Number, and numbers of the entries, of every wall that has heights."""

@@ -43,10 +43,10 @@ class LineNeighbours:
                 cells[high, 2 * d], entries[high, 2 * d] = low, 2 * d + 1
         for interface in topology.interfaces:
             for way in (interface, interface.reverse()):
-                own, slot, others, entry = _across(blocks, way)
-                cells[own, slot], entries[own, slot] = others, entry
-                directions[own, slot] = way.orientation.perm
-                signs[own, slot] = np.where(way.orientation.flip, -1.0, 1.0)
+                here, slot, others, entry = _across(blocks, way)
+                cells[here, slot], entries[here, slot] = others, entry
+                directions[here, slot] = way.orientation.perm
+                signs[here, slot] = np.where(way.orientation.flip, -1.0, 1.0)
         return cls(cells, entries, directions, signs)
 
     @property
@@ -57,17 +57,17 @@ class LineNeighbours:
     def beyond(self, slot: int) -> csr_array:
         """Matrix of the values beyond a slot, shape (n_cells, n_cells), from those of all cells."""
         # Where the line ends they are extrapolated, by a parabola, a line or a constant as far as it is long.
-        own, first, second = self._inwards(slot)
+        here, first, second = self._inwards(slot)
         is_end = self.cells[:, slot] == NONE
         has_first, has_second = first != NONE, second != NONE
         entries = [
-            (own[~is_end], self.cells[~is_end, slot], 1.0),
-            *_weighted(own, own, is_end, ~has_first, 1.0),
-            *_weighted(own, own, is_end, has_first & ~has_second, 2.0),
-            *_weighted(own, first, is_end, has_first & ~has_second, -1.0),
-            *_weighted(own, own, is_end, has_second, 3.0),
-            *_weighted(own, first, is_end, has_second, -3.0),
-            *_weighted(own, second, is_end, has_second, 1.0),
+            (here[~is_end], self.cells[~is_end, slot], 1.0),
+            *_weighted(here, here, is_end, ~has_first, 1.0),
+            *_weighted(here, here, is_end, has_first & ~has_second, 2.0),
+            *_weighted(here, first, is_end, has_first & ~has_second, -1.0),
+            *_weighted(here, here, is_end, has_second, 3.0),
+            *_weighted(here, first, is_end, has_second, -3.0),
+            *_weighted(here, second, is_end, has_second, 1.0),
         ]
         return _matrix(entries, (self.n_cells, self.n_cells))
 
@@ -75,23 +75,23 @@ class LineNeighbours:
         """Matrix of the slopes along own direction d beyond a slot, from all slopes: shape (n_cells, 3 n_cells)."""
         # The slopes of all cells along their direction 0 come first. Where the line ends they are extrapolated
         # linearly.
-        own, first, _ = self._inwards(slot)
+        here, first, _ = self._inwards(slot)
         is_end, has_first = self.cells[:, slot] == NONE, first != NONE
-        through, inwards = self._turned(own[~is_end], slot, d), self._turned(own[is_end & has_first], slot ^ 1, d)
-        kept = d * self.n_cells + own
+        through, inwards = self._turned(here[~is_end], slot, d), self._turned(here[is_end & has_first], slot ^ 1, d)
+        kept = d * self.n_cells + here
         entries = [
-            (own[~is_end], *through),
-            *_weighted(own, kept, is_end, ~has_first, 1.0),
-            *_weighted(own, kept, is_end, has_first, 2.0),
-            (own[is_end & has_first], inwards[0], -inwards[1]),
+            (here[~is_end], *through),
+            *_weighted(here, kept, is_end, ~has_first, 1.0),
+            *_weighted(here, kept, is_end, has_first, 2.0),
+            (here[is_end & has_first], inwards[0], -inwards[1]),
         ]
         return _matrix(entries, (self.n_cells, 3 * self.n_cells))
 
     def _inwards(self, slot: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All cells, and the first and second behind each as seen from a slot."""
-        own, first = np.arange(self.n_cells), self.cells[:, slot ^ 1]
+        here, first = np.arange(self.n_cells), self.cells[:, slot ^ 1]
         second = np.where(first == NONE, NONE, self.cells[first, self.entries[:, slot ^ 1] ^ 1])
-        return own, first, second
+        return here, first, second
 
     def _turned(self, cells: np.ndarray, slot: int, d: int) -> tuple[np.ndarray, np.ndarray]:
         """Columns and signs, in all slopes, of those along own direction d of the neighbours of some cells."""
@@ -100,8 +100,8 @@ class LineNeighbours:
 
 def _across(blocks: list[np.ndarray], interface: Interface):
     """Cells on side a of an interface, their slot, the cells that they meet, and the slot of these."""
-    (own, slot), (others, entry) = (_behind(blocks[window.block], window) for window in (interface.a, interface.b))
-    return own.ravel(), slot, interface.orientation.apply(others).ravel(), entry
+    (here, slot), (others, entry) = (_behind(blocks[window.block], window) for window in (interface.a, interface.b))
+    return here.ravel(), slot, interface.orientation.apply(others).ravel(), entry
 
 
 def _behind(cells: np.ndarray, window) -> tuple[np.ndarray, int]:

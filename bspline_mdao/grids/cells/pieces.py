@@ -67,14 +67,14 @@ class Pieces(OneLine):
         return self.partition.shapes
 
     @property
-    def own(self) -> tuple[Window, ...]:
+    def local(self) -> tuple[Window, ...]:
         """Pieces of this process."""
         return self.partition.pieces[self.comm.rank]
 
     @cached_property
     def layout(self) -> BlockLayout:
         """Layout of the nodes of its pieces among its nodes."""
-        return BlockLayout.of(piece.shape for piece in self.own)
+        return BlockLayout.of(piece.shape for piece in self.local)
 
     @property
     def n_nodes(self) -> int:
@@ -107,7 +107,7 @@ class Pieces(OneLine):
     ) -> list[Frame]:
         """Size and plane of the block of each piece of this process; all processes call it."""
         # `InputError` if all nodes of a block are at one point
-        rows = np.array([[piece.block, *_extent(x)] for piece, x in zip(self.own, self.nodes_of(nodes))])
+        rows = np.array([[piece.block, *_extent(x)] for piece, x in zip(self.local, self.nodes_of(nodes))])
         rows = rows.reshape(-1, 10)
         if self.split:
             every = gathered(self.comm, rows[np.isin(rows[:, 0], list(self.split))])

@@ -221,13 +221,13 @@ def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) ->
     """
     _require_bins(n_bins)
     comm, cells = quality.pieces.comm, quality.cells_in_turn(nodes)
-    own, worst, lowest = [], [], []
+    summaries, worst, lowest = [], [], []
     with together(comm):
         for block, measures in zip(quality.blocks, cells):
-            own.append(_Summary.of(measures, n_bins))
+            summaries.append(_Summary.of(measures, n_bins))
             worst += _worst(block, measures, False, quality.pieces)
             lowest += _lowest(block, measures, nodes, quality.pieces)
-    whole = _Summary.join(from_all(comm, _Summary.join(own, n_bins)), n_bins)
+    whole = _Summary.join(from_all(comm, _Summary.join(summaries, n_bins)), n_bins)
     q_min, min_corner, min_jacobian, min_volume = whole.least.tolist()
     return QualityReport(
         n_cells=whole.n_cells,

@@ -74,13 +74,13 @@ def faces_of_share(
     return faces, cells, corners
 
 
-def _places(comm: Any, holders: Ownership, n_own: int, lists) -> tuple[Halo, list[np.ndarray]]:
+def _places(comm: Any, holders: Ownership, n_owned: int, lists) -> tuple[Halo, list[np.ndarray]]:
     """Exchange of all entries of some lists of numbers of the grid, and the lists with the places of these."""
     layout = BlockLayout.of(map(np.shape, lists))
     numbers = layout.join(lists)
     wanted, which = np.unique(numbers, return_inverse=True)
     n_none = np.searchsorted(wanted, NONE, side="right")
-    halo, found = Halo.of(comm, n_own, *holders.find(wanted[n_none:]))
+    halo, found = Halo.of(comm, n_owned, *holders.find(wanted[n_none:]))
     places = np.concatenate([wanted[:n_none], found])[which.ravel()]
     return halo, layout.split(places)
 
@@ -90,7 +90,7 @@ class _ShareCells:
     """Cells of the pieces of one process, by their numbers in the grid."""
 
     topology: Topology
-    own: tuple[Window, ...]
+    local: tuple[Window, ...]
     rank: int
     cells: Ownership
     nodes: Ownership
@@ -115,16 +115,16 @@ class _ShareCells:
 
     @property
     def n_cells(self) -> int:
-        return BlockLayout.of(piece.shape for piece in self.own).cells.size
+        return BlockLayout.of(piece.shape for piece in self.local).cells.size
 
     def inside(self):
         """Faces inside the pieces: corners, cells to the left and right and their slots."""
-        for piece in self.own:
+        for piece in self.local:
             yield from self._block(piece).inner()
 
     def cut_planes(self):
         """Faces on the sides of the pieces that lie within their blocks, those between two own pieces once."""
-        for piece in self.own:
+        for piece in self.local:
             block, shape = self._block(piece), self.topology.shapes[piece.block]
             for d in range(3):
                 stride = _strides(shape)[d]
@@ -133,29 +133,29 @@ class _ShareCells:
                         continue
                     ends = [slice(None)] * 3
                     ends[d] = slice(-1, None) if side else slice(0, 1)
-                    own, quads = block.cells[tuple(ends)].ravel(), block.quads(d)[tuple(ends)].reshape(-1, 4)
-                    left, right = (own, own + step) if side else (own + step, own)
-                    chosen = np.full(len(own), True) if side else ~self._is_own(left)
+                    local, quads = block.cells[tuple(ends)].ravel(), block.quads(d)[tuple(ends)].reshape(-1, 4)
+                    left, right = (local, local + step) if side else (local + step, local)
+                    chosen = np.full(len(local), True) if side else ~self._is_local(left)
                     n = np.count_nonzero(chosen)
                     yield quads[chosen], left[chosen], np.full(n, 2 * d + 1), right[chosen], np.full(n, 2 * d)
 
     def interfaces(self):
         """Faces of interfaces that have an own cell on one of their sides."""
-        blocks = {piece.block for piece in self.own}
+        blocks = {piece.block for piece in self.local}
         for interface in self.topology.interfaces:
             if {interface.a.block, interface.b.block} & blocks:
                 quads, left, left_slot = self._side(interface.a)
                 _, right, right_slot = self._side(interface.b)
                 right = interface.orientation.apply(right).ravel()
                 left, quads = left.ravel(), quads.reshape(-1, 4)
-                chosen = self._is_own(left) | self._is_own(right)
+                chosen = self._is_local(left) | self._is_local(right)
                 n = np.count_nonzero(chosen)
                 yield quads[chosen], left[chosen], np.full(n, left_slot), right[chosen], np.full(n, right_slot)
 
     def boundary(self, start: int):
         """Corners, cells and slots of the boundary faces of own cells patch after patch, their numbers, the patches."""
         # Numbers are those among the boundary faces of the grid, of all processes.
-        blocks, windows = {piece.block for piece in self.own}, self.topology.boundary
+        blocks, windows = {piece.block for piece in self.local}, self.topology.boundary
         names = dict.fromkeys((face.patch or "unassigned", face.kind) for face in windows)
         parts, patches, n_before = [(np.zeros((0, 4), int), *(np.zeros(0, int) for _ in range(3)))], [], 0
         for name, kind in names:
@@ -165,7 +165,7 @@ class _ShareCells:
                     continue
                 if face.window.block in blocks:
                     quads, cells, slot = self._side(face.window)
-                    chosen = np.flatnonzero(self._is_own(cells.ravel()))
+                    chosen = np.flatnonzero(self._is_local(cells.ravel()))
                     slots = np.full(len(chosen), slot)
                     parts.append((quads.reshape(-1, 4)[chosen], cells.ravel()[chosen], slots, n_before + chosen))
                     start += len(chosen)
@@ -174,7 +174,7 @@ class _ShareCells:
         *edge, numbers = (np.concatenate(part) for part in zip(*parts))
         return edge, numbers, tuple(patches)
 
-    def _is_own(self, cells: np.ndarray) -> np.ndarray:
+    def _is_local(self, cells: np.ndarray) -> np.ndarray:
         return self.cells.find(cells)[0] == self.rank
 
     def _side(self, window: Window):

@@ -64,8 +64,8 @@ def report_heights(
     """Report on the first cells of a grid, wall by wall."""
     comm = cells.pieces.comm
     heights = cells.heights(nodes)
-    own = (cells.keys[cells.at], cells.patch_ids, heights, heights / cells.baseline, cells.places)
-    every = [own] if comm.size == 1 else comm.gather(own, root=0)
+    entries = (cells.keys[cells.at], cells.patch_ids, heights, heights / cells.baseline, cells.places)
+    every = [entries] if comm.size == 1 else comm.gather(entries, root=0)
     return on_first(comm, lambda: _reports_by_patch(cells, every))
 
 

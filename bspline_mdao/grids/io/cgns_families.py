@@ -66,8 +66,8 @@ class Families:
             bases = dict(children(base.parent, "CGNSBase_t"))
             if parts[0] in bases:
                 return self.of(bases[parts[0]]), "/".join(parts[1:])
-        families, own = self.of(base), base.name.rpartition("/")[2]
-        is_with_base = len(parts) > 1 and parts[0] == own and parts[0] not in families
+        families, base_name = self.of(base), base.name.rpartition("/")[2]
+        is_with_base = len(parts) > 1 and parts[0] == base_name and parts[0] not in families
         return families, "/".join(parts[is_with_base:])
 
 

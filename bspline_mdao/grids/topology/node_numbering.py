@@ -85,8 +85,8 @@ class NodeNumbering:
         unique, first = np.unique(rows_asked, return_index=True)
         source = first[np.searchsorted(unique, source_rows(copies, rows_asked))]
         is_copy = source != np.arange(len(rows_asked))
-        own = np.flatnonzero(~is_copy)
-        numbers, places = _by_segments(topology, rows_asked[own], own)
+        originals = np.flatnonzero(~is_copy)
+        numbers, places = _by_segments(topology, rows_asked[originals], originals)
         copied = np.flatnonzero(is_copy)
         return cls(topology, rows_asked, len(rows), np.stack([copied, source[copied]], axis=1), numbers, places)
 

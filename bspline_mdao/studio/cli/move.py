@@ -398,10 +398,10 @@ def _is_the_residual(model: FittedModel, moved: Moved) -> bool:
     """Whether most cells that are inverted now, and were not, are valid in the grid of the splines alone."""
     quality = GridQuality.of_baseline(model.regenerate())
     after = quality.cells(moved.grid.to_vector().reshape(-1, 3))
-    own = quality.cells(model.evaluator().forward(moved.movement.points))
+    of_splines = quality.cells(model.evaluator().forward(moved.movement.points))
     n_inverted = n_valid = 0
-    for block, cells, own_cells in zip(quality.blocks, after, own):
+    for block, cells, spline_cells in zip(quality.blocks, after, of_splines):
         inverted = np.setdiff1d(np.flatnonzero(~cells.is_valid), block.was_invalid, assume_unique=True)
         n_inverted += inverted.size
-        n_valid += int(np.count_nonzero(own_cells.is_valid.ravel()[inverted]))
+        n_valid += int(np.count_nonzero(spline_cells.is_valid.ravel()[inverted]))
     return 2 * n_valid > n_inverted

@@ -107,14 +107,14 @@ def add_sheets(
     """
     edges = {"show_edges": lines, "edge_color": LINES, "line_width": 0.6, "edge_opacity": 0.55}
     for kind in dict.fromkeys(sheet.kind for sheet in sheets):
-        own = [sheet for sheet in sheets if sheet.kind == kind]
+        of_kind = [sheet for sheet in sheets if sheet.kind == kind]
         if kind == "control mesh":
-            mesh = as_polydata(own)
+            mesh = as_polydata(of_kind)
             plotter.add_mesh(mesh, style="wireframe", color=CONTROL, line_width=2.5, name=kind)
             plotter.add_points(mesh.points, color=CONTROL, render_points_as_spheres=True, point_size=10.0)
             continue
-        painted = [sheet for sheet in own if look is not None and look.field in sheet.values]
-        plain = [sheet for sheet in own if not any(sheet is other for other in painted)]
+        painted = [sheet for sheet in of_kind if look is not None and look.field in sheet.values]
+        plain = [sheet for sheet in of_kind if not any(sheet is other for other in painted)]
         light = {"lighting": kind in ("wall", "lattice"), "ambient": 0.35, "diffuse": 0.7}
         if plain:
             plotter.add_mesh(as_polydata(plain), color=COLORS[kind], name=kind, **light, **edges)
@@ -144,9 +144,9 @@ def _add_patches(plotter, sheets: Sequence[Sheet], style: dict) -> None:
     """Add every patch in a colour of its own, and a legend."""
     colors = require("matplotlib").colormaps["tab20"]
     for name in dict.fromkeys(sheet.name for sheet in sheets):
-        own = [sheet for sheet in sheets if sheet.name == name]
-        number = max(int(sheet.values["patch"].max()) for sheet in own)
-        plotter.add_mesh(as_polydata(own), color=colors((number - 1) % 20)[:3], label=name, name=name, **style)
+        of_kind = [sheet for sheet in sheets if sheet.name == name]
+        number = max(int(sheet.values["patch"].max()) for sheet in of_kind)
+        plotter.add_mesh(as_polydata(of_kind), color=colors((number - 1) % 20)[:3], label=name, name=name, **style)
     plotter.add_legend(bcolor="white", border=True, size=(0.22, 0.2), face="rectangle")
 
 

@@ -181,7 +181,7 @@ def _from_grid(model: FittedModel, label: str, grid: np.ndarray, pressures: Mapp
     return Shape(label, grid.reshape(-1, 3), None, pressures)
 
 
-def _of_another(model: FittedModel, recorded: str, own: str) -> InputError:
+def _of_another(model: FittedModel, recorded: str, given: str) -> InputError:
     return InputError(
-        f"{model.header.source}: the case file has {recorded} and the model {own}; give the model that was optimised"
+        f"{model.header.source}: the case file has {recorded} and the model {given}; give the model that was optimised"
     )

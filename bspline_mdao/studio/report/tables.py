@@ -93,8 +93,8 @@ def height_table(shapes: Sequence[Shape], cells: FirstCells, unit: str) -> Table
     for shape in shapes:
         heights = cells.heights(shape.nodes)
         for patch, ids in cells.by_patch():
-            own, ratios = heights[ids], heights[ids] / cells.baseline[ids]
-            values = number(own.min()), number(float(np.median(own))), number(own.max())
+            chosen, ratios = heights[ids], heights[ids] / cells.baseline[ids]
+            values = number(chosen.min()), number(float(np.median(chosen))), number(chosen.max())
             label = (cells.patches[patch], *([shape.label] if len(shapes) > 1 else []))
             rows.append((*label, f"{ids.size:,}", *values, f"{ratios.min():.3f} to {ratios.max():.3f}"))
     shape_column = ["grid"] if len(shapes) > 1 else []

@@ -71,8 +71,8 @@ def test_entities_of_a_round_know_nothing_of_each_other(shape):
     is_known, n_entities = np.zeros(problem.mesh.n_control_points, bool), 0
     for entities in problem.rounds():
         for entity in entities:
-            is_own = np.isin(entity.control_ids, entity.unknown_ids)
-            assert is_known[entity.control_ids[~is_own]].all()
+            is_local = np.isin(entity.control_ids, entity.unknown_ids)
+            assert is_known[entity.control_ids[~is_local]].all()
         unknown = np.concatenate([entity.unknown_ids for entity in entities])
         assert len(np.unique(unknown)) == len(unknown)
         is_known[unknown] = True

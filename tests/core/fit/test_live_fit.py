@@ -188,9 +188,9 @@ def test_live_derivatives_agree_with_complex_step(case):
     found = live.mapping.jvp(moved, direction, d_moved)
     for rows, own, ids, A in zip(problem.sharing.rows, problem.sharing.is_evaluated, model.mesh.control_ids, matrices):
         points = A @ (moved + 1e-30j * d_moved)[ids.ravel()]
-        is_own = own.ravel()
-        expected = points.imag[is_own] / 1e-30
-        np.testing.assert_allclose(found[rows.ravel()[is_own]], expected, atol=1e-10 * np.abs(expected).max())
+        is_local = own.ravel()
+        expected = points.imag[is_local] / 1e-30
+        np.testing.assert_allclose(found[rows.ravel()[is_local]], expected, atol=1e-10 * np.abs(expected).max())
 
 
 OPTIONS = [{}, {"method": "quasi_interpolant"}, {"knots": "constant", "order": 3}]

@@ -73,7 +73,7 @@ def most_nodes(model):
     return np.random.default_rng(3).permutation(n)[n // 10 :]
 
 
-def own_cells(model):
+def spline_cells(model):
     """The grid of a model as a mesh that rides."""
     points, cells = joined(model.regenerate())
     return MixedMesh(points, {"hexahedron": cells})
@@ -138,7 +138,7 @@ PARTIALS = {
     },
     "PointSet": (PointSet, {"points": wall_nodes}, "points", SURFACE),
     **{
-        f"Ride, {wrt}": (Ride, {"mesh": own_cells, "asked": wrt == "wall"}, "mesh", wrt)
+        f"Ride, {wrt}": (Ride, {"mesh": spline_cells, "asked": wrt == "wall"}, "mesh", wrt)
         for wrt in (CONTROL_POINTS, "wall")
     },
     "SurfaceMeasure": (SurfaceMeasure, {"measure": heights}, "heights", SURFACE),

@@ -5,7 +5,7 @@ import pytest
 from driver_cases import rosenbrock
 
 from bspline_mdao import InputError, NLoptDriver
-from bspline_mdao.core.om.drivers.familiar_options import OWN_NAME, REFUSED
+from bspline_mdao.core.om.drivers.familiar_options import NLOPT_NAME, REFUSED
 
 pytestmark = pytest.mark.filterwarnings("ignore::openmdao.utils.om_warnings.OpenMDAOWarning")
 
@@ -71,8 +71,8 @@ def test_what_has_no_counterpart_is_refused_by_name(settings, words):
 
 def test_every_familiar_name_means_an_option_that_there_is():
     options = NLoptDriver().options
-    assert all(own in options for own in OWN_NAME.values())
-    assert not OWN_NAME.keys() & REFUSED.keys()
+    assert all(own in options for own in NLOPT_NAME.values())
+    assert not NLOPT_NAME.keys() & REFUSED.keys()
 
 
 def test_iterations_of_algorithms_without_gradients_are_refused():

@@ -33,10 +33,10 @@ mesh = wing()
 elements = LinearElasticity(mesh)._elements(mesh.points, mesh.points)
 whole, own = Unknowns(mesh), Unknowns(mesh, comm)
 matrix = own.matrix(elements.add_stiffness)
-assert comm.allreduce(own.pattern.n_own) == whole.pattern.n
+assert comm.allreduce(own.pattern.n_owned) == whole.pattern.n
 assert own.pattern.n_blocks < (0.8 if comm.size == 2 else 0.7) * whole.pattern.n_blocks
 x = np.random.default_rng(0).normal(size=(whole.pattern.n, 3))
-product = own.pattern.gathered(matrix.dot(x[own.rows])[: own.pattern.n_own])
+product = own.pattern.gathered(matrix.dot(x[own.rows])[: own.pattern.n_owned])
 expected = whole.matrix(elements.add_stiffness).dot(x)
 np.testing.assert_allclose(product, expected, rtol=0.0, atol=1e-13 * abs(expected).max())
 

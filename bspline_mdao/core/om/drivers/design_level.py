@@ -240,8 +240,8 @@ def _curvature_of(cases: str | os.PathLike, n: int) -> np.ndarray:
     gradients = found.totals[:, 0] + np.einsum("c,kcn->kn", weights, found.totals[:, 1:])
     x = np.array([points[number].x for number in found.differentiated])
     steps, changes = np.diff(x, axis=0), np.diff(gradients, axis=0)
-    own = slice(ends["combinations"] - n, ends["combinations"])
-    return _updated(steps, changes)[own, own]
+    tail = slice(ends["combinations"] - n, ends["combinations"])
+    return _updated(steps, changes)[tail, tail]
 
 
 def _updated(steps: np.ndarray, changes: np.ndarray) -> np.ndarray:

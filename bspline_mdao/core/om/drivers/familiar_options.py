@@ -10,9 +10,9 @@ from typing import Any
 
 from ....errors import InputError
 
-__all__ = ["OWN_NAME", "REFUSED", "translated"]
+__all__ = ["NLOPT_NAME", "REFUSED", "translated"]
 
-OWN_NAME = {
+NLOPT_NAME = {
     "ftol": "tol",
     "maxfun": "maxeval",
     "maxfev": "maxeval",
@@ -66,11 +66,13 @@ def translated(given: Mapping[str, Any], known: Iterable[str]) -> dict[str, Any]
     for name, value in given.items():
         if name in REFUSED:
             raise InputError(f"NLoptDriver: opt_settings['{name}']: {REFUSED[name]}; leave it out")
-        own = OWN_NAME.get(name, name)
-        if own not in known:
-            names = ", ".join(sorted(known | {name for name in OWN_NAME if OWN_NAME[name] in known}))
+        translated_name = NLOPT_NAME.get(name, name)
+        if translated_name not in known:
+            names = ", ".join(sorted(known | {name for name in NLOPT_NAME if NLOPT_NAME[name] in known}))
             raise InputError(f"NLoptDriver: opt_settings['{name}'] is not known; give one of {names}")
-        if own in found:
-            raise InputError(f"NLoptDriver: opt_settings gives {own} twice, the second time as '{name}'; leave one out")
-        found[own] = value
+        if translated_name in found:
+            raise InputError(
+                f"NLoptDriver: opt_settings gives {translated_name} twice, the second time as '{name}'; leave one out"
+            )
+        found[translated_name] = value
     return found

@@ -65,10 +65,10 @@ class _Shortened:
     """What OpenMDAO asks a driver for, in the place of its own method."""
 
     driver: Any
-    own: Callable[..., dict[str, Any]]
+    record: Callable[..., dict[str, Any]]
 
     def __call__(self, obj: Any = None) -> dict[str, Any]:
-        return _without_long(self.driver, self.own(obj), obj or self.driver)
+        return _without_long(self.driver, self.record(obj), obj or self.driver)
 
 
 def _without_long(driver: Driver, found: dict[str, Any], recorded: Any) -> dict[str, Any]:

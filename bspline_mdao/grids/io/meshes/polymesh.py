@@ -39,18 +39,20 @@ class PolyMeshFolder(OneLine):
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
         """Write the folder with other nodes, shape (n, 3), in the format of its file; all else in it is copied."""
-        own, data = self.file.path, self.stored.replaced(self.mesh.as_nodes(points))
-        stays, twin = data == self.file.data, {"points": "points.gz", "points.gz": "points"}[own.name]
+        target, data = self.file.path, self.stored.replaced(self.mesh.as_nodes(points))
+        stays, twin = data == self.file.data, {"points": "points.gz", "points.gz": "points"}[target.name]
         if (Path(path) / twin).is_file():
-            raise InputError(f"{Path(path) / twin}: is there beside what would be {own.name}; remove it")
+            raise InputError(f"{Path(path) / twin}: is there beside what would be {target.name}; remove it")
         with replaced_folder(path) as new:
-            for file in sorted(own.parent.rglob("*")):
-                if file.is_file() and file != own.with_name(twin) and (stays or file != own):
-                    copy = new / file.relative_to(own.parent)
+            for file in sorted(target.parent.rglob("*")):
+                if file.is_file() and file != target.with_name(twin) and (stays or file != target):
+                    copy = new / file.relative_to(target.parent)
                     copy.parent.mkdir(parents=True, exist_ok=True)
                     shutil.copyfile(file, copy)
             if not stays:
-                (new / own.name).write_bytes(gzip.compress(data, LEVEL, mtime=0) if self.file.is_compressed else data)
+                (new / target.name).write_bytes(
+                    gzip.compress(data, LEVEL, mtime=0) if self.file.is_compressed else data
+                )
 
 
 def read_polymesh(
