@@ -23,6 +23,7 @@ from .adjoint import FlowTangent
 from .flow_grid import FlowGrid
 from .forces import FlowForces
 from .newton import Field, advance
+from .settings import NEWTON
 
 __all__ = ["ErrorEstimate", "FinerMember", "FinerStates"]
 
@@ -119,7 +120,7 @@ class FinerMember:
         tangent = FlowTangent.of(field.discretization, w, field.areas, stream, self.flow.pattern)
         residual = field.residual(w)
         update = tangent.solve(-field.sizes * residual, RELAXED).x
-        relaxed, left, _ = advance(field, w, residual, update)
+        relaxed, left, _ = advance(NEWTON, field, w, residual, update)
         if field.norm(left) > field.norm(residual):
             relaxed, left = w, residual
         return FinerStates(x, w, field.sizes * residual, relaxed, field.sizes * left, tangent)
