@@ -153,7 +153,7 @@ def _span_axis(points: np.ndarray, planes: tuple[Plane, ...]):
     return side * plane.normal, side * plane.offset
 
 
-def _across(axis: int):
+def _across(axis: np.ndarray) -> np.ndarray:
     """Two directions at right angles to an axis, each along a coordinate axis as far as may be; shape (2, 3)."""
     main = int(np.argmax(np.abs(axis)))
     rows: list[np.ndarray] = []

@@ -358,7 +358,7 @@ def basis_jets(
     return spans, jets
 
 
-def _knot_jets(knots: Knots, s: ArrayLike, t: ArrayLike, degree: int) -> np.ndarray:
+def _knot_jets(knots: Knots, s: np.ndarray, t: np.ndarray, degree: int) -> np.ndarray:
     """Jets of the knots in ``(xi, s, t)``, shape (n, N + p, size); they do not depend on ``xi``."""
     jets = np.zeros((s.size, knots.n_control + knots.order, JET_SIZES[degree]))
     jets[..., 0] = knots.values(s, t)
