@@ -93,6 +93,34 @@ def test_every_other_file_that_the_page_names_exists():
     assert [name for name in named if not (ROOT / name).exists() and not (ROOT / "bspline_mdao" / name).exists()] == []
 
 
+def named_places(path: Path) -> list[tuple[str, Path]]:
+    """Modules and members that docstrings and comments name by dots, and the file or folder that each begins with."""
+    found = []
+    for name in re.findall(r"(?<!`)`(\.[a-z][\w.]*|bspline_mdao(?:\.[a-z]\w*)+)`(?!`)", path.read_text()):
+        start = path.parent if name.startswith(".") else ROOT
+        found.append((name, start.joinpath(*name.strip(".").split("."))))
+    return found
+
+
+def defines(path: Path, name: str) -> bool:
+    """Whether there is such a file, and the name in it."""
+    return path.is_file() and re.search(rf"\b{name}\b", path.read_text()) is not None
+
+
+def test_modules_that_docstrings_name_exist():
+    places = [(path, *place) for path in (ROOT / "bspline_mdao").rglob("*.py") for place in named_places(path)]
+    assert len(places) > 100
+    public = set((ROOT / "bspline_mdao" / "__init__.pyi").read_text().split())
+    missing = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path, name, place in places
+        if not (place.is_dir() or place.with_suffix(".py").is_file())
+        and not any(defines(place.parent.with_suffix(end), place.name) for end in (".py", ".pyi"))
+        and not (place.parent == ROOT / "bspline_mdao" and place.name in public)
+    ]
+    assert missing == []
+
+
 def test_every_numbered_equation_of_the_paper_is_on_the_map():
     assert {n for _, equations, _, _ in ROWS for n in equations} == set(range(1, 10))
 

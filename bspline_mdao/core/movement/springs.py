@@ -166,7 +166,7 @@ class SpringElements:
 def _relative(u, n, c):
     """Displacement of corner c of spring n relative to its first corner; u is a sum of two parts."""
     start, end = POINTS[n, 0], POINTS[n, c]
-    return (  # in this order, which the vectors of `.vectors` would be free to change
+    return (  # in this order, which `bspline_mdao.base.numerics.vectors` would be free to change
         (u[0, end, 0] - u[0, start, 0]) + (u[1, end, 0] - u[1, start, 0]),
         (u[0, end, 1] - u[0, start, 1]) + (u[1, end, 1] - u[1, start, 1]),
         (u[0, end, 2] - u[0, start, 2]) + (u[1, end, 2] - u[1, start, 2]),

@@ -1,6 +1,6 @@
 """Points that were not fitted, such as the nodes of an unstructured mesh, embedded in the control mesh of a grid.
 
-A point keeps its parameters (`.inversion`): y = A b + d, with d its offset from the mesh on the baseline, zero for a
+A point keeps its parameters (`bspline_mdao.core.evaluation.inversion`): y = A b + d, with d its offset from the mesh on the baseline, zero for a
 point inside. Near a wall it then follows the wall as the nodes of the grid do,
 
     x = layer(y; x0, w),
@@ -60,7 +60,7 @@ class EmbeddedPoints(OneLine):
         mesh: BSplineMesh,  # its volumes
         control_points: np.ndarray,  # (n_control_points, 3), control points of the baseline (m)
         points: np.ndarray,  # (n, 3), the points on the baseline (m)
-        # distance (m) up to which a point counts as inside the volumes, see `.inversion.invert_points`
+        # distance (m) up to which a point counts as inside the volumes, see `invert_points`
         tolerance: float | None = None,
         # of int, the walls of the grid on the baseline, and the rows of their nodes
         walls: tuple[Body, np.ndarray] | None = None,

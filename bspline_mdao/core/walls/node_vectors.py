@@ -5,7 +5,7 @@ the weights are positive and sum to one, so that where all rotations are one, th
 
 On planar boundary faces that are no walls, the part of a vector along the normal follows the face's mean normal, and
 the rest stays in the plane (`FaceNodes`). All other nodes are turned by the kernels that evaluate the volumes
-(`SpanNodes`, `.contraction`).
+(`SpanNodes`, `bspline_mdao.core.evaluation.contraction`).
 
 Theory: ``docs/theory/wall_layer.rst``.
 """

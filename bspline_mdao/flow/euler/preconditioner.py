@@ -4,7 +4,7 @@ The compact neighbour sees the two cells at a face alone: the mean state is half
 difference is dissipated: all of it at shocks, where the Jacobian itself is as compact. Time steps are on its diagonal.
 Pressures on walls are extrapolated from the first two cells, which takes a tenth fewer products than one.
 
-Several processes solve for the cells next to those of others together, see `.border`.
+Several processes solve for the cells next to those of others together, see `.interface_schur`.
 
 Blocks are 5 x 5, and the pattern is symmetric. See `.factor_pattern` for it, `.block_factor` for the factor.
 

@@ -72,7 +72,7 @@ class Discretization:
     def residual(
         self,
         states: np.ndarray,  # (n_cells, 5), see `.gas`. Real or complex.
-        areas: np.ndarray,  # (n_faces, 3), area vectors (m^2), see `.areas`. Real or complex.
+        areas: np.ndarray,  # (n_faces, 3), area vectors (m^2), see `.cell_shapes`. Real or complex.
         stream: np.ndarray,  # (5,), the free stream. Real or complex.
     ) -> np.ndarray:  # (n_cells, 5), mass, momentum and energy per time
         """Sum what flows out of every cell."""

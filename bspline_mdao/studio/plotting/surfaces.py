@@ -1,6 +1,6 @@
 """Surfaces to look at: the pieces of the boundary of a grid and the faces of a control mesh, with values on them.
 
-They are arrays alone. `.looks` draws them, and so may anything else.
+They are arrays alone. `.plot` draws them, and so may anything else.
 """
 
 from __future__ import annotations
