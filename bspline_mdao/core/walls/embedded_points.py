@@ -1,7 +1,7 @@
 """Points that were not fitted, such as the nodes of an unstructured mesh, embedded in the control mesh of a grid.
 
-A point keeps its parameters (`bspline_mdao.core.evaluation.inversion`): y = A b + d, with d its offset from the mesh on the baseline, zero for a
-point inside. Near a wall it then follows the wall as the nodes of the grid do,
+A point keeps its parameters (`bspline_mdao.core.evaluation.inversion`): y = A b + d, with d its offset from the mesh on
+the baseline, zero for a point inside. Near a wall it then follows the wall as the nodes of the grid do,
 
     x = layer(y; x0, w),
 
