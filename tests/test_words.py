@@ -1,0 +1,69 @@
+"""Names in the code are made of the field's words: those that hid a standard idea do not come back."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1] / "bspline_mdao"
+
+PRIVATE = {
+    "tell": "report",
+    "tells": "reports",
+    "told": "sent, message",
+    "held": "fixed, stored, numbering",
+    "hold": "fix",
+    "holds": "incidence",
+    "own": "owned, local",
+    "owns": "owned",
+    "beside": "adjacent, inner",
+    "hover": "stagnate",
+    "hovers": "stagnates",
+    "hovering": "stagnation",
+    "led": "broadcast",
+    "fives": "vec5",
+    "claims": "work queue",
+    "looks": "styles",
+    "wording": "text",
+    "shown": "listed, drawn",
+}
+"""Words that names had of their own, and what the field says."""
+
+KNOWN = {"hold_outside"}
+"""The option ``--hold-outside`` of ``ride``, as users know it."""
+
+
+def identifiers(tree: ast.Module) -> Iterator[str]:
+    """Names that a module gives to functions, classes, arguments, variables and attributes."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr
+
+
+def words(name: str) -> set[str]:
+    """Words of a name in snake case or camel case."""
+    return {word.lower() for word in re.split(r"_|(?<=[a-z0-9])(?=[A-Z])", name)}
+
+
+def private_names(path: Path) -> list[str]:
+    """Names of a module, its own included, that have a private word."""
+    names = {path.stem, *identifiers(ast.parse(path.read_text()))} - KNOWN
+    return [f"{path.name}: {name}" for name in sorted(names) if words(name) & set(PRIVATE)]
+
+
+def test_no_name_has_a_private_word():
+    assert [found for path in sorted(PACKAGE.rglob("*.py")) for found in private_names(path)] == []
+
+
+def test_private_words_are_found_in_any_kind_of_name(tmp_path):
+    module = tmp_path / "looks.py"
+    module.write_text(
+        "class HeldNodes:\n    def of(self, own):\n        self.n_own = told = own\n        return Owned\n"
+    )
+    assert [found.split(": ")[1] for found in private_names(module)] == ["HeldNodes", "looks", "n_own", "own", "told"]
