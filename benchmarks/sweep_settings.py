@@ -20,12 +20,12 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from bench_flow_grids import CASES, SEED, thinned
-from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.flow.euler.residual import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.sequencing import CoarseLevel, coarse_levels, useful_levels
 from bspline_mdao.flow.euler.settings import STARTS, StartSettings
 from bspline_mdao.flow.loads.stream import RADIAN

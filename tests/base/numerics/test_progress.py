@@ -10,7 +10,7 @@ import time
 import pytest
 
 from bspline_mdao.base.numerics import progress
-from bspline_mdao.base.numerics.progress import SWITCH, is_terminal, show_progress, shown, within
+from bspline_mdao.base.numerics.progress import SWITCH, is_terminal, progress_bar, show_progress, within
 
 FIT = """
 from bspline_mdao import fit_grid
@@ -81,11 +81,11 @@ def test_without_a_terminal_nothing_is_drawn_or_imported():
 
 
 def test_work_inside_other_work_moves_its_bar_as_far_as_it_may(as_terminal):
-    with shown("outer") as tell:
+    with progress_bar("outer") as tell:
         tell(0.25, "first")
-        with shown("inner") as tell_inner:
+        with progress_bar("inner") as tell_inner:
             tell_inner(0.5, "half")
-        with within(0.4, 0.8), shown("inner") as tell_inner:
+        with within(0.4, 0.8), progress_bar("inner") as tell_inner:
             tell_inner(0.5, "half")
         tell(1.0, "last")
     assert as_terminal == [
@@ -98,16 +98,16 @@ def test_work_inside_other_work_moves_its_bar_as_far_as_it_may(as_terminal):
 
 
 def test_a_bar_goes_away_with_an_error(as_terminal):
-    with pytest.raises(ZeroDivisionError), shown("work"):
+    with pytest.raises(ZeroDivisionError), progress_bar("work"):
         raise ZeroDivisionError
     assert not progress._active
 
 
 def test_false_is_for_nobody_and_a_function_is_told(as_terminal):
     told = []
-    with shown("work", False) as tell:
+    with progress_bar("work", False) as tell:
         tell(0.5, "half")
-    with shown("work", lambda *what: told.append(what)) as tell:
+    with progress_bar("work", lambda *what: told.append(what)) as tell:
         tell(0.5, "half")
     assert (as_terminal, told) == ([], [(0.5, "half")])
 
@@ -118,7 +118,7 @@ def test_compilation_is_named_while_it_lasts(monkeypatch):
     names = []
     monkeypatch.setattr(progress, "is_terminal", lambda: True)
     monkeypatch.setattr(progress._Bar, "_open", lambda bar: setattr(bar, "display", _Display(names)))
-    with shown("work") as tell:
+    with progress_bar("work") as tell:
         tell(0.5, "half")
         assert njit(lambda x: x + 1)(2) == 3
     assert any(progress.COMPILING in name for name in names)

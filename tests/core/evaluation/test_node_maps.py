@@ -8,20 +8,15 @@ import pytest
 import riding_cases
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import (
-    InputError,
-    RidingMesh,
-    Spacing,
-    SurfaceGrid,
-    fit_grid,
-    flat_plate_grid,
-    moving_mesh,
-    onera_m6_grid,
-)
+from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.fit.live_fit import live_fit, live_grid
 from bspline_mdao.core.mesh.surface_map import SurfaceMap
 from bspline_mdao.core.walls.wall_correction import WallCorrection
+from bspline_mdao.generators import Spacing, flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.topology.topology import BoundaryFace
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import moving_mesh
+from bspline_mdao.riding import RidingMesh
 
 
 @cache

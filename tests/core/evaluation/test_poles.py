@@ -6,7 +6,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from bspline_mdao.core.evaluation.poles import beside, poles_of
+from bspline_mdao.core.evaluation.poles import next_to_pole, poles_of
 from bspline_mdao.core.evaluation.spline_bounds import Lanes, Queue
 from bspline_mdao.core.evaluation.spline_validity import spline_statuses
 from bspline_mdao.core.splines.volume import Volume, evaluate_gradients, volume_basis
@@ -68,8 +68,8 @@ def test_nothing_is_falsely_valid_beside_a_pole_up_to_where_it_folds(end):
             for _ in range(10):  # the largest change of which all elements beside the pole are proved
                 size, rng = 0.5 * (least + most), np.random.default_rng([end, number, seed])
                 volume, net, sign = wedge(rng, roles, end, size)
-                beside = np.moveaxis(spline_statuses(volume, net, sign), roles, (0, 1, 2))[:, -end]
-                least, most = (size, most) if (beside == VALID).all() else (least, size)
+                adjacent = np.moveaxis(spline_statuses(volume, net, sign), roles, (0, 1, 2))[:, -end]
+                least, most = (size, most) if (adjacent == VALID).all() else (least, size)
             volume, net, sign = wedge(np.random.default_rng([end, number, seed]), roles, end, least)
             sampled = least_divided(volume, net, sign, roles, end, np.random.default_rng(9), 20_000)
             lows.append(np.moveaxis(sampled, roles, (0, 1, 2))[:, -end].min())
@@ -128,7 +128,7 @@ def test_divided_derivatives_lie_between_those_of_their_control_vectors(roles, e
     rng, pole = np.random.default_rng(4), (roles[0], roles[1], end)
     volume, net, _ = wedge(rng, roles, end, 1.0)
     knots, shape = tuple(k.corners for k in volume.knots), [n - p + 1 for n, p in zip(volume.n_control, volume.orders)]
-    side, status = beside(pole, tuple(shape)), np.zeros(shape, dtype=np.uint8)
+    side, status = next_to_pole(pole, tuple(shape)), np.zeros(shape, dtype=np.uint8)
     varies = ~np.eye(3, dtype=bool)
     lanes, queue = Lanes(8, volume.orders, varies, np.zeros(3), pole), Queue.of(8, status.size)
     assert lanes.fill(knots, ~side.ravel(), net, 1e-12, status.ravel(), queue) == side.sum() == 8

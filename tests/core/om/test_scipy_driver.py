@@ -126,10 +126,10 @@ def test_the_bar_tells_of_runs_and_of_the_best_objective(monkeypatch):
     told = []
 
     @contextmanager
-    def shown(title):
+    def progress_bar(title):
         yield lambda fraction, what: told.append((title, fraction, what))
 
-    monkeypatch.setattr(module, "shown", shown)
+    monkeypatch.setattr(module, "progress_bar", progress_bar)
     walled("SLSQP")[0].run_driver()
     assert {title for title, *_ in told} == {"ScipyOptimize_SLSQP"}
     best = [float(what.rpartition(" ")[2]) for *_, what in told]
