@@ -88,7 +88,7 @@ def test_points_of_other_meshes_follow_as_the_page_says(folder, monkeypatch):
 def test_a_mesh_rides_along_as_the_page_says(folder, monkeypatch):
     monkeypatch.chdir(folder)
     contents = run_blocks("howto/ride.rst")
-    assert np.abs(contents["state"].points - contents["corners"])[:, 2].max() > 0.01
+    assert np.abs(contents["state"].nodes - contents["corners"])[:, 2].max() > 0.01
 
 
 def test_a_case_for_openfoam_is_written_as_the_page_says(folder, monkeypatch):

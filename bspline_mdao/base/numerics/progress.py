@@ -1,11 +1,11 @@
 """Progress of long work on a terminal: what is being done, how far it is, and how long it may still take.
 
-Work tells its progress to `shown`, and knows nothing of who shows it::
+Work reports its progress to a `progress_bar`, and knows nothing of who shows it::
 
-    with shown("moving", progress) as tell:
+    with progress_bar("moving", progress) as report:
         for i in range(n):
             ...
-            tell((i + 1) / n, f"increment {i + 1} of {n}")
+            report((i + 1) / n, f"increment {i + 1} of {n}")
 
 A bar is drawn by rich on standard error, where that is a terminal, in the first process; it comes when the work has
 taken a moment, and leaves nothing behind. While numba compiles, which it does once on a machine, it says so. Work
@@ -69,10 +69,10 @@ def progress_bar(
 
     Examples
     --------
-    >>> told = []
-    >>> with shown("counting", lambda fraction, what: told.append((fraction, what))) as tell:
-    ...     tell(0.5, "one of two")
-    >>> told
+    >>> reported = []
+    >>> with progress_bar("counting", lambda fraction, what: reported.append((fraction, what))) as report:
+    ...     report(0.5, "one of two")
+    >>> reported
     [(0.5, 'one of two')]
     """
     if callable(progress):

@@ -60,7 +60,7 @@ def test_plain_kernels_agree_with_the_emitted_ones_to_round_off(tmp_path):
     program = f"""
 import sys
 import numpy as np
-sys.path[:0] = [{str(TESTS)!r}, {str(TESTS / "evaluation")!r}]
+sys.path[:0] = [{str(TESTS)!r}, {str(TESTS / "core" / "evaluation")!r}]
 from test_contraction import contraction, results
 assert not contraction.IS_EMITTED
 np.savez(sys.argv[1], **results())

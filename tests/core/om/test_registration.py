@@ -15,11 +15,25 @@ from openmdao.core.driver import Driver
 from openmdao.recorders.case_recorder import CaseRecorder
 
 import bspline_mdao
+import bspline_mdao.core.om
+import bspline_mdao.flow.om
 from bspline_mdao.core.om.quality import Quality
 from bspline_mdao.grids.cells.aggregates import AGGREGATES
 
-STUB = Path(bspline_mdao.__file__).with_suffix(".pyi").read_text()
-PUBLIC = {f"bspline_mdao.{module}:{name}" for module, name in re.findall(r"from \.([\w.]+) import (\w+)", STUB)}
+PACKAGE = Path(bspline_mdao.__file__).parent
+BASES = {"SparseComponent", "MovedPoints"}
+"""What components of the package derive from."""
+
+
+def named(stub: Path) -> set[str]:
+    """What a stub names, by its entry point."""
+    place = ".".join(stub.parent.relative_to(PACKAGE.parent).parts)
+    return {
+        f"{place}.{module}:{name}" for module, name in re.findall(r"from \.([\w.]+) import (\w+)", stub.read_text())
+    }
+
+
+PUBLIC = set().union(*map(named, PACKAGE.rglob("*.pyi")))
 KINDS = {
     "openmdao_component": (om.ExplicitComponent, om.ImplicitComponent),
     "openmdao_group": om.Group,
@@ -29,8 +43,13 @@ KINDS = {
 
 
 def classes():
-    """Classes that are defined in the modules of `bspline_mdao.core.om`, by their entry point."""
-    for module in pkgutil.walk_packages(bspline_mdao.core.om.__path__, "bspline_mdao.core.om."):
+    """Classes that are defined in modules that import OpenMDAO, by their entry point."""
+    modules = [
+        module
+        for layer in (bspline_mdao.core.om, bspline_mdao.flow.om)
+        for module in pkgutil.walk_packages(layer.__path__, f"{layer.__name__}.")
+    ]
+    for module in modules:
         if "mphys" not in module.name:  # MPhys has a registry of its own, and may not be installed
             members = inspect.getmembers(importlib.import_module(module.name), inspect.isclass)
             yield from ((f"{module.name}:{name}", c) for name, c in members if c.__module__ == module.name)
@@ -45,7 +64,8 @@ def test_openmdao_lists_the_public_components_groups_and_drivers(group):
 
 def test_every_component_at_the_top_of_om_is_public():
     components = (path for path, found in classes() if issubclass(found, KINDS["openmdao_component"]))
-    top = {path for path in components if path.count(".") == 2 and not path.endswith(":SparseComponent")}
+    top = {path for path in components if re.fullmatch(r"bspline_mdao\.core\.om\.\w+:\w+", path)}
+    top = {path for path in top if path.rpartition(":")[2] not in BASES}
     assert len(top) > 8
     assert top <= set(PUBLIC)
 

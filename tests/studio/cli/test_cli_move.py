@@ -66,7 +66,7 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
         surface, SurfaceFollower.of(model, mesh, wall).at(nodes).control_points, rtol=0, atol=1e-15
     )
     spread = WallCorrection.of(model.topology, model.regenerate().to_vector().reshape(-1, 3), wall.rows)
-    expected = model.grid_map().at(moved, spread, nodes).nodes
+    expected = model.grid_map().meeting(spread).at(moved, nodes).nodes
     np.testing.assert_allclose(read_grid("moved.xyz").to_vector(), expected.ravel(), atol=1e-12)
     found, table = numbers("m.json"), capsys.readouterr().out
     assert (found["n_control_points"], found["n_surface_control_points"]) == (mesh.n_points, len(surface))
