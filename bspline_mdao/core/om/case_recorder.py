@@ -15,6 +15,7 @@ from openmdao.solvers.solver import Solver
 
 from ...base.numerics.processes import ONE, together
 from ...errors import InputError
+from ...grids.io.disk import deferred_interrupts
 from .drivers.case_file import take_over
 from .drivers.short_records import LONGEST, sources_of
 
@@ -151,7 +152,9 @@ class CaseRecorder(om.SqliteRecorder):
     def _write(self, record: Callable, *case: Any) -> None:
         """Write a case; the first of some that cannot be written is a warning."""
         try:
-            record(*case)
+            # OpenMDAO counts a case before it writes it, so that half of one makes the file unreadable
+            with deferred_interrupts():
+                record(*case)
             self._is_failing = False
         except sqlite3.Error as error:
             if not self._is_failing:

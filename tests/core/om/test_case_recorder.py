@@ -1,6 +1,7 @@
 """Recorded cases without long arrays: what is left out, what is kept, and how long the files are."""
 
 import os
+import signal
 
 import numpy as np
 import openmdao.api as om
@@ -88,3 +89,23 @@ def test_the_grid_is_left_out_of_a_wing_problem_and_the_file_is_short(tmp_path):
             case = om.CaseReader(tmp_path / kind.__name__).get_case("end")
             assert {"corner_ks"} <= {name.rpartition(".")[2] for name in case.outputs.absolute_names()}
     assert 5 * sizes[0] < sizes[1]
+
+
+def test_an_interrupt_while_a_case_is_written_comes_after_it(tmp_path, monkeypatch):
+    """Else the number of the case is counted, the case is not there, and no reader finds the next ones."""
+    record = om.SqliteRecorder.record_iteration_problem
+
+    def interrupted(recorder, *case):
+        signal.raise_signal(signal.SIGINT)
+        record(recorder, *case)
+
+    monkeypatch.setattr(om.SqliteRecorder, "record_iteration_problem", interrupted)
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("copy", om.ExecComp("y = 2 * x"), promotes=["*"])
+    problem.add_recorder(CaseRecorder(tmp_path / "cases.sql"))
+    problem.setup()
+    problem.run_model()
+    with pytest.raises(KeyboardInterrupt):
+        problem.record("first")
+    problem.cleanup()
+    assert om.CaseReader(tmp_path / "cases.sql").list_cases("problem", out_stream=None) == ["first"]
