@@ -61,7 +61,7 @@ def show_progress(wanted: bool = True) -> None:
 
 @contextmanager
 def progress_bar(
-    title: str,  # what the work is, in a word or two
+    title: str = "",  # what the work is, in a word or two; empty where the work inside says it
     # who is told instead of a bar; False for nobody. By default there is a bar where a terminal is
     progress: Progress | bool | None = None,
 ) -> Iterator[Progress]:  # to be told the fraction done (less than 0 where it is not known), and what is being done

@@ -11,20 +11,6 @@ from .checked_along_edges import CheckedAlongEdges
 from .component import LastState, add_product, failures_as_analysis_errors, finite_points
 
 
-def add_node_product(state: NodeState, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str, of: str) -> None:
-    """Add the product of the Jacobian of nodes, or of its transpose, in those inputs that play a part."""
-    names = [name for name in state.inputs if name in d_inputs]
-
-    def jvp(*directions: np.ndarray) -> np.ndarray:
-        return state.jvp(**dict(zip(names, directions)))
-
-    def vjp(bar: np.ndarray) -> list[np.ndarray]:
-        bars = state.vjp(bar, names)
-        return [bars[name] for name in names]
-
-    add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=of, wrt=names)
-
-
 class MovedPoints(CheckedAlongEdges, om.ExplicitComponent):
     """Component whose output is the nodes of a map."""
 
@@ -43,7 +29,17 @@ class MovedPoints(CheckedAlongEdges, om.ExplicitComponent):
 
     def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
         """Apply the Jacobian or its transpose at the inputs."""
-        add_node_product(self._state_at(inputs), inputs, d_inputs, d_outputs, mode, self._of)
+        state = self._state_at(inputs)
+        names = [name for name in state.inputs if name in d_inputs]
+
+        def jvp(*directions: np.ndarray) -> np.ndarray:
+            return state.jvp(**dict(zip(names, directions)))
+
+        def vjp(bar: np.ndarray) -> list[np.ndarray]:
+            bars = state.vjp(bar, names)
+            return [bars[name] for name in names]
+
+        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=self._of, wrt=names)
 
     def _state_at(self, inputs: Vector) -> NodeState:
         with failures_as_analysis_errors(self):

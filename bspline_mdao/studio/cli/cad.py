@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.cad.files import check_cad_name
 from ...core.cad.opencascade import require_opencascade
@@ -17,7 +18,6 @@ from .output import (
     print_table,
     print_title,
     print_warnings,
-    progress_bar,
     written_json,
 )
 

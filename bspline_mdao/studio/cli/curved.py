@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...grids.cells.bernstein import INVALID, UNDECIDED, VALID
 from ...grids.cells.curved_grid import CurvedGrid
-from .output import print_lines, print_table, print_title, print_warnings, progress_bar, written_json
+from .output import print_lines, print_table, print_title, print_warnings, written_json
 
 
 @dataclass(frozen=True, eq=False)

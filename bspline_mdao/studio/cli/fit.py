@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...base.numerics.processes import on_first, world
+from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.evaluation.spline_validity import certify_splines
 from ...core.fit.fitting import fit_blocks, fit_grid
@@ -28,7 +29,6 @@ from .output import (
     print_table,
     print_title,
     print_warnings,
-    progress_bar,
     show_certificate,
     written_json,
 )

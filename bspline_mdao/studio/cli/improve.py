@@ -6,6 +6,7 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...base.numerics.progress import progress_bar
 from ...core.adaptation.improve import ITERATIONS, improve_grid
 from ...core.adaptation.improvement import BlockChange, Improvement
 from ...core.fit.fitting import fit_grid
@@ -21,7 +22,6 @@ from .output import (
     print_table,
     print_title,
     print_warnings,
-    progress_bar,
     show_height_ratios,
     written_json,
 )

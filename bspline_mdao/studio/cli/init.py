@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from ...base.numerics.progress import progress_bar
 from ...core.mesh.boundary import wall_patches
 from ...core.model.fitted_model import FittedModel
 from ...errors import InputError
@@ -12,7 +13,7 @@ from ...grids.io.disk import replaced_file
 from ...grids.io.formats import MODEL
 from ...grids.topology.detection import find_topology
 from ..study.draft import study_draft
-from .output import check_outputs, print_lines, progress_bar
+from .output import check_outputs, print_lines
 from .sources import file_of, load_grid
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.model.fitted_model import FittedModel
 from ...errors import InputError
@@ -28,7 +29,6 @@ from .output import (
     print_table,
     print_title,
     print_warnings,
-    progress_bar,
     show_spacings,
     spacing_numbers,
     written_json,

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.numerics.progress import within
+from ...base.numerics.progress import progress_bar, within
 from ...base.text import counted
 from ...core.cad.files import SUFFIXES
 from ...core.cad.opencascade import require_opencascade
@@ -50,7 +50,6 @@ from .output import (
     print_table,
     print_title,
     print_warnings,
-    progress_bar,
     show_certificate,
     show_height_ratios,
     written_json,

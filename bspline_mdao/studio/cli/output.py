@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,6 @@ from rich.table import Table
 from rich.text import Text
 
 from ...base.numerics.processes import ONE, on_first, together
-from ...base.numerics.progress import Progress
-from ...base.numerics.progress import progress_bar as bar_of
 from ...base.text import counted
 from ...errors import InputError
 from ...grids.cells.certificate import Certificate
@@ -147,11 +145,6 @@ def _cell(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.3g}" if 0.01 <= abs(value) < 1000.0 else f"{value:.1e}"
     return f"{value:,}" if isinstance(value, int) else str(value)
-
-
-def progress_bar() -> AbstractContextManager[Progress]:
-    """Give a function of the fraction done and what is being done, which moves a bar on a terminal's standard error."""
-    return bar_of("")
 
 
 MEANING_OF_INVALID = (

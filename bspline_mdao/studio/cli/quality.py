@@ -10,6 +10,7 @@ import numpy as np
 from h5py import is_hdf5
 
 from ...base.numerics.processes import on_first, together, world
+from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.model.fitted_model import FittedModel
 from ...core.model.model_share import ModelShare
@@ -38,7 +39,6 @@ from .output import (
     print_table,
     print_title,
     print_warnings,
-    progress_bar,
     show_certificate,
     show_height_ratios,
     show_heights,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.evaluation.family import refined_topology
 from ...core.model.curved import curved_grid
@@ -20,7 +21,6 @@ from .output import (
     print_table,
     print_title,
     print_warnings,
-    progress_bar,
     written_json,
 )
 from .units import unit_warnings

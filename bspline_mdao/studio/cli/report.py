@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...base.numerics.progress import progress_bar
 from ..report.page import write_report
-from .output import check_outputs, print_lines, print_title, print_warnings, progress_bar, written_json
+from .output import check_outputs, print_lines, print_title, print_warnings, written_json
 
 
 def report_on(

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.design.deformation import Deformation
 from ...core.design.named_deformations import PrescribedPoints, read_points
@@ -30,7 +31,7 @@ from ...names import CONTROL_POINTS
 from .cures import Trial, try_cures, verdict
 from .move import MoveOptions, gap_numbers, moved_control_mesh
 from .movers import MoverOptions
-from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
+from .output import check_outputs, print_lines, print_table, print_title, print_warnings, written_json
 
 CASES = ".sql"
 """Suffix of case files of OpenMDAO."""

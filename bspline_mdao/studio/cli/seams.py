@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.design.named_deformations import parse_deformation
 from ...core.measures.seams import PoleContinuity, SeamContinuity, pole_continuity, seam_continuity
 from ...core.mesh.boundary import moving_mesh
 from ...core.model.fitted_model import FittedModel
-from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
+from .output import check_outputs, print_lines, print_table, print_title, written_json
 
 MOST_LISTED = 10
 """Seams and poles that are printed, those with the largest kinks."""

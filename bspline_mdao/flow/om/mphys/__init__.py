@@ -1,6 +1,3 @@
 """Flows and structures in the roles of MPhys."""
 
-from importlib.util import find_spec
-
-if find_spec("mphys") is None:
-    raise ImportError('bspline_mdao.flow.om.mphys needs MPhys: pip install "bspline_mdao[mphys]"')
+from ....core.om import mphys as mphys  # which says what to install where MPhys is missing
