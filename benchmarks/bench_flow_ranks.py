@@ -113,13 +113,13 @@ def _run(n_cells: int) -> dict:
     grid = hh_wing_grid(rectangular_wing(), SHAPES[n_cells], spacing, FarField(10.0))
     topology = find_topology(grid)
     partition = Partition.of(topology, comm.size)
-    share, how = partition.share(comm.rank), {"partition": partition, "comm": comm}
-    nodes = grid.to_vector().reshape(-1, 3)[share.rows]
+    subdomain, how = partition.subdomain(comm.rank), {"partition": partition, "comm": comm}
+    nodes = grid.to_vector().reshape(-1, 3)[subdomain.rows]
     del grid
     flow = FlowGrid.of(topology, nodes, **how)
     levels = coarse_levels(topology, nodes, useful_levels(topology), **how)
     areas, stream = flow.areas(nodes), free_stream(MACH, ALPHA, flow.axes)
-    right = np.random.default_rng(0).standard_normal((n_cells, 5))[share.cells]
+    right = np.random.default_rng(0).standard_normal((n_cells, 5))[subdomain.cells]
 
     def solve():
         start = states_from_coarse(levels, nodes, stream)

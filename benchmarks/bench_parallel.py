@@ -204,13 +204,13 @@ def run_rank(path: Path, repeats: int) -> dict:
     import openmdao.api as om
 
     from bspline_mdao import ControlMeshMove, GridEvaluate, Quality
-    from bspline_mdao.core.model.model_share import ModelShare
+    from bspline_mdao.core.model.local_model import LocalModel
     from bspline_mdao.movers import LinearElasticity, moving_mesh
 
     comm, stages = counted(world()), Stages(repeats)
     reset_peak()
     empty = peak()
-    model = stages.measure("read the model", lambda: ModelShare.load(path, comm), 1)
+    model = stages.measure("read the model", lambda: LocalModel.load(path, comm), 1)
     mover = LinearElasticity(moving_mesh(model), n_increments=1)
     problem = om.Problem(reports=False, comm=comm)
     problem.model.add_subsystem("move", ControlMeshMove(mover=mover), promotes=["*"])
@@ -267,7 +267,7 @@ def run_rank(path: Path, repeats: int) -> dict:
     }
     return {
         "rank": comm.rank,
-        "n_nodes": model.share.n_nodes,
+        "n_nodes": model.subdomain.n_nodes,
         "empty": empty,
         "stages": stages.rows,
         "arrays": arrays_in(held),
@@ -292,7 +292,7 @@ def run_largest(shape, n_control, folder: Path) -> dict:
     stages.measure("generate", lambda: on_first(comm, lambda: write_grid(path, onera_m6_grid(shape))))
     blocks = stages.measure("fit", lambda: fit_blocks(open_grid(path, comm=comm), comm, n_control=n_control))
     stages.measure("write the model", partial(blocks.save, folder / "largest.h5", compress=False))
-    model, report = stages.measure("take the share", blocks.share), blocks.report
+    model, report = stages.measure("take the local model", blocks.local_model), blocks.report
     del blocks
     mesh = moving_mesh(model)
     surface = mesh.points[mesh.surface_ids]
@@ -304,7 +304,7 @@ def run_largest(shape, n_control, folder: Path) -> dict:
 
     points = stages.measure("move", move)
     baseline = stages.measure("baseline", model.regenerate)
-    nodes = stages.measure("evaluate", lambda: model.grid_map().at(points).nodes[: model.share.n_nodes])
+    nodes = stages.measure("evaluate", lambda: model.grid_map().at(points).nodes[: model.subdomain.n_nodes])
     partition = Partition.of(model.topology, comm.size)
     pieces = Pieces(partition, model.header.names, model.header.patches, model.header.source, comm)
 
@@ -319,7 +319,7 @@ def run_largest(shape, n_control, folder: Path) -> dict:
         "n_nodes_of_grid": model.topology.n_nodes,
         "n_control_points": model.mesh.n_control_points,
         "n_invalid_elements": report.n_invalid,
-        "n_nodes": model.share.n_nodes,
+        "n_nodes": model.subdomain.n_nodes,
         "stages": stages.rows,
         "n_inverted": [before.n_inverted, after.n_inverted, n_newly],
         "q_min": [before.q_min, after.q_min],
@@ -396,12 +396,12 @@ def _by_name(owner: str, rows: list) -> dict[str, int]:
 
 def show_paper(rows: list[dict], n_on_rank: int, n_nodes: int, n_ranks: int, nodes_per_control_point: int) -> None:
     """Print what a rank would hold, kind by kind, array by array from 1 MB on."""
-    share, n_control = n_nodes // n_ranks, n_nodes // nodes_per_control_point
-    print(f"{n_nodes:,} nodes on {n_ranks} ranks, {share:,} on each; {n_control:,} control points")
+    subdomain, n_control = n_nodes // n_ranks, n_nodes // nodes_per_control_point
+    print(f"{n_nodes:,} nodes on {n_ranks} ranks, {subdomain:,} on each; {n_control:,} control points")
     for kind in KINDS:
         own = [row for row in rows if row["kind"] == kind]
         total = sum(row["bytes"] for row in own)
-        per_node = f", {total / share:.0f} B a node" if kind == KINDS[0] else ""
+        per_node = f", {total / subdomain:.0f} B a node" if kind == KINDS[0] else ""
         print(f"{kind}: {total / 1e6:,.1f} MB on a rank{per_node}")
         for row in own:
             if row["bytes"] >= 1e6:

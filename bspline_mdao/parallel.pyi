@@ -5,4 +5,4 @@ from .base.numerics.processes import summed as summed
 from .base.numerics.processes import together as together
 from .base.numerics.processes import world as world
 from .grids.topology.partition import Partition as Partition
-from .grids.topology.partition import Share as Share
+from .grids.topology.partition import Subdomain as Subdomain

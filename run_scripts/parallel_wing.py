@@ -33,7 +33,7 @@ STATIONS = 4
 
 
 def pose(model, lattice: tuple[int, int]) -> om.Problem:
-    """Pose the problem of a model, or of a process's share of one. Not yet set up.
+    """Pose the problem of a model, or of a process's part of one. Not yet set up.
 
     The axis is the trailing edge, which stays straight, and so does the wake.
     """
@@ -78,7 +78,7 @@ def main(quick: bool = False) -> dict:
     """
     shape, n_control, lattice = pick_size(SIZES, quick=quick)
     comm = world()
-    model = bm.splines.fit_blocks(bm.generators.onera_m6_grid(shape), comm, n_control=n_control).share()
+    model = bm.splines.fit_blocks(bm.generators.onera_m6_grid(shape), comm, n_control=n_control).local_model()
     problem = pose(model, lattice)
     problem.driver = bm.NLoptDriver(optimizer="LD_SLSQP", ftol_rel=1e-6, maxeval=60)
     problem.setup(mode="rev")

@@ -70,8 +70,8 @@ def nodes_and_walls(grid):
 def adflow_nodes(grid, comm):
     """Nodes of ADflow's process: pieces of blocks, i fastest, those on interfaces in every piece; walls likewise."""
     points, is_wall, topology = nodes_and_walls(grid)
-    share = Partition.of(topology, comm.size).share(comm.rank)
-    pieces = zip(np.split(share.rows, share.starts[1:-1]), share.shapes)
+    subdomain = Partition.of(topology, comm.size).subdomain(comm.rank)
+    pieces = zip(np.split(subdomain.rows, subdomain.starts[1:-1]), subdomain.shapes)
     rows = np.concatenate([np.zeros(0, dtype=int), *(piece.reshape(shape).T.ravel() for piece, shape in pieces)])
     return points[rows], points[rows[is_wall[rows]]]
 

@@ -58,16 +58,16 @@ class Parts:
         return [rng.standard_normal(shape) for shape in shapes]
 
     def on(self, n, task):
-        """Results of ``task(flow, share)`` of every rank, with its share."""
+        """Results of ``task(flow, subdomain)`` of every rank, with its subdomain."""
         partition = Partition.of(self.topology, n)
-        shares = [partition.share(rank) for rank in range(n)]
+        subdomains = [partition.subdomain(rank) for rank in range(n)]
 
         def run(comm):
-            share = shares[comm.rank]
-            flow = FlowGrid.of(self.topology, self.nodes[share.rows], partition=partition, comm=comm)
-            return task(flow, share)
+            subdomain = subdomains[comm.rank]
+            flow = FlowGrid.of(self.topology, self.nodes[subdomain.rows], partition=partition, comm=comm)
+            return task(flow, subdomain)
 
-        return on_ranks(n, run), shares
+        return on_ranks(n, run), subdomains
 
 
 @cache
@@ -75,19 +75,19 @@ def parts_of(name):
     return Parts.of(section_grid(7, 5)) if name == "section" else Parts.of(GRIDS[name](), KINDS)
 
 
-def of_cells(results, shares, n_cells):
+def of_cells(results, subdomains, n_cells):
     """Rows of all cells, of those of every rank."""
     whole = np.full((n_cells, *results[0].shape[1:]), np.nan)
-    for result, share in zip(results, shares):
-        whole[share.cells] = result
+    for result, subdomain in zip(results, subdomains):
+        whole[subdomain.cells] = result
     return whole
 
 
-def of_nodes(results, shares, n_nodes):
+def of_nodes(results, subdomains, n_nodes):
     """Sums at all nodes, of those of every rank."""
     whole = np.zeros((n_nodes, 3))
-    for result, share in zip(results, shares):
-        np.add.at(whole, share.rows, result)
+    for result, subdomain in zip(results, subdomains):
+        np.add.at(whole, subdomain.rows, result)
     return whole
 
 
@@ -103,11 +103,11 @@ def test_residual_and_products_of_ranks_are_those_of_one(name, n):
     noise, d_states, bar, d_nodes = parts.random(cells, cells, cells, nodes)
     states = STREAM * (1.0 + 0.03 * noise)
 
-    def task(flow, share):
-        own, at = share.cells, parts.nodes[share.rows]
+    def task(flow, subdomain):
+        own, at = subdomain.cells, parts.nodes[subdomain.rows]
         areas, discretization = flow.areas(at), flow.discretization
         linearization = discretization.linearize(states[own], areas, STREAM)
-        shifted = flow.areas_jvp(at, d_nodes[share.rows])
+        shifted = flow.areas_jvp(at, d_nodes[subdomain.rows])
         rows = (
             discretization.residual(states[own], areas, STREAM),
             linearization.state_jvp(d_states[own]),
@@ -120,11 +120,11 @@ def test_residual_and_products_of_ranks_are_those_of_one(name, n):
         numbers = np.array([*linearization.stream_vjp(bar[own]), *norms, flow.least_height(at), flow.n_cells_of_grid])
         return rows, flow.areas_vjp(at, linearization.area_vjp(bar[own])), numbers
 
-    results, shares = parts.on(n, task)
+    results, subdomains = parts.on(n, task)
     ((rows, nodes_bar, numbers),), _ = parts.on(1, task)
     for k, theirs in enumerate(rows):
-        assert_same(of_cells([result[0][k] for result in results], shares, parts.n_cells), theirs)
-    assert_same(of_nodes([result[1] for result in results], shares, len(parts.nodes)), nodes_bar)
+        assert_same(of_cells([result[0][k] for result in results], subdomains, parts.n_cells), theirs)
+    assert_same(of_nodes([result[1] for result in results], subdomains, len(parts.nodes)), nodes_bar)
     for _, _, ours in results:
         np.testing.assert_allclose(ours, numbers, rtol=1e-12, atol=1e-12)
         np.testing.assert_array_equal(ours, results[0][2])
@@ -143,25 +143,25 @@ def test_forces_of_ranks_are_those_of_one_and_their_products_are_transposes(n):
     noise, d_states, shift, d_nodes, seeds = parts.random(cells, cells, nodes, nodes, (200,))
     states, moved = STREAM * (1.0 + 0.03 * noise), parts.nodes + 1e-4 * shift
 
-    def task(flow, share):
-        forces = FlowForces.of(flow, parts.nodes[share.rows], 1.16, 0.7, (0.1, 0.2, 0.3))
-        at = states[share.cells], moved[share.rows], 0.1, 0.4
-        along = d_states[share.cells], d_nodes[share.rows], 0.3, -0.2
+    def task(flow, subdomain):
+        forces = FlowForces.of(flow, parts.nodes[subdomain.rows], 1.16, 0.7, (0.1, 0.2, 0.3))
+        at = states[subdomain.cells], moved[subdomain.rows], 0.1, 0.4
+        along = d_states[subdomain.cells], d_nodes[subdomain.rows], 0.3, -0.2
         values, slopes = forces.evaluate(*at), forces.jvp(*at, *along)
         ends = np.cumsum([0, *(np.size(value) for value in values.values())])
         bars = {name: np.resize(seeds, ends[-1])[a:b] for name, a, b in zip(values, ends[:-1], ends[1:])}
         products = sum(np.sum(bars[name] * slopes[name]) for name in values)
         return values, slopes, products, forces.vjp(*at, bars), along
 
-    results, shares = parts.on(n, task)
+    results, subdomains = parts.on(n, task)
     ((values, slopes, product, bars, _),), _ = parts.on(1, task)
     for ours, our_slopes, our_product, *_ in results:
         for name in values:
             assert_same(np.asarray(ours[name]), np.asarray(values[name]), 1e-12)
             assert_same(np.asarray(our_slopes[name]), np.asarray(slopes[name]), 1e-11)
         np.testing.assert_allclose(our_product, product, rtol=1e-11)
-    assert_same(of_cells([result[3][0] for result in results], shares, parts.n_cells), bars[0], 1e-12)
-    assert_same(of_nodes([result[3][1] for result in results], shares, len(parts.nodes)), bars[1], 1e-12)
+    assert_same(of_cells([result[3][0] for result in results], subdomains, parts.n_cells), bars[0], 1e-12)
+    assert_same(of_nodes([result[3][1] for result in results], subdomains, len(parts.nodes)), bars[1], 1e-12)
     for *_, (_, _, alpha_bar, mach_bar), _ in results:
         np.testing.assert_allclose([alpha_bar, mach_bar], [bars[2], bars[3]], rtol=1e-12)
     back = sum(np.sum(bar * d) for result in results for bar, d in zip(result[3][:2], result[4][:2]))
@@ -176,9 +176,9 @@ def test_forces_on_nodes_of_ranks_are_those_of_one(n):
     walls = FlowGrid.of(parts.topology, parts.nodes).walls.corners
     rows, quads = np.unique(walls[::2], return_inverse=True)
 
-    def task(flow, share):
+    def task(flow, subdomain):
         forces = WallForces.of(flow, quads.reshape(-1, 4), rows)
-        return forces.evaluate(states[share.cells], parts.nodes[share.rows], 0.4, 7e3)
+        return forces.evaluate(states[subdomain.cells], parts.nodes[subdomain.rows], 0.4, 7e3)
 
     (theirs,), _ = parts.on(1, task)
     for ours in parts.on(n, task)[0]:
@@ -191,25 +191,25 @@ def sphere():
     return Parts.of(grid)
 
 
-def solved(flow, share, start=None, parts=None):
-    areas = flow.areas(parts.nodes[share.rows])
+def solved(flow, subdomain, start=None, parts=None):
+    areas = flow.areas(parts.nodes[subdomain.rows])
     return solve_flow(flow.discretization, areas, STREAM, pattern=flow.pattern, tolerance=1e-12, states=start)
 
 
 @cache
 def sphere_alone():
     parts = sphere()
-    (solution,), _ = parts.on(1, lambda flow, share: solved(flow, share, parts=parts))
+    (solution,), _ = parts.on(1, lambda flow, subdomain: solved(flow, subdomain, parts=parts))
     return solution
 
 
 @pytest.mark.parametrize("n", [2, 3, 9])
 def test_the_flow_on_ranks_is_that_on_one(n):
     parts = sphere()
-    solutions, shares = parts.on(n, lambda flow, share: solved(flow, share, parts=parts))
+    solutions, subdomains = parts.on(n, lambda flow, subdomain: solved(flow, subdomain, parts=parts))
     assert all(solution.is_converged for solution in solutions)
     assert len({solution.history for solution in solutions}) == 1
-    states = of_cells([solution.states for solution in solutions], shares, parts.n_cells)
+    states = of_cells([solution.states for solution in solutions], subdomains, parts.n_cells)
     assert_same(states, sphere_alone().states, 1e-10)
 
 
@@ -218,21 +218,21 @@ def test_linear_systems_of_ranks_have_the_solution_of_one(is_transposed):
     parts, states = sphere(), sphere_alone().states
     (right,) = parts.random((parts.n_cells, 5), seed=4)
 
-    def task(flow, share):
-        at, discretization = parts.nodes[share.rows], flow.discretization
-        linearization = discretization.linearize(states[share.cells], flow.areas(at), STREAM)
-        factor = compact_factor(linearization, flow.pattern, np.zeros((len(share.cells), 5, 5)))
+    def task(flow, subdomain):
+        at, discretization = parts.nodes[subdomain.rows], flow.discretization
+        linearization = discretization.linearize(states[subdomain.cells], flow.areas(at), STREAM)
+        factor = compact_factor(linearization, flow.pattern, np.zeros((len(subdomain.cells), 5, 5)))
         product = linearization.state_vjp if is_transposed else linearization.state_jvp
         jacobians = linearization.jacobians
         rough = jacobians.transposed_product if is_transposed else jacobians.product
         precondition = (factor.into_transposed() if is_transposed else factor).solve
-        solution = solve_refined(product, rough, precondition, right[share.cells], 1e-12, comm=flow.comm)
+        solution = solve_refined(product, rough, precondition, right[subdomain.cells], 1e-12, comm=flow.comm)
         assert solution.is_converged
         return solution.x
 
     (theirs,), _ = parts.on(1, task)
-    results, shares = parts.on(3, task)
-    assert_same(of_cells(results, shares, parts.n_cells), theirs, 1e-9)
+    results, subdomains = parts.on(3, task)
+    assert_same(of_cells(results, subdomains, parts.n_cells), theirs, 1e-9)
 
 
 def preconditioned(parts, n, rows, diagonal):
@@ -240,14 +240,16 @@ def preconditioned(parts, n, rows, diagonal):
     (noise,) = parts.random((parts.n_cells, 5), seed=2)
     states = STREAM * (1.0 + 0.03 * noise)
 
-    def task(flow, share):
-        linearization = flow.discretization.linearize(states[share.cells], flow.areas(parts.nodes[share.rows]), STREAM)
-        terms = time_terms(flow.discretization, states[share.cells], linearization.areas)
+    def task(flow, subdomain):
+        linearization = flow.discretization.linearize(
+            states[subdomain.cells], flow.areas(parts.nodes[subdomain.rows]), STREAM
+        )
+        terms = time_terms(flow.discretization, states[subdomain.cells], linearization.areas)
         factor = compact_factor(linearization, flow.pattern, diagonal * terms)
-        return factor.solve(rows[share.cells]), factor.into_transposed().solve(rows[share.cells])
+        return factor.solve(rows[subdomain.cells]), factor.into_transposed().solve(rows[subdomain.cells])
 
-    results, shares = parts.on(n, task)
-    return [of_cells(of_ranks, shares, parts.n_cells) for of_ranks in zip(*results)]
+    results, subdomains = parts.on(n, task)
+    return [of_cells(of_ranks, subdomains, parts.n_cells) for of_ranks in zip(*results)]
 
 
 @pytest.mark.parametrize("name", [*GRIDS, "section"])
@@ -273,7 +275,7 @@ def test_with_all_fill_the_preconditioner_of_two_ranks_is_that_of_one(monkeypatc
 def test_fill_is_by_the_cells_of_all_ranks(monkeypatch, n):
     parts, sizes = sphere(), []
     monkeypatch.setattr(factor_pattern, "smallest_entry", lambda n_cells: sizes.append(n_cells) or 0.01)
-    parts.on(n, lambda flow, share: flow.pattern)
+    parts.on(n, lambda flow, subdomain: flow.pattern)
     assert sizes == n * [parts.n_cells]
 
 
@@ -290,11 +292,11 @@ def products_on(n):
     parts = refined_wing()
     (right,) = parts.random((parts.n_cells, 5), seed=4)
 
-    def task(flow, share):
-        areas = flow.areas(parts.nodes[share.rows])
+    def task(flow, subdomain):
+        areas = flow.areas(parts.nodes[subdomain.rows])
         solution = solve_flow(flow.discretization, areas, STREAM, pattern=flow.pattern)
         tangent = FlowTangent.of(flow.discretization, solution.states, areas, STREAM, flow.pattern)
-        system = tangent.solve_transposed(right[share.cells], 1e-10)
+        system = tangent.solve_transposed(right[subdomain.cells], 1e-10)
         assert solution.is_converged
         assert system.is_converged
         return sum(step.n_products for step in solution.history), system.n_products
@@ -313,41 +315,41 @@ def test_flows_and_adjoints_take_few_more_products_on_ranks_than_on_one(n, most)
 def test_a_start_on_coarser_members_of_ranks_is_that_of_one(n):
     parts = sphere()
 
-    def start(flow, share):
+    def start(flow, subdomain):
         partition = Partition.of(parts.topology, flow.comm.size)
-        nodes = parts.nodes[share.rows]
+        nodes = parts.nodes[subdomain.rows]
         levels = coarse_levels(parts.topology, nodes, 2, partition=partition, comm=flow.comm)
         return states_from_coarse(levels, nodes, STREAM), [level.pick(nodes) for level in levels[:1]]
 
     ((theirs, _),), _ = parts.on(1, start)
-    results, shares = parts.on(n, start)
-    assert_same(of_cells([result[0] for result in results], shares, parts.n_cells), theirs, 1e-2)  # solved to 1e-3
+    results, subdomains = parts.on(n, start)
+    assert_same(of_cells([result[0] for result in results], subdomains, parts.n_cells), theirs, 1e-2)  # solved to 1e-3
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
 def test_coarser_members_pick_the_same_nodes_and_parents_on_any_number_of_ranks(n):
     parts = wing()
 
-    def task(flow, share):
+    def task(flow, subdomain):
         partition = Partition.of(parts.topology, flow.comm.size)
-        (level,) = coarse_levels(parts.topology, parts.nodes[share.rows], 1, partition=partition, comm=flow.comm)
-        areas = level.flow.areas(level.pick(parts.nodes[share.rows]))
+        (level,) = coarse_levels(parts.topology, parts.nodes[subdomain.rows], 1, partition=partition, comm=flow.comm)
+        areas = level.flow.areas(level.pick(parts.nodes[subdomain.rows]))
         return level.spread(level.flow.discretization.sizes(areas))
 
     (theirs,), _ = parts.on(1, task)
-    results, shares = parts.on(n, task)
-    assert_same(of_cells(results, shares, parts.n_cells), theirs)
+    results, subdomains = parts.on(n, task)
+    assert_same(of_cells(results, subdomains, parts.n_cells), theirs)
 
 
 def test_negative_volumes_are_named_on_all_ranks_by_block_and_cell():
     parts = wing()
     partition = Partition.of(parts.topology, 3)
     moved = parts.nodes.copy()
-    moved[partition.share(1).rows[40:60]] += 50.0
+    moved[partition.subdomain(1).rows[40:60]] += 50.0
 
-    def task(flow, share):
+    def task(flow, subdomain):
         with pytest.raises(InputError, match=r"negative volumes, the worst .* in block \d+, cell") as failure:
-            flow.require_volumes(moved[share.rows])
+            flow.require_volumes(moved[subdomain.rows])
         return str(failure.value)
 
     words, _ = parts.on(3, task)
@@ -377,17 +379,17 @@ def test_what_is_seen_of_others_goes_back_to_them(n):
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
-def test_holders_find_what_the_shares_list(n):
+def test_holders_find_what_the_subdomains_list(n):
     topology = wing().topology
     partition = Partition.of(topology, n)
     nodes, cells = Ownership.of_nodes(partition), Ownership.of_cells(partition)
     seen = np.zeros(topology.n_nodes, bool)
     for rank in range(n):
-        share = partition.share(rank)
-        ranks, rows = cells.find(share.cells)
+        subdomain = partition.subdomain(rank)
+        ranks, rows = cells.find(subdomain.cells)
         assert (ranks == rank).all()
-        np.testing.assert_array_equal(rows, np.arange(len(share.cells)))
-        ranks, rows = nodes.find(share.rows)
-        np.testing.assert_array_equal(ranks == rank, ~seen[share.rows])
-        seen[share.rows] = True
+        np.testing.assert_array_equal(rows, np.arange(len(subdomain.cells)))
+        ranks, rows = nodes.find(subdomain.rows)
+        np.testing.assert_array_equal(ranks == rank, ~seen[subdomain.rows])
+        seen[subdomain.rows] = True
         np.testing.assert_array_equal(rows[ranks == rank], np.flatnonzero(ranks == rank))

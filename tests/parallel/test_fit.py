@@ -1,4 +1,4 @@
-"""Fits, model files and shares of them on several ranks."""
+"""Fits, model files and local models on several ranks."""
 
 import pytest
 from parallel_cases import run_ranks

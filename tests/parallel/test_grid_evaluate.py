@@ -9,7 +9,7 @@ from parallel_cases import run_ranks
     [
         (2, ("wing", "nothing")),
         (3, ("block", "rows")),
-        pytest.param(2, ("wing", "share", "surface"), marks=pytest.mark.slow),
+        pytest.param(2, ("wing", "subdomain", "surface"), marks=pytest.mark.slow),
         pytest.param(3, ("block", "surface"), marks=pytest.mark.slow),
         pytest.param(4, ("linear", "nothing"), marks=pytest.mark.slow),
     ],

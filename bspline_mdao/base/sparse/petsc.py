@@ -117,47 +117,49 @@ class PetscMultigridAnalysis(OneLine):
 
     settings: PetscMultigrid
     pattern: BlockPattern  # what was given
-    share: DistributedPattern  # the same, as what a process holds
+    distributed: DistributedPattern  # the same, as what a process holds
 
     def factorize(self, matrix: BlockMatrix) -> PetscMultigridFactor:
         """Set up the multigrid of a matrix of the pattern; `MovementError` if its diagonal is not positive."""
-        settings, share = self.settings, self.share
+        settings, distributed = self.settings, self.distributed
         if matrix.pattern is not self.pattern:
             raise InputError("multigrid: the matrix has another pattern; analyze its own")
-        comm, options = _clean_comm(share.comm), {STRONG_THRESHOLD: settings.strong_threshold, **MULTIGRID}
-        operator = _operator(FullRows.of(share), share, matrix, comm)
-        return PetscMultigridFactor(settings, share, matrix, _preconditioner(operator, comm, options))
+        comm, options = _clean_comm(distributed.comm), {STRONG_THRESHOLD: settings.strong_threshold, **MULTIGRID}
+        operator = _operator(FullRows.of(distributed), distributed, matrix, comm)
+        return PetscMultigridFactor(settings, distributed, matrix, _preconditioner(operator, comm, options))
 
 
 class _Factor:
     """What factors and multigrids share: one right-hand side of own rows goes through PETSc's preconditioner."""
 
-    # A leaf has the fields ``share``, ``matrix`` and ``inner``, a petsc4py.PETSc.PC.
+    # A leaf has the fields ``distributed``, ``matrix`` and ``inner``, a petsc4py.PETSc.PC.
 
-    share: DistributedPattern
+    distributed: DistributedPattern
     matrix: BlockMatrix
     inner: Any
 
     def apply(self, right: np.ndarray) -> np.ndarray:
         """Apply it to own rows of a right-hand side, shape (n_owned, 3)."""
         right, x = np.ascontiguousarray(right), np.empty(right.shape)
-        self.inner.apply(_vector(self.share, right), _vector(self.share, x))
+        self.inner.apply(_vector(self.distributed, right), _vector(self.distributed, x))
         return x
 
     def _iterated(self, right: np.ndarray, matrix: BlockMatrix, **settings: Any) -> LinearSolution:
         """Solve for a right-hand side of all rows by conjugate gradients: the whole solution, on every process."""
-        began, share = time.perf_counter(), self.share
-        right = check_right(right, int(share.starts[-1]))
-        found = preconditioned_solve(self._system(matrix), self, right[share.owned], **settings)
+        began, distributed = time.perf_counter(), self.distributed
+        right = check_right(right, int(distributed.starts[-1]))
+        found = preconditioned_solve(self._system(matrix), self, right[distributed.owned], **settings)
         seconds = time.perf_counter() - began
-        return LinearSolution(share.gathered(found.x), found.iterations, found.residual, seconds)
+        return LinearSolution(distributed.gathered(found.x), found.iterations, found.residual, seconds)
 
     def _system(self, matrix: BlockMatrix) -> System:
-        return matrix if self.share.comm.size == 1 else DistributedMatrix(self.share, matrix, self._exchange)
+        return (
+            matrix if self.distributed.comm.size == 1 else DistributedMatrix(self.distributed, matrix, self._exchange)
+        )
 
     @cached_property
     def _exchange(self):
-        return _Exchange.of(self.share)
+        return _Exchange.of(self.distributed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +167,7 @@ class PetscMultigridFactor(_Factor):
     """The multigrid of a matrix."""
 
     settings: PetscMultigrid
-    share: DistributedPattern
+    distributed: DistributedPattern
     matrix: BlockMatrix
     inner: Any
 
@@ -216,8 +218,8 @@ class PetscCholesky(OneLine):
         MUMPS itself analyses the pattern again with every matrix.
         """
         _petsc()
-        share = DistributedPattern.whole(pattern)
-        return PetscCholeskyAnalysis(pattern, share, FullRows.of(share))
+        distributed = DistributedPattern.whole(pattern)
+        return PetscCholeskyAnalysis(pattern, distributed, FullRows.of(distributed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,16 +227,16 @@ class PetscCholeskyAnalysis(OneLine):
     """A pattern, of which MUMPS keeps nothing."""
 
     pattern: BlockPattern  # what was given
-    share: DistributedPattern  # the same, as what a process holds
+    distributed: DistributedPattern  # the same, as what a process holds
     full: FullRows
 
     def factorize(self, matrix: BlockMatrix) -> PetscCholeskyFactor:
         """Factor a matrix of the pattern."""
-        share = self.share
+        distributed = self.distributed
         if matrix.pattern is not self.pattern:
             raise InputError("MUMPS: the matrix has another pattern; analyze its own")
-        comm = _clean_comm(share.comm)
-        factor = _preconditioner(_upper_rows_matrix(self.full, share, matrix, comm), comm, CHOLESKY)
+        comm = _clean_comm(distributed.comm)
+        factor = _preconditioner(_upper_rows_matrix(self.full, distributed, matrix, comm), comm, CHOLESKY)
         code, detail, n_negative = map(factor.getFactorMatrix().getMumpsInfog, (1, 2, N_NEGATIVE))
         if code in NOT_DEFINITE or n_negative > 0:
             raise MovementError(
@@ -246,14 +248,14 @@ class PetscCholeskyAnalysis(OneLine):
                 f"MUMPS: error {code} ({detail}), which is mostly a lack of memory; take more processes, or "
                 "PetscMultigrid()"
             )
-        return PetscCholeskyFactor(share, matrix, factor)
+        return PetscCholeskyFactor(distributed, matrix, factor)
 
 
 @dataclass(frozen=True, eq=False)
 class PetscCholeskyFactor(_Factor):
     """The part of a factor by MUMPS that is on this process."""
 
-    share: DistributedPattern
+    distributed: DistributedPattern
     matrix: BlockMatrix
     inner: Any
 
@@ -273,19 +275,21 @@ class PetscCholeskyFactor(_Factor):
         # same and gets the whole solution.
         if matrix is not None and matrix is not self.matrix:
             return self._iterated(right, matrix)
-        began, share = time.perf_counter(), self.share
-        right = check_right(right, int(share.starts[-1]))
+        began, distributed = time.perf_counter(), self.distributed
+        right = check_right(right, int(distributed.starts[-1]))
         sides = right.reshape(len(right), 3, -1)
-        x = np.stack([share.gathered(self.apply(side[share.owned])) for side in np.moveaxis(sides, 2, 0)], axis=-1)
+        x = np.stack(
+            [distributed.gathered(self.apply(side[distributed.owned])) for side in np.moveaxis(sides, 2, 0)], axis=-1
+        )
         x = x.reshape(right.shape)
-        rest = right[share.owned] - self._product(x)
-        residual = share.gathered(rest)
+        rest = right[distributed.owned] - self._product(x)
+        residual = distributed.gathered(rest)
         return LinearSolution(x, 0, relative_residual(residual, right), time.perf_counter() - began)
 
     def _product(self, x: np.ndarray) -> np.ndarray:
         """Own rows of the product of the matrix with all rows of x, without a message."""
-        share = self.share
-        return self.matrix.dot(x[share.rows])[: share.n_owned]
+        distributed = self.distributed
+        return self.matrix.dot(x[distributed.rows])[: distributed.n_owned]
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,9 +300,9 @@ class _Exchange:
     n_owned: int
 
     @classmethod
-    def of(cls, share: DistributedPattern) -> _Exchange:
-        ghosts, comm = np.asarray(share.others, _petsc().IntType), _petsc_comm(share.comm)
-        return cls(_petsc().Vec().createGhost(ghosts, _sizes(share)[0], bsize=3, comm=comm), share.n_owned)
+    def of(cls, distributed: DistributedPattern) -> _Exchange:
+        ghosts, comm = np.asarray(distributed.others, _petsc().IntType), _petsc_comm(distributed.comm)
+        return cls(_petsc().Vec().createGhost(ghosts, _sizes(distributed)[0], bsize=3, comm=comm), distributed.n_owned)
 
     def __call__(self, owned: np.ndarray) -> np.ndarray:
         """Values of the rows of others, shape (n - n_owned, 3): collective."""
@@ -350,42 +354,46 @@ def _on(comm: Any) -> str:
     return "" if comm is None or comm.size == 1 else f" on {comm.size} processes"
 
 
-def _vector(share: DistributedPattern, values: np.ndarray):
+def _vector(distributed: DistributedPattern, values: np.ndarray):
     """Vector of PETSc in the memory of own values, shape (n_owned, 3)."""
-    return _petsc().Vec().createWithArray(values.reshape(-1), size=_sizes(share)[0], comm=_petsc_comm(share.comm))
+    return (
+        _petsc()
+        .Vec()
+        .createWithArray(values.reshape(-1), size=_sizes(distributed)[0], comm=_petsc_comm(distributed.comm))
+    )
 
 
-def _operator(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, comm: Any):
+def _operator(full: FullRows, distributed: DistributedPattern, matrix: BlockMatrix, comm: Any):
     """The couplings of each component with itself, as a matrix of hypre; nothing of it is there twice at the end."""
     petsc = _petsc()
-    with together(share.comm):
+    with together(distributed.comm):
         _require_room(3 * len(full.columns), "multigrid")
         rows = _component_rows(full.indptr, full.columns, full.places, matrix.data)
-        _require_definite(share, matrix, rows[2], "multigrid")
+        _require_definite(distributed, matrix, rows[2], "multigrid")
     csr = tuple(np.asarray(part, kind) for part, kind in zip(rows, (petsc.IntType, petsc.IntType, float)))
-    scalar = petsc.Mat().createAIJWithArrays(_sizes(share), csr, comm=comm)
+    scalar = petsc.Mat().createAIJWithArrays(_sizes(distributed), csr, comm=comm)
     operator = scalar.convert("hypre", petsc.Mat())
     scalar.destroy()
     operator.setBlockSize(3)
     return operator
 
 
-def _upper_rows_matrix(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, comm: Any):
+def _upper_rows_matrix(full: FullRows, distributed: DistributedPattern, matrix: BlockMatrix, comm: Any):
     """The upper triangle, by rows, as PETSc and MUMPS want it of a symmetric matrix."""
     petsc = _petsc()
-    with together(share.comm):
+    with together(distributed.comm):
         _require_room(9 * len(full.columns), "MUMPS")
-        rows = _upper_rows(full.indptr, full.columns, full.places, matrix.data, share.owned.start)
-        _require_definite(share, matrix, rows[2], "MUMPS")
+        rows = _upper_rows(full.indptr, full.columns, full.places, matrix.data, distributed.owned.start)
+        _require_definite(distributed, matrix, rows[2], "MUMPS")
     csr = tuple(np.asarray(part, kind) for part, kind in zip(rows, (petsc.IntType, petsc.IntType, float)))
-    upper = petsc.Mat().createSBAIJ(_sizes(share), 1, csr=csr, comm=comm)
+    upper = petsc.Mat().createSBAIJ(_sizes(distributed), 1, csr=csr, comm=comm)
     upper.setOption(petsc.Mat.Option.SPD, True)
     return upper
 
 
-def _sizes(share: DistributedPattern):
+def _sizes(distributed: DistributedPattern):
     """Sizes of a matrix for PETSc: own rows and all, and the same of columns."""
-    size = (3 * share.n_owned, 3 * int(share.starts[-1]))
+    size = (3 * distributed.n_owned, 3 * int(distributed.starts[-1]))
     return size, size
 
 
@@ -398,12 +406,12 @@ def _require_room(n_entries: int, what: str) -> None:
         )
 
 
-def _require_definite(share: DistributedPattern, matrix: BlockMatrix, values: np.ndarray, what: str) -> None:
+def _require_definite(distributed: DistributedPattern, matrix: BlockMatrix, values: np.ndarray, what: str) -> None:
     """Refuse entries that are not finite and diagonals that are not positive, which these engines do not look for."""
-    diagonal = np.einsum("ncc->nc", matrix.data[share.indptr[1 : share.n_owned + 1] - 1])
+    diagonal = np.einsum("ncc->nc", matrix.data[distributed.indptr[1 : distributed.n_owned + 1] - 1])
     if np.isfinite(values.sum()) and (diagonal > 0.0).all():
         return
-    row = share.owned.start + int(np.argmin((diagonal > 0.0).all(axis=1))) + 1
+    row = distributed.owned.start + int(np.argmin((diagonal > 0.0).all(axis=1))) + 1
     raise MovementError(
         f"{what}: the matrix is not positive definite, or not finite, at or beside block row {row}; "
         "look for an inverted or collapsed element there, or for a point that nothing holds"

@@ -164,7 +164,7 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
     -------
     FittedBlocks
         The model, of which this process holds some blocks: it is saved from there, and each process gets its
-        `bspline_mdao.core.model.model_share.ModelShare`.
+        `bspline_mdao.core.model.local_model.LocalModel`.
 
     Raises
     ------

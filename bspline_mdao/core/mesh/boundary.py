@@ -57,7 +57,7 @@ def moving_mesh(
 
     Parameters
     ----------
-    model : FittedModel or ModelShare
+    model : FittedModel or LocalModel
         The fitted grid, or what one of several processes needs of it.
     design : str or sequence of str, optional
         Patches whose control points are the design surface, by name or pattern (``"wing*"``); all walls by default.

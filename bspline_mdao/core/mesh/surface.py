@@ -66,7 +66,7 @@ class SurfaceGrid(OneLine):
 
         Parameters
         ----------
-        model : FittedModel or ModelShare
+        model : FittedModel or LocalModel
             The fitted grid, or what one of several processes needs of it.
         patches : str or sequence of str, optional
             Patches by name or pattern (``"wing*"``); all walls by default.

@@ -1,7 +1,7 @@
 """The blocks of a fitted grid that one of several processes holds: what a fit on several processes gives.
 
 Topology, control mesh and control points are those of the whole model; of its nodes each process holds the parameters
-and the residual of whole blocks. From there the model is saved, and each process gets the share that it evaluates.
+and the residual of whole blocks. From there the model is saved, and each process gets the part that it evaluates.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -16,12 +16,12 @@ import numpy as np
 
 from ...base.display import OneLine
 from ...grids.topology.node_numbering import NodeNumbering
-from ...grids.topology.partition import Partition, Share
+from ...grids.topology.partition import Partition, Subdomain
 from ...grids.topology.topology import Topology
 from ..splines.mesh import BSplineMesh
 from ..walls.residual_lengths import residual_lengths
+from .local_model import LocalModel, rows_of_subdomain
 from .model_parts import write_by_turns
-from .model_share import ModelShare, rows_of_share
 from .records import FitReport, FitSettings, GridHeader
 
 __all__ = ["FittedBlocks"]
@@ -58,15 +58,15 @@ class FittedBlocks(OneLine):
             return None
         return residual_lengths(self.topology, self.mesh, self.parameters, self.residual, self.comm)
 
-    def share(
+    def local_model(
         self,
-        share: Share | None = None,  # nodes of this process; by default those that `Partition.of` gives it
-    ) -> ModelShare:
+        subdomain: Subdomain | None = None,  # nodes of this process; by default those that `Partition.of` gives it
+    ) -> LocalModel:
         """Get what this process evaluates from those that hold it; all processes call this."""
         topology = self.topology
-        if share is None:
-            share = Partition.of(topology, self.comm.size).share(self.comm.rank)
-        numbering = NodeNumbering.of(topology, rows_of_share(topology, share))
+        if subdomain is None:
+            subdomain = Partition.of(topology, self.comm.size).subdomain(self.comm.rank)
+        numbering = NodeNumbering.of(topology, rows_of_subdomain(topology, subdomain))
         parameters = self._parameters_of(numbering)
         residual = None if self.residual is None else self._residual_of(numbering.rows)
 
@@ -74,8 +74,8 @@ class FittedBlocks(OneLine):
             assert residual is not None
             return residual
 
-        return ModelShare.of(
-            share,
+        return LocalModel.of(
+            subdomain,
             topology,
             lambda segment, places: parameters[segment],
             None if residual is None else residual_at,

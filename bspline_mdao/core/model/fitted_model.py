@@ -17,7 +17,7 @@ from ...grids.io.plane_grids import PlaneDialect
 from ...grids.topology.boundary_surface import BoundarySurface
 from ...grids.topology.grid import Grid, Patch
 from ...grids.topology.node_numbering import NodeNumbering
-from ...grids.topology.partition import Share
+from ...grids.topology.partition import Subdomain
 from ...grids.topology.sharing import node_sharing
 from ...grids.topology.topology import Topology
 from ..evaluation.evaluator import Evaluator
@@ -29,9 +29,9 @@ from ..walls.embedded_points import EmbeddedPoints
 from ..walls.grid_map import GridMap
 from ..walls.residual_lengths import residual_lengths
 from ..walls.wall_correction import WallCorrection
+from .local_model import LocalModel
 from .model import Model
 from .model_file import arrays_of, checksum_of, document_of, read_model, write_model
-from .model_share import ModelShare
 from .records import FitReport, FitSettings, GridHeader
 
 
@@ -103,9 +103,9 @@ class FittedModel(Plottable, Model):
     def ownership(self) -> None:
         """None: the model is of all nodes of the grid."""
 
-    def part(self, share: Share) -> ModelShare:
-        """Take what one of several processes needs of the model, see `share`."""
-        return self.share(share)
+    def part(self, subdomain: Subdomain) -> LocalModel:
+        """Take what one of several processes needs of the model, see `local_model`."""
+        return self.local_model(subdomain)
 
     @cached_property
     def residual_lengths(self) -> np.ndarray | None:
@@ -153,24 +153,27 @@ class FittedModel(Plottable, Model):
         grid_map = self.grid_map()
         return grid_map, WallCorrection.of(self.topology, grid_map.nodes, rows)
 
-    def share(self, share: Share) -> ModelShare:
+    def local_model(self, subdomain: Subdomain) -> LocalModel:
         """Take what one of several processes needs of the model.
 
         Parameters
         ----------
-        share : Share
-            Nodes of the process, by ``Partition.of(model.topology, n_ranks).share(rank)`` or ``Share.of_rows(...)``.
+        subdomain : Subdomain
+            Nodes of the process, by ``Partition.of(model.topology, n_ranks).subdomain(rank)`` or
+            ``Subdomain.of_rows(...)``.
 
         Raises
         ------
         InputError
-            If the share is that of another grid.
+            If the subdomain is that of another grid.
         """
         names = ("mesh", "control_points", "header", "report", "settings", "candidate_weights", "residual_lengths")
         others = {name: getattr(self, name) for name in names}
         flat = [x.reshape(-1, 3) for x in self.parameters]
         residual = None if self.residual is None else self.residual.__getitem__
-        return ModelShare.of(share, self.topology, lambda segment, places: flat[segment][places], residual, **others)
+        return LocalModel.of(
+            subdomain, self.topology, lambda segment, places: flat[segment][places], residual, **others
+        )
 
     def __getstate__(self) -> dict:
         return {name: value for name, value in self.__dict__.items() if name not in ("_evaluator", "_grid_map")}

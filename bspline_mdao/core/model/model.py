@@ -1,7 +1,7 @@
 """A fitted grid as far as a process knows its nodes: what meshes, surfaces, maps and components take.
 
 A process that is alone knows all of them, and its model is a `.fitted_model.FittedModel`; one of several has a
-`.model_share.ModelShare`. Both give the same bits for the nodes that they know.
+`.local_model.LocalModel`. Both give the same bits for the nodes that they know.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from ...grids.topology.node_numbering import NodeNumbering
-from ...grids.topology.partition import Share
+from ...grids.topology.partition import Subdomain
 from ...grids.topology.topology import Topology
 from ..evaluation.evaluator import Evaluator
 from ..splines.mesh import BSplineMesh
@@ -50,11 +50,11 @@ class Model(ABC):
 
     @property
     @abstractmethod
-    def ownership(self) -> Share | None:
+    def ownership(self) -> Subdomain | None:
         """Nodes of the process whose model this is; None where it has all of them, in the order of the grid."""
 
     @abstractmethod
-    def part(self, share: Share) -> Model:
+    def part(self, subdomain: Subdomain) -> Model:
         """Take what a process with some nodes needs of the model: the model itself where it is made for these."""
 
     @abstractmethod
@@ -81,9 +81,9 @@ class Model(ABC):
     ) -> tuple[GridMap, WallCorrection]:
         """Map to the nodes of the process for walls that are met exactly, and what of the correction it needs."""
 
-    def fits(self, share: Share) -> bool:
+    def fits(self, subdomain: Subdomain) -> bool:
         """Whether the model is of the whole grid, or made for just these nodes."""
-        return self.ownership is None or np.array_equal(self.ownership.rows, share.rows)
+        return self.ownership is None or np.array_equal(self.ownership.rows, subdomain.rows)
 
 
 def nodes_at(model: Model, rows: np.ndarray) -> np.ndarray:

@@ -51,7 +51,7 @@ class DesignSurface(OneLine):
 
     Parameters
     ----------
-    model : FittedModel or ModelShare
+    model : FittedModel or LocalModel
         The fitted grid, or what one of several processes needs of it.
     mesh : MovingMesh
         Its control mesh.
@@ -89,7 +89,7 @@ class DesignSurface(OneLine):
 
         Parameters
         ----------
-        model : FittedModel or ModelShare
+        model : FittedModel or LocalModel
             The fitted grid, or what one of several processes needs of it.
         design : str or sequence of str, optional
             Patches by name or pattern (``"wing*"``); all walls by default.

@@ -32,7 +32,7 @@ from .component import (
     refuse_complex_step,
 )
 from .model_option import declare_model
-from .shares import WholeNodes, blocks_of, declare_partition
+from .subdomains import WholeNodes, blocks_of, declare_partition
 
 LIVE_SHARPNESS = 1000.0
 """Edges of the grid divided by lengths over which a live fit changes, for `check_along_edges`: chord lengths of
@@ -109,8 +109,8 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
         model, comm = self.options["model"], self.comm
         with together(comm):
             partition = blocks_of(self)
-            share = partition.share(comm.rank)
-            baseline = model.regenerate() if comm.size == 1 else model.share(share).regenerate()
+            subdomain = partition.subdomain(comm.rank)
+            baseline = model.regenerate() if comm.size == 1 else model.local_model(subdomain).regenerate()
             self._whole = WholeNodes.of(comm, partition)
         nodes = baseline.to_vector().reshape(-1, 3) if comm.size == 1 else baseline
         is_live = self.options["live"]

@@ -25,7 +25,7 @@ from .component import (
     finite_points,
 )
 from .model_option import declare_model
-from .shares import declare_partition, part_of_model
+from .subdomains import declare_partition, part_of_model
 
 
 class GridEvaluate(SparseComponent):
@@ -45,16 +45,16 @@ class GridEvaluate(SparseComponent):
     ``grid``            output  (3 n_nodes)           m      nodes, blocks in file order, each in C order of (i, j, k)
     ==================  ======  ====================  =====  =======================================================
 
-    On several processes ``grid`` is distributed: each evaluates the nodes of its `Share`, to the bits that they have on
-    one process. Forwards no message is sent; in reverse one sum of all processes, of the size of the inputs. With a
+    On several processes ``grid`` is distributed: each evaluates the nodes of its `Subdomain`, with the bits of one
+    process. Forwards no message is sent; in reverse one sum of all processes, of the size of the inputs. With a
     ``surface`` every process sees the nodes of the whole grid in ``setup``, and needs the whole model for that.
 
     Options
     -------
-    model : FittedModel or ModelShare
+    model : FittedModel or LocalModel
         The fitted grid, or what this process needs of it.
-    partition : Partition or Share, optional
-        Which nodes each process holds; by default `Partition.of` deals out the blocks. A `Share` is this process's.
+    partition : Partition or Subdomain, optional
+        Which nodes each process holds; by default `Partition.of` deals out the blocks. A `Subdomain` is this process's.
     surface : SurfaceGrid, optional
         Surface whose nodes are to be exactly where ``surface`` says. What control points miss of them fades over the
         blocks, see :doc:`/theory/asked_walls`.
@@ -91,7 +91,7 @@ class GridEvaluate(SparseComponent):
 
     def initialize(self) -> None:
         """Declare the options."""
-        declare_model(self, desc="the fitted grid, or a share of it")
+        declare_model(self, desc="the fitted grid, or a subdomain of it")
         declare_partition(self)
         self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
         self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")

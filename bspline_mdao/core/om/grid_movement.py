@@ -24,7 +24,7 @@ from .grid_evaluate import GridEvaluate
 from .live_grid_evaluate import LiveGridEvaluate
 from .model_option import Copied, declare_model
 from .quality import Quality
-from .shares import declare_partition, share_of
+from .subdomains import declare_partition, subdomain_of
 from .surface_control import SurfaceControl
 from .surface_control_fit import SurfaceControlFit
 from .surface_evaluate import SurfaceEvaluate
@@ -54,7 +54,7 @@ class GridMovement(Copied, om.Group):
 
     Options
     -------
-    model : FittedModel or ModelShare
+    model : FittedModel or LocalModel
         The fitted grid, or what one of several processes needs of it: that goes without a fit, and without nodes of a
         surface that are given.
     parametrization : Parametrization, optional
@@ -84,7 +84,7 @@ class GridMovement(Copied, om.Group):
         Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input. By default they
         are fitted on one process, and on several with ``live`` alone: there ``grid_initial`` is distributed, and
         OpenMDAO wants such an input to be connected.
-    partition : Partition or Share, optional
+    partition : Partition or Subdomain, optional
         Which nodes of the grid each process holds, see `GridEvaluate`; by default blocks are dealt out.
     live : bool
         The grid changes upstream: differentiate through parameters and knots as well, see `Fit`.
@@ -144,7 +144,7 @@ class GridMovement(Copied, om.Group):
             is_fitted = is_live or (self.comm.size == 1 and not is_share)
         if is_share and (is_fitted or surface is not None):
             raise InputError(
-                f"{self.msginfo}: a share of a model has neither a fit nor nodes of a surface that are given; leave "
+                f"{self.msginfo}: a local model has neither a fit nor nodes of a surface that are given; leave "
                 f"out 'fit', 'live' and 'surface', or give the whole model"
             )
         if is_live and not is_fitted:
@@ -170,9 +170,9 @@ class GridMovement(Copied, om.Group):
             self._add("quality", Quality(**common, **bounds, require_valid=is_judged))
 
     def _has_cells(self) -> bool:
-        """Whether processes have cells of the grid: shares that are made of rows have nodes alone."""
-        share = share_of(self)
-        return share is None or share.windows is not None
+        """Whether processes have cells of the grid: subdomains that are made of rows have nodes alone."""
+        subdomain = subdomain_of(self)
+        return subdomain is None or subdomain.windows is not None
 
     def _require_alone(self, surface: SurfaceGrid) -> None:
         """Refuse what does not go together with nodes of a surface that are given."""

@@ -22,7 +22,7 @@ from .component import (
 )
 from .fit import LIVE_SHARPNESS
 from .model_option import declare_model
-from .shares import WholeNodes, blocks_of, declare_partition
+from .subdomains import WholeNodes, blocks_of, declare_partition
 
 INPUTS = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
 

@@ -23,7 +23,7 @@ from .component import (
     refuse_complex_step,
 )
 from .model_option import declare_model
-from .shares import declare_partition, share_of
+from .subdomains import declare_partition, subdomain_of
 
 CELL_QUALITY = "cell_quality"
 
@@ -45,15 +45,15 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
     ``cell_quality``    output  (n_cells,)          Q of every cell: blocks in order, each in C order of its cells
     ==================  ======  ===========  =====  ================================================================
 
-    On several processes ``grid`` and ``cell_quality`` are distributed: each has those of its share of the grid. The
+    On several processes ``grid`` and ``cell_quality`` are distributed: each has those of its subdomain of the grid. The
     aggregates and the report are those of the whole grid, the same on all of them.
 
     Options
     -------
-    model : FittedModel or ModelShare
+    model : FittedModel or LocalModel
         The fitted grid. Its baseline decides which sign is right-handed and which corners have collapsed.
-    partition : Partition or Share, optional
-        Blocks that each process holds; by default those of the model if it is a share of one, or else
+    partition : Partition or Subdomain, optional
+        Blocks that each process holds; by default those of the model if it is a subdomain of one, or else
         ``Partition.of(model.topology, n_processes)``.
     aggregates : sequence of str
         Which bounds are outputs. Those of heights, which need patches of kind wall, are none by default.
@@ -133,18 +133,18 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         """Pieces of the grid that the processes hold, and the nodes (n, 3) of those of this one on the baseline."""
         model = self.options["model"]
         with together(self.comm):
-            share = share_of(self)
-            if share is None:
+            subdomain = subdomain_of(self)
+            if subdomain is None:
                 baseline = model.regenerate()
                 return Pieces.of_grid(baseline), baseline.to_vector().reshape(-1, 3)
-            windows = share.windows
+            windows = subdomain.windows
             if windows is None:
                 raise InputError(
-                    f"{self.msginfo}: a share of rows has no cells; give the partition by "
+                    f"{self.msginfo}: a subdomain of rows has no cells; give the partition by "
                     f"Partition.of(model.topology, {self.comm.size})"
                 )
-            nodes = nodes_at(model, share.rows)
-        partition = Partition(share.shapes_of_grid, tuple(from_all(self.comm, windows)))
+            nodes = nodes_at(model, subdomain.rows)
+        partition = Partition(subdomain.shapes_of_grid, tuple(from_all(self.comm, windows)))
         return Pieces(partition, model.header.names, model.header.patches, model.header.source, self.comm), nodes
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:

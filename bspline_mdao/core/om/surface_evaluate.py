@@ -29,7 +29,7 @@ class SurfaceEvaluate(MovedPoints):
 
     Options
     -------
-    model : FittedModel or ModelShare
+    model : FittedModel or LocalModel
         The fitted grid, or what one of several processes needs of it.
     mesh : MovingMesh
         Its control mesh, which says what is the design surface.

@@ -54,7 +54,7 @@ def factor_pattern(
     if discretization.halo.comm.size == 1:
         return FactorPattern.of(*matrix, smallest=smallest)
     is_cut = np.maximum(faces.left[: faces.n_inner], faces.right) >= faces.n_cells
-    return FactorPattern.of_share(*matrix, np.flatnonzero(is_cut), discretization.halo, smallest)
+    return FactorPattern.of_subdomain(*matrix, np.flatnonzero(is_cut), discretization.halo, smallest)
 
 
 def smallest_entry(n_cells: int) -> float:
@@ -122,7 +122,7 @@ class FactorPattern(IncompletePattern):
         return cls._with_last(left, right, couplings, diagonal, is_last, has_turn, smallest)[0]
 
     @classmethod
-    def of_share(
+    def of_subdomain(
         cls,
         # left, right, couplings, diagonal: see `of`; numbers of n or more are cells of other processes behind the own
         # ones, or none

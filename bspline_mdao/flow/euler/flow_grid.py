@@ -16,7 +16,7 @@ from ...base.numerics.halo import ALONE, Halo
 from ...base.numerics.processes import ONE, largest, summed_number, together
 from ...grids.cells import quads
 from ...grids.cells.cell_faces import CellFaces
-from ...grids.cells.share_faces import faces_of_share
+from ...grids.cells.subdomain_faces import faces_of_subdomain
 from ...grids.topology.partition import Partition
 from ...grids.topology.topology import Topology
 from .factor_pattern import FactorPattern, factor_pattern
@@ -49,7 +49,7 @@ class FlowGrid:
     def of(
         cls,
         topology: Topology,  # connections of its blocks, with declared patches
-        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), of the share of this process
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), of the subdomain of this process
         axes: str = "xzy",  # axes of the grid that point downstream, along the span, and up
         *,
         partition: Partition | None = None,  # who has which cells, where there are several processes
@@ -62,9 +62,9 @@ class FlowGrid:
             walls = Walls.of(discretization.faces)
         else:
             partition = partition or Partition.of(topology, comm.size)
-            faces, cells, corners = faces_of_share(topology, partition, comm, nodes)
+            faces, cells, corners = faces_of_subdomain(topology, partition, comm, nodes)
             discretization = Discretization.of(faces, **settings, halo=cells)
-            walls = Walls.of_share(faces, partition, corners)
+            walls = Walls.of_subdomain(faces, partition, corners)
         directions, seen = as_axes(axes, "flow"), corners.extend(nodes)
         faces, stencil, halo = discretization.faces, discretization.stencil, discretization.halo
         vortex = FarVortex.of(faces, stencil, seen, directions, halo)

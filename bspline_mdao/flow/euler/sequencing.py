@@ -178,10 +178,10 @@ def _parents(
 def _coarse_partition(fine: Partition, shapes, planes) -> Partition:
     """Give every cell of a member to the process that has its first cell of the finer grid."""
     pieces = []
-    for share in fine.pieces:
+    for subdomain in fine.pieces:
         kept = [
             Window(piece.block, *(tuple(map(_first_at, planes[piece.block], end)) for end in (piece.lo, piece.hi)))
-            for piece in share
+            for piece in subdomain
         ]
         pieces.append(tuple(piece for piece in kept if min(np.subtract(piece.hi, piece.lo)) > 0))
     return Partition(tuple(map(tuple, shapes)), tuple(pieces))
@@ -204,7 +204,7 @@ def _shared(fine: Partition, coarse: Partition, planes, comm: Any) -> tuple[np.n
         ranges = (np.arange(lo, hi) for lo, hi in zip(piece.lo, piece.hi))
         inside = (_lying_in(plane, cells) for plane, cells in zip(planes[piece.block], ranges))
         parents.append(cells.starts[piece.block] + _numbers(inside, cells.shapes[piece.block]))
-    n_nodes, n_cells = fine.share(comm.rank).n_nodes, len(coarse.share(comm.rank).cells)
+    n_nodes, n_cells = fine.subdomain(comm.rank).n_nodes, len(coarse.subdomain(comm.rank).cells)
     nodes_halo, picked = Halo.of(comm, n_nodes, *Ownership.of_nodes(fine).find(np.concatenate(rows)))
     cells_halo, places = Halo.of(comm, n_cells, *Ownership.of_cells(coarse).find(np.concatenate(parents)))
     return picked, places, (nodes_halo, cells_halo)

@@ -44,11 +44,11 @@ class Walls:
         return cls(ONE, corners, None, np.arange(len(corners)), none, none, 0)
 
     @classmethod
-    def of_share(cls, faces: CellFaces, partition: Partition, exchange: Halo) -> Walls:
+    def of_subdomain(cls, faces: CellFaces, partition: Partition, exchange: Halo) -> Walls:
         """List the walls of all processes, from the faces of each and the exchange of their nodes."""
         comm, wall = exchange.comm, faces.faces_of("wall")
-        assert faces.numbers_in_grid is not None  # they are those of a share
-        owned_rows = partition.share(comm.rank).rows
+        assert faces.numbers_in_grid is not None  # they are those of a subdomain
+        owned_rows = partition.subdomain(comm.rank).rows
         corners = exchange.extend(owned_rows)[faces.corners[wall]]
         numbers = faces.numbers_in_grid[wall - faces.n_inner]
         parts = comm.allgather((numbers, corners))

@@ -15,9 +15,9 @@ from openmdao.vectors.vector import Vector
 from ...core.mesh.surface import SurfaceGrid
 from ...core.om.component import CheckedOnProcesses, add_bar, direction_in, fails_together
 from ...core.om.model_option import Copied, declare_model
-from ...core.om.shares import declare_partition, part_of_model
+from ...core.om.subdomains import declare_partition, part_of_model
 from ...errors import InputError
-from ...grids.topology.partition import Partition, Share
+from ...grids.topology.partition import Partition, Subdomain
 from ...names import GRID
 from ..euler.flow_grid import FlowGrid
 from ..euler.forces import FlowForces
@@ -81,7 +81,7 @@ class EulerFlow(Copied, om.Group):
 
     Options
     -------
-    model : FittedModel or ModelShare
+    model : FittedModel or LocalModel
         The fitted grid, with its patches; or what this process has of it.
     reference_area : float
         Of what the grid shows (m^2): of the half wing, if it shows one half.
@@ -247,14 +247,14 @@ class EulerFlow(Copied, om.Group):
     def _pieces(self) -> tuple[Partition, np.ndarray]:
         """Who has which pieces of the grid, and the baseline nodes of this process (m), shape (n_nodes, 3)."""
         part, partition = part_of_model(self), self.options["partition"]
-        if isinstance(partition, Share):
+        if isinstance(partition, Subdomain):
             raise InputError(
-                f"{self.msginfo}: a Share does not tell which cells others have; give the Partition that it is of"
+                f"{self.msginfo}: a Subdomain does not tell which cells others have; give the Partition that it is of"
             )
         partition = partition or Partition.of(part.topology, self.comm.size)
-        if not part.fits(partition.share(self.comm.rank)):
+        if not part.fits(partition.subdomain(self.comm.rank)):
             raise InputError(
-                f"{self.msginfo}: the model is a share of other nodes than those of Partition.of(model.topology, "
+                f"{self.msginfo}: the model is of another subdomain than those of Partition.of(model.topology, "
                 f"{self.comm.size}); give the partition that it is of"
             )
         return partition, part.local_nodes()

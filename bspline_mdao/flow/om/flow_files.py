@@ -60,7 +60,7 @@ def load_states(
 ) -> tuple[np.ndarray, float]:  # states: (n_cells, 5), of the cells of this process; alpha: their angle of attack (deg)
     """Read states to start from, those of a member of the grid's family perhaps."""
     whole, alpha = on_first(comm, lambda: read_states(path, topology))
-    return (whole if comm.size == 1 else whole[partition.share(comm.rank).cells]), alpha
+    return (whole if comm.size == 1 else whole[partition.subdomain(comm.rank).cells]), alpha
 
 
 def _require_flow(state: EulerState) -> FlowSolution:
@@ -74,7 +74,7 @@ def _whole(comm: Any, part: np.ndarray, partition: Partition, what: str) -> Any:
     """Rows of the whole grid, of those that each process has: nodes (``rows``) or ``cells``."""
     if comm.size == 1:
         return part
-    numbers = [getattr(partition.share(rank), what) for rank in range(comm.size)]
+    numbers = [getattr(partition.subdomain(rank), what) for rank in range(comm.size)]
     whole = np.empty((1 + max(int(local.max(initial=-1)) for local in numbers), part.shape[1]))
     for local, values in zip(numbers, from_all(comm, part)):
         whole[local] = values

@@ -57,7 +57,7 @@ class LatticeFlow(Copied, om.Group):
 
     Options
     -------
-    model : FittedModel or ModelShare
+    model : FittedModel or LocalModel
         The fitted grid about one half of a wing, the span 0 in the plane of symmetry, or what one of several processes
         needs of it by `Partition.of`.
     reference_area : float
@@ -79,7 +79,8 @@ class LatticeFlow(Copied, om.Group):
     Raises
     ------
     InputError
-        In ``setup``, if OpenAeroStruct is not there, the wall has no camber surface, or the model is another share.
+        In ``setup``, if OpenAeroStruct is not there, the wall has no camber surface, or the model is that of another
+        subdomain.
     om.AnalysisError
         In a run, if panels of the lattice are folded.
 
@@ -124,8 +125,8 @@ class LatticeFlow(Copied, om.Group):
         places, n_nodes = _places(partition, surface.rows)
         entries = (3 * places[:, None] + np.arange(3)).ravel()
         self.promotes("camber", inputs=[(SURFACE, GRID)], src_indices=entries, src_shape=(3 * n_nodes,))
-        if self.comm.size == 1 or model.ownership is None:  # a share of several knows only its own
-            rows_here = np.concatenate([partition.share(rank).rows for rank in range(partition.n_ranks)])
+        if self.comm.size == 1 or model.ownership is None:  # a subdomain of several knows only its own
+            rows_here = np.concatenate([partition.subdomain(rank).rows for rank in range(partition.n_ranks)])
             self.set_input_defaults(GRID, val=nodes_at(model, rows_here).ravel(), units="m")
         return camber
 
@@ -133,9 +134,9 @@ class LatticeFlow(Copied, om.Group):
         """Nodes of ``grid`` that each process holds, one after another."""
         model = self.options["model"]
         partition = Partition.of(model.topology, self.comm.size)
-        if not model.fits(partition.share(self.comm.rank)):
+        if not model.fits(partition.subdomain(self.comm.rank)):
             raise InputError(
-                f"{self.msginfo}: the model is a share of other nodes than those that Partition.of(model.topology, "
+                f"{self.msginfo}: the model is of another subdomain than those that Partition.of(model.topology, "
                 f"{self.comm.size}) gives this process; make it with that"
             )
         return partition
@@ -233,7 +234,7 @@ def _places(partition: Partition, rows: np.ndarray) -> tuple[np.ndarray, int]:
     """Places of nodes among those that processes hold one after another, and the number of these."""
     places, start = np.empty_like(rows), 0
     for rank in range(partition.n_ranks):
-        rows_here = partition.share(rank).rows
+        rows_here = partition.subdomain(rank).rows
         order = np.argsort(rows_here, kind="stable")
         at = np.searchsorted(rows_here, rows, sorter=order)
         is_here = np.zeros(len(rows), dtype=bool)

@@ -19,7 +19,7 @@ from ...core.model.model import Model
 from ...errors import InputError
 from ...grids.io.fields import write_with_quality, writer_of
 from ...grids.topology.grid import Block, Grid
-from ...grids.topology.partition import Partition, Share
+from ...grids.topology.partition import Partition, Subdomain
 from ...names import CONTROL_POINTS, GRID
 from ..euler.fields import wall_path, write_flow
 from ..euler.gas import N_STATES
@@ -37,7 +37,7 @@ class Snapshot(OneLine):
         The grid.
     title : str
         What pictures call it.
-    model : FittedModel, ModelShare or None
+    model : FittedModel, LocalModel or None
         The fitted grid that it comes from.
     control_points : ndarray or None
         Its control points (m), shape (n_control_points, 3).
@@ -201,8 +201,8 @@ def _gathered(systems, system, name: str, value: np.ndarray) -> np.ndarray:
     """All of a variable of which each process has a part: nodes by their rows, states by their cells."""
     if name not in (GRID, "states"):
         return value
-    share = _share(systems, system.comm)
-    numbers = share.rows if name == GRID else share.cells
+    subdomain = _subdomain(systems, system.comm)
+    numbers = subdomain.rows if name == GRID else subdomain.cells
     every = from_all(system.comm, (numbers, value.reshape(len(numbers), -1)))
     whole = np.empty((1 + max(int(local.max(initial=-1)) for local, _ in every), every[0][1].shape[1]))
     for local, part in every:
@@ -210,15 +210,15 @@ def _gathered(systems, system, name: str, value: np.ndarray) -> np.ndarray:
     return whole.ravel()
 
 
-def _share(systems, comm: Any) -> Share:
+def _subdomain(systems, comm: Any) -> Subdomain:
     """Nodes and cells of this process, as the components say that have parts of the grid."""
     for system in systems:
         given = "partition" in system.options and system.options["partition"]
-        if isinstance(given, Share):
+        if isinstance(given, Subdomain):
             return given
         if isinstance(given, Partition):
-            return given.share(comm.rank)
+            return given.subdomain(comm.rank)
         if (model := _model_of(system)) is not None and model.ownership is not None:
             return model.ownership
     topology = next(model.topology for system in systems if (model := _model_of(system)) is not None)
-    return Partition.of(topology, comm.size).share(comm.rank)
+    return Partition.of(topology, comm.size).subdomain(comm.rank)

@@ -1,10 +1,10 @@
 """Which part of a grid each of several processes holds: whole blocks, pieces of them where the balance asks for it.
 
 A piece is a window of a block. Neighbouring pieces of a block share the nodes of the plane between them; a cell belongs
-to one piece only. The order of the nodes of a share is that of its pieces, each in C order, so that the share of a
-process that is alone is the grid.
+to one piece only. The order of the nodes of a subdomain is that of its pieces, each in C order, so that the subdomain
+of a process that is alone is the grid.
 
-A solver that has its own distribution says which nodes each process holds instead: `Share.of_rows`.
+A solver that has its own distribution says which nodes each process holds instead: `Subdomain.of_rows`.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -26,29 +26,29 @@ from .edge_cut import with_short_cuts
 from .index_space import Window, window_rows
 from .topology import Topology
 
-__all__ = ["Partition", "Share"]
+__all__ = ["Partition", "Subdomain"]
 
 
 @dataclass(frozen=True, eq=False)
-class Share(OneLine):
-    """The nodes of a grid that one process holds. Made by `Partition.share`, `Share.of_grid` or `Share.of_rows`.
+class Subdomain(OneLine):
+    """The nodes of a grid that one process holds, by `Partition.subdomain`, `Subdomain.of_grid` or `Subdomain.of_rows`.
 
     Parameters
     ----------
     n_nodes_of_grid : int
         Nodes of all blocks of the grid.
     rows : ndarray of int, shape (n_nodes,)
-        Row in the grid vector of every node of the share: pieces in order, each in C order.
+        Row in the grid vector of every node of the subdomain: pieces in order, each in C order.
     windows : tuple of Window, or None
         Its pieces; None where it was made of rows.
     shapes_of_grid : tuple of tuple of int
-        Number of nodes of each block of the grid in each direction; empty where the share was made of rows.
+        Number of nodes of each block of the grid in each direction; empty where the subdomain was made of rows.
 
     Examples
     --------
-    >>> from bspline_mdao.parallel import Share
-    >>> share = Share.of_rows([0, 1, 2], n_nodes_of_grid=100)
-    >>> share.n_nodes, share.is_grid
+    >>> from bspline_mdao.parallel import Subdomain
+    >>> subdomain = Subdomain.of_rows([0, 1, 2], n_nodes_of_grid=100)
+    >>> subdomain.n_nodes, subdomain.is_grid
     (3, False)
     """
 
@@ -58,21 +58,21 @@ class Share(OneLine):
     shapes_of_grid: tuple[tuple[int, ...], ...] = ()
 
     @classmethod
-    def of_windows(cls, shapes: Sequence[tuple[int, ...]], windows: Sequence[Window]) -> Share:
-        """Make the share of some pieces of blocks of given shapes."""
+    def of_windows(cls, shapes: Sequence[tuple[int, ...]], windows: Sequence[Window]) -> Subdomain:
+        """Make the subdomain of some pieces of blocks of given shapes."""
         layout = BlockLayout.of(shapes)
         starts = layout.starts.tolist()
         rows = [window_rows(window, shapes[window.block], starts[window.block]).ravel() for window in windows]
         return cls(layout.size, np.concatenate([np.zeros(0, dtype=np.int64), *rows]), tuple(windows), tuple(shapes))
 
     @classmethod
-    def of_grid(cls, topology: Topology) -> Share:
-        """Make the share of a process that is alone: all nodes."""
-        return Partition.of(topology, 1).share(0)
+    def of_grid(cls, topology: Topology) -> Subdomain:
+        """Make the subdomain of a process that is alone: all nodes."""
+        return Partition.of(topology, 1).subdomain(0)
 
     @classmethod
-    def of_rows(cls, rows: Sequence[int] | np.ndarray, n_nodes_of_grid: int) -> Share:
-        """Make the share of a process whose nodes a solver names.
+    def of_rows(cls, rows: Sequence[int] | np.ndarray, n_nodes_of_grid: int) -> Subdomain:
+        """Make the subdomain of a process whose nodes a solver names.
 
         Parameters
         ----------
@@ -90,8 +90,8 @@ class Share(OneLine):
         is_list = array.ndim == 1 and (array.dtype.kind in "iu" or not array.size)
         if not is_list or (array.size and not 0 <= array.min() <= array.max() < n_nodes_of_grid):
             raise InputError(
-                f"share of a grid: the rows are not those of {n_nodes_of_grid} nodes; give a list of integers from 0 "
-                f"to {n_nodes_of_grid - 1}"
+                f"subdomain of a grid: the rows are not those of {n_nodes_of_grid} nodes; give a list of integers from "
+                f"0 to {n_nodes_of_grid - 1}"
             )
         return cls(n_nodes_of_grid, array.astype(np.int64))
 
@@ -102,7 +102,7 @@ class Share(OneLine):
 
     @property
     def is_grid(self) -> bool:
-        """Whether the share is all of the grid, in its order."""
+        """Whether the subdomain is all of the grid, in its order."""
         return self.n_nodes == self.n_nodes_of_grid and bool((np.diff(self.rows, prepend=-1) == 1).all())
 
     @property
@@ -112,18 +112,18 @@ class Share(OneLine):
         Raises
         ------
         InputError
-            If the share was made of rows.
+            If the subdomain was made of rows.
         """
         return tuple(window.shape for window in self._pieces)
 
     @property
     def starts(self) -> tuple[int, ...]:
-        """Number of the first node of each piece among those of the share, and their number."""
+        """Number of the first node of each piece among those of the subdomain, and their number."""
         return tuple(BlockLayout.of(self.shapes).starts.tolist())
 
     @cached_property
     def cells(self) -> np.ndarray:
-        """Number in the grid of every cell of the share: pieces in order, each in C order, as its nodes.
+        """Number in the grid of every cell of the subdomain: pieces in order, each in C order, as its nodes.
 
         The cells of the grid are numbered blocks in order, each in C order; a block with fewer than two directions of
         more than one node has none.
@@ -131,7 +131,7 @@ class Share(OneLine):
         Raises
         ------
         InputError
-            If the share was made of rows.
+            If the subdomain was made of rows.
         """
         layout = BlockLayout.of(self.shapes_of_grid).cells
         cells = [np.zeros(0, dtype=np.int64)]
@@ -147,8 +147,8 @@ class Share(OneLine):
     def _pieces(self) -> tuple[Window, ...]:
         if self.windows is None:
             raise InputError(
-                "share of a grid: a list of nodes has no cells; give a share of blocks, by Partition.of(topology, "
-                "n_ranks).share(rank)"
+                "subdomain of a grid: a list of nodes has no cells; give a subdomain of blocks, by "
+                "Partition.of(topology, n_ranks).subdomain(rank)"
             )
         return self.windows
 
@@ -180,8 +180,8 @@ class Partition(OneLine):
     def of(cls, topology: Topology, n_ranks: int, imbalance: float = 0.15) -> Partition:
         """Deal blocks out to processes, the largest first, each to the one that has the fewest nodes.
 
-        Blocks that are larger than a share may be, and the largest ones of a process that would have too much, are cut
-        along their longest direction. At last pieces are exchanged until there are few faces between processes.
+        Blocks that are larger than a subdomain may be, and the largest ones of a process that would have too much, are
+        cut along their longest direction. At last pieces are exchanged until there are few faces between processes.
 
         Parameters
         ----------
@@ -190,8 +190,8 @@ class Partition(OneLine):
         n_ranks : int
             Number of processes.
         imbalance : float
-            By how much of the mean the largest share may exceed it. More than that is left only where nothing can be
-            cut any more.
+            By how much of the mean the largest subdomain may exceed it. More than that is left only where nothing can
+            be cut any more.
 
         Returns
         -------
@@ -214,11 +214,11 @@ class Partition(OneLine):
         while True:
             dealt = _dealt(pieces, n_ranks)
             most = (1.0 + imbalance) * sum(map(_size, pieces)) / n_ranks
-            too_large = {_largest(share) for share in dealt if sum(map(_size, share)) > most}
+            too_large = {_largest(subdomain) for subdomain in dealt if sum(map(_size, subdomain)) > most}
             halves = {piece: _cut(piece, 2) for piece in too_large}
             if all(len(parts) == 1 for parts in halves.values()):
                 dealt = with_short_cuts(topology, dealt)
-                order = (sorted(share, key=lambda piece: (piece.block, piece.lo)) for share in dealt)
+                order = (sorted(subdomain, key=lambda piece: (piece.block, piece.lo)) for subdomain in dealt)
                 return cls(tuple(map(tuple, topology.shapes)), tuple(map(tuple, order)))
             pieces = [part for piece in pieces for part in halves.get(piece, [piece])]
 
@@ -232,9 +232,9 @@ class Partition(OneLine):
         """Number of processes."""
         return len(self.pieces)
 
-    def share(self, rank: int) -> Share:
+    def subdomain(self, rank: int) -> Subdomain:
         """Return what a process holds."""
-        return Share.of_windows(self.shapes, self.pieces[rank])
+        return Subdomain.of_windows(self.shapes, self.pieces[rank])
 
 
 def _size(window: Window) -> int:

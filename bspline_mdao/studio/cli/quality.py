@@ -13,7 +13,7 @@ from ...base.numerics.processes import on_first, together, world
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.model.fitted_model import FittedModel
-from ...core.model.model_share import ModelShare
+from ...core.model.local_model import LocalModel
 from ...errors import InputError
 from ...grids.cells.certificate import Certificate, certify_cells
 from ...grids.cells.curved_grid import CurvedGrid
@@ -140,8 +140,8 @@ def _read(grid_name: str, patches: Path | None, comm: Any, units: str | None = N
 
 def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
     """What a fitted model regenerates of the pieces of this process."""
-    share = ModelShare.load(file, comm)
-    header, shapes = share.header, share.topology.shapes
+    subdomain = LocalModel.load(file, comm)
+    header, shapes = subdomain.header, subdomain.topology.shapes
 
     def no_nodes(window: Window | None) -> NoReturn:
         raise InputError(f"{patches}: its connections need the nodes of a grid; give patches as TOML, or one process")
@@ -149,8 +149,8 @@ def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
     blocks = (StoredBlock(shape, name, no_nodes) for shape, name in zip(shapes, header.names))
     grid = StoredGrid(tuple(blocks), header.patches, header.source, unit=header.unit)
     with together(comm):
-        grid, nodes = read_patches(patches, grid) if patches else grid, share.regenerate()
-    return _Read(grid, Partition.of(share.topology, comm.size), nodes, share.topology.warnings, comm)
+        grid, nodes = read_patches(patches, grid) if patches else grid, subdomain.regenerate()
+    return _Read(grid, Partition.of(subdomain.topology, comm.size), nodes, subdomain.topology.warnings, comm)
 
 
 def _grid_in_parts(grid_name: str, patches: Path | None, comm: Any, units: str | None) -> _Read:

@@ -53,7 +53,7 @@ EXTRA = "report"
 """What installs the libraries that pages are made with."""
 
 NO_MODEL = "The grid is not shown: each process has a part of it alone."
-"""What is missing where a problem has shares of a model."""
+"""What is missing where a problem has local models alone."""
 
 MOST_TRIANGLES = 40_000
 """Triangles of the walls that are drawn of each shape: as many as a phone turns smoothly."""

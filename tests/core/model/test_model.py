@@ -13,7 +13,7 @@ from bspline_mdao.core.evaluation.evaluator import Evaluator
 from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.core.model import model_file
 from bspline_mdao.core.model.fitted_model import FittedModel
-from bspline_mdao.core.model.model_share import ModelShare
+from bspline_mdao.core.model.local_model import LocalModel
 from bspline_mdao.core.splines.knots import FunctionKnots
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.io.plot3d_dialect import Plot3dDialect
@@ -166,9 +166,9 @@ def test_a_file_of_version_3_is_read_by_one_process_and_refused_by_several(saved
     again = FittedModel.load(saved)
     np.testing.assert_array_equal(again.residual_lengths, model.residual_lengths)
     with pytest.raises(InputError, match=r"model\.h5: is of a version before 4, .* FittedModel\.load\(path\)\.save"):
-        ModelShare.load(saved)
+        LocalModel.load(saved)
     again.save(saved)
-    np.testing.assert_array_equal(ModelShare.load(saved).residual_lengths, model.residual_lengths)
+    np.testing.assert_array_equal(LocalModel.load(saved).residual_lengths, model.residual_lengths)
 
 
 @pytest.mark.slow

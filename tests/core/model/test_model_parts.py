@@ -1,4 +1,4 @@
-"""Model files in parts: shares that are read by slices, and files that are written by turns."""
+"""Model files in parts: subdomains that are read by slices, and files that are written by turns."""
 
 import h5py
 import numpy as np
@@ -8,9 +8,9 @@ from fit_cases import FOLDING, folded_block, two_blocks
 from bspline_mdao import FitWarning, InputError, fit_grid
 from bspline_mdao.core.model import model_parts
 from bspline_mdao.core.model.fitted_model import FittedModel
-from bspline_mdao.core.model.model_share import ModelShare
+from bspline_mdao.core.model.local_model import LocalModel
 from bspline_mdao.grids.topology.grid import Block, Grid
-from bspline_mdao.grids.topology.partition import Partition, Share
+from bspline_mdao.grids.topology.partition import Partition, Subdomain
 from bspline_mdao.splines import fit_blocks
 
 
@@ -22,16 +22,16 @@ def saved(tmp_path_factory):
 
 
 @pytest.mark.parametrize("n_ranks", [1, 2, 3, 4, 5])
-def test_shares_that_are_read_have_the_bits_of_the_whole_model(saved, n_ranks):
+def test_local_models_that_are_read_have_the_bits_of_the_whole_model(saved, n_ranks):
     model, path = saved
     partition = Partition.of(model.topology, n_ranks, imbalance=0.05)
     whole = model.regenerate().to_vector().reshape(-1, 3)
     for rank in range(n_ranks):
-        share = ModelShare.load(path, share=partition.share(rank))
-        expected = model.share(partition.share(rank))
-        np.testing.assert_array_equal(share.parameters, expected.parameters)
-        np.testing.assert_array_equal(share.residual, expected.residual)
-        np.testing.assert_array_equal(share.regenerate(), whole[share.share.rows])
+        local = LocalModel.load(path, subdomain=partition.subdomain(rank))
+        expected = model.local_model(partition.subdomain(rank))
+        np.testing.assert_array_equal(local.parameters, expected.parameters)
+        np.testing.assert_array_equal(local.residual, expected.residual)
+        np.testing.assert_array_equal(local.regenerate(), whole[local.subdomain.rows])
 
 
 def test_a_few_nodes_are_read_and_not_their_blocks(saved, monkeypatch):
@@ -74,8 +74,8 @@ def test_a_file_written_by_turns_is_that_of_a_model(options, tmp_path):
     loaded = FittedModel.load(tmp_path / "parts.h5")
     np.testing.assert_array_equal(loaded.regenerate().to_vector(), model.regenerate().to_vector())
     np.testing.assert_array_equal(loaded.header.iblanks[0], blocks[0].iblank)
-    share = parts.share(Share.of_grid(model.topology))
-    np.testing.assert_array_equal(share.regenerate(), model.regenerate().to_vector().reshape(-1, 3))
+    local = parts.local_model(Subdomain.of_grid(model.topology))
+    np.testing.assert_array_equal(local.regenerate(), model.regenerate().to_vector().reshape(-1, 3))
 
 
 def test_a_fit_in_parts_warns_and_refuses_as_a_whole_one():
@@ -86,16 +86,16 @@ def test_a_fit_in_parts_warns_and_refuses_as_a_whole_one():
         fit_blocks(two_blocks(), method="none")
 
 
-def test_what_is_damaged_beyond_the_share_is_found_when_it_is_read(saved, tmp_path):
+def test_what_is_damaged_beyond_the_local_model_is_found_when_it_is_read(saved, tmp_path):
     model, path = saved
     content = bytearray(path.read_bytes())
     damaged = tmp_path / "damaged.h5"
     content[len(content) // 2] ^= 0xFF
     damaged.write_bytes(content)
     with pytest.raises(InputError, match=r"damaged.h5: the fitted model is damaged"):
-        ModelShare.load(damaged, share=Partition.of(model.topology, 2).share(0))
+        LocalModel.load(damaged, subdomain=Partition.of(model.topology, 2).subdomain(0))
     with pytest.raises(InputError, match="no such file"):
-        ModelShare.load(tmp_path / "none.h5")
+        LocalModel.load(tmp_path / "none.h5")
 
 
 def test_a_disk_without_room_is_said_before_anything_is_written(tmp_path, monkeypatch):

@@ -18,7 +18,7 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.generators import Spacing, flat_plate_grid, infinite_wing_grid, naca_section
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import judge_move
-from bspline_mdao.grids.topology.partition import Share
+from bspline_mdao.grids.topology.partition import Subdomain
 from bspline_mdao.names import (
     CONTROL_CORNER_KS,
     CONTROL_POINTS,
@@ -345,10 +345,10 @@ def test_a_model_without_walls_is_told_what_to_name():
 
 
 @pytest.mark.slow
-def test_a_share_of_a_model_gives_the_grid_and_the_totals_of_the_model(plate):
-    share = plate.share(Share.of_grid(plate.topology))
+def test_a_local_model_gives_the_grid_and_the_totals_of_the_model(plate):
+    subdomain = plate.local_model(Subdomain.of_grid(plate.topology))
     found = []
-    for model in (plate, share):
+    for model in (plate, subdomain):
         problem = problem_of(model, **({"fit": False} if model is plate else {}))
         points = problem.get_val(SURFACE_CONTROL_POINTS)
         problem.set_val(SURFACE_CONTROL_POINTS, points * np.tile((1.1, 1.05, 1.0), len(points) // 3))
@@ -361,12 +361,12 @@ def test_a_share_of_a_model_gives_the_grid_and_the_totals_of_the_model(plate):
 
 
 @pytest.mark.parametrize("options", [{"fit": True}, {"live": True}, {"surface": True}])
-def test_a_share_of_a_model_has_neither_a_fit_nor_given_nodes(plate, options):
-    share = plate.share(Share.of_grid(plate.topology))
+def test_a_local_model_has_neither_a_fit_nor_given_nodes(plate, options):
+    subdomain = plate.local_model(Subdomain.of_grid(plate.topology))
     if "surface" in options:
-        options = {**options, "surface": SurfaceGrid.of(share)}
-    with pytest.raises(InputError, match=r"a share of a model has neither .* leave out 'fit', 'live' and 'surface'"):
-        problem_of(share, **options)
+        options = {**options, "surface": SurfaceGrid.of(subdomain)}
+    with pytest.raises(InputError, match=r"a local model has neither .* leave out 'fit', 'live' and 'surface'"):
+        problem_of(subdomain, **options)
 
 
 def test_splines_that_fold_are_refused_where_they_are_to_be_certified(plate):

@@ -12,7 +12,7 @@ from bspline_mdao.grids.cells.pieces import Pieces
 from bspline_mdao.grids.cells.report import inverted_cells, judge_move, report_quality
 from bspline_mdao.grids.topology.grid import Block, Grid, Patch
 from bspline_mdao.grids.topology.index_space import Window
-from bspline_mdao.grids.topology.partition import Partition, Share
+from bspline_mdao.grids.topology.partition import Partition, Subdomain
 
 SETTINGS = {"rho": 20.0, "p": 8, "rho_height": 15.0}
 
@@ -133,12 +133,12 @@ def test_any_deal_of_pieces_finds_what_one_process_finds(name):
 
 
 def compare(one, grid, partition, comm):
-    """Compare the share of one rank, and all aggregates and reports."""
-    share = partition.share(comm.rank)
+    """Compare the subdomain of one rank, and all aggregates and reports."""
+    subdomain = partition.subdomain(comm.rank)
     pieces = Pieces(partition, tuple(block.name for block in grid.blocks), grid.patches, comm=comm)
-    quality = GridQuality.of_pieces(pieces, one.baseline[share.rows], **SETTINGS)
-    nodes, direction = one.nodes[share.rows], one.direction[share.rows]
-    cells = share.cells
+    quality = GridQuality.of_pieces(pieces, one.baseline[subdomain.rows], **SETTINGS)
+    nodes, direction = one.nodes[subdomain.rows], one.direction[subdomain.rows]
+    cells = subdomain.cells
     assert quality.n_cells == cells.size
     values = quality.evaluate(nodes, cells=True)
     close(values.q, one.values.q[cells])
@@ -149,7 +149,7 @@ def compare(one, grid, partition, comm):
     close(change.q, one.change.q[cells])
     nodes_bar = np.zeros_like(one.nodes_bar)
     bar = quality.vjp(nodes, values, GridValues(one.bar.aggregates, one.bar.q[cells]))
-    np.add.at(nodes_bar, share.rows, bar)
+    np.add.at(nodes_bar, subdomain.rows, bar)
     close(sum(comm.allgather(nodes_bar)), one.nodes_bar)
     report, judged = report_quality(quality, nodes, 20), judge_move(quality, nodes)
     newly = inverted_cells(quality, quality.cells(nodes), newly=True)
@@ -170,7 +170,7 @@ def test_products_are_transposes_where_copies_of_nodes_differ():
 
     def products(comm):
         partition = cut_at_random(grid.shapes, comm.size, seed=5)
-        rows, rng = partition.share(comm.rank).rows, np.random.default_rng(comm.rank)
+        rows, rng = partition.subdomain(comm.rank).rows, np.random.default_rng(comm.rank)
         pieces = Pieces(partition, tuple(block.name for block in grid.blocks), grid.patches, comm=comm)
         quality = GridQuality.of_pieces(pieces, baseline[rows], **SETTINGS)
         nodes = baseline[rows] + 0.01 * rng.standard_normal((rows.size, 3))
@@ -199,6 +199,6 @@ def test_a_block_at_one_point_is_named_on_all_ranks():
     assert set(on_ranks(3, message)) == {"box.xyz: all nodes of block 3 are at one point; leave it out"}
 
 
-def test_a_share_of_rows_has_no_cells():
+def test_a_subdomain_of_rows_has_no_cells():
     with pytest.raises(InputError, match="has no cells"):
-        _ = Share.of_rows([1, 2], 5).cells
+        _ = Subdomain.of_rows([1, 2], 5).cells

@@ -44,11 +44,11 @@ def test_all_nodes_of_a_grid_are_evaluated_where_the_sharing_says(topology):
 
 
 @pytest.mark.parametrize("n_ranks", [2, 3, 5])
-def test_the_nodes_of_every_share_are_evaluated_once_where_the_sharing_says(topology, n_ranks):
+def test_the_nodes_of_every_subdomain_are_evaluated_once_where_the_sharing_says(topology, n_ranks):
     sharing, partition = node_sharing(topology), Partition.of(topology, n_ranks)
     source = sharing.source_rows()
     for rank in range(n_ranks):
-        rows = partition.share(rank).rows
+        rows = partition.subdomain(rank).rows
         held = NodeNumbering.of(topology, rows)
         np.testing.assert_array_equal(held.rows[: held.n_asked], rows)
         values = np.full(held.n_nodes, -1)

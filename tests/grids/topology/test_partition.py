@@ -6,7 +6,7 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.index_space import Window
-from bspline_mdao.grids.topology.partition import Partition, Share
+from bspline_mdao.grids.topology.partition import Partition, Subdomain
 
 
 def unequal_blocks():
@@ -35,24 +35,28 @@ def topology(request):
     return find_topology(grid)
 
 
-def shares_of(topology, n_ranks):
+def subdomains_of(topology, n_ranks):
     partition = Partition.of(topology, n_ranks)
-    return [partition.share(rank) for rank in range(n_ranks)]
+    return [partition.subdomain(rank) for rank in range(n_ranks)]
 
 
 @pytest.mark.parametrize("n_ranks", RANKS)
 def test_every_cell_belongs_to_one_process_and_every_node_to_one_or_more(topology, n_ranks):
-    shares = shares_of(topology, n_ranks)
+    subdomains = subdomains_of(topology, n_ranks)
     n_cells = sum(np.prod(np.maximum(np.array(s) - 1, 1)) for s in topology.shapes if sum(n > 1 for n in s) > 1)
-    np.testing.assert_array_equal(np.sort(np.concatenate([share.cells for share in shares])), np.arange(n_cells))
-    np.testing.assert_array_equal(np.unique(np.concatenate([share.rows for share in shares])), range(topology.n_nodes))
+    np.testing.assert_array_equal(
+        np.sort(np.concatenate([subdomain.cells for subdomain in subdomains])), np.arange(n_cells)
+    )
+    np.testing.assert_array_equal(
+        np.unique(np.concatenate([subdomain.rows for subdomain in subdomains])), range(topology.n_nodes)
+    )
 
 
 @pytest.mark.parametrize("n_ranks", RANKS)
 def test_loads_are_balanced_as_far_as_blocks_can_be_cut(topology, n_ranks):
-    shares = shares_of(topology, n_ranks)
-    loads = np.array([share.n_nodes for share in shares])
-    heaviest = shares[int(loads.argmax())]
+    subdomains = subdomains_of(topology, n_ranks)
+    loads = np.array([subdomain.n_nodes for subdomain in subdomains])
+    heaviest = subdomains[int(loads.argmax())]
     largest = max(heaviest.windows, key=lambda window: np.prod(window.shape))
     assert loads.max() <= 1.15 * loads.mean() or max(largest.shape) == 2
 
@@ -81,54 +85,54 @@ def test_a_single_block_is_cut_into_as_many_pieces_as_there_are_processes():
 
 
 def test_processes_that_no_cell_is_left_for_hold_nothing():
-    shares = shares_of(find_topology(grid_of(smooth_box(2, 2, 2))), 3)
-    assert [share.n_nodes for share in shares] == [8, 0, 0]
-    assert shares[1].shapes == ()
-    assert shares[1].starts == (0,)
-    assert shares[1].cells.size == 0
+    subdomains = subdomains_of(find_topology(grid_of(smooth_box(2, 2, 2))), 3)
+    assert [subdomain.n_nodes for subdomain in subdomains] == [8, 0, 0]
+    assert subdomains[1].shapes == ()
+    assert subdomains[1].starts == (0,)
+    assert subdomains[1].cells.size == 0
 
 
-def test_the_share_of_one_process_is_the_grid(topology):
-    share = Share.of_grid(topology)
-    assert share.is_grid
-    assert share.shapes == topology.shapes
-    assert not Share.of_rows(range(topology.n_nodes - 1), topology.n_nodes).is_grid
+def test_the_subdomain_of_one_process_is_the_grid(topology):
+    subdomain = Subdomain.of_grid(topology)
+    assert subdomain.is_grid
+    assert subdomain.shapes == topology.shapes
+    assert not Subdomain.of_rows(range(topology.n_nodes - 1), topology.n_nodes).is_grid
 
 
 @pytest.mark.parametrize("n_ranks", RANKS)
-def test_nodes_and_cells_of_a_share_are_in_the_order_of_its_pieces(n_ranks):
+def test_nodes_and_cells_of_a_subdomain_are_in_the_order_of_its_pieces(n_ranks):
     grid = unequal_blocks()
     nodes = grid.to_vector().reshape(-1, 3)
     q = GridQuality.of_baseline(grid).evaluate(nodes, cells=True).q
-    for share in shares_of(find_topology(grid), n_ranks):
-        at = share.starts
-        for window, start, end in zip(share.windows, at, at[1:]):
+    for subdomain in subdomains_of(find_topology(grid), n_ranks):
+        at = subdomain.starts
+        for window, start, end in zip(subdomain.windows, at, at[1:]):
             piece = grid.blocks[window.block].nodes[window.slices]
-            np.testing.assert_array_equal(nodes[share.rows[start:end]].reshape(piece.shape), piece)
-        if share.n_nodes:
-            own = grid_of(*(grid.blocks[window.block].nodes[window.slices] for window in share.windows))
+            np.testing.assert_array_equal(nodes[subdomain.rows[start:end]].reshape(piece.shape), piece)
+        if subdomain.n_nodes:
+            own = grid_of(*(grid.blocks[window.block].nodes[window.slices] for window in subdomain.windows))
             values = GridQuality.of_baseline(own).evaluate(own.to_vector().reshape(-1, 3), cells=True)
-            np.testing.assert_array_equal(values.q, q[share.cells])
+            np.testing.assert_array_equal(values.q, q[subdomain.cells])
 
 
-def test_a_share_of_rows_keeps_the_solvers_order():
-    share = Share.of_rows([5, 2, 2, 7], 8)
-    np.testing.assert_array_equal(share.rows, [5, 2, 2, 7])
-    assert (share.n_nodes, share.n_nodes_of_grid) == (4, 8)
-    assert Share.of_rows([], 8).n_nodes == 0
+def test_a_subdomain_of_rows_keeps_the_solvers_order():
+    subdomain = Subdomain.of_rows([5, 2, 2, 7], 8)
+    np.testing.assert_array_equal(subdomain.rows, [5, 2, 2, 7])
+    assert (subdomain.n_nodes, subdomain.n_nodes_of_grid) == (4, 8)
+    assert Subdomain.of_rows([], 8).n_nodes == 0
 
 
 @pytest.mark.parametrize("rows", [[8], [-1], [0.5], [[1, 2]], ["a"]])
 def test_rows_that_are_none_are_refused(rows):
     with pytest.raises(InputError, match="give a list of integers from 0 to 7"):
-        Share.of_rows(rows, 8)
+        Subdomain.of_rows(rows, 8)
 
 
-def test_a_share_of_rows_has_no_cells():
+def test_a_subdomain_of_rows_has_no_cells():
     with pytest.raises(InputError, match="a list of nodes has no cells"):
-        _ = Share.of_rows([1], 8).cells
+        _ = Subdomain.of_rows([1], 8).cells
     with pytest.raises(InputError, match="a list of nodes has no cells"):
-        _ = Share.of_rows([1], 8).shapes
+        _ = Subdomain.of_rows([1], 8).shapes
 
 
 def test_no_process_and_no_balance_are_refused():

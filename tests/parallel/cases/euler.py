@@ -46,7 +46,7 @@ def flown(model, comm, n_holders, mode):
     partition = Partition.of(model.topology, min(n_holders, comm.size))
     pieces = partition.pieces + ((),) * (comm.size - partition.n_ranks)
     partition = Partition(partition.shapes, pieces)
-    rows = partition.share(comm.rank).rows
+    rows = partition.subdomain(comm.rank).rows
     nodes = model.regenerate().to_vector().reshape(-1, 3)
     direction = 1e-3 * np.random.default_rng(1).standard_normal(nodes.shape)
     problem = om.Problem(reports=False, comm=comm)
@@ -58,18 +58,18 @@ def flown(model, comm, n_holders, mode):
     problem.set_val("along", 0.0)
     problem.set_val("alpha", 3.0)
     problem.run_model()
-    return problem, partition.share(comm.rank)
+    return problem, partition.subdomain(comm.rank)
 
 
 def results(model, comm, n_holders):
     """Values, totals in both modes and states by the numbers of cells of a problem."""
-    problem, share = flown(model, comm, n_holders, "fwd")
+    problem, subdomain = flown(model, comm, n_holders, "fwd")
     values = {name: problem.get_val(name).copy() for name in OUTPUTS}
     totals = {"fwd": problem.compute_totals(OUTPUTS, WRT)}
     states = problem.model.flow.state._outputs["states"].reshape(-1, 5).copy()
     problem, _ = flown(model, comm, n_holders, "rev")
     totals["rev"] = problem.compute_totals(COEFFICIENTS, WRT)
-    return values, totals, states, share
+    return values, totals, states, subdomain
 
 
 def difference(ours, theirs):
@@ -82,10 +82,10 @@ def main(n_holders: int):
     comm, model = MPI.COMM_WORLD, fit_grid(onera_m6_grid((5, 5, 5)))
     alone = results(model, MPI.COMM_SELF, 1) if comm.rank == 0 else None
     values, totals, states, _ = comm.bcast(alone)
-    our_values, our_totals, our_states, share = results(model, comm, n_holders)
-    assert len(our_states) == len(share.cells)
-    if len(share.cells):
-        assert difference(our_states, states[share.cells]) < 1e-10
+    our_values, our_totals, our_states, subdomain = results(model, comm, n_holders)
+    assert len(our_states) == len(subdomain.cells)
+    if len(subdomain.cells):
+        assert difference(our_states, states[subdomain.cells]) < 1e-10
     for name in OUTPUTS:
         assert difference(our_values[name], values[name]) < 1e-10, name
     for mode, these in our_totals.items():

@@ -7,7 +7,7 @@ from mpi4py import MPI
 from bspline_mdao import EulerFlow, GridEvaluate, InputError, fit_grid
 from bspline_mdao.flow.om.flow_run import run_flow
 from bspline_mdao.generators import onera_m6_grid
-from bspline_mdao.grids.topology.partition import Partition, Share
+from bspline_mdao.grids.topology.partition import Partition, Subdomain
 
 COMM = MPI.COMM_WORLD
 OF, WRT = ("CL", "CD", "CM", "CD_induced"), ("control_points", "alpha")
@@ -95,7 +95,7 @@ def failures_are_those_of_all(model):
     assert "did not converge" in raised(hasty.run_model, om.AnalysisError)
     other = Partition.of(model.topology, COMM.size + 1)
     assert f"one of {COMM.size + 1} processes" in raised(lambda: chain(model, partition=other), InputError)
-    rows = Share.of_rows([0, 1, 2], model.topology.n_nodes)
+    rows = Subdomain.of_rows([0, 1, 2], model.topology.n_nodes)
     assert "give the Partition" in raised(lambda: chain(model, partition=rows), InputError)
 
 

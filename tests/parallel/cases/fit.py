@@ -1,4 +1,4 @@
-"""A fit on several ranks from a file, its model file, and the shares that are read from it, against one process."""
+"""A fit on several ranks from a file, its model file, and the subdomains that are read from it, against one process."""
 
 import sys
 import tempfile
@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from bspline_mdao import FitWarning, InputError, fit_grid, open_grid, write_grid
 from bspline_mdao.core.model.fitted_model import FittedModel
-from bspline_mdao.core.model.model_share import ModelShare
+from bspline_mdao.core.model.local_model import LocalModel
 from bspline_mdao.grids.topology.partition import Partition
 from bspline_mdao.splines import fit_blocks
 
@@ -81,10 +81,10 @@ def check(name, folder):
     comm.barrier()
     expected = serial.regenerate().to_vector().reshape(-1, 3)
     for file in ("parallel.h5", "serial.h5"):
-        share = ModelShare.load(folder / file, comm)
-        np.testing.assert_array_equal(share.regenerate(), expected[share.share.rows])
-    uneven = Partition.of(serial.topology, comm.size, imbalance=0.01).share(comm.size - 1 - comm.rank)
-    np.testing.assert_array_equal(blocks.share(uneven).regenerate(), expected[uneven.rows])
+        local = LocalModel.load(folder / file, comm)
+        np.testing.assert_array_equal(local.regenerate(), expected[local.subdomain.rows])
+    uneven = Partition.of(serial.topology, comm.size, imbalance=0.01).subdomain(comm.size - 1 - comm.rank)
+    np.testing.assert_array_equal(blocks.local_model(uneven).regenerate(), expected[uneven.rows])
 
 
 def check_failures(folder):
@@ -99,7 +99,7 @@ def check_failures(folder):
         (lambda: fit_blocks(grid, comm, corrections=1), "parameter correction"),
         (lambda: fit_blocks(grid, comm, n_control=(1, 1, 1)), "control point"),
         (lambda: blocks.save(path / "model.h5"), "cannot be written"),
-        (lambda: ModelShare.load(folder / "none.h5", comm), "no such file"),
+        (lambda: LocalModel.load(folder / "none.h5", comm), "no such file"),
         (lambda: open_grid(folder / "none.xyz", comm=comm), "does not exist"),
     ):
         try:

@@ -14,7 +14,7 @@ from bspline_mdao.core.generators.hh_wing import Spacing
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.grid import Block, Grid
 from bspline_mdao.measures import SurfaceGrid
-from bspline_mdao.parallel import Partition, Share
+from bspline_mdao.parallel import Partition, Subdomain
 
 warnings.simplefilter("ignore", om.DerivativesWarning)
 comm = MPI.COMM_WORLD
@@ -74,17 +74,17 @@ def check(model, given):
     weights = rng.standard_normal((n, 3))
     moved = model.control_points + 1e-4 * rng.standard_normal(model.control_points.shape)
     indices = rng.permutation(moved.size)[:6]
-    share, options = Partition.of(model.topology, comm.size).share(comm.rank), {"model": model}
+    subdomain, options = Partition.of(model.topology, comm.size).subdomain(comm.rank), {"model": model}
     if given == "rows":  # those of a solver that deals nodes out one by one; the last rank holds none
         last = max(comm.size - 1, 1)
         rows = np.random.default_rng(1).permutation(n)[comm.rank :: last] if comm.rank < last else []
-        share = options["partition"] = Share.of_rows(rows, n)
-    elif given == "share":
-        options = {"model": model.share(share)}
+        subdomain = options["partition"] = Subdomain.of_rows(rows, n)
+    elif given == "subdomain":
+        options = {"model": model.local_model(subdomain)}
     elif given == "surface":
         options["surface"] = SurfaceGrid.of(model)
-    counts = comm.allreduce(np.bincount(share.rows, minlength=n))
-    own = (weights / np.maximum(counts, 1)[:, None])[share.rows]
+    counts = comm.allreduce(np.bincount(subdomain.rows, minlength=n))
+    own = (weights / np.maximum(counts, 1)[:, None])[subdomain.rows]
     whole = {"model": model, "surface": options.get("surface")}
     problems = {
         "whole": problem_of(GridEvaluate(**whole), MPI.COMM_SELF, indices, Sum(weights=weights.ravel())),
@@ -101,8 +101,8 @@ def check(model, given):
             totals[name, mode] = np.ravel(problem.compute_totals(return_format="array"))
     expected = problems["whole"].get_val("grid").reshape(-1, 3)
     found = problems["parts"].get_val("grid", get_remote=False).reshape(-1, 3)
-    assert found.shape == (share.n_nodes, 3)
-    assert found.tobytes() == expected[share.rows].tobytes()
+    assert found.shape == (subdomain.n_nodes, 3)
+    assert found.tobytes() == expected[subdomain.rows].tobytes()
     for mode in ("fwd", "rev"):
         off = np.abs(totals["parts", mode] - totals["whole", mode]).max() / np.abs(totals["whole", mode]).max()
         assert off < 1e-13, (mode, off)

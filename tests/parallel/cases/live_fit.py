@@ -11,7 +11,7 @@ from bspline_mdao import Fit, FitWarning, LiveGridEvaluate, fit_grid
 from bspline_mdao.base.numerics.processes import summed
 from bspline_mdao.core.fit.fit_nodes import whole_blocks
 from bspline_mdao.grids.topology.index_space import Window
-from bspline_mdao.grids.topology.partition import Partition, Share
+from bspline_mdao.grids.topology.partition import Partition, Subdomain
 
 comm = MPI.COMM_WORLD
 base = movable_model()
@@ -19,7 +19,7 @@ directions = 0.01 * np.random.default_rng(4).standard_normal((4, base.n_nodes, 3
 
 
 class Shift(om.ExplicitComponent):
-    """Move the nodes of a share along some directions, as far as serial numbers say."""
+    """Move the nodes of a subdomain along some directions, as far as serial numbers say."""
 
     def initialize(self):
         self.options.declare("rows")
@@ -43,7 +43,7 @@ class Shift(om.ExplicitComponent):
 
 
 class Weigh(om.ExplicitComponent):
-    """Weighted sums of the nodes of a share."""
+    """Weighted sums of the nodes of a subdomain."""
 
     def initialize(self):
         self.options.declare("rows")
@@ -108,10 +108,10 @@ def check(model, live):
     uneven = Partition(partition.shapes, ((),) * (comm.size - 1) + (tuple(w for p in partition.pieces for w in p),))
     of = ["sums", "fitted_sums"] if live else ["fitted_sums"]
     for mode in ("fwd", "rev"):
-        one = problem_of(MPI.COMM_SELF, model, live, Share.of_grid(model.topology).rows, mode)
+        one = problem_of(MPI.COMM_SELF, model, live, Subdomain.of_grid(model.topology).rows, mode)
         expected = one.compute_totals(of, ["amounts"])
         for deal in (None, uneven):
-            rows = (deal or partition).share(comm.rank).rows
+            rows = (deal or partition).subdomain(comm.rank).rows
             problem = problem_of(comm, model, live, rows, mode, deal)
             np.testing.assert_allclose(
                 problem["control_points_initial"], one["control_points_initial"], rtol=0, atol=1e-13

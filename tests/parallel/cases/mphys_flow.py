@@ -20,7 +20,7 @@ class Waves(om.ExplicitComponent):
 
     def setup(self):
         size, topology = self.comm.size, wing.model.topology
-        rows = Partition.of(topology, size).share(self.comm.rank).rows
+        rows = Partition.of(topology, size).subdomain(self.comm.rank).rows
         copies = summed(self.comm, np.bincount(rows, minlength=topology.n_nodes))[rows]
         sources = node_sharing(topology).source_rows()[rows]
         self.weights = (np.cos(3.0 * sources[:, None] + [0.0, 1.0, 2.0]) / copies[:, None]).ravel()

@@ -10,16 +10,16 @@ from bspline_mdao.core.om.quality import Quality
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.aggregates import AGGREGATES
 from bspline_mdao.grids.topology.index_space import Window
-from bspline_mdao.grids.topology.partition import Partition, Share
+from bspline_mdao.grids.topology.partition import Partition, Subdomain
 
 SETTINGS = {"aggregates": tuple(AGGREGATES), "rho": 20.0, "p": 8, "rho_height": 20.0}
 comm, model = world(), movable_model()
-whole = Share.of_grid(model.topology)
+whole = Subdomain.of_grid(model.topology)
 directions = 0.02 * np.random.default_rng(4).standard_normal((4, model.n_nodes, 3))
 
 
 class Shift(om.ExplicitComponent):
-    """Move the nodes of a share along some directions, as far as serial numbers say."""
+    """Move the nodes of a subdomain along some directions, as far as serial numbers say."""
 
     def initialize(self):
         self.options.declare("rows")
@@ -41,10 +41,10 @@ class Shift(om.ExplicitComponent):
             d_inputs["amounts"] += summed(self.comm, self.directions @ d_outputs["grid"])
 
 
-def problem_of(comm, share, mode, **options):
+def problem_of(comm, subdomain, mode, **options):
     """The shift and the component behind it, after a run."""
     problem = om.Problem(reports=False, comm=comm)
-    problem.model.add_subsystem("shift", Shift(rows=share.rows), promotes=["*"])
+    problem.model.add_subsystem("shift", Shift(rows=subdomain.rows), promotes=["*"])
     problem.model.add_subsystem("quality", Quality(model=model, **{**SETTINGS, **options}), promotes=["*"])
     problem.setup(mode=mode)
     problem.run_model()
@@ -67,27 +67,27 @@ one = {mode: problem_of(MPI.COMM_SELF, whole, mode, cells=True) for mode in ("fw
 expected = one["rev"].compute_totals(list(AGGREGATES), ["amounts"])
 report = one["rev"].model.quality.report()
 for partition in deals():
-    share = (partition or Partition.of(model.topology, comm.size)).share(comm.rank)
+    subdomain = (partition or Partition.of(model.topology, comm.size)).subdomain(comm.rank)
     for mode in ("fwd", "rev"):
-        problem = problem_of(comm, share, mode, cells=True, partition=partition)
+        problem = problem_of(comm, subdomain, mode, cells=True, partition=partition)
         for name in AGGREGATES:
             np.testing.assert_allclose(problem.get_val(name), one[mode].get_val(name), rtol=1e-13)
         quality = problem.get_val("cell_quality", get_remote=False)
-        np.testing.assert_allclose(quality, one[mode].get_val("cell_quality")[share.cells], rtol=1e-13)
+        np.testing.assert_allclose(quality, one[mode].get_val("cell_quality")[subdomain.cells], rtol=1e-13)
         totals = problem.compute_totals(list(AGGREGATES), ["amounts"])
         for key, total in totals.items():
             np.testing.assert_allclose(total, expected[key], rtol=0.0, atol=1e-13 * np.abs(expected[key]).max())
         assert repr(problem.model.quality.report()) == repr(report)
 
 
-def check_products(problem, share):
+def check_products(problem, subdomain):
     """Compare forward products with differences and reverse ones, in directions and with seeds of each rank."""
     component, rng = problem.model.quality, np.random.default_rng(comm.rank)
     at, direction = (
         {"grid": problem.get_val("grid", get_remote=False).ravel().copy()},
-        rng.standard_normal(3 * share.n_nodes),
+        rng.standard_normal(3 * subdomain.n_nodes),
     )
-    n_cells = share.cells.size
+    n_cells = subdomain.cells.size
 
     def outputs(step=0.0):
         found = {name: np.zeros(1) for name in AGGREGATES} | {"cell_quality": np.zeros(n_cells)}
@@ -100,7 +100,7 @@ def check_products(problem, share):
     difference = (outputs(1e-6) - outputs(-1e-6)) / 2e-6
     np.testing.assert_allclose(difference, exact, rtol=0.0, atol=1e-5 * np.abs(exact).max())
     seeds = {name: np.random.default_rng(9).standard_normal(1) for name in AGGREGATES}
-    seeds["cell_quality"], bar = rng.standard_normal(n_cells), {"grid": np.zeros(3 * share.n_nodes)}
+    seeds["cell_quality"], bar = rng.standard_normal(n_cells), {"grid": np.zeros(3 * subdomain.n_nodes)}
     component.compute_jacvec_product(at, bar, seeds, "rev")
     serial = sum(float(seeds[name] @ forward[name]) for name in AGGREGATES)
     parts = np.array([seeds["cell_quality"] @ forward["cell_quality"], bar["grid"] @ direction])
@@ -108,9 +108,9 @@ def check_products(problem, share):
     assert abs(serial + of_cells - reverse) < 1e-12 * max(abs(serial), abs(of_cells), abs(reverse))
 
 
-check_products(problem, share)
-share = Partition.of(model.topology, comm.size).share(comm.rank)
-check_products(problem_of(comm, share, "rev", cells=True), share)
+check_products(problem, subdomain)
+subdomain = Partition.of(model.topology, comm.size).subdomain(comm.rank)
+check_products(problem_of(comm, subdomain, "rev", cells=True), subdomain)
 
 
 def words(task, kind):
@@ -124,7 +124,7 @@ def words(task, kind):
 
 def folded(**options):
     """Fold a cell of the second block, which one rank alone has."""
-    problem = problem_of(comm, Partition.of(model.topology, comm.size).share(comm.rank), "rev", **options)
+    problem = problem_of(comm, Partition.of(model.topology, comm.size).subdomain(comm.rank), "rev", **options)
     problem.model.quality.options["require_valid"] = True
     row = 7 * 8 * 6 + (4 * 8 + 3) * 6 + 2
     problem.model.shift.baseline += 0.0
@@ -137,10 +137,10 @@ problem = folded()
 message = words(problem.run_model, om.AnalysisError)
 assert set(comm.allgather(message)) == {message}
 assert "of block 2 is inverted" in message, message
-own = Share.of_rows(Partition.of(model.topology, comm.size).share(comm.rank).rows, model.n_nodes)
-assert "a share of rows has no cells" in words(lambda: problem_of(comm, own, "rev", partition=own), InputError)
+own = Subdomain.of_rows(Partition.of(model.topology, comm.size).subdomain(comm.rank).rows, model.n_nodes)
+assert "a subdomain of rows has no cells" in words(lambda: problem_of(comm, own, "rev", partition=own), InputError)
 wrong = Partition.of(model.topology, comm.size + 1)
 assert f"processes, and there are {comm.size}" in words(
-    lambda: problem_of(comm, wrong.share(comm.rank), "rev", partition=wrong), InputError
+    lambda: problem_of(comm, wrong.subdomain(comm.rank), "rev", partition=wrong), InputError
 )
 print("done", comm.rank)

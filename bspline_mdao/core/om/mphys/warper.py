@@ -7,7 +7,7 @@ import openmdao.api as om
 from openmdao.vectors.vector import Vector
 
 from ....base.numerics.processes import summed, together
-from ....grids.topology.partition import Partition, Share
+from ....grids.topology.partition import Partition, Subdomain
 from ....names import GRID, SURFACE
 from ...fit.surface_fit import SurfaceMiss
 from ...mesh.surface import SurfaceGrid
@@ -120,22 +120,22 @@ class VolumeWarper(Copied, om.Group):
         valid, given = self.options["require_valid"], np.flatnonzero(counts)
         options = {"model": model, "surface": surface, "numbers": given}
         options |= {name: self.options[name] for name in ("mover", "comoving")}
-        share = self._share(model)
-        movement = GridMovement(**options, partition=share, require_valid=valid, fit=False, quality=False)
+        subdomain = self._subdomain(model)
+        movement = GridMovement(**options, partition=subdomain, require_valid=valid, fit=False, quality=False)
         given_nodes = _SolverSurface(surface=surface, numbers=numbers, counts=counts)
         self.add_subsystem("surface", given_nodes, promotes_inputs=[X_AERO], promotes_outputs=[SURFACE])
         self.promotes("surface", inputs=[X_JIG], **(_FIRST if comm.size > 1 else {}))
         self.add_subsystem("movement", movement, promotes_inputs=[SURFACE], promotes_outputs=[GRID])
-        nodes = {"shape": 3 * (model.n_nodes if share is None else share.n_nodes), "distributed": comm.size > 1}
+        nodes = {"shape": 3 * (model.n_nodes if subdomain is None else subdomain.n_nodes), "distributed": comm.size > 1}
         handed = Renaming(GRID, self.options["volume_name"], {**nodes, "units": "m"}, {**nodes, "tags": COUPLING})
         self.add_subsystem("nodes", Renamed(pairs=[handed]), promotes=["*"])
 
-    def _share(self, model: FittedModel) -> Share | None:
+    def _subdomain(self, model: FittedModel) -> Subdomain | None:
         """Nodes of the grid that this process evaluates, in the solver's order; None for all of them on one process."""
         rows, comm = self.options["rows"], self.comm
         if rows is not None:
-            return Share.of_rows(nodes_of_rank(rows, model.n_nodes, "rows", comm, self.msginfo), model.n_nodes)
-        return None if comm.size == 1 else Partition.of(model.topology, comm.size).share(comm.rank)
+            return Subdomain.of_rows(nodes_of_rank(rows, model.n_nodes, "rows", comm, self.msginfo), model.n_nodes)
+        return None if comm.size == 1 else Partition.of(model.topology, comm.size).subdomain(comm.rank)
 
     @property
     def miss(self) -> SurfaceMiss | None:

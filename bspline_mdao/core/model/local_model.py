@@ -3,7 +3,7 @@
 Topology, control mesh and control points are those of the whole model. Parameters and residual are those of some nodes
 alone: the process's own; those that they are copies of, because a node that blocks share is evaluated in the volume of
 the first; and those of the boundary and of the layer next to it, which every process has, because what is near a wall
-follows all of it. So a share is a part of the grid and a few surfaces, and its nodes have the bits that they have
+follows all of it. So a local model is a part of the grid and a few surfaces, and its nodes have the bits that they have
 in the whole grid, on any number of processes.
 
 Theory: ``docs/parallel.rst``.
@@ -24,7 +24,7 @@ from ...base.display import OneLine
 from ...base.numerics.processes import ONE, on_first, together
 from ...errors import InputError
 from ...grids.topology.node_numbering import NodeNumbering, NodesByRow, each_once, face_layer_rows
-from ...grids.topology.partition import Partition, Share
+from ...grids.topology.partition import Partition, Subdomain
 from ...grids.topology.topology import Topology
 from ..evaluation.evaluator import Evaluator
 from ..splines.mesh import BSplineMesh
@@ -36,28 +36,28 @@ from .model_file import read_fields
 from .model_parts import opened_parts
 from .records import FitReport, FitSettings, GridHeader
 
-__all__ = ["ModelShare", "rows_of_share"]
+__all__ = ["LocalModel", "rows_of_subdomain"]
 
 
-def rows_of_share(topology: Topology, share: Share) -> np.ndarray:
-    """Rows of the nodes whose parameters and residual a share needs, ascending, each once."""
+def rows_of_subdomain(topology: Topology, subdomain: Subdomain) -> np.ndarray:
+    """Rows of the nodes whose parameters and residual a process needs, ascending, each once."""
     # They are its own, those of the boundary of the grid and of the layer next to it, and those that these are copies
     # of.
     boundary = [rows.ravel() for face in topology.boundary for rows in face_layer_rows(topology, face.window)]
-    return each_once(NodeNumbering.of(topology, each_once(np.concatenate([share.rows, *boundary]))).rows)
+    return each_once(NodeNumbering.of(topology, each_once(np.concatenate([subdomain.rows, *boundary]))).rows)
 
 
 @dataclass(frozen=True, eq=False)
-class ModelShare(OneLine, Model):
-    """A fitted grid as one of several processes needs it. Made by `FittedModel.share`, or by `ModelShare.of`."""
+class LocalModel(OneLine, Model):
+    """A fitted grid as one of several processes needs it. Made by `FittedModel.local_model`, or by `LocalModel.of`."""
 
-    share: Share  # nodes of the process
+    subdomain: Subdomain  # nodes of the process
     # topology, mesh, control_points, header, report, settings, candidate_weights, residual_lengths: those of the whole
     # model, see `bspline_mdao.core.model.fitted_model.FittedModel`
     topology: Topology
     mesh: BSplineMesh
     control_points: np.ndarray
-    rows: np.ndarray  # (n,) of int, rows of the nodes that it knows, see `rows_of_share`
+    rows: np.ndarray  # (n,) of int, rows of the nodes that it knows, see `rows_of_subdomain`
     parameters: np.ndarray  # (n, 3), parameters of each of them in the volume that evaluates it
     residual: np.ndarray | None  # (n, 3), their residual (m), where it is kept
     header: GridHeader
@@ -69,7 +69,7 @@ class ModelShare(OneLine, Model):
     @classmethod
     def of(
         cls,
-        share: Share,  # nodes of the process
+        subdomain: Subdomain,  # nodes of the process
         topology: Topology,  # topology of the grid
         # takes the number of a segment and places in the C order of its nodes, ascending, and returns their parameters,
         # shape (n, 3)
@@ -77,14 +77,14 @@ class ModelShare(OneLine, Model):
         # takes ascending rows of the grid vector and returns their residual (m), shape (n, 3)
         residual_at: Callable[[np.ndarray], np.ndarray] | None,
         **others,  # the other arguments of the class: ``mesh``, ``control_points``, ``header``, ..
-    ) -> ModelShare:
-        """Gather what a share needs, segment by segment."""
-        if share.n_nodes_of_grid != topology.n_nodes:
+    ) -> LocalModel:
+        """Gather what a process needs, segment by segment."""
+        if subdomain.n_nodes_of_grid != topology.n_nodes:
             raise InputError(
-                f"{topology.source}: a share of a grid of {share.n_nodes_of_grid} nodes, but it has "
+                f"{topology.source}: a subdomain of a grid of {subdomain.n_nodes_of_grid} nodes, but it has "
                 f"{topology.n_nodes}; make the partition with the topology of the model"
             )
-        nodes_here = NodeNumbering.of(topology, rows_of_share(topology, share))
+        nodes_here = NodeNumbering.of(topology, rows_of_subdomain(topology, subdomain))
         parameters = np.empty((nodes_here.n_nodes, 3))
         for segment, (numbers, places) in enumerate(zip(nodes_here.numbers, nodes_here.places)):
             if len(numbers):
@@ -92,7 +92,12 @@ class ModelShare(OneLine, Model):
         parameters[nodes_here.copies[:, 0]] = parameters[nodes_here.copies[:, 1]]
         residual = None if residual_at is None else residual_at(nodes_here.rows)
         return cls(
-            share=share, topology=topology, rows=nodes_here.rows, parameters=parameters, residual=residual, **others
+            subdomain=subdomain,
+            topology=topology,
+            rows=nodes_here.rows,
+            parameters=parameters,
+            residual=residual,
+            **others,
         )
 
     @classmethod
@@ -100,47 +105,46 @@ class ModelShare(OneLine, Model):
         cls,
         path: str | os.PathLike,  # the file, on a disk that all processes see
         comm: Any = ONE,  # the processes, such as ``mpi4py.MPI.COMM_WORLD``
-        share: Share | None = None,  # nodes of this process; by default those that `Partition.of` gives it
-    ) -> ModelShare:
-        """Read the share of a process from the file of a model; all processes call this."""
+        subdomain: Subdomain | None = None,  # nodes of this process; by default those that `Partition.of` gives it
+    ) -> LocalModel:
+        """Read the model of one process from the file of a model; all processes call this."""
         # The first passes over the file once, a piece at a time, to check it; each reads the slices that it needs.
         fields = on_first(comm, lambda: read_fields(path))
         topology, header, has_residual = fields["topology"], fields["header"], fields.pop("has_residual")
         with together(comm):
-            if share is None:
-                share = Partition.of(topology, comm.size).share(comm.rank)
+            if subdomain is None:
+                subdomain = Partition.of(topology, comm.size).subdomain(comm.rank)
             with opened_parts(path, topology) as parts:
-                nodes_here = {window.block for window in share.windows or ()}
+                nodes_here = {window.block for window in subdomain.windows or ()}
                 iblanks = (
                     parts.iblank_of(block) if block in nodes_here else None for block in range(len(header.names))
                 )
                 fields["header"] = replace(header, iblanks=tuple(iblanks))
                 fields["parameters_at"] = parts.parameters_at
                 fields["residual_at"] = parts.residual_at if has_residual else None
-                loaded = cls.of(share, **fields)
+                loaded = cls.of(subdomain, **fields)
         return loaded
 
     def __repr__(self) -> str:
-        return f"<share of fitted {self.topology.source}: {self.share.n_nodes} of {self.n_nodes} nodes>"
+        return f"<subdomain of fitted {self.topology.source}: {self.subdomain.n_nodes} of {self.n_nodes} nodes>"
 
     @property
-    def ownership(self) -> Share:
+    def ownership(self) -> Subdomain:
         """Nodes of the process."""
-        return self.share
+        return self.subdomain
 
-    def part(self, share: Share) -> ModelShare:
+    def part(self, subdomain: Subdomain) -> LocalModel:
         """Return the model itself, if it is made for these nodes."""
-        if not self.fits(share):
+        if not self.fits(subdomain):
             raise InputError(
-                f"{self.header.source}: the model is a share of other nodes than the partition's; leave the partition "
-                f"out"
+                f"{self.header.source}: the model is of another subdomain than the partition's; leave the partition out"
             )
         return self
 
     @property
     def n_bytes(self) -> int:
         """Memory of what is known of nodes (B)."""
-        arrays = (self.rows, self.parameters, self.residual, self.share.rows)
+        arrays = (self.rows, self.parameters, self.residual, self.subdomain.rows)
         return sum(array.nbytes for array in arrays if array is not None)
 
     def parameters_of(self, nodes_here: NodeNumbering) -> list[np.ndarray]:
@@ -156,14 +160,14 @@ class ModelShare(OneLine, Model):
         if (self.rows[at] != rows).any():
             row = rows[np.argmax(self.rows[at] != rows)]
             raise InputError(
-                f"{self.header.source}: node {row + 1} of the grid is not in this process's share of the model; ask "
-                f"for nodes of the share or of the boundary, or give the whole model"
+                f"{self.header.source}: node {row + 1} of the grid is not in this process's part of the model; ask "
+                f"for nodes of its subdomain or of the boundary, or give the whole model"
             )
         return at
 
     def grid_map(self) -> GridMap:
-        """Map from the control points to the nodes of the share, made once and not pickled."""
-        # Its first nodes are those of the share; the others are what these need.
+        """Map from the control points to the nodes of the subdomain, made once and not pickled."""
+        # Its first nodes are those of the subdomain; the others are what these need.
         return self._grid_map
 
     @cached_property
@@ -171,9 +175,9 @@ class ModelShare(OneLine, Model):
         return self._map_of(self, ())
 
     def corrected_map(self, rows: np.ndarray, whole: Model) -> tuple[GridMap, WallCorrection]:
-        """Map to the nodes of the share for walls that are met exactly, and what of the correction it needs."""
+        """Map to the nodes of the subdomain for walls that are met exactly, and what of the correction it needs."""
         nodes, walls = nodes_at(whole, np.arange(whole.n_nodes)), self._walls
-        wanted = NodeNumbering.of(self.topology, self.share.rows, () if walls is None else walls.needed)
+        wanted = NodeNumbering.of(self.topology, self.subdomain.rows, () if walls is None else walls.needed)
         part = WallCorrection.of(self.topology, nodes, rows).part(wanted.sources_of(wanted.rows))
         grid_map = self._map_of(whole, [part.needed])
         return grid_map, part.among(grid_map.numbering)
@@ -188,7 +192,7 @@ class ModelShare(OneLine, Model):
     def _map_of(self, model: Model, needed: Sequence[np.ndarray]) -> GridMap:
         walls = self._walls
         nodes_here = NodeNumbering.of(
-            self.topology, self.share.rows, [*needed, *(() if walls is None else walls.needed)]
+            self.topology, self.subdomain.rows, [*needed, *(() if walls is None else walls.needed)]
         )
         parameters, residual = model.parameters_of(nodes_here), model.residual_at(nodes_here.rows)
         evaluator = Evaluator.of_nodes(nodes_here, self.mesh, parameters)
@@ -199,17 +203,17 @@ class ModelShare(OneLine, Model):
         return {name: value for name, value in self.__dict__.items() if name not in ("_grid_map", "_walls")}
 
     def local_nodes(self, control_points: np.ndarray | None = None) -> np.ndarray:
-        """Nodes of the share, see `regenerate`."""
+        """Nodes of the subdomain, see `regenerate`."""
         return self.regenerate(control_points)
 
     def regenerate(
         self,
         # (n_control_points, 3), moved control points (m); the fitted ones by default
         control_points: np.ndarray | None = None,
-    ) -> np.ndarray:  # (share.n_nodes, 3), in the order of the share (m): as in the whole grid, to the last bit
-        """Nodes of the share at given control points."""
+    ) -> np.ndarray:  # (subdomain.n_nodes, 3), in the order of the subdomain (m): as in the whole grid, to the last bit
+        """Nodes of the subdomain at given control points."""
         if control_points is None:
-            return nodes_at(self, self.share.rows)
+            return nodes_at(self, self.subdomain.rows)
         what = f"{self.header.source}: control points"
         points = as_finite_points(control_points, self.mesh.n_control_points, what)
-        return self.grid_map().at(points).nodes[: self.share.n_nodes]
+        return self.grid_map().at(points).nodes[: self.subdomain.n_nodes]

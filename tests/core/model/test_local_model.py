@@ -1,4 +1,4 @@
-"""Shares of a fitted model: the nodes of every process have the bits of the whole grid, their derivatives add up."""
+"""Local models: the nodes of every process have the bits of the whole grid, their derivatives add up."""
 
 import pickle
 from functools import cache
@@ -11,14 +11,14 @@ from topology_cases import c_grid, grid_of, o_grid, smooth_box, split, twelve_bl
 from bspline_mdao import fit_grid, read_grid
 from bspline_mdao.core.generators.hh_wing import Spacing
 from bspline_mdao.core.mesh.surface import SurfaceGrid
+from bspline_mdao.core.model.local_model import rows_of_subdomain
 from bspline_mdao.core.model.model import nodes_at
-from bspline_mdao.core.model.model_share import rows_of_share
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.grid import Block, Grid, Patch
 from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.grids.topology.node_numbering import NodeNumbering
-from bspline_mdao.grids.topology.partition import Partition, Share
+from bspline_mdao.grids.topology.partition import Partition, Subdomain
 
 
 def wing(**options):
@@ -70,9 +70,9 @@ def moved(model, rng, size=1e-4):
     return model.control_points @ turn.T + size * rng.standard_normal(model.control_points.shape)
 
 
-def shares_of(model, n_ranks):
+def local_models_of(model, n_ranks):
     partition = Partition.of(model.topology, n_ranks)
-    return [model.share(partition.share(rank)) for rank in range(n_ranks)]
+    return [model.local_model(partition.subdomain(rank)) for rank in range(n_ranks)]
 
 
 @pytest.mark.parametrize("n_ranks", [1, 2, 5])
@@ -80,10 +80,10 @@ def test_every_process_has_the_bits_of_the_whole_grid(model, n_ranks):
     points = moved(model, np.random.default_rng(n_ranks))
     expected = model.grid_map().at(points).nodes
     baseline = baseline_of(model)
-    for share in shares_of(model, n_ranks):
-        rows = share.share.rows
-        assert share.regenerate(points).tobytes() == expected[rows].tobytes()
-        assert share.regenerate().tobytes() == baseline[rows].tobytes()
+    for local in local_models_of(model, n_ranks):
+        rows = local.subdomain.rows
+        assert local.regenerate(points).tobytes() == expected[rows].tobytes()
+        assert local.regenerate().tobytes() == baseline[rows].tobytes()
 
 
 @pytest.mark.parametrize("n_ranks", [2, 3])
@@ -92,8 +92,8 @@ def test_derivatives_are_those_of_the_whole_grid_and_add_up(model, n_ranks):
     points, step = moved(model, rng), rng.standard_normal(model.control_points.shape)
     state, total = model.grid_map().at(points), 0.0
     change, bar = state.jvp(step), np.zeros((model.n_nodes, 3))
-    for share in shares_of(model, n_ranks):
-        grid_map, rows = share.grid_map(), share.share.rows
+    for local in local_models_of(model, n_ranks):
+        grid_map, rows = local.grid_map(), local.subdomain.rows
         own = grid_map.at(points)
         np.testing.assert_allclose(own.jvp(step)[: len(rows)], change[rows], rtol=0, atol=1e-13 * np.abs(change).max())
         seed = np.zeros((grid_map.numbering.n_nodes, 3))
@@ -115,10 +115,13 @@ def test_walls_that_are_given_have_the_bits_of_the_whole_grid(name, n_ranks):
     state, bar = grid_map.meeting(correction).at(points, wall), np.zeros((model.n_nodes, 3))
     total = dict.fromkeys(state.inputs, 0.0)
     partition = Partition.of(model.topology, n_ranks)
-    shares = [*map(partition.share, range(n_ranks)), Share.of_rows(rng.integers(model.n_nodes, size=9), model.n_nodes)]
-    for share in map(model.share, shares):
-        rows = share.share.rows
-        grid_map, own = share.corrected_map(surface.rows, model)
+    subdomains = [
+        *map(partition.subdomain, range(n_ranks)),
+        Subdomain.of_rows(rng.integers(model.n_nodes, size=9), model.n_nodes),
+    ]
+    for local in map(model.local_model, subdomains):
+        rows = local.subdomain.rows
+        grid_map, own = local.corrected_map(surface.rows, model)
         found = grid_map.meeting(own).at(points, wall)
         assert found.nodes[: len(rows)].tobytes() == state.nodes[rows].tobytes()
         seed = rng.standard_normal((len(rows), 3))
@@ -132,13 +135,13 @@ def test_walls_that_are_given_have_the_bits_of_the_whole_grid(name, n_ranks):
 def test_a_correction_of_whole_blocks_needs_no_nodes_of_others():
     model = model_of("wing")
     rows = SurfaceGrid.of(model).rows
-    for share in shares_of(model, 3):
-        grid_map, _ = share.corrected_map(rows, model)
-        assert grid_map.numbering.n_nodes <= 1.15 * share.grid_map().numbering.n_nodes
+    for local in local_models_of(model, 3):
+        grid_map, _ = local.corrected_map(rows, model)
+        assert grid_map.numbering.n_nodes <= 1.15 * local.grid_map().numbering.n_nodes
 
 
-def test_a_whole_model_is_the_share_of_a_process_that_is_alone(model):
-    alone, points = model.part(Share.of_grid(model.topology)), moved(model, np.random.default_rng(3))
+def test_a_whole_model_is_the_local_model_of_a_process_that_is_alone(model):
+    alone, points = model.part(Subdomain.of_grid(model.topology)), moved(model, np.random.default_rng(3))
     assert model.ownership is None
     assert alone.ownership.is_grid
     for control_points in (None, points):
@@ -148,45 +151,45 @@ def test_a_whole_model_is_the_share_of_a_process_that_is_alone(model):
     assert all(map(np.array_equal, alone.parameters_of(held), model.parameters_of(held)))
     for one in (alone, model):
         assert one.n_nodes == model.n_nodes
-        assert one.fits(alone.share)
+        assert one.fits(alone.subdomain)
         assert np.array_equal(one.residual_at(rows), model.residual_at(rows))
 
 
-def test_a_share_is_taken_for_its_own_nodes_alone(model):
-    first, second = shares_of(model, 2)
+def test_a_local_model_is_taken_for_its_own_nodes_alone(model):
+    first, second = local_models_of(model, 2)
     assert first.part(first.ownership) is first
-    assert first.fits(first.share)
-    assert not first.fits(second.share)
-    with pytest.raises(InputError, match="a share of other nodes than the partition's; leave the partition out"):
-        first.part(second.share)
+    assert first.fits(first.subdomain)
+    assert not first.fits(second.subdomain)
+    with pytest.raises(InputError, match="of another subdomain than the partition's; leave the partition out"):
+        first.part(second.subdomain)
 
 
-def test_a_share_of_a_solvers_rows_has_the_bits_of_the_grid(model):
+def test_a_local_model_of_a_solvers_rows_has_the_bits_of_the_grid(model):
     rng = np.random.default_rng(7)
     points, rows = moved(model, rng), rng.integers(model.n_nodes, size=200)
-    share = model.share(Share.of_rows(rows, model.n_nodes))
-    assert share.regenerate(points).tobytes() == model.grid_map().at(points).nodes[rows].tobytes()
+    local = model.local_model(Subdomain.of_rows(rows, model.n_nodes))
+    assert local.regenerate(points).tobytes() == model.grid_map().at(points).nodes[rows].tobytes()
 
 
-def test_a_share_without_nodes_has_none(model):
-    share = model.share(Share.of_rows([], model.n_nodes))
-    assert share.regenerate(moved(model, np.random.default_rng(1))).shape == (0, 3)
-    assert share.grid_map().at(model.control_points).jvp(model.control_points).shape[1] == 3
+def test_a_local_model_without_nodes_has_none(model):
+    local = model.local_model(Subdomain.of_rows([], model.n_nodes))
+    assert local.regenerate(moved(model, np.random.default_rng(1))).shape == (0, 3)
+    assert local.grid_map().at(model.control_points).jvp(model.control_points).shape[1] == 3
 
 
 @pytest.mark.slow
-def test_what_a_share_knows_falls_with_the_number_of_processes():
+def test_what_a_local_model_knows_falls_with_the_number_of_processes():
     model = fit_grid(onera_m6_grid((25, 24, 21)), n_control=7)
-    one, four = (max(share.n_bytes for share in shares_of(model, n)) for n in (1, 4))
-    boundary = len(rows_of_share(model.topology, Share.of_rows([], model.n_nodes)))
+    one, four = (max(local.n_bytes for local in local_models_of(model, n)) for n in (1, 4))
+    boundary = len(rows_of_subdomain(model.topology, Subdomain.of_rows([], model.n_nodes)))
     assert four < one / 4 + 1.4 * 56 * boundary
 
 
-def test_a_share_survives_pickling(model):
-    share = shares_of(model, 2)[1]
+def test_a_local_model_survives_pickling(model):
+    local = local_models_of(model, 2)[1]
     points = moved(model, np.random.default_rng(2))
-    expected = share.regenerate(points)
-    assert pickle.loads(pickle.dumps(share)).regenerate(points).tobytes() == expected.tobytes()
+    expected = local.regenerate(points)
+    assert pickle.loads(pickle.dumps(local)).regenerate(points).tobytes() == expected.tobytes()
 
 
 def test_nodes_are_found_by_their_rows(model):
@@ -195,24 +198,24 @@ def test_nodes_are_found_by_their_rows(model):
     assert nodes_at(model, rows).tobytes() == expected.tobytes()
 
 
-def test_nodes_that_a_share_does_not_know_are_refused():
+def test_nodes_that_a_local_model_does_not_know_are_refused():
     model = fit_grid(grid_of(smooth_box(12, 9, 8)), n_control=5)
-    low, high = shares_of(model, 2)
-    with pytest.raises(InputError, match="is not in this process's share of the model"):
+    low, high = local_models_of(model, 2)
+    with pytest.raises(InputError, match="is not in this process's part of the model"):
         nodes_at(low, np.array([(9 * 9 + 4) * 8 + 4]))
     assert nodes_at(high, np.array([(9 * 9 + 4) * 8 + 4])).shape == (1, 3)
 
 
-def test_a_share_of_another_grid_is_refused():
+def test_a_local_model_of_another_grid_is_refused():
     model = fit_grid(grid_of(smooth_box(12, 9, 8)), n_control=5)
-    with pytest.raises(InputError, match="a share of a grid of 8 nodes, but it has 864"):
-        model.share(Share.of_rows([0], 8))
+    with pytest.raises(InputError, match="a subdomain of a grid of 8 nodes, but it has 864"):
+        model.local_model(Subdomain.of_rows([0], 8))
 
 
 @pytest.mark.slow
-def test_shares_of_a_real_grid_have_its_bits(real_grids):
+def test_local_models_of_a_real_grid_have_its_bits(real_grids):
     model = fit_grid(read_grid(real_grids / "pyhyp_m6_9blocks.xyz"))
     points = moved(model, np.random.default_rng(5), size=1e-6)
     expected = model.grid_map().at(points).nodes
-    for share in shares_of(model, 3):
-        assert share.regenerate(points).tobytes() == expected[share.share.rows].tobytes()
+    for local in local_models_of(model, 3):
+        assert local.regenerate(points).tobytes() == expected[local.subdomain.rows].tobytes()

@@ -26,36 +26,36 @@ from ..topology.block_layout import BlockLayout
 from ..topology.index_space import Interface, Window
 from ..topology.node_numbering import node_copies, source_rows
 from ..topology.ownership import Ownership
-from ..topology.partition import Partition, Share
+from ..topology.partition import Partition, Subdomain
 from ..topology.topology import Topology
 from .cell_faces import NONE, NUMBER, BoundaryFaces, CellFaces, _Block, _signed_volume
 
-__all__ = ["faces_of_share"]
+__all__ = ["faces_of_subdomain"]
 
 
-def faces_of_share(
+def faces_of_subdomain(
     topology: Topology,  # how the blocks of the grid are joined
     partition: Partition,  # who has which cells
     comm: Any,  # communicator, the processes
-    nodes: np.ndarray,  # (n_nodes of the share, 3), baseline nodes (m), which tell the handedness of each block
+    nodes: np.ndarray,  # (n_nodes of the subdomain, 3), baseline nodes (m), which tell the handedness of each block
 ) -> tuple[CellFaces, Halo, Halo]:
     """List the faces of the cells of one process: all processes call it together."""
     # `InputError` if a block has no cells, or its cells have no volume in sum
     # returns faces: numbers of its cells, and from there on those of others; corners are nodes and, from there on,
     # those of others
     # returns cells, corners: exchange of cells and of nodes
-    share = _ShareCells.of(topology, partition, comm, nodes)
-    parts = [*share.inside(), *share.cut_planes(), *share.interfaces()]
+    subdomain = _SubdomainCells.of(topology, partition, comm, nodes)
+    parts = [*subdomain.inside(), *subdomain.cut_planes(), *subdomain.interfaces()]
     empty = np.zeros((0, 4), int), *(np.zeros(0, int) for _ in range(4))
     quads, left, left_slot, right, right_slot = (np.concatenate(part) for part in zip(empty, *parts))
-    edge, numbers, patches = share.boundary(len(quads))
-    lines = share.lines
+    edge, numbers, patches = subdomain.boundary(len(quads))
+    lines = subdomain.lines
     beyond_right, _ = lines.across(right, right_slot)
     left, left_slot = np.append(left, edge[1]), np.append(left_slot, edge[2])
     beyond_left, entry = lines.across(left, left_slot)
     third, _ = lines.across(beyond_left[len(quads) :], entry[len(quads) :])
-    cells, seen = _places(comm, share.cells, share.n_cells, (left, right, beyond_left, beyond_right, third))
-    corners, (places,) = _places(comm, share.nodes, len(nodes), (np.concatenate([quads, edge[0]]).ravel(),))
+    cells, seen = _places(comm, subdomain.cells, subdomain.n_cells, (left, right, beyond_left, beyond_right, third))
+    corners, (places,) = _places(comm, subdomain.nodes, len(nodes), (np.concatenate([quads, edge[0]]).ravel(),))
     left, right, beyond_left, beyond_right, third = seen
     pieces = partition.pieces[comm.rank]
     faces = CellFaces(
@@ -86,7 +86,7 @@ def _places(comm: Any, holders: Ownership, n_owned: int, lists) -> tuple[Halo, l
 
 
 @dataclass(frozen=True, eq=False)
-class _ShareCells:
+class _SubdomainCells:
     """Cells of the pieces of one process, by their numbers in the grid."""
 
     topology: Topology
@@ -99,7 +99,7 @@ class _ShareCells:
     lines: _IndexLines
 
     @classmethod
-    def of(cls, topology: Topology, partition: Partition, comm: Any, nodes: np.ndarray) -> _ShareCells:
+    def of(cls, topology: Topology, partition: Partition, comm: Any, nodes: np.ndarray) -> _SubdomainCells:
         pieces = partition.pieces[comm.rank]
         right_handed = _handedness(topology, pieces, comm, nodes)
         return cls(
@@ -185,9 +185,9 @@ class _ShareCells:
 
     def _block(self, window: Window) -> _Block:
         """Rows and cells of a window as those of a block; shared nodes have one row."""
-        share = Share.of_windows(self.topology.shapes, [window])
-        (cells,) = BlockLayout.of(share.shapes).cells.split(share.cells)
-        rows = source_rows(self.copies, share.rows).reshape(window.shape)
+        subdomain = Subdomain.of_windows(self.topology.shapes, [window])
+        (cells,) = BlockLayout.of(subdomain.shapes).cells.split(subdomain.cells)
+        rows = source_rows(self.copies, subdomain.rows).reshape(window.shape)
         return _Block(rows, cells, bool(self.is_right_handed[window.block]))
 
 
@@ -272,8 +272,8 @@ def _pairs(topology: Topology, interface: Interface) -> Iterator[np.ndarray]:
     for window in (interface.a, interface.b):
         layer = _layer(window)
         d = next(d for d in range(3) if window.lo[d] == window.hi[d])
-        share = Share.of_windows(topology.shapes, [layer])
-        (cells,) = BlockLayout.of(share.shapes).cells.split(share.cells)
+        subdomain = Subdomain.of_windows(topology.shapes, [layer])
+        (cells,) = BlockLayout.of(subdomain.shapes).cells.split(subdomain.cells)
         sides.append((cells, 2 * d + int(window.lo[d] > 0)))
     (left, left_slot), (right, right_slot) = sides
     ours, theirs = left.ravel(), interface.orientation.apply(right).ravel()

@@ -10,7 +10,7 @@ import openmdao.api as om
 
 from ...errors import InputError
 from ...grids.topology.index_space import Window
-from ...grids.topology.partition import Partition, Share
+from ...grids.topology.partition import Partition, Subdomain
 from ..fit.fit_nodes import whole_blocks
 from ..model.model import Model
 
@@ -20,35 +20,35 @@ def declare_partition(component: om.ExplicitComponent) -> None:
     component.options.declare(
         "partition",
         default=None,
-        types=(Partition, Share),
+        types=(Partition, Subdomain),
         recordable=False,
-        desc="nodes that each process holds: a Partition, or the Share of this one; dealt out by default",
+        desc="nodes that each process holds: a Partition, or the Subdomain of this one; dealt out by default",
     )
 
 
-def share_of(
+def subdomain_of(
     component: om.ExplicitComponent,
-) -> Share | None:  # none where one process has all of the grid, in its order
+) -> Subdomain | None:  # none where one process has all of the grid, in its order
     """Take the nodes that this process holds, by the option ``partition`` or else by the option ``model``."""
     model, partition, n_ranks = component.options["model"], component.options["partition"], component.comm.size
     if partition is None:
         if model.ownership is not None:
             return model.ownership
-        return None if n_ranks == 1 else Partition.of(model.topology, n_ranks).share(component.comm.rank)
-    if isinstance(partition, Share):
+        return None if n_ranks == 1 else Partition.of(model.topology, n_ranks).subdomain(component.comm.rank)
+    if isinstance(partition, Subdomain):
         return partition
     if partition.n_ranks != n_ranks:
         raise InputError(
             f"{component.msginfo}: the partition is one of {partition.n_ranks} processes, and there are {n_ranks}; "
             f"make it by Partition.of(model.topology, {n_ranks})"
         )
-    return partition.share(component.comm.rank)
+    return partition.subdomain(component.comm.rank)
 
 
 def part_of_model(component: om.ExplicitComponent) -> Model:
-    """Take what this process holds of the option ``model``: all of it where `share_of` gives none."""
-    model, share = component.options["model"], share_of(component)
-    return model if share is None else model.part(share)
+    """Take what this process holds of the option ``model``: all of it where `subdomain_of` gives none."""
+    model, subdomain = component.options["model"], subdomain_of(component)
+    return model if subdomain is None else model.part(subdomain)
 
 
 def blocks_of(component: om.ExplicitComponent) -> Partition:
@@ -61,7 +61,7 @@ def blocks_of(component: om.ExplicitComponent) -> Partition:
     advice = f"make it by Partition.of(model.topology, {n_ranks}, imbalance=math.inf)"
     if partition is None:
         return whole_blocks(topology, n_ranks)
-    if isinstance(partition, Share) or partition.n_ranks != n_ranks or partition.shapes != topology.shapes:
+    if isinstance(partition, Subdomain) or partition.n_ranks != n_ranks or partition.shapes != topology.shapes:
         raise InputError(f"{component.msginfo}: needs a partition of all blocks to {n_ranks} processes; {advice}")
     for window in (window for windows in partition.pieces for window in windows):
         if window != Window.whole(window.block, topology.shapes[window.block]):
@@ -79,7 +79,7 @@ class WholeNodes:
     @classmethod
     def of(cls, comm: Any, partition: Partition) -> WholeNodes:
         """Take the rows of a partition."""
-        return cls(comm, tuple(partition.share(rank).rows for rank in range(partition.n_ranks)))
+        return cls(comm, tuple(partition.subdomain(rank).rows for rank in range(partition.n_ranks)))
 
     def gather(self, nodes: np.ndarray) -> np.ndarray:
         """Nodes of the grid, shape (n_nodes, 3), from those of each process, shape (n, 3)."""
