@@ -26,6 +26,8 @@ PRIVATE = {
     "looks": "styles",
     "wording": "text",
     "shown": "listed, drawn",
+    "share": "subdomain, fraction, weight, contribution",
+    "shares": "subdomains, fractions, weights, contributions",
 }
 """Words that names had of their own, and what the field says."""
 

@@ -35,7 +35,7 @@ __all__ = ["Search"]
 ATTEMPTS = 6
 """Times that a round is run, each without the control points that spoiled the one before."""
 
-SHARE = 0.5
+FRACTION = 0.5
 """Cells are near the worst of their block where they lack this part, at least, of what that lacks to be orthogonal."""
 
 STUCK = 1e-3
@@ -176,7 +176,7 @@ class Search:
         for cells in self.slices:
             moved = self.moved_by_any[cells]
             most = lacks[cells][moved].max(initial=0.0)
-            near[cells] = moved & (lacks[cells] >= SHARE * most) & (most > ORTHOGONAL)
+            near[cells] = moved & (lacks[cells] >= FRACTION * most) & (most > ORTHOGONAL)
         return self.values_that_move(self.nodes_of_cells(near)) & ~self.is_fixed
 
     def spoiled_nodes(self, nodes: np.ndarray, q: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -148,13 +148,13 @@ def _places(seam: Seam) -> tuple[np.ndarray, np.ndarray]:
 def _weights(seam: Seam, t: np.ndarray, ratios: np.ndarray, along: np.ndarray, n_surface: int) -> csr_array:
     """Weights of surface control points in ``L + r R + s T``, scaled so that those of the inner lines sum to one."""
     first, second = seam.first.weights(t), seam.second.weights(t)
-    ratio, share = ratios[:, None], along[:, None]
+    ratio, slope = ratios[:, None], along[:, None]
     scale = 1.0 / np.maximum(first[0].sum(axis=1) + ratios * second[0].sum(axis=1), first[0].sum(axis=1))[:, None]
     found = csr_array((len(t), n_surface))
     for columns, weights in (
         (seam.first.line(1), first[0]),
         (seam.second.line(1), ratio * second[0]),
-        (seam.first.line(0), first[1] + ratio * second[1] + share * first[2]),
+        (seam.first.line(0), first[1] + ratio * second[1] + slope * first[2]),
     ):
         rows, places = weights.nonzero()
         entries = ((weights * scale)[rows, places], (rows, columns[places]))

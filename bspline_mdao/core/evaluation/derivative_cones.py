@@ -1,6 +1,6 @@
 """Cones that hold the derivatives of a B-spline volume on boxes, narrow enough for a positive Jacobian or not.
 
-The derivatives in the shares of `bspline_mdao.core.evaluation.knot_ranges` are sums of differences of neighbouring
+The derivatives in the fractions of `bspline_mdao.core.evaluation.knot_ranges` are sums of differences of neighbouring
 control points. On a box their Bézier control vectors are known but for radii, which come from the ranges of the knots
 and from rounding. In the frame of their means over the box the three derivatives are near the axes: the largest
 fractions of two components of the control vectors bound those of the derivatives. Where they are small enough, the
@@ -49,8 +49,8 @@ def frames(
     rows,
     depends,
     normal,  # (3,), derivative in a direction of order 1
-    # see `bspline_mdao.core.evaluation.knot_ranges.extraction`. The derivative about a pole is divided by the share of
-    # the box between them
+    # see `bspline_mdao.core.evaluation.knot_ranges.extraction`. The derivative about a pole is divided by the fraction
+    # of the box between them
     pole,
     at_pole,
     work,  # tuple of ndarray, scratch
@@ -271,7 +271,7 @@ def _divide(centre, radius, leading, columns):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def _influence(rows, orders, shares, lane, out):
+def _influence(rows, orders, fractions, lane, out):
     """How much the control points change on a box with the knots, by its directions, shape (3,)."""
     total = 1e-300
     for d in range(3):
@@ -281,22 +281,22 @@ def _influence(rows, orders, shares, lane, out):
                 for a in range(orders[e]):
                     for m in range(orders[e] - 1):
                         out[d] += abs(rows[0, e, d, a, m, lane]) + rows[1, e, d, a, m, lane]
-        out[d] *= shares[d, 1, lane] - shares[d, 0, lane]
+        out[d] *= fractions[d, 1, lane] - fractions[d, 0, lane]
         total += out[d]
     for d in range(3):
         out[d] /= total
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def cut_direction(vectors, rows, orders, columns, shares, has_frame, lane):
+def cut_direction(vectors, rows, orders, columns, fractions, has_frame, lane):
     """Direction in which a box is best halved."""
     # It is that in which the fractions of `are_positive` differ most, each times what it is multiplied by; their radii
     # count where the knots change. Without a frame the box is halved where it is longest.
     scores, influence, most = np.zeros(3), np.zeros(3), np.zeros(3)
-    _influence(rows, orders, shares, lane, influence)
+    _influence(rows, orders, fractions, lane, influence)
     for d in range(3):
         if not has_frame:
-            scores[d] = shares[d, 1, lane] - shares[d, 0, lane]
+            scores[d] = fractions[d, 1, lane] - fractions[d, 0, lane]
     for v in range(3):
         for turn in range(1, 3):
             o, radius = (v + turn) % 3, 0.0

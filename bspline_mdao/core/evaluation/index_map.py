@@ -118,24 +118,24 @@ def _limited_increments(steps: np.ndarray, jets: np.ndarray) -> tuple[np.ndarray
     padded = np.concatenate([steps[..., :1], steps, steps[..., -1:]], axis=-1)
     safe = np.minimum(padded[..., :-1], padded[..., 1:]) / (2 * k + 1)  # each increment, of the safe derivatives
     before, after = _increments(jets)
-    share = np.ones_like(safe)  # of the derivatives of high order
+    fraction = np.ones_like(safe)  # of the derivatives of high order
     for side, increments in ((np.s_[..., 1:], before), (np.s_[..., :-1], after)):  # those that have an interval
         for each in increments:
-            share[side] = np.minimum(share[side], _share(safe[side], (safe - each)[side]))
-    # what the derivatives at the ends of every interval take from its middle; or give, with the shares that are left
+            fraction[side] = np.minimum(fraction[side], _fraction(safe[side], (safe - each)[side]))
+    # what the derivatives at the ends of every interval take from its middle; or give, with the fractions that are left
     taken = np.stack([after.sum(axis=0) - k * safe, before.sum(axis=0) - k * safe])
     taken = np.stack([taken[0, ..., :-1], taken[1, ..., 1:]])
     middle, given = steps - k * (safe[..., 1:] + safe[..., :-1]), 0.0
     for _ in range(2):
-        bound = _share(middle + given / (1.0 - LEAST), np.maximum(taken, 0.0).sum(axis=0))
-        left = share.copy()
+        bound = _fraction(middle + given / (1.0 - LEAST), np.maximum(taken, 0.0).sum(axis=0))
+        left = fraction.copy()
         left[..., 1:] = np.minimum(left[..., 1:], bound)
         left[..., :-1] = np.minimum(left[..., :-1], bound)
         given = np.sum(np.maximum(-taken, 0.0) * np.stack([left[..., :-1], left[..., 1:]]), axis=0)
     return (safe + left * (before - safe)), (safe + left * (after - safe))
 
 
-def _share(amount: np.ndarray, loss: np.ndarray) -> np.ndarray:
+def _fraction(amount: np.ndarray, loss: np.ndarray) -> np.ndarray:
     """Part of a loss, 1 at most, that leaves `LEAST` of an amount."""
     allowed = (1.0 - LEAST) * amount
     return np.where(loss > allowed, allowed / np.where(loss > 0.0, loss, 1.0), 1.0)

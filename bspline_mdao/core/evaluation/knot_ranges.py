@@ -1,9 +1,9 @@
 """Ranges of knots, and of the Bézier control points of B-splines, on boxes inside the elements of a volume.
 
 In an element, the region between neighbouring knots, each parameter is ``xi = (1 - u) T_s + u T_{s+1}`` with its
-*share* ``u`` of the span, between 0 and 1. A box is a range of shares in each direction. On it the map is that of a
-Bézier hexahedron whose control points depend on the knots alone: they are blossoms at the ends of the box, by the
-triangle of de Boor, whose shares of knot intervals are fractions of functions that are linear in each parameter, with
+*fraction* ``u`` of the span, between 0 and 1. A box is a range of fractions in each direction. On it the map is that of
+a Bézier hexahedron whose control points depend on the knots alone: they are blossoms at the ends of the box, by the
+triangle of de Boor, whose ratios of knot intervals are quotients of functions that are linear in each parameter, with
 their extremes at corners of the parameters of the box. Where knots are curved, these parameters lie in ranges, which
 `enclose` finds, and the control points with them.
 
@@ -33,11 +33,11 @@ NARROWEST = 64.0 * UNIT
 def enclose(
     knots,  # (3, 2, 2, n_local, L), local knots of every direction on its four edges, see `extraction`
     orders,  # tuple of three int
-    shares,  # (3, 2, L), boxes
+    fractions,  # (3, 2, L), boxes
     box,  # (3, 2, L), ranges of parameters that hold those of the boxes; shrunk in place
     is_there,  # bool (L,), set to False where nothing of an element remains
 ):
-    """Shrink ranges of parameters to those that boxes of shares can have."""
+    """Shrink ranges of parameters to those that boxes of fractions can have."""
     for _ in range(3):
         for e in range(3):
             p, f, g = orders[e], (e + 1) % 3, (e + 2) % 3
@@ -52,8 +52,8 @@ def enclose(
                                        knots[e, 1, 1, p - 2, l], s, t)  # fmt: skip
                         last = _blend(knots[e, 0, 0, p - 1, l], knots[e, 1, 0, p - 1, l], knots[e, 0, 1, p - 1, l],
                                       knots[e, 1, 1, p - 1, l], s, t)  # fmt: skip
-                        low = min(low, (1.0 - shares[e, 0, l]) * first + shares[e, 0, l] * last)
-                        high = max(high, (1.0 - shares[e, 1, l]) * first + shares[e, 1, l] * last)
+                        low = min(low, (1.0 - fractions[e, 0, l]) * first + fractions[e, 0, l] * last)
+                        high = max(high, (1.0 - fractions[e, 1, l]) * first + fractions[e, 1, l] * last)
                 box[e, 0, l] = max(box[e, 0, l], low - 8.0 * UNIT)
                 box[e, 1, l] = min(box[e, 1, l], high + 8.0 * UNIT)
                 is_there[l] = is_there[l] and box[e, 0, l] <= box[e, 1, l]
@@ -152,8 +152,8 @@ def determinant(K, l):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def _slopes_of_planes(knots, orders, varies, shares, box, out):
-    """Ranges of the derivatives of the parameter ``e`` in the parameter ``v`` at a fixed share, shape (3, 3, 2, L)."""
+def _slopes_of_planes(knots, orders, varies, fractions, box, out):
+    """Ranges of the derivatives of the parameter ``e`` in the parameter ``v`` at a fixed fraction, (3, 3, 2, L)."""
     for e in range(3):
         for turn in range(1, 3):
             v, o, q = (e + turn) % 3, (e + 3 - turn) % 3, orders[e] - 2
@@ -167,7 +167,7 @@ def _slopes_of_planes(knots, orders, varies, shares, box, out):
                     first = plane_slope(knots, e, i, j, q, box[o, a, l], l)
                     last = plane_slope(knots, e, i, j, q + 1, box[o, a, l], l)
                     for b in range(2):
-                        slope = (1.0 - shares[e, b, l]) * first + shares[e, b, l] * last
+                        slope = (1.0 - fractions[e, b, l]) * first + fractions[e, b, l] * last
                         low, high = min(low, slope), max(high, slope)
                 out[e, v, 0, l], out[e, v, 1, l] = low - 16.0 * UNIT, high + 16.0 * UNIT
 
@@ -178,16 +178,16 @@ def parameter_slopes(
     knots,
     orders,
     varies,  # bool (3, 3), whether knots of the first direction vary with the parameter of the second
-    shares,
+    fractions,
     box,
     work,  # (3, 3, 2, L), receives the ranges of ``K``
-    out,  # (3, 3, 2, L), receives centres and radii: of the parameter of the first index, in the share of the second
+    out,  # (3, 3, 2, L), receives centres and radii: of the parameter of the first index, in the fraction of the second
     is_there,  # bool (L,), set to False where the matrix may be singular
 ):
-    """Ranges of the derivatives of the parameters in the shares, as centres and radii."""
-    # With the derivatives ``K`` of the parameters at fixed shares they are ``(1 - K)^{-1}`` times the widths of spans.
+    """Ranges of the derivatives of the parameters in the fractions, as centres and radii."""
+    # With the derivatives ``K`` of the parameters at fixed fractions they are ``(1 - K)^{-1}`` times widths of spans.
     K = work
-    _slopes_of_planes(knots, orders, varies, shares, box, K)
+    _slopes_of_planes(knots, orders, varies, fractions, box, K)
     for l in range(box.shape[2]):
         least, most = determinant(K, l)
         is_there[l] = is_there[l] and least > 1e-6
@@ -208,7 +208,7 @@ def parameter_slopes(
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def _interval_shares(at_corners, slopes, p, n_corners, share, coincide, e, arg, out, d_out, is_there):
+def _interval_fractions(at_corners, slopes, p, n_corners, fraction, coincide, e, arg, out, d_out, is_there):
     """Shares of knot intervals that one end of a box has, and their changes in the parameters that knots depend on."""
     # Interval ``m`` of order ``r + 1`` is number ``r (r - 1) / 2 + m``, and goes from local knot ``p - 1 - r + m`` to
     # ``p - 1 + m``.
@@ -218,7 +218,7 @@ def _interval_shares(at_corners, slopes, p, n_corners, share, coincide, e, arg, 
             n, low, high = r * (r - 1) // 2 + m, p - 1 - r + m, p - 1 + m
             for l in range(n_lanes):
                 least, most, narrow, wide = np.inf, -np.inf, np.inf, 0.0
-                u = share[e, arg, l]
+                u = fraction[e, arg, l]
                 for corner in range(n_corners):
                     a, b = at_corners[corner, low, l], at_corners[corner, high, l]
                     x = (1.0 - u) * at_corners[corner, p - 2, l] + u * at_corners[corner, p - 1, l]
@@ -289,10 +289,10 @@ def extraction(
     # see `enclose`
     knots,
     orders,
-    # whether knots of the first direction depend on the share of the second, through other knots as well
+    # whether knots of the first direction depend on the fraction of the second, through other knots as well
     depends,  # bool (3, 3)
     coincide,  # (3, n_local, L), 1 where a local knot is that of the end of the span on its side
-    shares,
+    fractions,
     box,
     turns,  # (3, 3, 2, L), from `parameter_slopes`
     # direction about a pole, direction that ends there, and at which end; -1 where there is none
@@ -302,7 +302,7 @@ def extraction(
     work,  # tuple of ndarray, scratch
     # receives centres and radii of the matrices to control points: ``[:, e, a, i]`` for point ``a`` of point ``i``
     points,  # (2, 3, p, p, L)
-    # receives those to the derivative in share ``v``, of the differences of neighbouring control points in direction
+    # receives those to the derivative in fraction ``v``, of the differences of neighbouring control points in direction
     # ``e``: ``[:, e, v, a, i]``; all derivatives have the degree of the points
     rows,  # (2, 3, 3, p, p - 1, L)
     is_there,  # bool (L,), set to False where knots may coincide
@@ -318,7 +318,7 @@ def extraction(
         n_corners, n_changes = (4, 2) if depends[e].any() else (1, 0)
         knots_at_corners(knots, e, 2 * p - 2, n_corners, box, pole, at_pole, at_corners, slopes)
         for arg in range(2):
-            _interval_shares(at_corners, slopes, p, n_corners, shares, coincide, e, arg, parts, d_parts, is_there)
+            _interval_fractions(at_corners, slopes, p, n_corners, fractions, coincide, e, arg, parts, d_parts, is_there)
         for a in range(p):
             _start(weights, sums)
             for r in range(1, p):

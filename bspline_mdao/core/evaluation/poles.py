@@ -1,7 +1,7 @@
 """Sides of B-spline volumes that have collapsed to a pole: lines about which the volume turns.
 
 There the derivative about the pole is zero, and so is the Jacobian. With curved knots it comes from three kinds of
-differences of control points, all of which fade towards the pole in proportion to the share of a box between them:
+differences of control points, all of which fade towards the pole in proportion to the fraction of a box between them:
 those about it, which have collapsed there; those towards it, because its side has a constant parameter; and those along
 it, because knots along it do not differ about it *on* it. So this factor is divided out, exactly, and what remains is
 looked at instead.
@@ -61,14 +61,14 @@ def divided_turns(
     # from `bspline_mdao.core.evaluation.knot_ranges.parameter_slopes`
     K,  # (3, 3, 2, L)
     turns,  # (3, 3, 2, L)
-    shares,
+    fractions,
     box,
     # receives centres and radii like ``turns``. The change of a knot along the pole with the parameter about it is
-    # proportional to the distance from the pole; that factor is in here. Where the share is that about the pole, it is
-    # divided by the share of the box that is between
+    # proportional to the distance from the pole; that factor is in here. Where the fraction is that about the pole, it
+    # is divided by the fraction of the box that is between
     out,  # (3, 3, 2, L)
 ):
-    """Derivatives of parameters in the shares for the knots along a pole, those about it divided."""
+    """Derivatives of parameters in the fractions for the knots along a pole, those about it divided."""
     v, d, end = pole
     o = 3 - v - d
     q = orders[d] - 2 if end == 1 else orders[d] - 1  # the knot of the span that is not on the pole
@@ -79,7 +79,7 @@ def divided_turns(
                 centre, radius = turns[e, x, 0, l], turns[e, x, 1, l]
                 ranges[e, x, 0], ranges[e, x, 1] = centre - radius, centre + radius
         if at_pole[l]:
-            extent = shares[d, 1, l] - shares[d, 0, l]
+            extent = fractions[d, 1, l] - fractions[d, 0, l]
             narrow, wide = span_width(knots, orders, d, box, l)
             for x in range(3):
                 ranges[v, x] = product_range(
@@ -122,9 +122,9 @@ def mean_weights(order, is_divided, pole, at_pole, out):
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def raise_divided(vectors, orders, pole, at_pole):
     """Divide control vectors (2, p0, p1, p2, 3, L) that are zero on a pole, and raise their degree to what it was."""
-    # With the share ``t`` between pole and far side, ``sum_a c_a B_a^n`` with ``c_n = 0`` is ``t`` times a polynomial
-    # of coefficients ``c_a n / (n - a)`` of degree ``n - 1``, whose coefficients of degree n are ``c_a + a / (n - a +
-    # 1) c_{a-1}``.
+    # With the fraction ``t`` between pole and far side, ``sum_a c_a B_a^n`` with ``c_n = 0`` is ``t`` times a
+    # polynomial of coefficients ``c_a n / (n - a)`` of degree ``n - 1``, whose coefficients of degree n are
+    # ``c_a + a / (n - a + 1) c_{a-1}``.
     d, n = pole[1], orders[pole[1]] - 1
     x = vectors.reshape(2, 3 * orders[0] * orders[1] * orders[2], vectors.shape[5])
     steps = 3 * orders[1] * orders[2], 3 * orders[2], 3

@@ -1,6 +1,6 @@
 """Where the Jacobian of a B-spline volume is positive, element by element: the regions between knots.
 
-Boxes of shares of the spans are asked, many at a time, the whole element first.
+Boxes of fractions of the spans are asked, many at a time, the whole element first.
 `bspline_mdao.core.evaluation.knot_ranges` finds the ranges of the knots on a box, and so of its Bézier control points,
 `bspline_mdao.core.evaluation.derivative_cones` whether they prove the Jacobian of one sign. Boxes that stay open are
 halved. Where their control vectors have a corner in which the Jacobian is not positive, that corner is asked next, as a
@@ -41,7 +41,7 @@ class Queue(NamedTuple):
     # elements of the boxes that wait, and how often these were halved
     waiting: np.ndarray  # int (n,)
     waiting_depths: np.ndarray  # int (n,)
-    waiting_boxes: np.ndarray  # (n, 2, 3, 2), shares and parameters
+    waiting_boxes: np.ndarray  # (n, 2, 3, 2), fractions and parameters
     n_boxes: np.ndarray  # int (n_elements,), boxes of each element that were asked
 
     @classmethod
@@ -58,7 +58,7 @@ class Boxes(NamedTuple):
     loaded: np.ndarray  # int (L,), elements that control points and knots in the lanes belong to
     depths: np.ndarray  # int (L,), how often the boxes were halved
     # the boxes, and the parameters on them
-    shares: np.ndarray  # (3, 2, L)
+    fractions: np.ndarray  # (3, 2, L)
     box: np.ndarray  # (3, 2, L)
 
     @classmethod
@@ -98,7 +98,7 @@ def _fill(knots, orders, is_empty, B, shortest, status, queue, boxes, local, coi
                 number, now.depths[lane] = q.waiting[at], q.waiting_depths[at]
                 for e in range(3):
                     for i in range(2):
-                        now.shares[e, i, lane] = q.waiting_boxes[at, 0, e, i]
+                        now.fractions[e, i, lane] = q.waiting_boxes[at, 0, e, i]
                         now.box[e, i, lane] = q.waiting_boxes[at, 1, e, i]
         while number < 0 and q.n_waiting[1] > 0:
             following = status.size - q.n_waiting[1]
@@ -107,7 +107,7 @@ def _fill(knots, orders, is_empty, B, shortest, status, queue, boxes, local, coi
                 number, now.depths[lane] = following, 0
                 for e in range(3):
                     for i in range(2):
-                        now.shares[e, i, lane], now.box[e, i, lane] = float(i), float(i)
+                        now.fractions[e, i, lane], now.box[e, i, lane] = float(i), float(i)
         now.numbers[lane] = number
         if number < 0:
             continue
@@ -122,13 +122,13 @@ def _fill(knots, orders, is_empty, B, shortest, status, queue, boxes, local, coi
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _wait(queue, boxes, lane, depth, direction, low, high):
-    """Let a part of the box of a lane wait: that between two shares in one direction."""
+    """Let a part of the box of a lane wait: that between two fractions in one direction."""
     q, now, at = queue, boxes, queue.n_waiting[0]
     q.n_waiting[0] += 1
     q.waiting[at], q.waiting_depths[at] = now.numbers[lane], depth
     for e in range(3):
         for i in range(2):
-            q.waiting_boxes[at, 0, e, i], q.waiting_boxes[at, 1, e, i] = now.shares[e, i, lane], now.box[e, i, lane]
+            q.waiting_boxes[at, 0, e, i], q.waiting_boxes[at, 1, e, i] = now.fractions[e, i, lane], now.box[e, i, lane]
     q.waiting_boxes[at, 0, direction, 0], q.waiting_boxes[at, 0, direction, 1] = low, high
 
 
@@ -151,14 +151,14 @@ def _settle(
         if is_full or now.depths[lane] >= MAX_DEPTH:
             status[number] = UNDECIDED
             continue
-        d = cut_direction(vectors, rows, orders, columns, now.shares, has_frame[lane], lane)
-        low, high = now.shares[d, 0, lane], now.shares[d, 1, lane]
+        d = cut_direction(vectors, rows, orders, columns, now.fractions, has_frame[lane], lane)
+        low, high = now.fractions[d, 0, lane], now.fractions[d, 1, lane]
         _wait(q, now, lane, now.depths[lane] + 1, d, low, 0.5 * (low + high))
         _wait(q, now, lane, now.depths[lane] + 1, d, 0.5 * (low + high), high)
         if has_frame[lane] and worst_corner(vectors, orders, sign * signs[lane], pole, at_pole[lane], lane, corner):
             for e in range(3):
-                now.shares[e, 1 - corner[e], lane] = now.shares[e, corner[e], lane]
-            _wait(q, now, lane, MAX_DEPTH, 0, now.shares[0, 0, lane], now.shares[0, 1, lane])
+                now.fractions[e, 1 - corner[e], lane] = now.fractions[e, corner[e], lane]
+            _wait(q, now, lane, MAX_DEPTH, 0, now.fractions[0, 0, lane], now.fractions[0, 1, lane])
 
 
 class Lanes:
@@ -199,16 +199,17 @@ class Lanes:
     def derive(self) -> None:
         """Find the control vectors of the derivatives on the boxes, in their frames."""
         orders, depends, pole, at_pole = self.orders, self.depends, self.pole, self.at_pole
-        shares, box, (local, coincide) = self.boxes.shares, self.boxes.box, self.knots
+        fractions, box, (local, coincide) = self.boxes.fractions, self.boxes.box, self.knots
         self.is_inside[:], self.has_frame[:] = True, True
-        enclose(local, orders, shares, box, self.is_inside)
+        enclose(local, orders, fractions, box, self.is_inside)
         if self.varies.any():
-            parameter_slopes(local, orders, self.varies, shares, box, self.slopes, self.turns, self.has_frame)
+            parameter_slopes(local, orders, self.varies, fractions, box, self.slopes, self.turns, self.has_frame)
         if pole != NO_POLE:
-            np.equal(shares[pole[1], pole[2]], pole[2], out=at_pole)
-            divided_turns(local, orders, depends, pole, at_pole, self.slopes, self.turns, shares, box, self.pole_turns)
+            np.equal(fractions[pole[1], pole[2]], pole[2], out=at_pole)
+            poles = pole, at_pole, self.slopes, self.turns
+            divided_turns(local, orders, depends, *poles, fractions, box, self.pole_turns)
         extraction(
-            local, orders, depends, coincide, shares, box, self.turns, pole, at_pole, self.pole_turns,
+            local, orders, depends, coincide, fractions, box, self.turns, pole, at_pole, self.pole_turns,
             self.for_matrices, self.points, self.rows, self.has_frame,
         )  # fmt: skip
         of_derivatives = self.edges, orders, self.points, self.rows, depends, self.normal, pole, at_pole

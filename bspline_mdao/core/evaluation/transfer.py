@@ -199,7 +199,7 @@ def _cuts(topology: Topology, block: int, d: int) -> np.ndarray:
 def _moments(coarse: np.ndarray, fine: np.ndarray) -> tuple[csr_array, csr_array, csr_array]:
     """Moments of the parts of fine cells of a line in coarse ones, relative to the fine cells: three matrices."""
     # With x the index in the coarse cell from its centre, the means of 1, x and (x^2 - 1/12) / 2 over each part, times
-    # its share of the fine cell; the mean of all of them over a coarse cell is 1, 0 and 0.
+    # its fraction of the fine cell; the mean of all of them over a coarse cell is 1, 0 and 0.
     ends = np.interp(np.arange(fine[-1] + 1), fine, coarse)  # of the fine cells, in indices of the coarse line
     whole = np.rint(ends)
     ends = np.where(np.abs(ends - whole) < 1e-9, whole, ends)
@@ -207,10 +207,10 @@ def _moments(coarse: np.ndarray, fine: np.ndarray) -> tuple[csr_array, csr_array
     a, b = bounds[:-1], bounds[1:]
     rows = np.searchsorted(ends, a, side="right") - 1
     columns = a.astype(int)
-    share, (x, y) = (b - a) / np.diff(ends)[rows], (end - columns - 0.5 for end in (a, b))
+    fraction, (x, y) = (b - a) / np.diff(ends)[rows], (end - columns - 0.5 for end in (a, b))
     curve = 0.5 * ((x * x + x * y + y * y) / 3.0 - 1.0 / 12.0)
     shape = len(ends) - 1, int(coarse[-1])
-    return tuple(csr_array((share * mean, (rows, columns)), shape) for mean in (1.0, 0.5 * (x + y), curve))
+    return tuple(csr_array((fraction * mean, (rows, columns)), shape) for mean in (1.0, 0.5 * (x + y), curve))
 
 
 def _interpolation(source: np.ndarray, target: np.ndarray, order: int) -> csr_array:

@@ -393,10 +393,10 @@ def set_up_fit(
     volumes = [Volume(tuple(triple)) for triple in knots]
     if is_given:
         require_agreement(topology, volumes)
-    return problem_of_mesh(topology, _share_mesh(topology, volumes), sharing)
+    return problem_of_mesh(topology, _joined_mesh(topology, volumes), sharing)
 
 
-def _share_mesh(topology: Topology, volumes: Sequence[Volume]) -> BSplineMesh:
+def _joined_mesh(topology: Topology, volumes: Sequence[Volume]) -> BSplineMesh:
     shapes = [volume.n_control for volume in volumes]
     ids = shared_ids(shapes, topology.links, topology.collapses, topology.segment_names)
     return BSplineMesh(tuple(volumes), tuple(ids), 1 + max(int(a.max()) for a in ids))

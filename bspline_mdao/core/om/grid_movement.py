@@ -139,10 +139,10 @@ class GridMovement(Copied, om.Group):
         """Add the components in the order of the chain."""
         model, is_live, mover = self.options["model"], self.options["live"], self._mover()
         surface = self.options["surface"]
-        is_share, is_fitted = model.ownership is not None, self.options["fit"]
+        is_local, is_fitted = model.ownership is not None, self.options["fit"]
         if is_fitted is None:
-            is_fitted = is_live or (self.comm.size == 1 and not is_share)
-        if is_share and (is_fitted or surface is not None):
+            is_fitted = is_live or (self.comm.size == 1 and not is_local)
+        if is_local and (is_fitted or surface is not None):
             raise InputError(
                 f"{self.msginfo}: a local model has neither a fit nor nodes of a surface that are given; leave "
                 f"out 'fit', 'live' and 'surface', or give the whole model"

@@ -90,7 +90,7 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     @fails_together
     def setup(self) -> None:
         """Declare the variables, of the sizes of the model."""
-        model, is_shared = self.options["model"], self.comm.size > 1
+        model, is_distributed = self.options["model"], self.comm.size > 1
         partition = blocks_of(self)
         self._whole = WholeNodes.of(self.comm, partition)
         grid = model.regenerate()
@@ -98,11 +98,11 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
         self._baseline, self._last = LastState(), LastState()
         needs_initial = self._baseline.at([baseline], self._grid).needs_initial
         local = self._whole.local(baseline).ravel()
-        self.add_input(GRID_INITIAL, val=local, units="m", distributed=is_shared)
+        self.add_input(GRID_INITIAL, val=local, units="m", distributed=is_distributed)
         if needs_initial:
             self.add_input(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
-        self.add_output(GRID, val=local, units="m", distributed=is_shared)
+        self.add_output(GRID, val=local, units="m", distributed=is_distributed)
         shapes = (window.shape for window in partition.pieces[self.comm.rank])
         check_along_edges(self, GRID_INITIAL, numbered_blocks(shapes), LIVE_SHARPNESS)
         for name in (CONTROL_POINTS_INITIAL, CONTROL_POINTS) if needs_initial else (CONTROL_POINTS,):

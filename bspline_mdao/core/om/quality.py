@@ -118,12 +118,12 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
                 self._quality.require(self.options["aggregates"])
             except InputError as error:
                 raise InputError(f"{self.msginfo}: {error}") from error
-        is_shared = self.comm.size > 1
-        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared)
+        is_distributed = self.comm.size > 1
+        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_distributed)
         for name in self.options["aggregates"]:
             self.add_output(name, desc=AGGREGATES[name].meaning)
         if self.options["cells"]:
-            self.add_output(CELL_QUALITY, shape=self._quality.n_cells, distributed=is_shared)
+            self.add_output(CELL_QUALITY, shape=self._quality.n_cells, distributed=is_distributed)
         sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst of all corners
         if any(AGGREGATES[name].is_of_heights for name in self.options["aggregates"]):
             sharpness = max(sharpness, 10.0 * self.options["rho_height"])

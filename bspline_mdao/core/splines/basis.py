@@ -2,8 +2,8 @@
 
 On the span ``T[s] <= xi < T[s+1]`` (numbered from 0) only the ``p`` functions ``s-p+1 .. s`` differ from zero, and they
 depend on the ``2p - 2`` *local knots* ``T[s-p+2] .. T[s+p-1]`` alone. They are found by the de Boor triangle: from one
-order to the next each function passes the share ``(xi - a) / (b - a)`` of its value, [a, b] being its interval, to its
-right-hand neighbour and keeps the rest. So no interval is empty, the sum stays one, and at an end of the parameter
+order to the next each function passes the fraction ``(xi - a) / (b - a)`` of its value, [a, b] being its interval, to
+its right-hand neighbour and keeps the rest. So no interval is empty, the sum stays one, and at an end of the parameter
 range the end function is one to the last bit. The first and the last span continue beyond the ends, so that ``xi = 1``,
 and a parameter that round-off has moved out of [0, 1], need no special care.
 
@@ -100,14 +100,14 @@ def basis_derivatives(
         for m in range(r - 1, -1, -1):  # downwards, so that what is passed on lands behind
             low, high = s + 1 - r + m, s + 1 + m
             per_width = 1.0 / (T[high] - T[low])
-            share, value = (xi - T[low]) * per_width, out[m, 0]
+            fraction, value = (xi - T[low]) * per_width, out[m, 0]
             for n in range(len(d_xi)):
-                d_share = (d_xi[n] - d_T[low, n] - share * (d_T[high, n] - d_T[low, n])) * per_width
-                passed = share * out[m, 1 + n] + d_share * value
+                d_fraction = (d_xi[n] - d_T[low, n] - fraction * (d_T[high, n] - d_T[low, n])) * per_width
+                passed = fraction * out[m, 1 + n] + d_fraction * value
                 out[m, 1 + n] -= passed
                 out[m + 1, 1 + n] += passed
-            out[m, 0] -= share * value
-            out[m + 1, 0] += share * value
+            out[m, 0] -= fraction * value
+            out[m + 1, 0] += fraction * value
 
 
 @njit(cache=True, error_model="numpy", inline="always")

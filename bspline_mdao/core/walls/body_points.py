@@ -225,16 +225,16 @@ def _sparse(weights: np.ndarray, points: np.ndarray, corners: np.ndarray) -> csr
     values = np.take_along_axis(weights, kept, axis=1)
     np.put_along_axis(sizes, kept, 0.0, axis=1)
     values = np.sign(values) * np.maximum(np.abs(values) - sizes.max(axis=1)[:, None], 0.0)
-    share = np.abs(values)
-    share /= share.sum(axis=1)[:, None]
+    sizes = np.abs(values)
+    sizes /= sizes.sum(axis=1)[:, None]
     arms = corners[kept] - points[:, None]
-    scale = np.sqrt(np.sum(share * np.square(arms).sum(axis=2), axis=1))
+    scale = np.sqrt(np.sum(sizes * np.square(arms).sum(axis=2), axis=1))
     arms /= np.where(scale > 0.0, scale, 1.0)[:, None, None]
     terms = np.concatenate([np.ones_like(arms[..., :1]), arms], axis=2)
-    normal = np.linalg.pinv(np.einsum("nk,nki,nkj->nij", share, terms, terms), rcond=1e-12, hermitian=True)
+    normal = np.linalg.pinv(np.einsum("nk,nki,nkj->nij", sizes, terms, terms), rcond=1e-12, hermitian=True)
     for _ in range(N_CORRECTIONS):
         miss = np.array([1.0, 0.0, 0.0, 0.0]) - np.einsum("nk,nki->ni", values, terms)
-        values = values + share * np.einsum("nki,nij,nj->nk", terms, normal, miss)
+        values = values + sizes * np.einsum("nki,nij,nj->nk", terms, normal, miss)
     starts = n_kept * np.arange(len(points) + 1)
     matrix = csr_array((values.ravel(), kept.ravel(), starts), weights.shape)
     matrix.eliminate_zeros()

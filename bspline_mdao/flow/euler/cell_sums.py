@@ -53,11 +53,12 @@ class CellSums:
         visit(n_cells, lambda part: kernel(self.starts, self.entries, flux, part.start, part.stop, out))
         return out
 
-    def of_stencils(self, shares: np.ndarray, n_cells: int) -> np.ndarray:
+    def of_stencils(self, contributions: np.ndarray, n_cells: int) -> np.ndarray:
         """Sum numbers, shape (n_faces, 4, 5), of the four cells of every stencil: shape (n_cells, 5)."""
-        out, index = np.empty((n_cells, shares.shape[2]), shares.dtype), (self.stencil_starts, self.stencil_entries)
-        kernel = _sum_single_stencils if shares.dtype == np.float32 else _sum_stencils
-        visit(n_cells, lambda part: kernel(*index, shares, part.start, part.stop, out))
+        out = np.empty((n_cells, contributions.shape[2]), contributions.dtype)
+        index = self.stencil_starts, self.stencil_entries
+        kernel = _sum_single_stencils if contributions.dtype == np.float32 else _sum_stencils
+        visit(n_cells, lambda part: kernel(*index, contributions, part.start, part.stop, out))
         return out
 
 
@@ -115,7 +116,7 @@ def _sum_faces(starts, entries, flux, first, end, out):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _sum_stencils(starts, entries, shares, first, end, out):
+def _sum_stencils(starts, entries, contributions, first, end, out):
     for c in range(first, end):
         for n in range(out.shape[1]):
             out[c, n] = 0.0
@@ -124,7 +125,7 @@ def _sum_stencils(starts, entries, shares, first, end, out):
         for at in range(starts[c], starts[c + 1]):
             f, k = entries[at] >> 2, entries[at] & 3
             for n in range(5):
-                out[c, n] += shares[f, k, n]
+                out[c, n] += contributions[f, k, n]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -143,13 +144,13 @@ def _sum_single_faces(starts, entries, flux, first, end, out):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _sum_single_stencils(starts, entries, shares, first, end, out):
+def _sum_single_stencils(starts, entries, contributions, first, end, out):
     """Do what `_sum_stencils` does in single precision, in vectors of five."""
     last = len(entries) - 1
     for cell in range(first, end):
         total = zeros()
         if cell + 1 < len(starts):
             for at in range(starts[cell], starts[cell + 1]):
-                prefetch(shares, 5 * entries[min(at + AHEAD, last)])
-                total = add_scaled(total, np.float32(1.0), load(shares, 5 * entries[at]))
+                prefetch(contributions, 5 * entries[min(at + AHEAD, last)])
+                total = add_scaled(total, np.float32(1.0), load(contributions, 5 * entries[at]))
         store(out, 5 * cell, total)

@@ -89,16 +89,16 @@ class FaceJacobians:
         """Transposed product of `product`."""
         discretization, stencil, local = self.discretization, self.discretization.stencil, bar
         bar = discretization.halo.pad(np.ascontiguousarray(bar, np.float32))
-        shares, rest = np.empty((len(self.values), 4, N_STATES), np.float32), (self.shocks, bar)
+        contributions, rest = np.empty((len(self.values), 4, N_STATES), np.float32), (self.shocks, bar)
 
         def fill(part: slice) -> None:
             index = stencil.cells[part], stencil.means, stencil.classes[part], self.jump_weights, stencil.lines[part]
             multiply_transposed(
-                *index, stencil.roles[part], self.values[part], self.shock_rows[part], *rest, shares[part]
+                *index, stencil.roles[part], self.values[part], self.shock_rows[part], *rest, contributions[part]
             )
 
-        visit(len(shares), fill)
-        out = discretization.halo.fold(discretization.sums.of_stencils(shares, len(bar)))
+        visit(len(contributions), fill)
+        out = discretization.halo.fold(discretization.sums.of_stencils(contributions, len(bar)))
         return self._with_circulation(out, self.circulation, self.of_circulation, local)
 
     def _with_circulation(self, out, column: np.ndarray, row: np.ndarray, vector: np.ndarray) -> np.ndarray:

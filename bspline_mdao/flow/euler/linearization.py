@@ -59,13 +59,13 @@ class Linearization:
     def state_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `state_jvp`."""
         discretization, bar = self.discretization, self._seen(bar)
-        shares = np.zeros((len(self.areas), 4, N_STATES))
+        contributions = np.zeros((len(self.areas), 4, N_STATES))
 
         def fill(part: slice) -> None:
-            state_shares(*self.at(part), bar, shares[part])
+            state_contributions(*self.at(part), bar, contributions[part])
 
-        visit(len(shares), fill)
-        change = discretization.halo.fold(discretization.sums.of_stencils(shares, len(self.states)))
+        visit(len(contributions), fill)
+        change = discretization.halo.fold(discretization.sums.of_stencils(contributions, len(self.states)))
         if self.vortex:
             change += self.vortex.by_state * self.vortex.circulation_vjp(self._outside_bars(bar))
         return change
@@ -189,7 +189,7 @@ def through_face(bar, near, role):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def state_shares(
+def state_contributions(
     cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, bar, out
 ):
     """What the four cells at each face, shape (n_faces, 4, 5), get of rows of the residual."""

@@ -2,7 +2,7 @@
 
 The force on a wall face, dynamic pressure times Cp times area vector, acts at the mean of its corners; each corner
 takes a quarter of it. So the nodes carry the force and the moment of the faces, those of `FlowForces`, to round-off,
-about any point: what the shares change is only where on the face the force acts, not its sum or its moment.
+about any point: what the weights change is only where on the face the force acts, not its sum or its moment.
 
 Theory: ``docs/theory/aerostructure.rst``.
 """
@@ -25,7 +25,7 @@ class WallForces:
     """Forces on the nodes of a surface from the states of all cells. Made by `WallForces.of`."""
 
     faces: np.ndarray  # (n_faces,) of int, wall faces that belong to the surface
-    shares: csr_array  # (n_points, n_faces), part of the force on each face that each node takes
+    weights: csr_array  # (n_points, n_faces), part of the force on each face that each node takes
     pressure: WallPressure  # pressure coefficients on all wall faces
 
     @classmethod
@@ -42,8 +42,8 @@ class WallForces:
         ours = walls.faces_on(rows[quads])
         corners = walls.rows_of_corners[ours]
         numbers, n = np.searchsorted(rows, corners), len(corners)
-        shares = csr_array((np.full(4 * n, 0.25), numbers.ravel(), 4 * np.arange(n + 1)), (n, len(rows)))
-        return cls(ours, csr_array(shares.T), WallPressure.of(flow))
+        weights = csr_array((np.full(4 * n, 0.25), numbers.ravel(), 4 * np.arange(n + 1)), (n, len(rows)))
+        return cls(ours, csr_array(weights.T), WallPressure.of(flow))
 
     @property
     def n_faces(self) -> int:
@@ -77,7 +77,7 @@ class WallForces:
         areas, d_areas = area_vectors(on_walls, self._corners), area_vectors_jvp(on_walls, self._corners, d_on_walls)
         pressure = self.pressure.evaluate(states, mach)[self.faces]
         d_pressure = self.pressure.jvp(states, mach, d_states, d_mach)[self.faces]
-        change = self.shares @ (d_pressure[:, None] * areas + pressure[:, None] * d_areas)
+        change = self.weights @ (d_pressure[:, None] * areas + pressure[:, None] * d_areas)
         return dynamic_pressure * change + d_dynamic_pressure * self._reduced(states, nodes, mach)
 
     def vjp(
@@ -86,7 +86,7 @@ class WallForces:
         """Apply the transpose of `jvp` to derivatives with respect to the forces, shape (n_points, 3)."""
         # Returns derivatives with respect to the states, the nodes, the Mach number and the dynamic pressure.
         on_walls, pressure = self.pressure.walls.nodes(nodes), self.pressure.evaluate(states, mach)[self.faces]
-        areas, forces_bar = area_vectors(on_walls, self._corners), self.shares.T @ bar
+        areas, forces_bar = area_vectors(on_walls, self._corners), self.weights.T @ bar
         pressure_bar = np.zeros(len(self.pressure.walls.corners))
         pressure_bar[self.faces] = dynamic_pressure * np.sum(forces_bar * areas, axis=1)
         states_bar, mach_bar = self.pressure.vjp(states, mach, pressure_bar)
@@ -97,7 +97,7 @@ class WallForces:
     def _reduced(self, states: np.ndarray, nodes: np.ndarray, mach: float):
         """Forces divided by the dynamic pressure (m^2)."""
         areas = area_vectors(self.pressure.walls.nodes(nodes), self._corners)
-        return self.shares @ (self.pressure.evaluate(states, mach)[self.faces, None] * areas)
+        return self.weights @ (self.pressure.evaluate(states, mach)[self.faces, None] * areas)
 
     @property
     def _corners(self) -> np.ndarray:

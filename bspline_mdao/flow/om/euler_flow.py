@@ -300,9 +300,9 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
         """Declare the variables."""
         check_on_grid(self, self.options["flow"], self.options["nodes"])
         self._forces, self._is_looked_at = self.options["forces"], False
-        is_shared = self.comm.size > 1
-        self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells, distributed=is_shared)
-        self.add_input(GRID, val=self.options["nodes"].ravel(), units="m", distributed=is_shared)
+        is_distributed = self.comm.size > 1
+        self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells, distributed=is_distributed)
+        self.add_input(GRID, val=self.options["nodes"].ravel(), units="m", distributed=is_distributed)
         self.add_input("alpha", units="deg", desc="angle of attack")
         self.add_input("Mach_number", desc="of the free stream")
         n_strips, n_faces = self._forces.wing.induced.strips.n_strips, len(self._forces.walls.corners)

@@ -140,13 +140,15 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         self._solution = self._converged = self._anchor = self._last_scheme = None
         self._tangent = self._tangent_point = None
         self._is_mode_looked_at = self._is_mach_said = False
-        is_shared = self.comm.size > 1
-        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared, desc="nodes")
+        is_distributed = self.comm.size > 1
+        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_distributed, desc="nodes")
         self._declare_angle()
         self.add_input("Mach_number", desc="of the free stream")
         at_rest = flow.discretization.uniform(free_stream(0.0, 0.0, flow.axes))
         start = at_rest if self._start is None else self._start[0]
-        self.add_output("states", val=start.ravel(), distributed=is_shared, desc="density, velocity, pressure of cells")
+        self.add_output(
+            "states", val=start.ravel(), distributed=is_distributed, desc="density, velocity, pressure of cells"
+        )
 
     def apply_nonlinear(self, inputs: Vector, outputs: Vector, residuals: Vector) -> None:
         """Sum what flows out of every cell."""

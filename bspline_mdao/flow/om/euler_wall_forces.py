@@ -72,9 +72,9 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
                 f"{self.msginfo}: {missing} of {len(surface.quads)} faces of the surface are no walls of the flow; "
                 f"take a surface of walls, SurfaceGrid.of(model)"
             )
-        is_shared = self.comm.size > 1
-        self.add_input("states", shape=N_STATES * flow.faces.n_cells, distributed=is_shared)
-        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared)
+        is_distributed = self.comm.size > 1
+        self.add_input("states", shape=N_STATES * flow.faces.n_cells, distributed=is_distributed)
+        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_distributed)
         self.add_input("Mach_number")
         self.add_input("dynamic_pressure", val=np.nan, units="Pa")
         self.add_output("wall_forces", val=np.zeros(3 * surface.n_points), units="N")

@@ -49,9 +49,9 @@ def with_short_cuts(topology: Topology, dealt: Sequence[Sequence[Window]]) -> li
     - [1] B. W. Kernighan and S. Lin, "An efficient heuristic procedure for partitioning graphs", Bell System Technical
       Journal 49 (1970), 291-307.
     """
-    pieces, n = [piece for share in dealt for piece in share], len(dealt)
+    pieces, n = [piece for pieces_of_rank in dealt for piece in pieces_of_rank], len(dealt)
     sizes, faces = np.array([math.prod(piece.shape) for piece in pieces]), faces_between(topology, pieces)
-    ranks = np.repeat(np.arange(n), [len(share) for share in dealt])
+    ranks = np.repeat(np.arange(n), [len(pieces_of_rank) for pieces_of_rank in dealt])
     loads = np.bincount(ranks, sizes, n)
     most = max(loads.max(), (1.0 + SLACK) * loads.mean())
     is_better = n > 1 and len(pieces) > 1

@@ -62,8 +62,8 @@ def quality_chart(shapes: Sequence[Shape], reports: Sequence[QualityReport]) -> 
     """Distribution of Q over the cells, in per cent."""
     data = []
     for shape, report, style in zip(shapes, reports, shape_styles(shapes)):
-        edges, share = report.histogram.edges, 100.0 * report.histogram.density * np.diff(report.histogram.edges)
-        line = {"x": np.repeat(edges, 2)[1:-1], "y": np.repeat(share, 2), "mode": "lines", "line": style}
+        edges, percent = report.histogram.edges, 100.0 * report.histogram.density * np.diff(report.histogram.edges)
+        line = {"x": np.repeat(edges, 2)[1:-1], "y": np.repeat(percent, 2), "mode": "lines", "line": style}
         data.append({"type": "scatter", "name": shape.label, "fill": "tozeroy", **line, "opacity": 0.9})
     last = reports[-1]
     text = f"Distribution of Q: smallest {last.q_min:.3g}, mean {last.q_mean:.3g}, of {last.n_cells:,} cells."

@@ -137,7 +137,7 @@ def test_divided_derivatives_lie_between_those_of_their_control_vectors(roles, e
     places, gradients = volume_basis(volume, x)[0], evaluate_gradients(volume, net, x)
     low, high = rng.uniform(0.0, 0.4, (3, 8)), rng.uniform(0.6, 1.0, (3, 8))
     (high if end == 1 else low)[roles[1]] = end
-    lanes.boxes.shares[:, 0], lanes.boxes.shares[:, 1] = low, high
+    lanes.boxes.fractions[:, 0], lanes.boxes.fractions[:, 1] = low, high
     lanes.derive()
     n_sampled, tight = 0, np.inf
     for lane, number in enumerate(lanes.boxes.numbers):

@@ -153,11 +153,11 @@ class RecordedRun(OneLine):
         result, total = self.problem.driver.result, sum(self.seconds.values())
         counts = {"evaluations": result.model_evals, "gradients": result.deriv_evals}  # before one more gradient
         residual, violation = optimality_of(self.problem)
-        shares = {name: seconds / total for name, seconds in self.seconds.items()}
+        fractions = {name: seconds / total for name, seconds in self.seconds.items()}
         if flow is not None:
             parts = {part.name for part in getattr(self.problem.model, flow).system_iter(recurse=True)}
-            total_share = sum(share for name, share in shares.items() if name in parts)
-            shares = {name: share for name, share in shares.items() if name not in parts} | {flow: total_share}
+            of_flow = sum(fraction for name, fraction in fractions.items() if name in parts)
+            fractions = {name: fraction for name, fraction in fractions.items() if name not in parts} | {flow: of_flow}
         return {
             "success": bool(result.success),
             "exit_status": str(result.exit_status),
@@ -166,7 +166,7 @@ class RecordedRun(OneLine):
             "optimality": residual / self.initial_gradient,
             "violation": violation,
             "seconds": total,
-            "shares": shares,
+            "shares": fractions,
         }
 
 

@@ -42,9 +42,9 @@ class SolverLoads(CheckedOnProcesses, om.ExplicitComponent):
         """Declare the variables."""
         n_points = self.options["n_points"]
         self._numbers = nodes_of_rank(None, n_points, "numbers", self.comm, self.msginfo)
-        nothing, is_shared = np.zeros(3 * len(self._numbers)), self.comm.size > 1
+        nothing, is_distributed = np.zeros(3 * len(self._numbers)), self.comm.size > 1
         self.add_input(WALL_FORCES, val=np.zeros(3 * n_points), units="N")
-        self.add_output(F_AERO, val=nothing, distributed=is_shared, tags=COUPLING)
+        self.add_output(F_AERO, val=nothing, distributed=is_distributed, tags=COUPLING)
         check_along_directions(self, LINEAR_STEP)
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:
