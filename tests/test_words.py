@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "bspline_mdao"
@@ -31,6 +31,9 @@ PRIVATE = {
 }
 """Words that names had of their own, and what the field says."""
 
+PRIVATE_OF_FLOW = {"kink": "irregular face, sensor", "kinks": "irregular faces", "kinked": "irregular"}
+"""Words that are terms of the surface's smoothness, and nothing in the flow."""
+
 KNOWN = {"hold_outside"}
 """The option ``--hold-outside`` of ``ride``, as users know it."""
 
@@ -53,14 +56,19 @@ def words(name: str) -> set[str]:
     return {word.lower() for word in re.split(r"_|(?<=[a-z0-9])(?=[A-Z])", name)}
 
 
-def private_names(path: Path) -> list[str]:
+def private_names(path: Path, private: Collection[str] = PRIVATE) -> list[str]:
     """Names of a module, its own included, that have a private word."""
     names = {path.stem, *identifiers(ast.parse(path.read_text()))} - KNOWN
-    return [f"{path.name}: {name}" for name in sorted(names) if words(name) & set(PRIVATE)]
+    return [f"{path.name}: {name}" for name in sorted(names) if words(name) & set(private)]
 
 
 def test_no_name_has_a_private_word():
     assert [found for path in sorted(PACKAGE.rglob("*.py")) for found in private_names(path)] == []
+
+
+def test_no_name_of_the_flow_has_a_word_of_the_surface():
+    modules = sorted(PACKAGE.glob("flow/**/*.py"))
+    assert [found for path in modules for found in private_names(path, PRIVATE_OF_FLOW)] == []
 
 
 def test_private_words_are_found_in_any_kind_of_name(tmp_path):

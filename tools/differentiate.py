@@ -46,11 +46,11 @@ FILES: dict[str, tuple[tuple[str, str, dict, tuple[str, ...]], ...]] = {
     "bspline_mdao/flow/euler/face_centre_derivatives.py": (
         ("bspline_mdao.flow.euler.face_centre", "face_centre", {"a": 3, "b": 3, "c": 3, "d": 3}, BOTH),
     ),
-    "bspline_mdao/flow/euler/kink_weights_derivatives.py": (
-        ("bspline_mdao.flow.euler.kink_weights", "free_changes", {"face": (3, 3, 3, 3, 3, (3, 3, 3))}, BOTH),
+    "bspline_mdao/flow/euler/irregular_weights_derivatives.py": (
+        ("bspline_mdao.flow.euler.irregular_weights", "free_changes", {"face": (3, 3, 3, 3, 3, (3, 3, 3))}, BOTH),
     ),
-    "bspline_mdao/flow/euler/kink_bounds_derivatives.py": (
-        ("bspline_mdao.flow.euler.kink_weights", "bounded_changes", {"free": 4}, BOTH),
+    "bspline_mdao/flow/euler/irregular_bounds_derivatives.py": (
+        ("bspline_mdao.flow.euler.irregular_weights", "bounded_changes", {"free": 4}, BOTH),
     ),
 }
 """Files that are written: modules and names of the kernels, and shapes of the arguments by which they are

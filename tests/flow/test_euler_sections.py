@@ -11,7 +11,7 @@ from topology_cases import box, grid_of, o_grid, smooth_box
 from bspline_mdao.base.numerics.halo import ALONE
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.euler.kinks import Kinks
+from bspline_mdao.flow.euler.irregular_faces import IrregularFaces
 from bspline_mdao.flow.loads.stream import stream_axes
 from bspline_mdao.generators import FarField, Spacing, flat_plate_grid, infinite_wing_grid, naca_section
 from bspline_mdao.grids.topology.detection import find_topology
@@ -130,36 +130,37 @@ def weighed(nodes):
     """Weights of smooth lines and of this grid in the means of all inner faces, and the places that these are of."""
     case = case_of(grid_of(nodes), "farfield")
     faces, plain = case.faces, case.discretization.stencil
-    kinked = Kinks.of(plain, faces, case.nodes, ALONE).stencil(case.nodes)
+    irregular = IrregularFaces.of(plain, faces, case.nodes, ALONE).stencil(case.nodes)
     inner = slice(0, faces.n_inner)
     centres = case.nodes[faces.corners[inner]].mean(axis=1)
-    return [one.means[one.classes[inner]] for one in (plain, kinked)], plain.cells[inner], centres
+    return [one.means[one.classes[inner]] for one in (plain, irregular)], plain.cells[inner], centres
 
 
 def test_weights_of_even_grids_are_those_of_smooth_lines():
-    (plain, kinked), _, _ = weighed(box(np.arange(7.0), 2.0 * np.arange(6.0), np.arange(5.0)))
-    np.testing.assert_array_equal(plain, kinked)
+    (plain, irregular), _, _ = weighed(box(np.arange(7.0), 2.0 * np.arange(6.0), np.arange(5.0)))
+    np.testing.assert_array_equal(plain, irregular)
 
 
 def test_weights_sum_to_one_and_are_near_those_of_smooth_lines_on_smooth_grids():
-    (plain, kinked), _, _ = weighed(smooth_box(8, 7, 6))
-    np.testing.assert_allclose(kinked.sum(axis=1), 1.0, rtol=1e-13)
-    assert np.abs(kinked - plain).max() < 0.3
+    (plain, irregular), _, _ = weighed(smooth_box(8, 7, 6))
+    np.testing.assert_allclose(irregular.sum(axis=1), 1.0, rtol=1e-13)
+    assert np.abs(irregular - plain).max() < 0.3
 
 
 def test_about_an_axis_no_mean_turns_the_sign_of_what_alternates():
     """Mid-faces of thin wedges are nearer to the axis than all cells along the line: no weights are of the face."""
-    (plain, kinked), _, _ = weighed(o_grid(n_around=33, radius=0.0))
+    (plain, irregular), _, _ = weighed(o_grid(n_around=33, radius=0.0))
     phases = np.linspace(0.0, 0.5 * np.pi, 91)[:, None]
-    means = (kinked[:, 1] + kinked[:, 2]) * np.cos(phases) + (kinked[:, 0] + kinked[:, 3]) * np.cos(3.0 * phases)
-    assert np.abs(kinked - plain).max() > 0.2
+    inner, outer = irregular[:, 1] + irregular[:, 2], irregular[:, 0] + irregular[:, 3]
+    means = inner * np.cos(phases) + outer * np.cos(3.0 * phases)
+    assert np.abs(irregular - plain).max() > 0.2
     assert means.min() > -1e-12
 
 
 def test_where_spacing_jumps_the_mean_is_of_the_face():
     x = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 7.0, 10.0, 13.0])
-    (plain, kinked), cells, centres = weighed(box(x, np.arange(3.0), np.arange(2.0)))
+    (plain, irregular), cells, centres = weighed(box(x, np.arange(3.0), np.arange(2.0)))
     middles = np.repeat(0.5 * (x[1:] + x[:-1]), 2)
-    away = [np.abs(np.sum(w * middles[cells], axis=1) - centres[:, 0]).max() for w in (plain, kinked)]
+    away = [np.abs(np.sum(w * middles[cells], axis=1) - centres[:, 0]).max() for w in (plain, irregular)]
     assert away[0] > 0.3
     assert away[1] < 0.3 * away[0]  # what is left is of changes that are not worth a class

@@ -21,7 +21,7 @@ from ...grids.topology.partition import Partition
 from ...grids.topology.topology import Topology
 from .factor_pattern import FactorPattern, factor_pattern
 from .far_field import FarVortex
-from .kinks import Kinks
+from .irregular_faces import IrregularFaces
 from .linearization import Linearization
 from .mean_weights import mean_jvp, mean_vjp
 from .residual import Discretization
@@ -41,7 +41,7 @@ class FlowGrid:
     discretization: Discretization  # on the baseline, see `at`
     axes: np.ndarray  # (3, 3), rows are the directions downstream, along the span, and up
     walls: Walls  # those of all processes
-    kinks: Kinks  # faces with weights of their own
+    irregular_faces: IrregularFaces  # faces with weights of their own
     face_sizes: np.ndarray  # (n_faces,), areas of the faces of the baseline (m^2)
     corners: Halo = ALONE  # exchange of nodes with other processes. All arrays of nodes are those of this process.
 
@@ -68,16 +68,16 @@ class FlowGrid:
         directions, seen = as_axes(axes, "flow"), corners.extend(nodes)
         faces, stencil, halo = discretization.faces, discretization.stencil, discretization.halo
         vortex = FarVortex.of(faces, stencil, seen, directions, halo)
-        kinks = Kinks.of(stencil, faces, seen, halo)
-        discretization = replace(discretization, stencil=kinks.stencil(seen), vortex=vortex)
+        irregular_faces = IrregularFaces.of(stencil, faces, seen, halo)
+        discretization = replace(discretization, stencil=irregular_faces.stencil(seen), vortex=vortex)
         face_sizes = np.linalg.norm(area_vectors(seen, faces.corners), axis=1).astype(np.float32)
-        return cls(discretization, directions, walls, kinks, face_sizes, corners)
+        return cls(discretization, directions, walls, irregular_faces, face_sizes, corners)
 
     def at(self, nodes: np.ndarray) -> Discretization:
         """Discretisation with the weights of other nodes, shape (n_nodes, 3), in metres; real or complex."""
-        if not self.kinks.n_of_grid:
+        if not self.irregular_faces.n_of_grid:
             return self.discretization
-        return replace(self.discretization, stencil=self.kinks.stencil(self.corners.extend(nodes)))
+        return replace(self.discretization, stencil=self.irregular_faces.stencil(self.corners.extend(nodes)))
 
     @cached_property
     def pattern(self) -> FactorPattern:
@@ -144,17 +144,17 @@ class FlowGrid:
     ) -> np.ndarray:
         """Change of the residual, shape (n_cells, 5), with the nodes, shape (n_nodes, 3)."""
         change = tangent.area_jvp(self.areas_jvp(nodes, d_nodes))
-        if self.kinks.n_of_grid:
-            d_weights = self.kinks.changes_jvp(self.corners.extend(nodes), self.corners.extend(d_nodes))
-            change += mean_jvp(tangent, self.kinks.ids, d_weights)
+        if self.irregular_faces.n_of_grid:
+            d_weights = self.irregular_faces.changes_jvp(self.corners.extend(nodes), self.corners.extend(d_nodes))
+            change += mean_jvp(tangent, self.irregular_faces.ids, d_weights)
         return change
 
     def nodes_vjp(self, nodes: np.ndarray, tangent: Linearization, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `nodes_jvp`: rows of the residual, shape (n_cells, 5), to nodes, shape (n_nodes, 3)."""
         change = self.areas_vjp(nodes, tangent.area_vjp(bar))
-        if self.kinks.n_of_grid:
-            weights_bar = mean_vjp(tangent, self.kinks.ids, bar)
-            change += self.corners.fold(self.kinks.changes_vjp(self.corners.extend(nodes), weights_bar))
+        if self.irregular_faces.n_of_grid:
+            weights_bar = mean_vjp(tangent, self.irregular_faces.ids, bar)
+            change += self.corners.fold(self.irregular_faces.changes_vjp(self.corners.extend(nodes), weights_bar))
         return change
 
 

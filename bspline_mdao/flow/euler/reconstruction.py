@@ -51,7 +51,7 @@ class Stencil:
     # cell inwards.
     cells: np.ndarray
     means: np.ndarray  # (n_classes, 4), weights in the mean state by the class of a face
-    # (n_faces,) of int, class of each face; where grid lines turn faces have classes of their own, see `.kinks`
+    # (n_faces,) of int, class of each face; `.irregular_faces` have classes of their own
     classes: np.ndarray
     # (n_lines, 2, 4), weights in the first and the third difference by what the line through a face is like
     differences: np.ndarray
@@ -165,13 +165,13 @@ def face_weights(means, differences, role, dissipation, sigma, out):
 def shock_sensor(states, cells, threshold):
     """Sensor of shocks at an inner face, from 0 in smooth flow to 1."""
     # Also its derivatives with respect to the pressures of the four cells, and to the states of the first and the last.
-    kink, pressure_gradient = _kink(states, cells, threshold)
+    sensor, pressure_gradient = _pressure_sensor(states, cells, threshold)
     gate, first_gradient, last_gradient = _gate(states, cells)
-    return gate * kink, _scale(gate, pressure_gradient), _scale(kink, first_gradient), _scale(kink, last_gradient)
+    return gate * sensor, _scale(gate, pressure_gradient), _scale(sensor, first_gradient), _scale(sensor, last_gradient)
 
 
 @njit(cache=True, error_model="numpy")
-def _kink(states, cells, threshold):
+def _pressure_sensor(states, cells, threshold):
     """Sensor by second differences of the pressure, and its derivatives with respect to the four pressures."""
     a, b, c, d = states[cells[0], 4], states[cells[1], 4], states[cells[2], 4], states[cells[3], 4]
     has_a, has_d = (1.0 if cells[0] != cells[1] else 0.0), (1.0 if cells[3] != cells[2] else 0.0)

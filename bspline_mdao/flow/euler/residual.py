@@ -3,8 +3,8 @@
 The flux through a face is in `.flux`, at walls in `.wall_boundary`, the states that it is of in `.reconstruction`,
 those outside the far field in `.far_field`, derivatives in `.linearization`.
 The residual depends on the grid through the area vectors of the faces and, where grid lines turn, through the weights
-of their mean states, see `.kinks`: a discretisation has those of one grid. Of several processes each has the rows of
-its own cells; their states see those of others through a halo.
+of their mean states, see `.irregular_faces`: a discretisation has those of one grid. Of several processes each has the
+rows of its own cells; their states see those of others through a halo.
 
 Theory: ``docs/theory/euler.rst``.
 """

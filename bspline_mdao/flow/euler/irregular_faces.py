@@ -1,4 +1,4 @@
-r"""Weights of mean states where grid lines turn or their spacing jumps.
+r"""Weights of mean states at irregular faces: where grid lines turn or their spacing jumps.
 
 The mean ``(-a + 7 b + 7 c - d) / 12`` is of the centre of a face where grid lines are smooth. Where they are not, as
 about the edges of a wing in an H-H grid, it is of a point that is off by a part of a cell, and the flux of even a
@@ -36,12 +36,12 @@ from .cell_shapes import (
     face_centres_jvp,
     face_centres_vjp,
 )
-from .kink_bounds_derivatives import bounded_changes_jvp, bounded_changes_vjp
-from .kink_weights import bounded_changes, free_changes
-from .kink_weights_derivatives import free_changes_jvp, free_changes_vjp
+from .irregular_bounds_derivatives import bounded_changes_jvp, bounded_changes_vjp
+from .irregular_weights import bounded_changes, free_changes
+from .irregular_weights_derivatives import free_changes_jvp, free_changes_vjp
 from .reconstruction import Stencil
 
-__all__ = ["Kinks"]
+__all__ = ["IrregularFaces"]
 
 SMALLEST = 0.01
 """Changes of a weight that are smaller are not worth a class of faces of their own."""
@@ -52,15 +52,15 @@ with others Newton's steps do not converge on the spacing of boundary layers."""
 
 
 @dataclass(frozen=True, eq=False)
-class Kinks:
-    """Faces with weights of their own, and these as functions of the nodes. Made by `Kinks.of`."""
+class IrregularFaces:
+    """Faces with weights of their own, and these as functions of the nodes. Made by `IrregularFaces.of`."""
 
     # Nodes are those of this process and of others that it sees, and so are what is returned for them.
 
     faces: CellFaces
     halo: Halo  # exchange of cells with other processes
     plain: Stencil  # with the weights of smooth lines
-    ids: np.ndarray  # (n_kinked,) of int, numbers of the faces, all of them inner ones
+    ids: np.ndarray  # (n_irregular,) of int, numbers of the faces, all of them inner ones
     n_of_grid: int  # number of those of all processes
 
     @classmethod
@@ -70,7 +70,7 @@ class Kinks:
         faces: CellFaces,
         nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
         halo: Halo,  # exchange of cells with other processes
-    ) -> Kinks:
+    ) -> IrregularFaces:
         """Choose the faces by where their four cells are, where that is not where smooth lines have them."""
         every = cls(faces, halo, plain, np.arange(faces.n_inner), faces.n_inner)
         spreads = every._shapes(nodes)[-1]
@@ -91,7 +91,7 @@ class Kinks:
         return replace(self.plain, means=np.concatenate([self.plain.means, changed]), classes=classes)
 
     def changes(self, nodes: np.ndarray) -> np.ndarray:
-        """Changes of the weights in the mean states of the faces, shape (n_kinked, 4); real or complex."""
+        """Changes of the weights in the mean states of the faces, shape (n_irregular, 4); real or complex."""
         middles, _, centres, spreads = self._shapes(nodes)
         return weight_changes(*self._index, middles[self.ids], centres, spreads)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .kink_weights import LARGEST, OUTER
+from .irregular_weights import LARGEST, OUTER
 
 
 @njit(cache=True, error_model="numpy", forceinline=True, fastmath={"arcp", "contract", "nnan", "nsz"})

@@ -1,4 +1,4 @@
-"""Changes of the weights of one face where grid lines turn or their spacing jumps, see `.kinks`.
+"""Changes of the weights of one face where grid lines turn or their spacing jumps, see `.irregular_faces`.
 
 Theory: ``docs/theory/euler.rst``.
 """

@@ -7,7 +7,7 @@ from euler_cases import AXES, GRIDS, mach_of_cases, section_grid, with_guessed_p
 from bspline_mdao.flow.euler.cell_shapes import cell_shapes, face_centres, face_centres_jvp, face_centres_vjp
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.euler.kink_weights import LARGEST
+from bspline_mdao.flow.euler.irregular_weights import LARGEST
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 
@@ -31,23 +31,23 @@ def posed(name, threshold=0.0):
 @pytest.mark.parametrize("name", CASES)
 def test_weights_have_the_derivatives_of_complex_steps_in_both_directions(name):
     flow, nodes, d_nodes = posed(name)
-    kinks = flow.kinks
-    assert len(kinks.ids) > 30
-    exact = kinks.changes(nodes + 1e-30j * d_nodes).imag / 1e-30
-    change = kinks.changes_jvp(nodes, d_nodes)
+    irregular_faces = flow.irregular_faces
+    assert len(irregular_faces.ids) > 30
+    exact = irregular_faces.changes(nodes + 1e-30j * d_nodes).imag / 1e-30
+    change = irregular_faces.changes_jvp(nodes, d_nodes)
     np.testing.assert_allclose(change, exact, rtol=0.0, atol=1e-10 * np.abs(exact).max())
     bar = np.random.default_rng(4).standard_normal(change.shape)
-    assert np.vdot(kinks.changes_vjp(nodes, bar), d_nodes) == pytest.approx(np.vdot(bar, change), rel=1e-10)
+    assert np.vdot(irregular_faces.changes_vjp(nodes, bar), d_nodes) == pytest.approx(np.vdot(bar, change), rel=1e-10)
 
 
 def test_some_weights_are_kept_below_the_largest_and_others_are_as_they_would_be():
     flow, nodes, _ = posed("wing")
-    kinks, (middles, _, centres, spreads) = flow.kinks, flow.kinks._shapes(nodes)
-    largest = np.abs(kinks.changes(nodes)).max(axis=1)
+    irregular_faces, (middles, _, centres, spreads) = flow.irregular_faces, flow.irregular_faces._shapes(nodes)
+    largest = np.abs(irregular_faces.changes(nodes)).max(axis=1)
     assert 0.95 * LARGEST < largest.max() < LARGEST
-    cells, weights = kinks._index
+    cells, weights = irregular_faces._index
     free = np.zeros((len(cells), 4))
-    for out, near, plain, middle in zip(free, cells, weights, middles[kinks.ids]):
+    for out, near, plain, middle in zip(free, cells, weights, middles[irregular_faces.ids]):
         places = centres[near] - middle
         is_there = np.array([near[0] != near[1], True, True, near[3] != near[2]])
         steps = np.where(is_there[:, None], places - places[is_there].mean(axis=0), 0.0)
@@ -55,13 +55,13 @@ def test_some_weights_are_kept_below_the_largest_and_others_are_as_they_would_be
         out[:] = -steps @ np.linalg.solve(matrix, plain @ places)
     small = np.abs(free).max(axis=1) < 0.25 * LARGEST
     assert 0.2 < small.mean() < 0.9
-    np.testing.assert_allclose(kinks.changes(nodes)[small], free[small], rtol=5e-3, atol=1e-9)
+    np.testing.assert_allclose(irregular_faces.changes(nodes)[small], free[small], rtol=5e-3, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["wing", "collapsed"])
 def test_the_outer_cells_weigh_nearly_a_quarter_and_never_so_much_that_waves_turn_round(name):
     flow, nodes, _ = posed(name)
-    weights = flow.kinks._index[1] + flow.kinks.changes(nodes)
+    weights = flow.irregular_faces._index[1] + flow.irregular_faces.changes(nodes)
     phases = np.linspace(0.0, 0.5 * np.pi, 200)[:, None]  # from the face to the cells next to it
     means = np.cos(phases * [3.0, 1.0, 1.0, 3.0]) @ weights.T
     assert means.min() > -1e-12
@@ -92,12 +92,12 @@ def test_on_its_own_nodes_a_grid_has_the_weights_that_it_was_posed_with():
     flow, nodes, _ = posed("section")
     grid = CASES["section"]()
     again = FlowGrid.of(find_topology(grid), nodes)
-    for ids in (flow.kinks.ids, again.kinks.ids):
+    for ids in (flow.irregular_faces.ids, again.irregular_faces.ids):
         assert len(ids) > 30
-    both = np.intersect1d(flow.kinks.ids, again.kinks.ids, return_indices=True)
-    ours, theirs = flow.kinks.changes(nodes)[both[1]], again.kinks.changes(nodes)[both[2]]
+    both = np.intersect1d(flow.irregular_faces.ids, again.irregular_faces.ids, return_indices=True)
+    ours, theirs = flow.irregular_faces.changes(nodes)[both[1]], again.irregular_faces.changes(nodes)[both[2]]
     np.testing.assert_array_equal(ours, theirs)
-    assert len(both[0]) > 0.95 * len(flow.kinks.ids)
+    assert len(both[0]) > 0.95 * len(flow.irregular_faces.ids)
 
 
 def test_centres_and_edges_of_a_sheared_box_are_those_of_its_corners():

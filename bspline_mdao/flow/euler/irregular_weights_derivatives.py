@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from .kink_weights import ROUNDED, WORTH
+from .irregular_weights import ROUNDED, WORTH
 
 
 @njit(cache=True, error_model="numpy", forceinline=True, fastmath={"arcp", "contract", "nnan", "nsz"})
