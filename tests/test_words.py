@@ -26,6 +26,7 @@ PRIVATE = {
     "looks": "styles",
     "wording": "text",
     "shown": "listed, drawn",
+    "turning": "rotation, pitching",
     "share": "subdomain, fraction, weight, contribution",
     "shares": "subdomains, fractions, weights, contributions",
 }

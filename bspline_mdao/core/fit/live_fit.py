@@ -38,7 +38,7 @@ from ..model.fitted_model import FittedModel
 from ..splines.volume import Volume
 from ..walls.grid_map import GridMap
 from ..walls.node_vectors import Vectors
-from ..walls.turning import Turn
+from ..walls.rotation_map import RotationState
 from ..walls.wall_following import Followed
 from .design_matrix import DesignMatrix, LiveMatrix, build_design_matrix
 from .edge_knots import joined_corners, knots_of_segment_jvp, knots_of_segment_vjp, knots_of_segments
@@ -318,18 +318,19 @@ class LiveGrid:
             raise InputError("live grid: it depends on the control points of the baseline; give these as well")
         initial = control_points if control_points_initial is None else control_points_initial
         grid_map, nodes = self.grid_map, self.mapping.evaluate(control_points)
-        turn = vectors = followed = None
+        rotation = vectors = followed = None
         start = self.mapping.evaluate(initial) if self.needs_initial else nodes
         if self.has_residual:
             residual, start = self.nodes - start, self.nodes
-            if grid_map.turning is None:
+            if grid_map.rotation_map is None:
                 nodes += residual
             else:
-                turn, vectors = grid_map.turning.at(control_points, initial), grid_map.turning.vectors(residual)
-                nodes += turn.evaluate(np.zeros_like(control_points), vectors)
+                rotation = grid_map.rotation_map.at(control_points, initial)
+                vectors = grid_map.rotation_map.vectors(residual)
+                nodes += rotation.evaluate(np.zeros_like(control_points), vectors)
         if grid_map.following is not None:
             followed = grid_map.following.at(start, nodes, start, nodes)
-        return LiveGridState(self, initial, control_points, nodes, turn, vectors, followed)
+        return LiveGridState(self, initial, control_points, nodes, rotation, vectors, followed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,7 +342,7 @@ class LiveGridState:
     initial: np.ndarray  # (n_control_points, 3)
     control_points: np.ndarray  # (n_control_points, 3)
     nodes: np.ndarray  # (n_nodes, 3), the grid (m)
-    turn: Turn | None  # rotations of the residual
+    rotation: RotationState | None  # rotations of the residual
     vectors: Vectors | None  # the residual that turns
     followed: Followed | None  # nodes that followed walls
 
@@ -367,11 +368,12 @@ class LiveGridState:
             d_start = of.mapping.jvp(self.initial, d_nodes, d_initial)
         if of.has_residual:
             d_residual, d_start = d_nodes - d_start, d_nodes
-            if self.turn is None or self.vectors is None:
+            if self.rotation is None or self.vectors is None:
                 change += d_residual
             else:
-                d_turn, d_vectors = self.turn.change(d_control, d_initial), self.turn.of.vectors(d_residual)
-                change += self.turn.jvp(none, d_turn, self.vectors, d_vectors)
+                d_rotation = self.rotation.change(d_control, d_initial)
+                d_vectors = self.rotation.of.vectors(d_residual)
+                change += self.rotation.jvp(none, d_rotation, self.vectors, d_vectors)
         if self.followed is not None:
             self.followed.jvp(change, change, d_start)
         return change
@@ -387,21 +389,23 @@ class LiveGridState:
             bars[CONTROL_POINTS_INITIAL] = np.zeros_like(self.initial)
             if of.has_residual:
                 residual_bar = bar
-                if self.turn is not None and self.vectors is not None:
-                    residual_bar = self._turn_back(self.turn, self.vectors, bar, bars)
+                if self.rotation is not None and self.vectors is not None:
+                    residual_bar = self._rotation_vjp(self.rotation, self.vectors, bar, bars)
                 bars[GRID_INITIAL] += start_bar + residual_bar
                 start_bar = -residual_bar
             for name, part in zip((GRID_INITIAL, CONTROL_POINTS_INITIAL), of.mapping.vjp(self.initial, start_bar)):
                 bars[name] = bars[name] + part
         return {name: bars[name] for name in wrt}
 
-    def _turn_back(self, turn: Turn, vectors: Vectors, bar: np.ndarray, bars: dict[str, np.ndarray]) -> np.ndarray:
+    def _rotation_vjp(
+        self, rotation: RotationState, vectors: Vectors, bar: np.ndarray, bars: dict[str, np.ndarray]
+    ) -> np.ndarray:
         """Add to the bars of both sets of control points what turns the residual; return that of the residual."""
         copies = self.of.mapping.problem.sharing.copies
         np.add.at(bar, copies[:, 1], bar[copies[:, 0]])
         bar[copies[:, 0]] = 0.0
-        by_turn = turn.vjp(vectors, bar, (CONTROL_POINTS, CONTROL_POINTS_INITIAL, "vectors"))
-        bars[CONTROL_POINTS] += by_turn[CONTROL_POINTS]
-        bars[CONTROL_POINTS_INITIAL] = by_turn[CONTROL_POINTS_INITIAL]
-        by_turn["vectors"][copies[:, 0]] = 0.0
-        return by_turn["vectors"]
+        by_rotation = rotation.vjp(vectors, bar, (CONTROL_POINTS, CONTROL_POINTS_INITIAL, "vectors"))
+        bars[CONTROL_POINTS] += by_rotation[CONTROL_POINTS]
+        bars[CONTROL_POINTS_INITIAL] = by_rotation[CONTROL_POINTS_INITIAL]
+        by_rotation["vectors"][copies[:, 0]] = 0.0
+        return by_rotation["vectors"]

@@ -19,7 +19,7 @@ from ..evaluation.evaluator import Evaluator
 from ..evaluation.node_map import require_inputs
 from ..model.model import Model
 from ..walls.node_vectors import FaceNodes
-from ..walls.turning import Turn, Turning
+from ..walls.rotation_map import RotationMap, RotationState
 from .boundary import require_mesh_of
 from .moving_mesh import MovingMesh
 from .surface import SurfaceGrid
@@ -77,11 +77,11 @@ class SurfaceMap:
         turned, residual = None, model.residual_at(rows)
         if residual is not None and model.residual_lengths is not None:
             points, lengths = model.control_points, model.residual_lengths
-            turning = Turning.of(numbering, model.mesh, parameters, points, lengths, evaluator)
-            face_nodes = turning.rows(np.arange(len(rows)))
-            require(turning.corners.matrix()[turning.seen_by(face_nodes)], True)
-            turning = turning.of_rows(face_nodes)
-            turned = _TurnedRows(turning, face_nodes, residual, surface_ids, model.control_points)
+            rotation_map = RotationMap.of(numbering, model.mesh, parameters, points, lengths, evaluator)
+            face_nodes = rotation_map.rows(np.arange(len(rows)))
+            require(rotation_map.corners.matrix()[rotation_map.seen_by(face_nodes)], True)
+            rotation_map = rotation_map.of_rows(face_nodes)
+            turned = _TurnedRows(rotation_map, face_nodes, residual, surface_ids, model.control_points)
         elif residual is not None:
             constant += residual
         return cls(csr_array(matrix[:, surface_ids]), constant, turned)
@@ -96,8 +96,8 @@ class SurfaceMap:
         nodes = self.matrix @ surface_control_points + self.constant
         if self.turned is None:
             return SurfaceState(self, nodes, None)
-        turn = self.turned.at(surface_control_points)
-        return SurfaceState(self, nodes + self.turned.evaluate(turn), turn)
+        rotation = self.turned.at(surface_control_points)
+        return SurfaceState(self, nodes + self.turned.evaluate(rotation), rotation)
 
     def apply(self, control_points: np.ndarray) -> np.ndarray:
         """Nodes, shape (n, 3), of surface control points, shape (n_surface, 3), in metres."""
@@ -110,7 +110,7 @@ class SurfaceState:
 
     of: SurfaceMap  # what gave them
     nodes: np.ndarray  # (n, 3), the nodes (m)
-    turn: Turn | None  # rotations of the residual
+    rotation: RotationState | None  # rotations of the residual
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -122,15 +122,15 @@ class SurfaceState:
         if surface_control_points is None:
             return np.zeros_like(self.nodes)
         found, turned = self.of.matrix @ surface_control_points, self.of.turned
-        if self.turn is None or turned is None:
+        if self.rotation is None or turned is None:
             return found
-        return found + turned.jvp(self.turn, surface_control_points)
+        return found + turned.jvp(self.rotation, surface_control_points)
 
     def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
         """Transpose of `jvp`: (n, 3) to (n_surface, 3) under ``surface_control_points``."""
         found, turned, wrt = self.of.matrix.T @ bar, self.of.turned, require_inputs(wrt, self.inputs)
-        if self.turn is not None and turned is not None:
-            found += turned.vjp(self.turn, bar)
+        if self.rotation is not None and turned is not None:
+            found += turned.vjp(self.rotation, bar)
         return dict.fromkeys(wrt, found)
 
 
@@ -138,31 +138,31 @@ class SurfaceState:
 class _TurnedRows:
     """The residual of some nodes, and how it turns with the design surface."""
 
-    turning: Turning  # rotations of the corners that these nodes need
+    rotation_map: RotationMap  # rotations of the corners that these nodes need
     rows: FaceNodes  # the nodes
     residual: np.ndarray  # (n, 3), their residual (m)
     surface_ids: np.ndarray  # (n_surface,) of int, control points on the design surface
     # (n_control_points, 3), all on the baseline (m). Those that slide in planes do not matter: the planes stay.
     control_points: np.ndarray
 
-    def at(self, control_points: np.ndarray) -> Turn:
+    def at(self, control_points: np.ndarray) -> RotationState:
         moved = self.control_points.copy()
         moved[self.surface_ids] = control_points
-        return self.turning.at(moved)
+        return self.rotation_map.at(moved)
 
-    def evaluate(self, turn: Turn) -> np.ndarray:
-        return self.rows.turned(turn.matrices, turn.normals, self.residual)
+    def evaluate(self, rotation: RotationState) -> np.ndarray:
+        return self.rows.turned(rotation.matrices, rotation.normals, self.residual)
 
-    def jvp(self, turn: Turn, change: np.ndarray) -> np.ndarray:
+    def jvp(self, rotation: RotationState, change: np.ndarray) -> np.ndarray:
         step = np.zeros_like(self.control_points)
         step[self.surface_ids] = change
-        d = turn.change(step)
-        return self.rows.jvp(turn.matrices, turn.normals, self.residual, d.matrices, d.normals, None)
+        d = rotation.change(step)
+        return self.rows.jvp(rotation.matrices, rotation.normals, self.residual, d.matrices, d.normals, None)
 
-    def vjp(self, turn: Turn, bar: np.ndarray) -> np.ndarray:
-        matrices_bar = np.zeros_like(turn.matrices)
-        normals_bar, _ = self.rows.vjp(turn.matrices, turn.normals, self.residual, bar, matrices_bar)
-        bars = turn.change_vjp(Turn.Change(matrices_bar, normals_bar), (CONTROL_POINTS,))
+    def vjp(self, rotation: RotationState, bar: np.ndarray) -> np.ndarray:
+        matrices_bar = np.zeros_like(rotation.matrices)
+        normals_bar, _ = self.rows.vjp(rotation.matrices, rotation.normals, self.residual, bar, matrices_bar)
+        bars = rotation.change_vjp(RotationState.Change(matrices_bar, normals_bar), (CONTROL_POINTS,))
         return bars[CONTROL_POINTS][self.surface_ids]
 
 

@@ -75,14 +75,14 @@ class RotationUnknowns:
         mesh, ids = self.points.mesh, self.points.point_ids
         rank = np.argsort(fill_reducing_order(*graph_of(self.points.pattern)))
         is_free = mesh.is_free[ids]
-        turning, sliding = (np.flatnonzero(is_free.sum(axis=1) == n) for n in (3, 2))
+        rotating, sliding = (np.flatnonzero(is_free.sum(axis=1) == n) for n in (3, 2))
         fixed = np.argmin(is_free[sliding], axis=1)
         normals = np.eye(3)[fixed] if mesh.frames is None else mesh.frames[ids[sliding], fixed]
         # directions that free points turn about: normals first, so that planes at right angles join no components
         axes = np.linalg.qr(np.concatenate([mesh.plane_normals, np.eye(3)]).T)[0].T
-        slots = np.concatenate([np.repeat([0, 1, 2], len(turning)), np.argmax(np.abs(normals @ axes.T), axis=1)])
-        rows = np.concatenate([np.tile(turning, 3), sliding])
-        vectors = np.concatenate([np.repeat(axes, len(turning), axis=0), normals])
+        slots = np.concatenate([np.repeat([0, 1, 2], len(rotating)), np.argmax(np.abs(normals @ axes.T), axis=1)])
+        rows = np.concatenate([np.tile(rotating, 3), sliding])
+        vectors = np.concatenate([np.repeat(axes, len(rotating), axis=0), normals])
         vectors[np.abs(vectors) < ROUND_OFF] = 0.0
         order = np.lexsort((rank[rows], slots))
         entries = (

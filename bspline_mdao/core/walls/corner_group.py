@@ -1,7 +1,7 @@
 """Corners of spans that see each other, the rotations of their surroundings, and how these are smoothed.
 
 Corners on walls are one group, those on other boundary faces, in planes that slide, and inside are others; see
-`.turning`. A group takes the rotations of groups before it as given where `.rotation_filter` joins their corners.
+`.rotation_map`. A group takes the rotations of groups before it as given where `.rotation_filter` joins their corners.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The whole map from control points, and from wall nodes where their places are given, to the grid.
 
-    y = A b + T(b) r                    r: residual of the fit, turned with its surroundings (`.turning`)
+    y = A b + T(b) r                    r: residual of the fit, turned with its surroundings (`.rotation_map`)
     y <- y + E (w - y_wall)             w: wall nodes where they are to be; E fades over blocks (`.wall_correction`)
     x = layer(y; x0, w)                 nodes near walls follow them as a rigid body (`.layer`)
 
@@ -28,7 +28,7 @@ from ..evaluation.node_map import require_inputs
 from ..splines.mesh import BSplineMesh
 from .grid_walls import GridWalls
 from .node_vectors import Vectors
-from .turning import Turn, Turning
+from .rotation_map import RotationMap, RotationState
 from .wall_correction import WallCorrection
 from .wall_following import Followed, WallFollowing
 
@@ -41,7 +41,7 @@ class GridMap(OneLine):
 
     evaluator: Evaluator  # A
     nodes: np.ndarray  # (n, 3), the nodes on the baseline (m): those asked for, and after them what they need
-    turning: Turning | None  # how the residual turns; None where there is none, or where it stays as it is
+    rotation_map: RotationMap | None  # how the residual turns; None where there is none, or where it stays as it is
     # Vectors, ndarray of shape (n, 3) or None, the residual of the fit, ready to be turned, or to be added
     residual: Vectors | np.ndarray | None
     following: WallFollowing | None  # nodes that follow walls
@@ -91,16 +91,16 @@ class GridMap(OneLine):
     ) -> GridMap:
         """Prepare the map to some nodes of a fitted grid: they get the bits that they have in all of it."""
         nodes = _baseline(evaluator, control_points, residual)
-        turning, following = None, None
+        rotation_map, following = None, None
         vectors: Vectors | np.ndarray | None = residual
         if wall_layer and residual is not None and residual_lengths is not None:
-            turning = Turning.of(numbering, mesh, parameters, control_points, residual_lengths, evaluator)
-            vectors = turning.vectors(residual)
+            rotation_map = RotationMap.of(numbering, mesh, parameters, control_points, residual_lengths, evaluator)
+            vectors = rotation_map.vectors(residual)
         if walls is not None:
             layer = walls.layer(numbering, nodes, evaluator.n_threads)
             rows, plane_rows = map(numbering.numbers_of, walls.needed)
             following = WallFollowing(layer, rows, plane_rows, walls.normals)
-        return cls(evaluator, nodes, turning, vectors, following, numbering)
+        return cls(evaluator, nodes, rotation_map, vectors, following, numbering)
 
     def meeting(self, correction: WallCorrection) -> GridMap:
         """Return the map with a second input, ``surface``: where the nodes of a correction of `nodes` are to be."""
@@ -114,7 +114,7 @@ class GridMap(OneLine):
     @property
     def is_linear(self) -> bool:
         """Whether the nodes depend linearly (affinely, with a residual) on the control points."""
-        return self.turning is None and self.following is None
+        return self.rotation_map is None and self.following is None
 
     @property
     def n_asked(self) -> int:
@@ -131,8 +131,8 @@ class GridMap(OneLine):
     def n_bytes(self) -> int:
         """Memory besides the evaluator's and the model's (B)."""
         packed = self.residual.n_bytes if isinstance(self.residual, Vectors) else 0
-        turning = 0 if self.turning is None else self.turning.n_bytes
-        return packed + turning + (0 if self.following is None else self.following.layer.n_bytes) + self.nodes.nbytes
+        n_rotation = 0 if self.rotation_map is None else self.rotation_map.n_bytes
+        return packed + n_rotation + (0 if self.following is None else self.following.layer.n_bytes) + self.nodes.nbytes
 
     def at(
         self,
@@ -142,10 +142,10 @@ class GridMap(OneLine):
         surface: np.ndarray | None = None,
     ) -> GridState:
         """Nodes and their derivative."""
-        turn = mismatch = followed = None
-        if self.turning is not None and isinstance(self.residual, Vectors):
-            turn = self.turning.at(control_points)
-            nodes = turn.evaluate(control_points, self.residual)
+        rotation = mismatch = followed = None
+        if self.rotation_map is not None and isinstance(self.residual, Vectors):
+            rotation = self.rotation_map.at(control_points)
+            nodes = rotation.evaluate(control_points, self.residual)
         else:
             nodes = self.evaluator.forward(control_points)
             if isinstance(self.residual, np.ndarray):
@@ -156,7 +156,7 @@ class GridMap(OneLine):
             raise InputError("grid: places of nodes and a correction that meets them go together; give both or none")
         if self.following is not None:
             followed = self.following.at(self.nodes, nodes, self.nodes, nodes)
-        return GridState(self, nodes, turn, followed, mismatch)
+        return GridState(self, nodes, rotation, followed, mismatch)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +165,7 @@ class GridState:
 
     of: GridMap  # the map
     nodes: np.ndarray  # (n_nodes, 3), the grid (m)
-    turn: Turn | None  # rotations of the residual
+    rotation: RotationState | None  # rotations of the residual
     followed: Followed | None  # nodes that followed walls
     mismatch: np.ndarray | None = None  # (n_surface, 3), given places minus those of the control points alone (m)
 
@@ -184,8 +184,8 @@ class GridState:
         of = self.of
         if control_points is None:
             change = np.zeros_like(self.nodes)
-        elif self.turn is not None and isinstance(of.residual, Vectors):
-            change = self.turn.jvp(control_points, self.turn.change(control_points), of.residual)
+        elif self.rotation is not None and isinstance(of.residual, Vectors):
+            change = self.rotation.jvp(control_points, self.rotation.change(control_points), of.residual)
         else:
             change = of.evaluator.forward(control_points)
         if of.correction is not None:
@@ -213,8 +213,8 @@ class GridState:
             bars[SURFACE] = of.correction.adjoint(bar)
             bar[of.correction.rows] -= bars[SURFACE]
         if CONTROL_POINTS in wrt:
-            if self.turn is not None and isinstance(of.residual, Vectors):
-                parts = self.turn.vjp(of.residual, bar, ("points", "control_points"))
+            if self.rotation is not None and isinstance(of.residual, Vectors):
+                parts = self.rotation.vjp(of.residual, bar, ("points", "control_points"))
                 bars[CONTROL_POINTS] = parts["points"] + parts["control_points"]
             else:
                 bars[CONTROL_POINTS] = of.evaluator.adjoint(bar)

@@ -129,7 +129,7 @@ class FaceNodes:
 
 @dataclass(frozen=True, eq=False)
 class Vectors:
-    """Vectors of all nodes, sorted by span, those in planes apart. Made by `Turning.vectors`."""
+    """Vectors of all nodes, sorted by span, those in planes apart. Made by `RotationMap.vectors`."""
 
     packed: tuple[np.ndarray, ...]
     flat: np.ndarray

@@ -120,14 +120,14 @@ class _Strip:
         self.chord = np.sqrt(np.sum(self.chord_line**2, axis=0))
         self.width = np.sqrt(np.sum(self.trace**2, axis=0))
         self.lift = (self.trace[0] * force[2] - self.trace[1] * force[1]) / self.width
-        self.turning = np.sum(self._across(self.quarter, force, moment) * self.trace, axis=0) / self.width
+        self.pitching = np.sum(self._across(self.quarter, force, moment) * self.trace, axis=0) / self.width
 
     @property
     def values(self) -> np.ndarray:
         """Span, chord, and the coefficients of lift, drag and moment, shape (5, n)."""
         area = self.width * self.chord
         return np.stack(
-            [self.middle, self.chord, self.lift / area, self.force[0] / area, self.turning / (area * self.chord)]
+            [self.middle, self.chord, self.lift / area, self.force[0] / area, self.pitching / (area * self.chord)]
         )
 
     def slopes(self, change: np.ndarray) -> np.ndarray:
@@ -144,8 +144,8 @@ class _Strip:
         d_lift = (d_lift - self.lift * d_width) / self.width
         across = self._across(quarter, force, moment)
         d_across = self._across(quarter, d_force, d_moment) + self._across(d_quarter, force, 0.0 * d_moment)
-        d_turning = np.sum(d_across * trace + across * d_trace, axis=0)
-        d_turning = (d_turning - self.turning * d_width) / self.width
+        d_pitching = np.sum(d_across * trace + across * d_trace, axis=0)
+        d_pitching = (d_pitching - self.pitching * d_width) / self.width
         area, d_area = self.width * self.chord, d_width * self.chord + self.width * d_chord
         _, _, cl, cd, cm = self.values
         return np.stack(
@@ -154,7 +154,7 @@ class _Strip:
                 d_chord,
                 (d_lift - cl * d_area) / area,
                 (d_force[0] - cd * d_area) / area,
-                (d_turning - cm * (d_area * self.chord + area * d_chord)) / (area * self.chord),
+                (d_pitching - cm * (d_area * self.chord + area * d_chord)) / (area * self.chord),
             ]
         )
 

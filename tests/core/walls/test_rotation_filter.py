@@ -157,8 +157,8 @@ def test_a_residual_much_longer_than_the_cells_folds_few_of_them(wing):
     mesh, points, quality = moving_mesh(wing), wing.control_points, GridQuality.of_baseline(wing.regenerate())
     bent = parse_deformation("bend=60deg@0.5", wing, mesh).apply(points[mesh.surface_ids])
     moved, grid_map = LinearElasticity(mesh, n_increments=5).move(points, bent).points, wing.grid_map()
-    groups = tuple(replace(group, filter=None) for group in grid_map.turning.groups)
-    as_before = replace(grid_map, turning=replace(grid_map.turning, groups=groups))
+    groups = tuple(replace(group, filter=None) for group in grid_map.rotation_map.groups)
+    as_before = replace(grid_map, rotation_map=replace(grid_map.rotation_map, groups=groups))
     smoothed, rough = (judge_move(quality, of.at(moved).nodes) for of in (grid_map, as_before))
     assert rough.n_inverted > 150
     assert smoothed.n_inverted < 0.1 * rough.n_inverted

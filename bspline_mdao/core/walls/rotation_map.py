@@ -40,19 +40,19 @@ from .planes import PlaneNormal
 from .residual_lengths import corner_numbers
 from .rotations import Rotations
 
-__all__ = ["Turn", "Turning"]
+__all__ = ["RotationMap", "RotationState"]
 
 PLANAR = 1e-5
 """A face is planar where its corners leave the plane by less than this part of its size: single precision of files."""
 
 
-TURNED_BY = ("control_points", "control_points_initial")
+ROTATION_INPUTS = ("control_points", "control_points_initial")
 """What the rotations depend on."""
 
 
 @dataclass(frozen=True, eq=False)
-class Turning:
-    """The map from control points to the rotations of vectors at the nodes. Made by `Turning.of`."""
+class RotationMap:
+    """The map from control points to the rotations of vectors at the nodes. Made by `RotationMap.of`."""
 
     corners: Evaluator  # from control points to the corners of all spans, each shared one once
     points: np.ndarray  # (n_corners, 3), the corners on the baseline (m)
@@ -76,7 +76,7 @@ class Turning:
         # (n_corners,), largest vector around every corner (m), by `.residual_lengths.residual_lengths`
         lengths: np.ndarray,
         evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_nodes`
-    ) -> Turning:
+    ) -> RotationMap:
         """Find the corners, groups and planes that the vectors of nodes turn with."""
         places, ids = corner_numbers(numbering.topology, mesh)
         corners = _corner_evaluator(mesh, places, ids, evaluator.n_threads)
@@ -108,7 +108,7 @@ class Turning:
         inner[self.flat.rows] = 0.0
         return Vectors(tuple(cell.pack(inner) for cell in self.cells), vectors[self.flat.rows])
 
-    def at(self, control_points: np.ndarray, initial: np.ndarray | None = None) -> Turn:
+    def at(self, control_points: np.ndarray, initial: np.ndarray | None = None) -> RotationState:
         """Rotations of control points, shape (n_control_points, 3), from where they were at first: on the baseline."""
         moved = self.corners.forward(control_points)
         initial = self.points if initial is None else self.corners.forward(initial)
@@ -118,9 +118,9 @@ class Turning:
             rotations.append(group.at(initial, moved, matrices))
         for k, plane in enumerate(self.planes):
             normals[:, k] = plane.normal(moved), plane.normal(initial)
-        return Turn(self, initial, moved, tuple(rotations), matrices, normals)
+        return RotationState(self, initial, moved, tuple(rotations), matrices, normals)
 
-    def of_rows(self, rows: FaceNodes) -> Turning:
+    def of_rows(self, rows: FaceNodes) -> RotationMap:
         """Return the part of the map that the rotations of these nodes need."""
         needed, _ = self._dependencies(rows)
         return replace(self, groups=tuple(g for g in self.groups if needed[g.ids[g.belongs]].any()))
@@ -142,10 +142,10 @@ class Turning:
 
 
 @dataclass(frozen=True, eq=False)
-class Turn:
+class RotationState:
     """Rotations at one set of control points."""
 
-    of: Turning  # the map
+    of: RotationMap  # the map
     # initial, moved: (n_corners, 3), corners of the spans at first and now (m)
     initial: np.ndarray
     moved: np.ndarray
@@ -160,7 +160,7 @@ class Turn:
             control_points, self.matrices, vectors, flat.turned(self.matrices, self.normals, vectors.flat)
         )
 
-    def change(self, d_control_points: np.ndarray, d_initial: np.ndarray | None = None) -> Turn.Change:
+    def change(self, d_control_points: np.ndarray, d_initial: np.ndarray | None = None) -> RotationState.Change:
         """Differentiate the rotations along a direction in the control points, and in those at first."""
         d_moved = self.of.corners.forward(d_control_points)
         d_first = None if d_initial is None else self.of.corners.forward(d_initial)
@@ -171,7 +171,7 @@ class Turn:
         for k, faces in enumerate(self.of.planes):
             d_normals[0, k] = faces.normal_jvp(self.moved, d_moved)
             d_normals[1, k] = 0.0 if d_first is None else faces.normal_jvp(self.initial, d_first)
-        return Turn.Change(d_matrices, d_normals)
+        return RotationState.Change(d_matrices, d_normals)
 
     @dataclass(frozen=True, eq=False)
     class Change:
@@ -181,7 +181,11 @@ class Turn:
         normals: np.ndarray
 
     def jvp(
-        self, d_control_points: np.ndarray, change: Turn.Change, vectors: Vectors, d_vectors: Vectors | None = None
+        self,
+        d_control_points: np.ndarray,
+        change: RotationState.Change,
+        vectors: Vectors,
+        d_vectors: Vectors | None = None,
     ) -> np.ndarray:
         """Change of `evaluate`, shape (n_nodes, 3), with that of the rotations, see `change`, and of the vectors."""
         d_flat = None if d_vectors is None else d_vectors.flat
@@ -204,14 +208,14 @@ class Turn:
     ) -> dict[str, np.ndarray]:
         """Transpose of `jvp` with `change`, in what nodes ``A b + T v`` depend on."""
         points_bar, flat_bar, change = self._bars(vectors, bar)
-        bars = {"points": points_bar} | self.change_vjp(change, [name for name in wrt if name in TURNED_BY])
+        bars = {"points": points_bar} | self.change_vjp(change, [name for name in wrt if name in ROTATION_INPUTS])
         if "vectors" in wrt:
             packed, none = self.of.vectors(bar), np.zeros((len(self.of.flat.rows), 3))
             bars["vectors"] = self._forward(np.zeros_like(points_bar), transposed(self.matrices), packed, none)
             bars["vectors"][self.of.flat.rows] = flat_bar
         return {name: bars[name] for name in wrt}
 
-    def change_vjp(self, bar: Turn.Change, wrt: Collection[str] = TURNED_BY) -> dict[str, np.ndarray]:
+    def change_vjp(self, bar: RotationState.Change, wrt: Collection[str] = ROTATION_INPUTS) -> dict[str, np.ndarray]:
         """Transpose of `change`, by the names of `vjp`; the bar of the matrices is used up."""
         moved_bar, initial_bar = np.zeros_like(self.moved), np.zeros_like(self.initial)
         is_live = "control_points_initial" in wrt
@@ -240,7 +244,7 @@ class Turn:
         out[copies[:, 0]] = out[copies[:, 1]]
         return out
 
-    def _bars(self, vectors: Vectors, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, Turn.Change]:
+    def _bars(self, vectors: Vectors, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, RotationState.Change]:
         """Derivatives with respect to the control points of A b, vectors in planes, and rotations."""
         of = self.of
         turns = [np.empty((len(cell.corners), 8, 9)) for cell in of.cells]
@@ -251,7 +255,7 @@ class Turn:
         flat_bar = bar[of.flat.rows]
         np.add.at(flat_bar, np.searchsorted(of.flat.rows, of.flat_copies[:, 1]), bar[of.flat_copies[:, 0]])
         normals_bar, flat_bar = of.flat.vjp(self.matrices, self.normals, vectors.flat, flat_bar, matrices_bar)
-        return points_bar, flat_bar, Turn.Change(matrices_bar, normals_bar)
+        return points_bar, flat_bar, RotationState.Change(matrices_bar, normals_bar)
 
 
 def _corner_evaluator(mesh: BSplineMesh, places, ids, n_threads) -> Evaluator:
