@@ -26,6 +26,8 @@ PRIVATE = {
     "looks": "styles",
     "wording": "text",
     "shown": "listed, drawn",
+    "guided": "target",
+    "guidance": "target",
     "turning": "rotation, pitching",
     "share": "subdomain, fraction, weight, contribution",
     "shares": "subdomains, fractions, weights, contributions",

@@ -21,8 +21,8 @@ from numba import njit
 
 from ...base.numerics.vectors import scaled
 from ..walls.polar import nearest_rotations, rotation_changes
-from .guided_gradients import GuidedElements, times, transposed_times
 from .rotation_vectors import NO_ROTATION, nearest_to_any
+from .target_gradients import TargetGradientElements, times, transposed_times
 from .trilinear import (
     FAST,
     add_slopes_transposed,
@@ -48,14 +48,14 @@ __all__ = ["ElementRotations"]
 class ElementRotations:
     """Rotations of the elements in a displacement, and their derivative."""
 
-    elements: GuidedElements  # the elements
+    elements: TargetGradientElements  # the elements
     parts: np.ndarray  # (n_parts, n_points, 3), the displacement (m), as a sum
     # matrices, stiffness: (n_elements, 3, 3), the rotations, and tr(S) I - S of what they leave of M = R S
     matrices: np.ndarray
     stiffness: np.ndarray
 
     @classmethod
-    def of(cls, elements: GuidedElements, parts: np.ndarray) -> ElementRotations:
+    def of(cls, elements: TargetGradientElements, parts: np.ndarray) -> ElementRotations:
         """Rotations in a displacement, a sum of parts, shape (n_parts, n_points, 3)."""
         seen = np.eye(3) + _mean_gradients(*_arguments(elements), parts)
         matrices, stiffness, is_fine = seen.copy(), np.empty_like(seen), np.empty(len(seen), dtype=np.bool_)
@@ -86,7 +86,7 @@ class ElementRotations:
         return _mean_gradients_vjp(*_arguments(self.elements), self.parts, back)
 
 
-def _arguments(elements: GuidedElements):
+def _arguments(elements: TargetGradientElements):
     return elements.points, elements.mesh.elements, elements.mesh.handedness
 
 

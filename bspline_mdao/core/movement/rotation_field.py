@@ -2,7 +2,7 @@
 
 1. Every surface point takes the rotation that fits best what the quads around it do
    (`bspline_mdao.core.walls.rotations.LocalRotations`), as a vector that is continued along the surface.
-2. The vectors are extended by the harmonic field of `bspline_mdao.core.movement.guided_gradients`: zero at fixed
+2. The vectors are extended by the harmonic field of `bspline_mdao.core.movement.target_gradients`: zero at fixed
 points, and
    along the normal where points slide in a plane, which then turn in it. Its components do not meet, but for planes at
    an angle to each other, so that its matrix is one of scalars (`RotationUnknowns`).

@@ -9,7 +9,7 @@ turn. Here the rotations come first, as in the editing of shapes by their gradie
 4. R again, as the elements turn in this displacement, and step 3, a fixed number of times.
 
 Steps 1 and 2 are in `bspline_mdao.core.movement.rotation_field`, the systems of 2 and 3, whose matrices depend on the
-initial points alone, in `bspline_mdao.core.movement.guided_gradients`. Nothing depends on the moves before.
+initial points alone, in `bspline_mdao.core.movement.target_gradients`. Nothing depends on the moves before.
 
 Y. Yu, K. Zhou, D. Xu, X. Shi, H. Bao, B. Guo and H.-Y. Shum, "Mesh editing with Poisson-based gradient field
 manipulation", ACM Transactions on Graphics 23(3), 2004, pp. 644-651.
@@ -37,10 +37,10 @@ from ..walls.rotations import LocalRotations
 from .elasticity import lame_constants
 from .element_rotations import ElementRotations
 from .equilibrium import Equilibrium, Unknowns
-from .guided_gradients import GuidedField, GuidedSystem
 from .mover import IncrementReport, MovementReport, SolveReport, check_reach, check_request, digits_of
 from .rotation_field import RotationUnknowns, SurfaceVectors, surface_rotations
 from .rotation_vectors import turns, turns_jvp, turns_vjp
+from .target_gradients import TargetGradientField, TargetGradientSystem
 from .trilinear import add_at_corners
 from .young_modulus import InverseVolumeLaw
 
@@ -54,7 +54,7 @@ OF_ROTATIONS = InverseVolumeLaw(power=0.1)
 far field beyond; with none, what is about the edges of tips turns too little."""
 
 HARMONIC = (1.0, 0.0, 0.0)
-"""Law of the extension, see `bspline_mdao.core.movement.guided_gradients`."""
+"""Law of the extension, see `bspline_mdao.core.movement.target_gradients`."""
 
 MIXED = (1.0, *lame_constants(-0.2))
 """Law of the displacements: how far the gradient is from the rotation, and how far the element is strained."""
@@ -119,8 +119,8 @@ class Rotations(OneLine):
         initial = np.array(initial, dtype=float)
         return RotatedStart(
             initial,
-            GuidedSystem.of(self._rotations, OF_ROTATIONS, HARMONIC, initial),
-            GuidedSystem.of(self._displacements, OF_DISPLACEMENTS, MIXED, initial),
+            TargetGradientSystem.of(self._rotations, OF_ROTATIONS, HARMONIC, initial),
+            TargetGradientSystem.of(self._displacements, OF_DISPLACEMENTS, MIXED, initial),
         )
 
     def move(self, initial: np.ndarray, surface: np.ndarray, start: RotatedStart | None = None) -> RotatedMovement:
@@ -180,8 +180,8 @@ class RotatedStart(OneLine):
     """Points that moves start from, and both systems there, see `Rotations.start`."""
 
     points: np.ndarray
-    rotations: GuidedSystem
-    displacements: GuidedSystem
+    rotations: TargetGradientSystem
+    displacements: TargetGradientSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,9 +189,10 @@ class RotatedMovement(OneLine):
     """A move of `Rotations`, with its exact derivative."""
 
     vectors: SurfaceVectors  # rotations of the surface points
-    extension: GuidedField  # rotation vectors of all points
+    extension: TargetGradientField  # rotation vectors of all points
     of_elements: np.ndarray  # (n_elements, 3), their means over the corners of every element
-    displacements: tuple[GuidedField, ...]  # displacement of all points (m), the first and that of every repetition
+    # displacement of all points (m), the first and that of every repetition
+    displacements: tuple[TargetGradientField, ...]
     repetitions: tuple[ElementRotations, ...]  # rotations of the elements in each but the last
     points: np.ndarray  # (n_points, 3), moved points (m)
     report: MovementReport  # what the move did
@@ -215,11 +216,11 @@ class RotatedMovement(OneLine):
         d_at_rest = d_initial[self.surface_ids]
         d_vectors = self.vectors.jvp(d_at_rest, d_surface)
         d_extension = self.extension.jvp(d_initial, d_vectors, None)
-        d_guidance = turns_jvp(self.of_elements, d_extension.sum(axis=0)[self._mesh.elements].mean(axis=1))
-        d_displacement = self.displacements[0].jvp(d_initial, d_surface - d_at_rest, d_guidance)
+        d_target = turns_jvp(self.of_elements, d_extension.sum(axis=0)[self._mesh.elements].mean(axis=1))
+        d_displacement = self.displacements[0].jvp(d_initial, d_surface - d_at_rest, d_target)
         for rotations, displacement in zip(self.repetitions, self.displacements[1:]):
-            d_guidance = rotations.jvp(d_initial, d_displacement)
-            d_displacement = displacement.jvp(d_initial, d_surface - d_at_rest, d_guidance)
+            d_target = rotations.jvp(d_initial, d_displacement)
+            d_displacement = displacement.jvp(d_initial, d_surface - d_at_rest, d_target)
         d_points = d_initial + d_displacement.sum(axis=0)
         d_points[self.surface_ids] = d_surface
         return d_points
@@ -232,13 +233,13 @@ class RotatedMovement(OneLine):
         mesh, initial_bar, surface_bar = self._mesh, bar.copy(), np.zeros((len(self.surface_ids), 3))
         parts_bar = bar[None]
         for rotations, displacement in zip(self.repetitions[::-1], self.displacements[:0:-1]):
-            by_points, by_surface, guidance_bar = displacement.vjp(parts_bar)
-            by_gradient, parts_bar = rotations.vjp(guidance_bar)
+            by_points, by_surface, target_bar = displacement.vjp(parts_bar)
+            by_gradient, parts_bar = rotations.vjp(target_bar)
             initial_bar += by_points + by_gradient
             surface_bar += by_surface
-        by_points, by_surface, guidance_bar = self.displacements[0].vjp(parts_bar)
+        by_points, by_surface, target_bar = self.displacements[0].vjp(parts_bar)
         surface_bar += by_surface
-        of_elements_bar = 0.125 * turns_vjp(self.of_elements, guidance_bar)
+        of_elements_bar = 0.125 * turns_vjp(self.of_elements, target_bar)
         at_corners = np.repeat(of_elements_bar[:, None], 8, axis=1)
         extension_bar = add_at_corners(mesh.elements, at_corners, mesh.n_points)
         by_extension, vectors_bar, _ = self.extension.vjp(extension_bar[None])

@@ -23,8 +23,8 @@ from test_slivers import C_GRID, lost_in_differences, lost_in_products, noise, p
 from topology_cases import box, grid_of, patch
 
 from bspline_mdao.core.movement.element_rotations import ElementRotations
-from bspline_mdao.core.movement.guided_gradients import GuidedElements
 from bspline_mdao.core.movement.rotations import Rotations
+from bspline_mdao.core.movement.target_gradients import TargetGradientElements
 from bspline_mdao.core.movement.trilinear import SLOPES
 from bspline_mdao.core.movement.young_modulus import InverseVolumeLaw
 from bspline_mdao.core.walls.polar import nearest_rotations
@@ -51,21 +51,21 @@ def twisted(points, angle):
     return np.einsum("nij,nj->ni", turns, points - [1.0, 2.0, 0.0])
 
 
-def guided(seed=0):
-    """Crooked elements, a guidance, and a field."""
+def elements_and_target(seed=0):
+    """Crooked elements, a target, and a field."""
     mesh, random = crooked_box(is_collapsed=seed == 0), np.random.default_rng(seed)
     points = mesh.points + 0.05 * random.normal(size=mesh.points.shape)
-    elements = GuidedElements.of(mesh, InverseVolumeLaw(shape=0.5), LAW, points)
-    return elements, random.normal(size=elements.guidance.shape), random.normal(size=(2, *points.shape))
+    elements = TargetGradientElements.of(mesh, InverseVolumeLaw(shape=0.5), LAW, points)
+    return elements, random.normal(size=elements.target.shape), random.normal(size=(2, *points.shape))
 
 
-def with_guidance(elements, guidance, points):
+def at_target(elements, target, points):
     mesh, stiffness = elements.mesh, elements.stiffness
-    return GuidedElements(mesh, stiffness, LAW, points, stiffness.modulus(mesh, points, points), guidance)
+    return TargetGradientElements(mesh, stiffness, LAW, points, stiffness.modulus(mesh, points, points), target)
 
 
-def test_matrix_and_force_of_guided_elements_agree():
-    elements, _, (field, _) = guided()
+def test_matrix_and_force_of_elements_with_target_gradients_agree():
+    elements, _, (field, _) = elements_and_target()
     n = elements.mesh.n_points
     stiffness = assembled(elements.add_stiffness, elements.mesh.elements, n)
     force = elements.force(field[None])[0].ravel()
@@ -74,34 +74,34 @@ def test_matrix_and_force_of_guided_elements_agree():
 
 
 def test_a_field_with_the_gradient_that_guides_it_needs_no_force():
-    elements, _, _ = guided()
+    elements, _, _ = elements_and_target()
     gradient = np.random.default_rng(1).normal(size=(3, 3))
-    at = with_guidance(elements, np.repeat(gradient[None], len(elements.guidance), axis=0), elements.points)
+    at = at_target(elements, np.repeat(gradient[None], len(elements.target), axis=0), elements.points)
     force, alone = (one.force((elements.points @ gradient.T)[None]) for one in (at, elements))
     assert np.abs(force).max() < 1e-13 * np.abs(alone).max()
 
 
-def test_derivatives_of_the_force_of_guided_elements_are_exact_and_transposed():
-    elements, guidance, field = guided()
-    at, random = with_guidance(elements, guidance, elements.points), np.random.default_rng(2)
-    d_points, d_guidance = random.normal(size=at.points.shape), random.normal(size=guidance.shape)
+def test_derivatives_of_the_force_of_elements_with_target_gradients_are_exact_and_transposed():
+    elements, target, field = elements_and_target()
+    at, random = at_target(elements, target, elements.points), np.random.default_rng(2)
+    d_points, d_target = random.normal(size=at.points.shape), random.normal(size=target.shape)
 
     def force(t):
-        return with_guidance(elements, guidance + t * d_guidance, at.points + t * d_points).force(field).sum(axis=0)
+        return at_target(elements, target + t * d_target, at.points + t * d_points).force(field).sum(axis=0)
 
-    change = at.force_jvp(field, d_points, d_guidance).sum(axis=0)
+    change = at.force_jvp(field, d_points, d_target).sum(axis=0)
     np.testing.assert_allclose(central_difference(force, 1e-4, levels=2), change, atol=1e-9 * np.abs(change).max())
     bar, d_field = random.normal(size=(1, *at.points.shape)), random.normal(size=(1, *at.points.shape))
-    points_bar, guidance_bar, field_bar = at.force_vjp(field, bar)
+    points_bar, target_bar, field_bar = at.force_vjp(field, bar)
     linear = elements.force(d_field)
     forward = (bar * (change + linear)).sum()
-    reverse = (points_bar * d_points).sum() + (guidance_bar * d_guidance).sum() + (field_bar * d_field[0]).sum()
+    reverse = (points_bar * d_points).sum() + (target_bar * d_target).sum() + (field_bar * d_field[0]).sum()
     assert abs(forward - reverse) < 1e-13 * np.linalg.norm(bar) * np.linalg.norm(change)
 
 
 def strained(strength=0.2, n_folded=0):
     """Elements, and a displacement in two parts that turns and strains them all, and mirrors some."""
-    elements, random = guided(seed=1)[0], np.random.default_rng(4)
+    elements, random = elements_and_target(seed=1)[0], np.random.default_rng(4)
     turn = Rotation.from_rotvec([0.3, -0.8, 1.1]).as_matrix()
     points = elements.points + strength * random.normal(size=elements.points.shape)
     for element in elements.mesh.elements[:: len(elements.modulus) // 3][:n_folded]:

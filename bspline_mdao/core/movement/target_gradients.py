@@ -1,6 +1,6 @@
-"""Fields whose gradients are as near as they can be to given matrices, one for each element.
+"""Fields whose gradients are as near as they can be to target matrices, one for each element.
 
-For a field u and the guidance G, what is left of the gradient of an element is that of u - G x, with G constant. With
+For a field u and the target G, what is left of the gradient of an element is that of u - G x, with G constant. With
 the slopes z_i of this difference, its gradient H(z) / J as in `bspline_mdao.core.movement.elasticity`, and one modulus
 E for each element, the sum over elements and their 2 x 2 x 2 Gauss points of
 
@@ -51,16 +51,16 @@ from .trilinear import (
 from .young_modulus import InverseVolumeLaw
 
 __all__ = [
-    "GuidedElements",
-    "GuidedField",
-    "GuidedSystem",
+    "TargetGradientElements",
+    "TargetGradientField",
+    "TargetGradientSystem",
     "times",
     "transposed_times",
 ]
 
 
 @dataclass(frozen=True, eq=False)
-class GuidedElements:
+class TargetGradientElements:
     """Elements at given points, see `bspline_mdao.core.movement.equilibrium.Balanced`. Made by `of`."""
 
     mesh: MovingMesh
@@ -68,11 +68,11 @@ class GuidedElements:
     law: tuple[float, float, float]  # alpha, lambda and mu
     points: np.ndarray  # (n_points, 3)
     modulus: np.ndarray  # (n_elements,)
-    guidance: np.ndarray  # (n_elements, 3, 3), the matrices G that the gradients are to be near to
+    target: np.ndarray  # (n_elements, 3, 3), the matrices G that the gradients are to be near to
 
     @classmethod
-    def of(cls, mesh: MovingMesh, stiffness: InverseVolumeLaw, law, points: np.ndarray) -> GuidedElements:
-        """Elements with a guidance of zero."""
+    def of(cls, mesh: MovingMesh, stiffness: InverseVolumeLaw, law, points: np.ndarray) -> TargetGradientElements:
+        """Elements with a target of zero."""
         modulus = stiffness.modulus(mesh, points, points)
         return cls(mesh, stiffness, law, points, modulus, np.zeros((len(mesh.elements), 3, 3)))
 
@@ -89,47 +89,47 @@ class GuidedElements:
         _add_stiffness(points, *chosen, law, element_rows, slots, data)
 
     def force(self, displacement: np.ndarray) -> np.ndarray:
-        """Force on all points: linear where the guidance is zero."""
-        return _force(*self._arguments, self.guidance, displacement)
+        """Force on all points: linear where the target is zero."""
+        return _force(*self._arguments, self.target, displacement)
 
-    def force_jvp(self, displacement: np.ndarray, d_points: np.ndarray, d_guidance: np.ndarray | None) -> np.ndarray:
-        """Change of the force of a given displacement with the points, which the modulus follows, and the guidance."""
+    def force_jvp(self, displacement: np.ndarray, d_points: np.ndarray, d_target: np.ndarray | None) -> np.ndarray:
+        """Change of the force of a given displacement with the points, which the modulus follows, and the target."""
         d_modulus = self.stiffness.modulus_jvp(self.mesh, self.points, self.points, 0.0 * d_points, d_points)
-        return _force_jvp(*self._arguments, self.guidance, displacement, d_points, d_modulus, d_guidance)
+        return _force_jvp(*self._arguments, self.target, displacement, d_points, d_modulus, d_target)
 
     def force_vjp(self, displacement: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of `force_jvp` and of `force`: for the points, the guidance and the displacement."""
-        points_bar, modulus_bar, guidance_bar, displacement_bar = _force_vjp(
-            *self._arguments, self.guidance, displacement, bar
+        """Transpose of `force_jvp` and of `force`: for the points, the target and the displacement."""
+        points_bar, modulus_bar, target_bar, displacement_bar = _force_vjp(
+            *self._arguments, self.target, displacement, bar
         )
         law_bar = self.stiffness.modulus_vjp(self.mesh, self.points, self.points, modulus_bar)[1]
-        return points_bar + law_bar, guidance_bar, displacement_bar
+        return points_bar + law_bar, target_bar, displacement_bar
 
 
 @dataclass(frozen=True, eq=False)
-class GuidedSystem(OneLine):
-    """Elements with a guidance of zero, and the factor of their stiffness: one for all fields from the same points."""
+class TargetGradientSystem(OneLine):
+    """Elements with a target of zero, and the factor of their stiffness: one for all fields from the same points."""
 
     equilibrium: Equilibrium
-    elements: GuidedElements
+    elements: TargetGradientElements
     factored: Factored
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, stiffness: InverseVolumeLaw, law, points: np.ndarray) -> GuidedSystem:
+    def of(cls, equilibrium: Equilibrium, stiffness: InverseVolumeLaw, law, points: np.ndarray) -> TargetGradientSystem:
         """Factorise the stiffness at points, shape (n_points, 3)."""
-        elements = GuidedElements.of(equilibrium.mesh, stiffness, law, points)
+        elements = TargetGradientElements.of(equilibrium.mesh, stiffness, law, points)
         return cls(equilibrium, elements, equilibrium.factorized(elements))
 
-    def field(self, surface_values: np.ndarray, guidance: np.ndarray | None = None) -> GuidedField:
+    def field(self, surface_values: np.ndarray, target: np.ndarray | None = None) -> TargetGradientField:
         """Solve for the field that has values, shape (n_surface, 3), on the surface; zero where nothing is free."""
-        elements = self.elements if guidance is None else replace(self.elements, guidance=guidance)
+        elements = self.elements if target is None else replace(self.elements, target=target)
         nothing = np.zeros((1, 1, 1))
         balance = self.equilibrium.balance(
             elements, self.factored, self.on_surface(surface_values), nothing, REFINE_ABOVE
         )
         if not np.isfinite(balance.parts).all():
             raise MovementError("movement: the displacements are not finite; take a smaller step")
-        return GuidedField(self, elements, balance)
+        return TargetGradientField(self, elements, balance)
 
     def on_surface(self, surface_values: np.ndarray) -> np.ndarray:
         """Values of the surface points at all points, zero elsewhere, shape (n_points, 3)."""
@@ -138,16 +138,16 @@ class GuidedSystem(OneLine):
         return values
 
     def response(self, prescribed: np.ndarray, load: np.ndarray) -> np.ndarray:
-        """Parts of the field that is prescribed on the surface and balances a load, without a guidance."""
+        """Parts of the field that is prescribed on the surface and balances a load, without a target."""
         return self.equilibrium.balance(self.elements, self.factored, prescribed, load, REFINE_PRODUCTS_ABOVE).parts
 
 
 @dataclass(frozen=True, eq=False)
-class GuidedField:
+class TargetGradientField:
     """A field that was solved for, and its derivative."""
 
-    system: GuidedSystem
-    elements: GuidedElements
+    system: TargetGradientSystem
+    elements: TargetGradientElements
     balance: Balance
 
     @property
@@ -155,19 +155,19 @@ class GuidedField:
         """The field at all points, shape (n_points, 3)."""
         return self.balance.parts.sum(axis=0)
 
-    def jvp(self, d_points: np.ndarray, d_surface_values: np.ndarray, d_guidance: np.ndarray | None) -> np.ndarray:
+    def jvp(self, d_points: np.ndarray, d_surface_values: np.ndarray, d_target: np.ndarray | None) -> np.ndarray:
         """Change of the field, shape (n_parts, n_points, 3): as a sum of parts."""
-        if d_guidance is None:
-            d_guidance = np.zeros_like(self.elements.guidance)
-        d_force = self.elements.force_jvp(in_two(self.balance.parts), d_points, d_guidance)
+        if d_target is None:
+            d_target = np.zeros_like(self.elements.target)
+        d_force = self.elements.force_jvp(in_two(self.balance.parts), d_points, d_target)
         return self.system.response(self.system.on_surface(d_surface_values), -d_force)
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of `jvp`, for a sum of parts: for the points, the values on the surface, and the guidance."""
+        """Transpose of `jvp`, for a sum of parts: for the points, the values on the surface, and the target."""
         adjoint = self.system.response(np.zeros_like(bar[0]), -bar)
-        points_bar, guidance_bar, prescribed_bar = self.elements.force_vjp(self.balance.parts, adjoint)
+        points_bar, target_bar, prescribed_bar = self.elements.force_vjp(self.balance.parts, adjoint)
         total = bar.sum(axis=0) + prescribed_bar
-        return points_bar, total[self.system.equilibrium.mesh.surface_ids], guidance_bar
+        return points_bar, total[self.system.equilibrium.mesh.surface_ids], target_bar
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -201,14 +201,12 @@ def _fluxes(tau, a, factor):
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
-def _subtract_guided(f_s, guidance, z_s):
+def _subtract_target(f_s, target, z_s):
     """``z_i -= G f_i`` at all Gauss points."""
     for i in range(3):
         for d in range(3):
             for g in range(8):
-                z_s[i, d, g] -= (
-                    guidance[d, 0] * f_s[i, 0, g] + guidance[d, 1] * f_s[i, 1, g] + guidance[d, 2] * f_s[i, 2, g]
-                )
+                z_s[i, d, g] -= target[d, 0] * f_s[i, 0, g] + target[d, 1] * f_s[i, 1, g] + target[d, 2] * f_s[i, 2, g]
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -260,20 +258,20 @@ def _element_force_vjp(f_s, z_s, v_s, sign, weight, law, f_bar, z_bar):
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
-def _guidance_vjp(f_s, z_bar, guidance, f_bar, guidance_bar):
-    """Transpose of the change of `_subtract_guided` with f, added to ``f_bar``, and with G."""
+def _target_vjp(f_s, z_bar, target, f_bar, target_bar):
+    """Transpose of the change of `_subtract_target` with f, added to ``f_bar``, and with G."""
     for d in range(3):
         for c in range(3):
-            total = 0.0 * guidance[d, c]
+            total = 0.0 * target[d, c]
             for i in range(3):
                 for g in range(8):
                     total -= z_bar[i, d, g] * f_s[i, c, g]
-                    f_bar[i, c, g] -= guidance[d, c] * z_bar[i, d, g]
-            guidance_bar[d, c] = total
+                    f_bar[i, c, g] -= target[d, c] * z_bar[i, d, g]
+            target_bar[d, c] = total
 
 
 @njit(cache=True)
-def _force(points, elements, signs, modulus, law, guidance, displacement):
+def _force(points, elements, signs, modulus, law, target, displacement):
     """Force on every point, as a sum of as many parts as the displacement."""
     total = np.zeros_like(displacement)
     f, z, fluxes = np.empty((3, 3, 8)), np.empty((3, 3, 8)), np.empty((3, 3, 8))
@@ -281,15 +279,15 @@ def _force(points, elements, signs, modulus, law, guidance, displacement):
         corners = elements[e]
         slopes_of(points, corners, f)
         slopes_of_sum(displacement, corners, z)
-        _subtract_guided(f, guidance[e], z)
+        _subtract_target(f, target[e], z)
         _element_force(f, z, float(signs[e]), 0.125 * modulus[e], law, fluxes)
         add_slopes_transposed_to_sum(fluxes, corners, total)
     return total
 
 
 @njit(cache=True)
-def _force_jvp(points, elements, signs, modulus, law, guidance, displacement, d_points, d_modulus, d_guidance):
-    """Change of `_force` for changes of the points, the modulus and the guidance."""
+def _force_jvp(points, elements, signs, modulus, law, target, displacement, d_points, d_modulus, d_target):
+    """Change of `_force` for changes of the points, the modulus and the target."""
     total = np.zeros_like(displacement)
     f, z, fluxes = np.empty((3, 3, 8)), np.empty((3, 3, 8)), np.empty((3, 3, 8))
     df, dz = np.empty((3, 3, 8)), np.empty((3, 3, 8))
@@ -298,10 +296,10 @@ def _force_jvp(points, elements, signs, modulus, law, guidance, displacement, d_
         slopes_of(points, corners, f)
         slopes_of_sum(displacement, corners, z)
         slopes_of(d_points, corners, df)
-        _subtract_guided(f, guidance[e], z)
+        _subtract_target(f, target[e], z)
         dz[:] = 0.0
-        _subtract_guided(df, guidance[e], dz)
-        _subtract_guided(f, d_guidance[e], dz)
+        _subtract_target(df, target[e], dz)
+        _subtract_target(f, d_target[e], dz)
         weight, d_weight = 0.125 * modulus[e], 0.125 * d_modulus[e]
         _element_force_jvp(f, z, df, dz, float(signs[e]), weight, d_weight, law, fluxes)
         add_slopes_transposed_to_sum(fluxes, corners, total)
@@ -309,10 +307,10 @@ def _force_jvp(points, elements, signs, modulus, law, guidance, displacement, d_
 
 
 @njit(cache=True)
-def _force_vjp(points, elements, signs, modulus, law, guidance, displacement, bar):
-    """Transpose of `_force_jvp` and of `_force`: for the points, the modulus, the guidance and the displacement."""
+def _force_vjp(points, elements, signs, modulus, law, target, displacement, bar):
+    """Transpose of `_force_jvp` and of `_force`: for the points, the modulus, the target and the displacement."""
     points_bar, displacement_bar = np.zeros_like(points), np.zeros_like(points)
-    modulus_bar, guidance_bar = np.empty_like(modulus), np.empty_like(guidance)
+    modulus_bar, target_bar = np.empty_like(modulus), np.empty_like(target)
     f, z, v = np.empty((3, 3, 8)), np.empty((3, 3, 8)), np.empty((3, 3, 8))
     f_bar, z_bar = np.empty((3, 3, 8)), np.empty((3, 3, 8))
     for e in range(len(elements)):
@@ -320,12 +318,12 @@ def _force_vjp(points, elements, signs, modulus, law, guidance, displacement, ba
         slopes_of(points, corners, f)
         slopes_of_sum(displacement, corners, z)
         slopes_of_sum(bar, corners, v)
-        _subtract_guided(f, guidance[e], z)
+        _subtract_target(f, target[e], z)
         modulus_bar[e] = 0.125 * _element_force_vjp(f, z, v, float(signs[e]), 0.125 * modulus[e], law, f_bar, z_bar)
-        _guidance_vjp(f, z_bar, guidance[e], f_bar, guidance_bar[e])
+        _target_vjp(f, z_bar, target[e], f_bar, target_bar[e])
         add_slopes_transposed(f_bar, corners, points_bar)
         add_slopes_transposed(z_bar, corners, displacement_bar)
-    return points_bar, modulus_bar, guidance_bar, displacement_bar
+    return points_bar, modulus_bar, target_bar, displacement_bar
 
 
 @njit(cache=True)
