@@ -3,9 +3,11 @@
 import ast
 import re
 from collections.abc import Collection, Iterator
+from functools import cache
 from pathlib import Path
 
-PACKAGE = Path(__file__).parents[1] / "bspline_mdao"
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "bspline_mdao"
 
 PRIVATE = {
     "tell": "report",
@@ -37,13 +39,22 @@ PRIVATE = {
 PRIVATE_OF_FLOW = {"kink": "irregular face, sensor", "kinks": "irregular faces", "kinked": "irregular"}
 """Words that are terms of the surface's smoothness, and nothing in the flow."""
 
+OF_TEXTS = re.compile(r"\b(tells?|told|hover(?:s|ing|ed)?)\b", re.IGNORECASE)
+"""Words of the documentation and of messages that say, report, describe or stagnate says better."""
+
 KNOWN = {"hold_outside"}
 """The option ``--hold-outside`` of ``ride``, as users know it."""
 
 
-def identifiers(tree: ast.Module) -> Iterator[str]:
+@cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    """All nodes of the syntax of a module."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
+def identifiers(path: Path) -> Iterator[str]:
     """Names that a module gives to functions, classes, arguments, variables and attributes."""
-    for node in ast.walk(tree):
+    for node in nodes_of(path):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             yield node.name
         elif isinstance(node, ast.arg):
@@ -61,8 +72,42 @@ def words(name: str) -> set[str]:
 
 def private_names(path: Path, private: Collection[str] = PRIVATE) -> list[str]:
     """Names of a module, its own included, that have a private word."""
-    names = {path.stem, *identifiers(ast.parse(path.read_text()))} - KNOWN
+    names = {path.stem, *identifiers(path)} - KNOWN
     return [f"{path.name}: {name}" for name in sorted(names) if words(name) & set(private)]
+
+
+def messages(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines and texts of all strings that are no documentation of code."""
+    documentation = {id(node.value) for node in nodes_of(path) if isinstance(node, ast.Expr)}
+    for node in nodes_of(path):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documentation:
+            yield node.lineno, node.value
+
+
+def private_texts(path: Path) -> list[str]:
+    """Places in a page, or in the messages of a module, where a word is the project's own."""
+    if path.suffix == ".py":
+        texts = messages(path)
+    else:
+        texts = enumerate(path.read_text().splitlines(), start=1)
+    return [f"{path.name}:{line}: {word}" for line, text in texts for word in OF_TEXTS.findall(text)]
+
+
+def test_no_message_has_a_private_word():
+    assert [found for path in sorted(PACKAGE.rglob("*.py")) for found in private_texts(path)] == []
+
+
+def test_no_page_has_a_private_word():
+    pages = [*(ROOT / "docs").rglob("*.rst"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    assert [found for path in sorted(pages) for found in private_texts(path)] == []
+
+
+def test_private_words_are_found_in_messages_and_pages_alone(tmp_path):
+    module, page = tmp_path / "module.py", tmp_path / "page.rst"
+    module.write_text('"""What it tells."""\n\nraise ValueError(f"{name}: as told before")\n')
+    page.write_text("A page\n======\n\nThe file Tells all.\n")
+    assert private_texts(module) == ["module.py:3: told"]
+    assert private_texts(page) == ["page.rst:4: Tells"]
 
 
 def test_no_name_has_a_private_word():

@@ -1,4 +1,4 @@
-"""Runs that hover: how fast what a step is made of grows, and flows that are found behind the end of another."""
+"""Runs that stagnate: how fast what a step is made of grows, and flows that are found behind the end of another."""
 
 from dataclasses import dataclass, replace
 
@@ -58,20 +58,20 @@ def run(*residuals, turn=0.0, growth=-1.0, cfl=800.0, length=1.0):
     return history
 
 
-def test_a_run_hovers_after_eight_low_residuals_without_a_lowest_one():
+def test_a_run_stagnates_after_eight_low_residuals_without_a_lowest_one():
     assert not begins_to_stagnate(NEWTON, run(1e-4, *7 * [2e-4]))
     assert begins_to_stagnate(NEWTON, run(1e-4, *8 * [2e-4]))
     assert not begins_to_stagnate(NEWTON, run(2e-3, *20 * [4e-3]))  # where shocks travel
 
 
-def test_a_run_hovers_as_soon_as_a_step_goes_back_and_its_residual_rises():
+def test_a_run_stagnates_as_soon_as_a_step_goes_back_and_its_residual_rises():
     assert begins_to_stagnate(NEWTON, run(1e-5, 4e-6, 6e-6, turn=-0.6))
     assert not begins_to_stagnate(NEWTON, run(1e-5, 6e-6, 4e-6, turn=-0.6))
     assert not begins_to_stagnate(NEWTON, run(1e-5, 4e-6, 6e-6, turn=-0.4))
     assert not begins_to_stagnate(NEWTON, run(2e-3, 4e-6, 6e-6, turn=-0.6))
 
 
-def test_a_run_hovers_until_its_residual_is_a_tenth_of_the_lowest_before():
+def test_a_run_stagnates_until_its_residual_is_a_tenth_of_the_lowest_before():
     history = run(1e-4, *8 * [2e-4], 5e-2, 2e-5, 0.9e-5, 2e-5)
     assert [step.stagnates_from for step in history] == [*8 * [0.0], *3 * [1e-4], *2 * [0.0]]
 
@@ -97,7 +97,7 @@ def test_a_run_that_begins_to_hover_goes_back_to_short_time_steps(is_long, rest)
         (3e-4, 4.0, 1.0, 0.1),
     ],
 )
-def test_time_steps_of_a_run_that_hovers_grow_as_far_as_growth_allows(after, growth, length, factor):
+def test_time_steps_of_a_run_that_stagnates_grow_as_far_as_growth_allows(after, growth, length, factor):
     history = run(1e-4, *8 * [2e-4], after, growth=growth, length=length, cfl=100.0)
     assert stagnation_cfl(NEWTON, history, True) == pytest.approx(100.0 * factor)
 
@@ -182,7 +182,7 @@ def test_a_step_that_takes_back_what_grows_is_not_taken(past_a_fold, monkeypatch
     monkeypatch.setitem(globals(), "GAP", 1e-6)
     backward = [step for step in past_a_fold(-0.01).history if step.stagnates_from and step.course.is_backward]
     assert len(backward) > 1
-    assert all(step.length == 0.0 for step in backward[1:])  # the first one is what tells that the run hovers
+    assert all(step.length == 0.0 for step in backward[1:])  # the first one is what tells that the run stagnates
 
 
 @pytest.mark.slow

@@ -119,7 +119,7 @@ def reason_of(changes: Sequence[BlockChange]) -> str:
     if 1.0 - worst.q <= ORTHOGONAL:
         return "all cells are orthogonal"
     if worst.is_fixed:
-        return f"the worst, {worst}, has no node that an interior control point moves: all lie on what is held"
+        return f"the worst, {worst}, has no node that an interior control point moves: all lie on what is fixed"
     return (
         f"the worst, {worst}, is not raised by any step that leaves the surface and the heights of first cells as they "
         f"are, and all other blocks as good"

@@ -146,7 +146,7 @@ class InteriorPoints(OneLine):
         n_movable = np.count_nonzero(kept.any(axis=1))
         kept &= self._is_asked(len(kept))[:, None]
         if not kept.any():
-            of = f"none of the {n_movable:,} that may move is asked for" if n_movable else "all of them are held"
+            of = f"none of the {n_movable:,} that may move is asked for" if n_movable else "all of them are fixed"
             raise InputError(
                 f"{model.header.source}: '{self.name}' has no control point to move: {of}; inside a block they are "
                 f"free, on a boundary they are only where its patch is of kind 'symmetry' or slides"

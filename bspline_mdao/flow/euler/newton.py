@@ -72,7 +72,7 @@ def solve_flow(
     3. Solve ``A dW = -R`` inexactly [1] [4] by GMRES.
     4. Take as much of the step as keeps densities, pressures and the residual within bounds.
     5. Let the CFL number grow as the residual falls, switched evolution relaxation [2] [3], or cut it where the
-       linear solve failed, the step was shortened much or the residual rose; see `.stagnation` for runs that hover.
+       linear solve failed, the step was shortened much or the residual rose; see `.stagnation` for runs that stagnate.
 
     Parameters
     ----------

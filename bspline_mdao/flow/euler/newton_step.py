@@ -44,4 +44,4 @@ class NewtonStep:
     n_products: int  # products with the Jacobian
     length: float  # part of the step that was taken; 0 where none was
     course: Course = UNKNOWN  # where it leads
-    stagnates_from: float = 0.0  # lowest residual before the run began to hover; 0 where it does not hover
+    stagnates_from: float = 0.0  # lowest residual before the run began to stagnate; 0 where it does not stagnate

@@ -78,21 +78,21 @@ class NewtonSettings:
     Cuts later on give Newton's convergence away, as about the C-grid of CFL3D at M 0.663 and 5.45 degrees."""
 
     stagnation_steps: int = 8
-    """Steps without a new lowest residual after which a run hovers, see `.stagnation`."""
+    """Steps without a new lowest residual after which a run stagnates, see `.stagnation`."""
 
     stagnation_from: float = 1e-3
     """Residual that all of these are below; from 3e-3 on one flow fewer of 40 about the RAE 2822 was found."""
 
     stagnates_until: float = 0.1
-    """Part of the lowest residual before it hovered below which a run hovers no more."""
+    """Part of the lowest residual before it stagnated below which a run stagnates no longer."""
 
     long_rest_cfl: float = 5.0
-    """CFL number that a run which hovers goes back to with long time steps, the first one with usual ones: about all
+    """CFL number that a run which stagnates goes back to with long time steps, the first one with usual ones: about all
     nodes of the pyHyp M6 at M 0.84 and 3 degrees residuals go up and down with 50."""
 
     most_growing: float = 0.4
-    """What the growth of what a step is made of is led to while a run hovers. The residual then rises by 1/(1 - 0.4) a
-    step; from 0.5 on it would double, and parts of steps would be taken."""
+    """What the growth of what a step is made of is led to while a run stagnates. The residual then rises by 1/(1 - 0.4)
+    a step; from 0.5 on it would double, and parts of steps would be taken."""
 
     most_products: int = 1200
     """Products with the Jacobian after which a run has failed: a third more than the flow about a flat plate of 20,736

@@ -1,4 +1,4 @@
-"""Runs that hover: their residual is low and goes up and down, but there is no flow where they are.
+"""Runs that stagnate: their residual is low and goes up and down, but there is no flow where they are.
 
 As a shock moves over the cells, steady states end one after the other, each where it meets an unstable one: at a fold.
 A run comes past places where the last one has just ended. There the residual has a minimum that is not zero, and the
@@ -12,8 +12,8 @@ more it goes *backward*, to the near side, from where the next long step leads t
 and fro for ever.
 
 By how much what a step is made of moves away, its `growth` h mu, is known from the step and its residual: it is the
-Rayleigh quotient of the Jacobian in the metric of the time terms. A run that hovers goes back to short time steps, and
-lets them grow only as far as `growth` allows. So it is carried past the fold, while the residual rises by orders of
+Rayleigh quotient of the Jacobian in the metric of the time terms. A run that stagnates goes back to short time steps,
+and lets them grow only as far as `growth` allows. So it is carried past the fold, while the residual rises by orders of
 magnitude, to where there is a flow.
 
 Theory: ``docs/theory/euler.rst``.
@@ -69,7 +69,7 @@ def begins_to_stagnate(settings: NewtonSettings, history: Sequence[NewtonStep]) 
 
 
 def lowest_before(settings: NewtonSettings, history: Sequence[NewtonStep]) -> float:
-    """Lowest residual before a run began to hover, zero of one that does not; that of its last step is not set yet."""
+    """Lowest residual before a run began to stagnate, zero of one that does not; not yet set in its last step."""
     before = history[-2].stagnates_from if len(history) > 1 else 0.0
     if before:
         return before if history[-1].residual > settings.stagnates_until * before else 0.0
@@ -77,7 +77,7 @@ def lowest_before(settings: NewtonSettings, history: Sequence[NewtonStep]) -> fl
 
 
 def stagnation_cfl(settings: NewtonSettings, history: Sequence[NewtonStep], is_long: bool) -> float:
-    """CFL number of the next step of a run that hovers: short at first, then as long as growth allows."""
+    """CFL number of the next step of a run that stagnates: short at first, then as long as growth allows."""
     cfl, length, growth = history[-1].cfl, history[-1].length, history[-1].course.growth
     if not history[-2].stagnates_from:
         return min(cfl, settings.long_rest_cfl if is_long else settings.first_cfl)
@@ -91,7 +91,7 @@ def stagnation_cfl(settings: NewtonSettings, history: Sequence[NewtonStep], is_l
 
 
 def since_stagnation(history: list[NewtonStep]) -> list[NewtonStep]:
-    """Steps of a run that hovers, from the first one that did on; all of another. Past a fold residuals rise."""
+    """Steps of a run that stagnates, from the first one that did on; all of another. Past a fold residuals rise."""
     first = len(history)
     while history[first - 1].stagnates_from:
         first -= 1

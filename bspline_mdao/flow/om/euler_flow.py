@@ -249,7 +249,7 @@ class EulerFlow(Copied, om.Group):
         part, partition = part_of_model(self), self.options["partition"]
         if isinstance(partition, Subdomain):
             raise InputError(
-                f"{self.msginfo}: a Subdomain does not tell which cells others have; give the Partition that it is of"
+                f"{self.msginfo}: a Subdomain does not know which cells others have; give the Partition that it is of"
             )
         partition = partition or Partition.of(part.topology, self.comm.size)
         if not part.fits(partition.subdomain(self.comm.rank)):

@@ -258,7 +258,7 @@ def _write_copy(path: str | os.PathLike, grid: Grid, topology: Topology) -> None
     """Write a copy of the file that a grid was read from, with its nodes."""
     source = grid.dialect.path
     if not os.path.isfile(source):
-        raise InputError(f"{source}: is gone; it is needed to write the grid back as CGNS with all that it held")
+        raise InputError(f"{source}: is gone; it is needed to write the grid back as CGNS with all that it contained")
     with replaced_file(path) as temporary, damaged_is_input_error(source), deferred_interrupts():
         copied_cgns(source, temporary)
         _replace_coordinates(temporary, source, grid, topology)

@@ -1,4 +1,4 @@
-"""Files of curved hexahedra: the name tells the format. Theory: ``docs/theory/high_order.rst``."""
+"""Files of curved hexahedra: the name gives the format. Theory: ``docs/theory/high_order.rst``."""
 
 from __future__ import annotations
 

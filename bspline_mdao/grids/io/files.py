@@ -152,7 +152,7 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     >>> from bspline_mdao import read_grid, write_grid
     >>> from bspline_mdao.generators import brick_grid
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_grid(f"{folder}/body.xyz", brick_grid((5, 5, 5, 5)))  # the name tells the format
+    ...     write_grid(f"{folder}/body.xyz", brick_grid((5, 5, 5, 5)))  # the name gives the format
     ...     grid = read_grid(f"{folder}/body.xyz")
     >>> grid.n_nodes
     750

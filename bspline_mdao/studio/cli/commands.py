@@ -184,7 +184,7 @@ def fit(**options: Any) -> None:
 def refine(**options: Any) -> None:
     """Write a finer or coarser member of the grid family of a model, or curved elements of high order.
 
-    The name of GRID tells the format: {written}. Curved hexahedra are written as {curved}. Folders that are missing are
+    The name of GRID gives the format: {written}. Curved hexahedra are written as {curved}. Folders that are missing are
     made.
     """
     from .refine import refine_model
@@ -215,7 +215,7 @@ def refine(**options: Any) -> None:
 def move(model: Path, output: Path, json: Path | None, **options: Any) -> None:
     """Deform the design surface of a model, move the control mesh behind it and write the grid.
 
-    The name of GRID tells the format: {written}. Folders that are missing are made.
+    The name of GRID gives the format: {written}. Folders that are missing are made.
 
     PATCH is a name or a pattern, such as 'wing*'; --deform, --design, --slide, --fix and --release may be given more
     than once.
@@ -360,7 +360,7 @@ def optimize(**options: Any) -> None:
 def improve(grid_name: str, output: Path, json: Path | None, **options: Any) -> None:
     """Raise the worst cells of a grid by moving interior control points; the surface stays.
 
-    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. The name of the output tells the
+    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. The name of the output gives the
     format: {written}.
     The worst Q of no block falls and no cell is inverted; where that leaves nothing to gain, nothing is written.
     """

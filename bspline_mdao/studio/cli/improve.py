@@ -134,5 +134,5 @@ def show_improvement(grid_name: str, output: Path, found: Improvement, options: 
 def _row(change: BlockChange) -> tuple:
     """Row of the table of blocks."""
     before, after = change.before, change.after
-    places = (f"({cell.i}, {cell.j}, {cell.k}){', held' if cell.is_fixed else ''}" for cell in (before, after))
+    places = (f"({cell.i}, {cell.j}, {cell.k}){', fixed' if cell.is_fixed else ''}" for cell in (before, after))
     return before.block, before.q, after.q, *places

@@ -156,7 +156,7 @@ MEANING_OF_INVALID = (
 
 MEANING_OF_UNDECIDED = (
     "an element is undecided where neither is proved: its smallest Jacobian is next to zero, or it lies at a pole; "
-    "'quality' of the grid tells about its cells there"
+    "'quality' of the grid reports on its cells there"
 )
 """What commands say where spline elements are undecided."""
 

@@ -131,7 +131,7 @@ def test_a_worst_cell_that_no_interior_point_moves_is_named():
     nodes = grid.blocks[0].nodes.copy()
     nodes[0, -1, -1] += [0.09, 0.04, -0.11]  # the corner of the box, and so three of the cell's faces, are held
     bad = Grid((Block(nodes[:2, -2:, -2:], "corner"),))
-    with pytest.raises(InputError, match="all of them are held"):
+    with pytest.raises(InputError, match="all of them are fixed"):
         improve_grid(fit_grid(bad, n_control=(2, 2, 2)))
     folded = improve_grid(fit_grid(Grid((Block(nodes, "left"),)), n_control=(6, 5, 6)), iterations=10)
     worst = min(folded.blocks[0].before, folded.blocks[0].after, key=lambda cell: cell.q)

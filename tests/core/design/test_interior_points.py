@@ -105,7 +105,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(model):
     with pytest.raises(InputError, match="make it with fit_grid"):
         InteriorPoints("inner").bind(skewed_grid())
     flat = fit_grid(skewed_grid(planes=False), n_control=[(4, 2, 4), (4, 2, 4)], order=2)
-    with pytest.raises(InputError, match="no control point to move: all of them are held"):
+    with pytest.raises(InputError, match="no control point to move: all of them are fixed"):
         InteriorPoints("inner").bind(flat)
 
 
@@ -120,7 +120,7 @@ def test_where_all_is_held_periodic_planes_are_named_with_what_lets_them_slide()
     whole = Window.whole(0, (7, 6, 2))
     declared = tuple(Patch(name, "other", (whole.face(side),)) for name, side in (("back", 5), ("front", 4)))
     undeclared = (
-        r"all of them are held; .*; block 1 kmin and block 1 kmax are periodic planes, by a rotation about x by "
+        r"all of them are fixed; .*; block 1 kmin and block 1 kmax are periodic planes, by a rotation about x by "
     )
     cases = {
         (): undeclared + r"4 deg: make patches of them \('bspline-mdao inspect GRID --draft FILE' .* \(--slide PATCH; ",

@@ -27,7 +27,7 @@ NLOPT_NAME = {
 REFUSED = {
     "eps": "gradients are exact, and there is no step",
     "finite_diff_rel_step": "gradients are exact, and there is no step",
-    "gtol": "NLopt has no criterion on gradients; optimality_of(problem) tells how far they are from an optimum",
+    "gtol": "NLopt has no criterion on gradients; optimality_of(problem) says how far they are from an optimum",
     "catol": "it is called constraint_tolerance here, and holds for all algorithms",
     "iprint": "disp prints a line for every iteration",
     "maxls": "line searches are NLopt's own",

@@ -111,7 +111,7 @@ def _owner(names: Sequence[str], metas: dict, number: int) -> str:
 def unusable_derivatives(what: str) -> InputError:
     """Error of derivatives with which no search can start."""
     return InputError(
-        f"driver: {what}, the first time that derivatives are computed; check_partials tells which are wrong"
+        f"driver: {what}, the first time that derivatives are computed; check_partials shows which are wrong"
     )
 
 

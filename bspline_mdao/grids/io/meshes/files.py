@@ -58,7 +58,7 @@ def read_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> MeshF
     Parameters
     ----------
     path : path-like
-        The file, whose suffix tells the format, or OpenFOAM's folder ``polyMesh``.
+        The file, whose suffix gives the format, or OpenFOAM's folder ``polyMesh``.
     span : SectionSpan, optional
         Planes of a section, by `section_span`, for a mesh of two dimensions (SU2, CGNS, Gmsh or VTK): it is taken
         as one layer of cells between them, whose first nodes are those of the file, and whose others are copies of
