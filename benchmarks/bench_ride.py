@@ -29,7 +29,7 @@ from bspline_mdao.generators import Spacing, onera_m6_grid
 from bspline_mdao.grids.topology.boundary_surface import BoundarySurface
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.movers import LinearElasticity, moving_mesh
-from bspline_mdao.riding import MixedMesh, RidingMesh
+from bspline_mdao.riding import EmbeddedMesh, MixedMesh
 
 SPACING = Spacing(off_wall=1e-4)
 SHAPE = (23, 33, 17)
@@ -92,7 +92,7 @@ def timed(task) -> tuple[float, object]:
     return time.process_time() - start, result
 
 
-def judged(mesh: MixedMesh, riding: RidingMesh, points: np.ndarray) -> dict:
+def judged(mesh: MixedMesh, riding: EmbeddedMesh, points: np.ndarray) -> dict:
     """Inverted cells, smallest volume and heights of a moved mesh."""
     before, after = mesh.quality(), mesh.quality(points)
     ratios = riding.walls.heights(points) / riding.walls.heights(mesh.points)
@@ -110,11 +110,11 @@ def measure(n_nodes: int, kind: str) -> dict:
     twist = parse_deformation(["twist=5deg"], model, control)
     mover = LinearElasticity(control, n_increments=1)
     moved = mover.move(model.control_points, twist.apply(control.points[control.surface_ids])).points
-    riding = RidingMesh.of(model, mesh_of(0.5, kind))
+    riding = EmbeddedMesh.of(model, mesh_of(0.5, kind))
     riding.at(moved).vjp(riding.mesh.points)  # compiles
     mesh = mesh_of((n_nodes / 142_000) ** (1.0 / 3.0), kind)
     tracemalloc.start()
-    seconds, riding = timed(lambda: RidingMesh.of(model, mesh))
+    seconds, riding = timed(lambda: EmbeddedMesh.of(model, mesh))
     kept, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     wall = twist.apply_to_nodes(riding.walls.initial)

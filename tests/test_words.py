@@ -31,6 +31,7 @@ PRIVATE = {
     "guided": "target",
     "guidance": "target",
     "turning": "rotation, pitching",
+    "ridden": "embedded, moved",
     "share": "subdomain, fraction, weight, contribution",
     "shares": "subdomains, fractions, weights, contributions",
 }

@@ -11,7 +11,7 @@ from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...names import CONTROL_POINTS
 from ..model.fitted_model import FittedModel
-from ..riding.riding_mesh import WALL, RidingMesh
+from ..riding.riding_mesh import WALL, EmbeddedMesh
 from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges
 from .component import LINEAR_STEP, fails_together
@@ -44,7 +44,7 @@ class Ride(MovedPoints):
     walls : sequence of str, optional
         Markers of the mesh that are walls; those that lie on walls of the grid by default.
     tolerance : float, optional
-        Distance (m) up to which nodes may be outside the grid, see `RidingMesh`.
+        Distance (m) up to which nodes may be outside the grid, see `EmbeddedMesh`.
     hold_outside : bool
         Hold nodes that are farther outside.
 
@@ -102,7 +102,7 @@ class Ride(MovedPoints):
         options = self.options
         model, mesh = options["model"], options["mesh"]
         chosen = {name: options[name] for name in ("walls", "tolerance", "hold_outside")}
-        self._riding = RidingMesh.of(model, mesh, **chosen)
+        self._riding = EmbeddedMesh.of(model, mesh, **chosen)
         if options["asked"] and not self._riding.n_asked:
             raise InputError(f"{self.msginfo}: the mesh has no walls whose nodes could be given; leave 'asked' out")
         wrt = (CONTROL_POINTS, WALL) if options["asked"] else (CONTROL_POINTS,)

@@ -40,7 +40,7 @@ from ..walls.wall import Wall
 from ..walls.wall_following import Followed, WallFollowing
 from .wall_faces import GridBoundary, WallFaces
 
-__all__ = ["RiddenMesh", "RidingMesh"]
+__all__ = ["EmbeddedMesh", "EmbeddedMeshState"]
 
 WALL = "wall"
 """Name of the input that asks for places of the nodes of walls."""
@@ -115,8 +115,8 @@ class RidingWalls(OneLine):
 
 
 @dataclass(frozen=True, eq=False)
-class RidingMesh(OneLine):
-    """The map from control points to the nodes of a mesh. Made by `RidingMesh.of`.
+class EmbeddedMesh(OneLine):
+    """The map from control points to the nodes of a mesh. Made by `EmbeddedMesh.of`.
 
     Parameters
     ----------
@@ -144,10 +144,10 @@ class RidingMesh(OneLine):
     >>> import numpy as np
     >>> from bspline_mdao import fit_grid
     >>> from bspline_mdao.generators import brick_grid
-    >>> from bspline_mdao.riding import MixedMesh, RidingMesh
+    >>> from bspline_mdao.riding import EmbeddedMesh, MixedMesh
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> cell = np.array([[2.0, 0.0, 0.0], [2.5, 0.0, 0.0], [2.0, 0.5, 0.0], [2.0, 0.0, 0.5]])
-    >>> riding = RidingMesh.of(model, MixedMesh(cell, {"tetra": np.array([[0, 1, 2, 3]])}))
+    >>> riding = EmbeddedMesh.of(model, MixedMesh(cell, {"tetra": np.array([[0, 1, 2, 3]])}))
     >>> moved = riding.at(1.1 * model.control_points)
     >>> moved.nodes[0].round(6) + 0.0
     array([2.2, 0. , 0. ])
@@ -171,7 +171,7 @@ class RidingMesh(OneLine):
         walls: tuple[str, ...] | list[str] | None = None,
         tolerance: float | None = None,
         hold_outside: bool = False,
-    ) -> RidingMesh:
+    ) -> EmbeddedMesh:
         """Find what moves the nodes of a mesh.
 
         Parameters
@@ -192,7 +192,7 @@ class RidingMesh(OneLine):
 
         Returns
         -------
-        RidingMesh
+        EmbeddedMesh
 
         Raises
         ------
@@ -231,7 +231,7 @@ class RidingMesh(OneLine):
         """Number of nodes of walls."""
         return 0 if self.walls is None else len(self.walls.rows)
 
-    def at(self, control_points: np.ndarray, wall: np.ndarray | None = None) -> RiddenMesh:
+    def at(self, control_points: np.ndarray, wall: np.ndarray | None = None) -> EmbeddedMeshState:
         """Nodes of the mesh and their derivative.
 
         Parameters
@@ -244,7 +244,7 @@ class RidingMesh(OneLine):
 
         Returns
         -------
-        RiddenMesh
+        EmbeddedMeshState
 
         Raises
         ------
@@ -263,7 +263,7 @@ class RidingMesh(OneLine):
         nodes += self.mesh.points - self.baseline
         if self.walls is not None and followed is not None:
             nodes[self.walls.rows] = followed.layered.frames.moved
-        return RiddenMesh(self, nodes, turned, followed)
+        return EmbeddedMeshState(self, nodes, turned, followed)
 
     def _mapped(
         self, control_points: np.ndarray, wall: np.ndarray | None
@@ -298,10 +298,10 @@ class RidingMesh(OneLine):
 
 
 @dataclass(frozen=True, eq=False)
-class RiddenMesh(OneLine):
+class EmbeddedMeshState(OneLine):
     """A mesh that was moved, and the derivative of its nodes."""
 
-    of: RidingMesh  # the map
+    of: EmbeddedMesh  # the map
     nodes: np.ndarray  # (n_points, 3), the nodes (m)
     turned: Frames | None  # how walls turned of which nothing was asked
     followed: Followed | None  # the nodes that followed walls

@@ -18,7 +18,7 @@ from ...core.design.named_deformations import PrescribedPoints, read_points
 from ...core.mesh.boundary import boundary_points, moving_mesh, wall_patches
 from ...core.mesh.surface import SurfaceGrid
 from ...core.model.fitted_model import FittedModel
-from ...core.riding.riding_mesh import RiddenMesh, RidingMesh
+from ...core.riding.riding_mesh import EmbeddedMesh, EmbeddedMeshState
 from ...core.riding.section_span import section_span
 from ...core.riding.wall_faces import GridBoundary
 from ...errors import InputError, MovementError
@@ -56,10 +56,10 @@ class RideOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class _Ridden:
+class _MovedMesh:
     """A mesh that was moved, its cells before and after, and the heights at its walls relative to those before."""
 
-    mesh: RiddenMesh
+    mesh: EmbeddedMeshState
     before: CellQuality
     after: CellQuality
     ratios: np.ndarray
@@ -90,7 +90,7 @@ def ride_along(
         file = read_mesh(mesh_file, section_span(model))
         start = time.process_time()
         progress(0.1, "looking for the nodes in the volumes")
-        riding = RidingMesh.of(model, file.mesh, options.wall, options.tolerance, options.hold_outside)
+        riding = EmbeddedMesh.of(model, file.mesh, options.wall, options.tolerance, options.hold_outside)
         progress(0.6, "moving")
         found = _measured(model, *_state(model, model_file, riding, options), start)
         if len(found.newly_inverted) and not options.allow_invalid:
@@ -104,8 +104,8 @@ def ride_along(
 
 
 def _state(
-    model: FittedModel, model_file: Path, riding: RidingMesh, options: RideOptions
-) -> tuple[RiddenMesh, np.ndarray]:
+    model: FittedModel, model_file: Path, riding: EmbeddedMesh, options: RideOptions
+) -> tuple[EmbeddedMeshState, np.ndarray]:
     """Move the mesh; return the control points as well."""
     if options.to is not None:
         points = _known_points(options.to, model)
@@ -145,7 +145,7 @@ def _known_points(path: Path, model: FittedModel) -> np.ndarray:
 
 
 def _asked(
-    model: FittedModel, riding: RidingMesh, points: np.ndarray, deformation: Deformation, design: tuple[str, ...]
+    model: FittedModel, riding: EmbeddedMesh, points: np.ndarray, deformation: Deformation, design: tuple[str, ...]
 ) -> np.ndarray:
     """Where nodes of walls are to be: those of the design surface where the deformation puts them."""
     walls = riding.walls
@@ -163,13 +163,13 @@ def _asked(
     return wall
 
 
-def _measured(model: FittedModel, state: RiddenMesh, points: np.ndarray, start: float) -> _Ridden:
+def _measured(model: FittedModel, state: EmbeddedMeshState, points: np.ndarray, start: float) -> _MovedMesh:
     """Measure the cells, the heights at walls, and gaps between periodic faces of the grid."""
     mesh, walls = state.of.mesh, state.of.walls
     ratios = np.zeros(0) if walls is None else walls.heights(state.nodes) / walls.heights(mesh.points)
     seconds = time.process_time() - start
     gaps = periodic_gaps(model.topology, model.regenerate(), model.regenerate(points))
-    return _Ridden(state, mesh.quality(), mesh.quality(state.nodes), ratios, gaps, seconds)
+    return _MovedMesh(state, mesh.quality(), mesh.quality(state.nodes), ratios, gaps, seconds)
 
 
 def _quantiles(ratios: np.ndarray) -> dict[str, float]:
@@ -178,7 +178,7 @@ def _quantiles(ratios: np.ndarray) -> dict[str, float]:
     return {name: float(np.quantile(ratios, level)) for name, level in levels.items()} if len(ratios) else {}
 
 
-def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _Ridden, options: RideOptions) -> dict:
+def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _MovedMesh, options: RideOptions) -> dict:
     """Collect the numbers of a ride for JSON."""
     of, n_nodes = found.mesh.of, _stored_counts(found.mesh.of)
     return {
@@ -211,7 +211,7 @@ class _StoredCounts(NamedTuple):
     followers: int
 
 
-def _stored_counts(of: RidingMesh) -> _StoredCounts:
+def _stored_counts(of: EmbeddedMesh) -> _StoredCounts:
     """Count nodes of the file that are held, on walls, and follow these."""
     none = np.zeros(0, dtype=np.int64)
     walls = none if of.walls is None else of.walls.rows
@@ -226,7 +226,7 @@ def _least(quality: CellQuality) -> float:
     return float(quality.volumes.min(initial=np.inf))
 
 
-def show_ride(output: Path, found: _Ridden, unit: str) -> None:
+def show_ride(output: Path, found: _MovedMesh, unit: str) -> None:
     """Print the report of a ride."""
     of, n_nodes = found.mesh.of, _stored_counts(found.mesh.of)
     in_plane = " of two dimensions" if of.mesh.n_copies > 1 else ""
@@ -252,7 +252,7 @@ def show_ride(output: Path, found: _Ridden, unit: str) -> None:
     print_lines([f"{output} written, {found.seconds:.2f} s"])
 
 
-def _trials(model: FittedModel, model_file: Path, riding: RidingMesh, options: RideOptions) -> list[Trial]:
+def _trials(model: FittedModel, model_file: Path, riding: EmbeddedMesh, options: RideOptions) -> list[Trial]:
     """Try what may cure a move, letting go of the patches that the design surface ends on first."""
 
     def n_inverted(other: RideOptions) -> int:
@@ -266,7 +266,7 @@ def _trials(model: FittedModel, model_file: Path, riding: RidingMesh, options: R
     return try_cures(options, model.topology, mesh, list(adjacent), n_inverted)
 
 
-def _complaint(found: _Ridden, trials: Sequence[Trial]) -> str:
+def _complaint(found: _MovedMesh, trials: Sequence[Trial]) -> str:
     """Say which cells are inverted, and what cures it."""
     new = found.newly_inverted
     worst = new[np.argmin(found.after.volumes[new])]
@@ -276,7 +276,7 @@ def _complaint(found: _Ridden, trials: Sequence[Trial]) -> str:
     )
 
 
-def _warnings(found: _Ridden) -> list[str]:
+def _warnings(found: _MovedMesh) -> list[str]:
     """List what is wrong with a mesh that was written."""
     of, warnings = found.mesh.of, []
     if of.walls is None:

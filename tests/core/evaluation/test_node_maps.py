@@ -16,7 +16,7 @@ from bspline_mdao.generators import Spacing, flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.topology.topology import BoundaryFace
 from bspline_mdao.measures import SurfaceGrid
 from bspline_mdao.movers import moving_mesh
-from bspline_mdao.riding import RidingMesh
+from bspline_mdao.riding import EmbeddedMesh
 
 
 @cache
@@ -106,7 +106,7 @@ def of_live_grid(model, rng):
 
 
 def of_riding_mesh(is_asked, rng):
-    riding, (points, deformation) = RidingMesh.of(riding_cases.model(), riding_cases.mesh()), riding_cases.twisted()
+    riding, (points, deformation) = EmbeddedMesh.of(riding_cases.model(), riding_cases.mesh()), riding_cases.twisted()
     wall = deformation.apply_to_nodes(riding.walls.initial)
     return riding.at, {"control_points": points} | ({"wall": wall} if is_asked else {})
 

@@ -10,7 +10,7 @@ from bspline_mdao import InputError, MovementError, Ride
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.files import read_mesh
 from bspline_mdao.movers import LinearElasticity, moving_mesh
-from bspline_mdao.riding import RidingMesh, SectionSpan, section_span
+from bspline_mdao.riding import EmbeddedMesh, SectionSpan, section_span
 from bspline_mdao.testing import central_difference
 
 
@@ -55,7 +55,7 @@ def test_the_mesh_is_one_layer_of_cells_between_any_two_planes(file, axis):
 
 def test_a_mesh_about_a_section_moves_alike_in_both_planes_and_none_of_its_cells_folds(file):
     found = read_mesh(file, section_span(section()))
-    riding = RidingMesh.of(section(), found.mesh)
+    riding = EmbeddedMesh.of(section(), found.mesh)
     assert riding.walls.faces.names == ("airfoil",)
     state = riding.at(moved("pitch=5deg"))
     low, high = np.split(state.nodes, 2)
@@ -109,12 +109,12 @@ def test_a_body_of_another_shape_is_no_wall(file):
     ]
     file.write_text("\n".join(lines))
     other = read_mesh(file, section_span(section())).mesh
-    assert RidingMesh.of(section(), other).walls is None
-    assert RidingMesh.of(section(), other, walls=("airfoil",)).walls.faces.names == ("airfoil",)
+    assert EmbeddedMesh.of(section(), other).walls is None
+    assert EmbeddedMesh.of(section(), other, walls=("airfoil",)).walls.faces.names == ("airfoil",)
 
 
 def test_parameters_in_planes_stay_where_they_were_found(file):
-    riding = RidingMesh.of(section(), read_mesh(file, section_span(section())).mesh)
+    riding = EmbeddedMesh.of(section(), read_mesh(file, section_span(section())).mesh)
     missed = np.abs(riding.evaluator.forward(section().control_points) - riding.mesh.points)
     assert np.quantile(missed, 0.99) < 1e-12  # but for nodes of the wall, inside the body by the error of the fit
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from bspline_mdao import InputError, MovementError
 from bspline_mdao.core.riding.riding_mesh import _fading
-from bspline_mdao.riding import MixedMesh, RidingMesh
+from bspline_mdao.riding import EmbeddedMesh, MixedMesh
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def rng():
 
 @pytest.fixture(scope="module")
 def riding():
-    return RidingMesh.of(model(), mesh())
+    return EmbeddedMesh.of(model(), mesh())
 
 
 def asked(riding):
@@ -76,7 +76,7 @@ def test_what_volumes_miss_of_a_wall_fades_over_eight_widths_but_at_least_a_tent
 
 def test_a_mesh_follows_a_rigid_motion_within_the_volumes(rng):
     points = model().evaluator().forward(model().control_points)[::11]
-    inside = RidingMesh.of(model(), MixedMesh(points, {}))
+    inside = EmbeddedMesh.of(model(), MixedMesh(points, {}))
     turn, shift = Rotation.from_rotvec(rng.standard_normal(3)).as_matrix(), rng.standard_normal(3)
     moved = inside.at(model().control_points @ turn.T + shift).nodes
     np.testing.assert_allclose(moved, points @ turn.T + shift, rtol=0, atol=1e-10 * np.ptp(points))
@@ -85,9 +85,9 @@ def test_a_mesh_follows_a_rigid_motion_within_the_volumes(rng):
 def test_walls_are_found_with_and_without_markers(riding):
     assert riding.walls.faces.names == ("wing",)
     bare = MixedMesh(mesh().points, mesh().cells)
-    np.testing.assert_array_equal(RidingMesh.of(model(), bare).walls.rows, riding.walls.rows)
+    np.testing.assert_array_equal(EmbeddedMesh.of(model(), bare).walls.rows, riding.walls.rows)
     with pytest.raises(InputError, match=r"mesh: no marker is 'tail\*'; its markers are wing, symmetry, far"):
-        RidingMesh.of(model(), mesh(), walls=["tail*"])
+        EmbeddedMesh.of(model(), mesh(), walls=["tail*"])
 
 
 def with_node_outside(distance):
@@ -101,16 +101,16 @@ def with_node_outside(distance):
 def test_nodes_outside_are_named_held_or_moved_with_the_nearest_point():
     lone, control = with_node_outside(1e3), twisted()[0]
     with pytest.raises(InputError, match=r"1 of [\d,]+ nodes are outside .* 1e\+03 m away; .*--hold-outside") as error:
-        RidingMesh.of(model(), lone)
+        EmbeddedMesh.of(model(), lone)
     assert "\n" not in str(error.value)
-    held = RidingMesh.of(model(), lone, hold_outside=True)
+    held = EmbeddedMesh.of(model(), lone, hold_outside=True)
     assert held.left.tolist() == [mesh().n_points]
     assert (held.at(control).nodes[-1] == lone.points[-1]).all()
     with pytest.raises(
         MovementError, match=rf"beside node {lone.n_points} its boundary moves by 1 m; fix that boundary"
     ):
         held.at(control + [0.0, 1.0, 0.0])
-    allowed = RidingMesh.of(model(), lone, tolerance=2e3)
+    allowed = EmbeddedMesh.of(model(), lone, tolerance=2e3)
     np.testing.assert_allclose(allowed.at(control + [0.0, 1.0, 0.0]).nodes[-1], lone.points[-1] + [0.0, 1.0, 0.0])
     with pytest.raises(InputError, match="a tolerance of -1"):
-        RidingMesh.of(model(), lone, tolerance=-1.0)
+        EmbeddedMesh.of(model(), lone, tolerance=-1.0)

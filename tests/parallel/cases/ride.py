@@ -20,7 +20,7 @@ tetra = np.stack(
 MESH = MixedMesh(block.reshape(-1, 3), {"tetra": tetra.reshape(-1, 4)})
 
 
-def ridden(comm, mode):
+def problem_of(comm, mode):
     problem, mesh = om.Problem(reports=False, comm=comm), moving_mesh(model)
     variables = [Twist("twist", ReferenceAxis.of(mesh), stations=3)]
     parts = {
@@ -41,8 +41,8 @@ def ridden(comm, mode):
     return problem.get_val("mesh"), problem.compute_totals(["total"], ["twist"])["total", "twist"]
 
 
-alone = ridden(MPI.COMM_SELF, "rev")
+alone = problem_of(MPI.COMM_SELF, "rev")
 for mode in ("fwd", "rev"):
-    for found, expected in zip(ridden(comm, mode), alone):
+    for found, expected in zip(problem_of(comm, mode), alone):
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-14)
 assert np.abs(alone[0].reshape(-1, 3) - MESH.points).max() > 1e-3
