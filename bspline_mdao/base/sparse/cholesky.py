@@ -8,6 +8,7 @@ Theory: ``docs/theory/sparse.rst``.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
@@ -20,8 +21,8 @@ from ...errors import InputError, MovementError
 from ..display import OneLine
 from ..numerics.threads import Crew, one_blas_thread, thread_count
 from . import multifrontal
-from .blocks import BlockMatrix, BlockPattern, LinearSolution, graph_of
-from .conjugate_gradient import solve_with_factor
+from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of, residual_norm
+from .conjugate_gradient import preconditioned_solve
 from .fronts import Fronts, Stages, find_stages, lay_out
 from .lapack import routines
 from .multifrontal import rounds
@@ -269,7 +270,12 @@ class CholeskyFactor:
         matrix: BlockMatrix | None = None,
     ) -> LinearSolution:
         """Solve for a right-hand side. `cancellation` tells how many digits the solution has; refine it for more."""
-        return solve_with_factor(self, right, matrix, is_exact=self.panels.dtype == np.float64)
+        start = time.perf_counter()
+        right = check_right(right, self.matrix.n)
+        if self.panels.dtype != np.float64 or (matrix is not None and matrix is not self.matrix):
+            return preconditioned_solve(self.matrix if matrix is None else matrix, self, right)
+        x = self._substitute(right)  # in double precision nothing is scaled
+        return LinearSolution(x, 0, residual_norm(self.matrix, x, right), time.perf_counter() - start)
 
 
 @njit(cache=True)

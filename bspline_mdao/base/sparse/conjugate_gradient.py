@@ -15,19 +15,17 @@ from numba import njit
 from ...errors import MovementError
 from ..display import OneLine
 from ..numerics.processes import summed_number
-from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of, residual_norm
+from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of
 from .incomplete import IncompleteFactor, IncompletePattern, incomplete_factor, incomplete_pattern, narrow_order
 
 __all__ = [
     "ConjugateGradients",
     "ConjugateGradientsAnalysis",
-    "DirectFactor",
     "PreconditionedMatrix",
     "Preconditioner",
     "StoredFactor",
     "System",
     "preconditioned_solve",
-    "solve_with_factor",
 ]
 
 ROUNDING_MARGIN = 4.0
@@ -49,14 +47,6 @@ class StoredFactor(Preconditioner, Protocol):
     @property
     def n_bytes(self) -> int:
         """Memory that it takes in bytes."""
-
-
-class DirectFactor(Preconditioner, Protocol):
-    """A factor of a matrix by a direct solver."""
-
-    @property
-    def matrix(self) -> BlockMatrix:
-        """Matrix that was factored."""
 
 
 class System(Protocol):
@@ -199,24 +189,6 @@ def preconditioned_solve(
         found.append((n, residual))
     iterations, residuals = zip(*found)
     return LinearSolution(x, max(iterations), max(residuals), time.perf_counter() - clock)
-
-
-def solve_with_factor(
-    factor: DirectFactor,
-    right: np.ndarray,  # (n, 3) or (n, 3, m), right-hand side, or m of them
-    # matrix to solve with in place of the one that was factored: by conjugate gradients, with this factor as the
-    # preconditioner
-    matrix: BlockMatrix | None = None,
-    # the factor is that of its matrix to double precision; otherwise it is always used as a preconditioner
-    is_exact: bool = True,
-) -> LinearSolution:
-    """Solve with the factor of a direct solver, or, where it is not that of the matrix, by conjugate gradients."""
-    start = time.perf_counter()
-    right = check_right(right, factor.matrix.pattern.n)
-    if not is_exact or (matrix is not None and matrix is not factor.matrix):
-        return preconditioned_solve(factor.matrix if matrix is None else matrix, factor, right)
-    x = factor.apply(right)
-    return LinearSolution(x, 0, residual_norm(factor.matrix, x, right), time.perf_counter() - start)
 
 
 def _solve_one(
