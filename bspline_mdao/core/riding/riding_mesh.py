@@ -75,8 +75,16 @@ class RidingWalls(OneLine):
     above: np.ndarray
 
     @classmethod
-    def of(cls, mesh: MixedMesh, faces: WallFaces, planes: list, fixed: np.ndarray, missed: np.ndarray) -> RidingWalls:
-        """Find what follows walls; ``missed`` is what the volumes miss of all nodes, ``fixed`` are nodes that stay."""
+    def of(
+        cls,
+        mesh: MixedMesh,
+        faces: WallFaces,
+        planes: list,
+        fixed: np.ndarray,  # nodes that stay
+        missed: np.ndarray,  # (n_points, 3), what the volumes miss of all nodes (m)
+        fade: tuple[float, float] = FADE,
+    ) -> RidingWalls:
+        """Find what follows walls."""
         rows = np.unique(faces.faces)
         quads, points = np.searchsorted(rows, faces.faces), mesh.points[rows]
         at, above = first_heights(mesh, faces.faces, rows)
@@ -88,7 +96,8 @@ class RidingWalls(OneLine):
         wall = Wall.of(points, quads, heights, of_wall, faces=faces.marker)
         layer = WallLayer.of(wall, mesh.points, rows, planes, fixed)
         following = WallFollowing(layer, rows, np.zeros(0, dtype=int), None)
-        return cls(faces, rows, planes, _fading(mesh.points, points, quads), following, missed[rows], at, above)
+        fading = _fading(mesh.points, points, quads, fade)
+        return cls(faces, rows, planes, fading, following, missed[rows], at, above)
 
     @property
     def initial(self) -> np.ndarray:
@@ -218,8 +227,11 @@ class EmbeddedMesh(OneLine):
         faces, parts = WallFaces.of(mesh, boundary, walls), None
         if len(faces.faces):
             parts = RidingWalls.of(mesh, faces, planes, lost, missed)
-        made = cls(mesh, b0, evaluator, rows, lost, left, found.distance, parts, points)
-        return replace(made, baseline=made._mapped(b0, None)[0])
+        return cls(mesh, b0, evaluator, rows, lost, left, found.distance, parts, points).with_baseline()
+
+    def with_baseline(self) -> RidingMesh:
+        """Take for its baseline what the map gives there."""
+        return replace(self, baseline=self._mapped(self.control_points, None)[0])
 
     @property
     def n_points(self) -> int:
@@ -361,13 +373,13 @@ class EmbeddedMeshState(OneLine):
         return {name: bars[name] for name in wrt}
 
 
-def _fading(points: np.ndarray, wall: np.ndarray, quads: np.ndarray) -> csr_array:
-    """Weights of the nodes of a wall in the nodes of the mesh, one at the wall and zero from where `FADE` says on."""
+def _fading(points: np.ndarray, wall: np.ndarray, quads: np.ndarray, fade: tuple[float, float] = FADE) -> csr_array:
+    """Weights of the nodes of a wall in the nodes of the mesh: one at the wall, zero from where ``fade`` says on."""
     width = np.sqrt(np.linalg.norm(area_vectors(wall[quads]), axis=1))
     counts = np.bincount(quads.ravel(), minlength=len(wall))
     widths = np.bincount(quads.ravel(), np.repeat(width, 4), len(wall)) / np.maximum(counts, 1)
     size = float(np.linalg.norm(np.ptp(wall, axis=0)))
-    tree = TriangleTree.of(wall, quads, np.maximum(FADE[0] * widths, FADE[1] * size))
+    tree = TriangleTree.of(wall, quads, np.maximum(fade[0] * widths, fade[1] * size))
     near = tree.closest_points(points)
     rows = np.repeat(near.points, np.diff(near.starts))
     weights = near.weights[:, None] * near.barycentric

@@ -1,0 +1,127 @@
+"""Planes that a mesh ends in: nodes on them slide, and the lattice has a side there.
+
+Theory: ``docs/theory/background_lattice.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from ...errors import InputError
+from ...grids.cells.mixed_cells import MixedMesh
+
+__all__ = ["INNER", "SYMMETRY", "WALL", "EndPlane", "find_end_planes", "lattice_axes"]
+
+FLAT = 1e-6
+"""Part of the size of a mesh by which nodes of a symmetry plane may be off it: digits of single precision."""
+
+WALL, SYMMETRY, INNER = "wall", "symmetry", "inner"
+"""Kinds of markers: bodies, planes of symmetry, and faces inside the mesh, whose nodes move along. Others are outer."""
+
+ALIGNED = 1e-9
+"""Components of unit normals that are rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class EndPlane:
+    """A plane that the mesh ends in."""
+
+    markers: tuple[str, ...]  # markers that lie in it; none where the mesh has no marker there
+    rows: np.ndarray  # int, nodes of the mesh in it, ascending
+    normal: np.ndarray  # (3,), unit normal
+    # direction of the lattice along its normal, and which side of it the plane is: 0 at its start, -1 at its end
+    axis: int
+    end: int
+
+
+def find_end_planes(mesh: MixedMesh, kinds: Mapping[str, str], wall_rows: np.ndarray) -> tuple[EndPlane, ...]:
+    """Find planes of symmetry, and other planes at the ends of a mesh that its walls end on."""
+    # Walls that end on an inlet, an outlet or a side of a wind tunnel would tear cells if its nodes stayed.
+    size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
+    found: list[EndPlane] = []
+    for name, faces in (mesh.markers or {}).items():
+        kind, rows = kinds.get(name), np.unique(faces)
+        if kind in (WALL, INNER) or not len(rows):
+            continue
+        if kind != SYMMETRY and not np.isin(rows, wall_rows).any():
+            continue
+        normal, off = _plane_of(mesh.points[rows])
+        if off > FLAT * size:
+            if kind == SYMMETRY:
+                raise InputError(f"{mesh.source}: symmetry marker '{name}' is not plane, by {off:.3g} m; mend the mesh")
+            continue
+        heights = mesh.points @ normal
+        level = float(np.median(heights[rows]))
+        low, high = level - heights.min(), heights.max() - level
+        if min(low, high) > FLAT * size:
+            if kind == SYMMETRY:
+                raise InputError(
+                    f"{mesh.source}: symmetry marker '{name}' is not at an end of the mesh; give it another kind"
+                )
+            continue
+        outwards = -1.0 if low <= high else 1.0
+        found.append(EndPlane((name,), rows, outwards * normal, -1, -1))
+    if mesh.n_copies == 2:
+        found += _sides_of_layer(mesh)
+    return tuple(_merged(found))
+
+
+def _sides_of_layer(mesh: MixedMesh) -> list[EndPlane]:
+    """The two planes of a mesh of two dimensions."""
+    n = mesh.n_stored
+    normal = mesh.points[n] - mesh.points[0]
+    normal /= np.linalg.norm(normal)
+    return [EndPlane((), np.arange(n), -normal, -1, -1), EndPlane((), np.arange(n, 2 * n), normal, -1, -1)]
+
+
+def _plane_of(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Unit normal of the plane through points, and how far they are off it."""
+    middle = points.mean(axis=0)
+    normal = np.linalg.svd(points - middle, full_matrices=False)[2][2] if len(points) > 2 else np.zeros(3)
+    normal = np.where(np.abs(normal) < ALIGNED, 0.0, normal)
+    length = np.linalg.norm(normal)
+    normal = normal / length if length else normal
+    return normal, float(np.abs((points - middle) @ normal).max(initial=0.0)) if length else np.inf
+
+
+def _merged(found: Sequence[EndPlane]) -> list[EndPlane]:
+    """Make planes that are the same one."""
+    planes: list[EndPlane] = []
+    for plane in found:
+        for k, other in enumerate(planes):
+            if plane.normal @ other.normal > 1.0 - FLAT:
+                names, rows = other.markers + plane.markers, np.union1d(other.rows, plane.rows)
+                planes[k] = replace(other, markers=names, rows=rows)
+                break
+        else:
+            planes.append(plane)
+    return planes
+
+
+def lattice_axes(source: str, planes: Sequence[EndPlane]) -> tuple[np.ndarray, tuple[EndPlane, ...]]:
+    """Directions of the lattice, as rows: those of space, or those of planes; and the sides that planes are."""
+    axes: list[np.ndarray] = []
+    for plane in planes:
+        along = [abs(axis @ plane.normal) for axis in axes]
+        if any(ALIGNED < part < 1.0 - FLAT for part in along):
+            names = ", ".join(name for each in planes for name in each.markers)
+            raise InputError(f"{source}: the planes of {names} are not at right angles, as the sides of a lattice are")
+        if not any(part >= 1.0 - FLAT for part in along):
+            axes.append(plane.normal)
+    while len(axes) < 3:
+        rest = np.eye(3) - sum((np.outer(axis, axis) for axis in axes), np.zeros((3, 3)))
+        lengths = np.linalg.norm(rest, axis=1)
+        axes.append(rest[np.argmax(lengths)] / lengths.max())
+    places, which = linear_sum_assignment(-np.abs(np.array(axes).T))
+    rows = np.array(axes)[which[np.argsort(places)]]
+    rows *= np.sign(np.diag(rows))[:, None]
+    sides = []
+    for plane in planes:
+        along = rows @ plane.normal
+        axis = int(np.argmax(np.abs(along)))
+        sides.append(replace(plane, axis=axis, end=-1 if along[axis] > 0.0 else 0))
+    return rows, tuple(sides)

@@ -1,0 +1,81 @@
+"""The map from the nodes of walls and the control points of a lattice to the nodes of a mesh.
+
+Both are the control points of the mesh: first the nodes of its walls, which are met exactly, then those of the lattice,
+which carries all else. What follows walls, and how, is that of meshes that ride along (`..riding.riding_mesh`).
+
+Theory: ``docs/theory/background_lattice.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...names import CONTROL_POINTS
+from ..evaluation.node_map import require_inputs
+from ..riding.riding_mesh import WALL, EmbeddedMesh, EmbeddedMeshState
+
+__all__ = ["MeshMap", "MeshState"]
+
+
+@dataclass(frozen=True, eq=False)
+class MeshMap(OneLine):
+    """A mesh as a function of its control points."""
+
+    embedded: EmbeddedMesh  # its nodes by those of the lattice and of its walls
+    n_walls: int  # number of nodes of walls, the first control points
+
+    inputs = (CONTROL_POINTS,)
+
+    @property
+    def n_asked(self) -> int:
+        """Number of nodes."""
+        return self.embedded.n_points
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Nodes of the baseline (m), shape (n, 3)."""
+        return self.embedded.mesh.points
+
+    def at(self, control_points: np.ndarray) -> MeshState:
+        """Nodes for control points, shape (n_control_points, 3), in metres, with their derivative."""
+        walls, lattice = control_points[: self.n_walls], control_points[self.n_walls :]
+        return MeshState(self, self.embedded.at(lattice, walls))
+
+    def padded(self, bar: np.ndarray) -> np.ndarray:
+        """Derivatives by all nodes of those by the nodes of this process, which has all."""
+        return bar
+
+
+@dataclass(frozen=True, eq=False)
+class MeshState:
+    """Nodes of a mesh, and their derivative."""
+
+    of: MeshMap
+    embedded_state: EmbeddedMeshState
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """The nodes (m), shape (n, 3)."""
+        return self.embedded_state.nodes
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return self.of.inputs
+
+    def jvp(self, control_points: np.ndarray) -> np.ndarray:
+        """Change of the nodes with that of the control points, shape (n_control_points, 3)."""
+        n = self.of.n_walls
+        return self.embedded_state.jvp(control_points[n:], control_points[:n])
+
+    def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
+        """Transpose of `jvp`."""
+        bars = {}
+        for name in require_inputs(wrt, self.inputs):
+            found = self.embedded_state.vjp(bar)
+            bars[name] = np.concatenate([found[WALL], found[CONTROL_POINTS]])
+        return bars

@@ -1,0 +1,156 @@
+"""Meshes that move by a lattice in the background: identity, walls, planes, derivatives."""
+
+import numpy as np
+import pytest
+
+from bspline_mdao.core.background.background_lattice import LatticeSettings
+from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.core.background.thin_plate import bending_energy
+from bspline_mdao.errors import InputError
+from bspline_mdao.grids.cells.mixed_cells import MixedMesh
+
+TETRAHEDRA = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
+
+
+def mesh_around_a_body(turn: np.ndarray | None = None) -> tuple[MixedMesh, dict[str, str]]:
+    """Tetrahedra around a block that stands on a plane of symmetry, y = 0, in a box of unequal sides."""
+    x, y, z = np.linspace(-3.0, 4.0, 14) ** 3 / 16.0, np.linspace(0.0, 2.0, 9), np.linspace(-1.5, 1.2, 10)
+    nodes = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
+    ids = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
+    middle = 0.5 * (nodes[:-1, :-1, :-1] + nodes[1:, 1:, 1:])
+    is_body = (np.abs(middle[..., 0]) < 0.2) & (middle[..., 1] < 0.8) & (np.abs(middle[..., 2]) < 0.4)
+    a, b = slice(None, -1), slice(1, None)
+    ring = [(a, a), (b, a), (b, b), (a, b)]
+    hexahedra = np.stack([ids[i, j, k] for k in (a, b) for i, j in ring], axis=-1)[~is_body]
+    corners = hexahedra[:, TETRAHEDRA].reshape(-1, 4)
+    points = nodes.reshape(-1, 3)
+    skin = MixedMesh(points, {"tetra": corners}).skin
+    box = points.min(axis=0), points.max(axis=0)
+    on = {
+        name: np.isclose(points[skin][..., axis], box[end][axis]).all(axis=1)
+        for name, axis, end in (("symmetry", 1, 0), *((f"far_{d}{e}", d, e) for d in range(3) for e in range(2)))
+        if name != "far_10"
+    }
+    is_wall = ~np.any(list(on.values()), axis=0)
+    used, numbers = np.unique(corners, return_inverse=True)
+    place = np.full(len(points), -1)
+    place[used] = np.arange(len(used))
+    markers = {"body": place[skin[is_wall]], **{name: place[skin[rows]] for name, rows in on.items()}}
+    kinds = {"body": "wall", "symmetry": "symmetry"} | {name: "farfield" for name in on if name != "symmetry"}
+    points = points[used] if turn is None else points[used] @ turn.T
+    return MixedMesh(points, {"tetra": numbers.reshape(corners.shape)}, markers), kinds
+
+
+def smooth_change(model: MeshModel, rng: np.random.Generator, size: float) -> np.ndarray:
+    """Smooth displacements of the nodes of the walls, in planes where these are."""
+    points = model.mesh.points[model.wall_rows]
+    change = size * np.sin(points @ rng.normal(size=(3, 3)) + rng.normal(size=3))
+    for plane in model.planes:
+        ids = np.flatnonzero(np.isin(model.wall_rows, plane.rows))
+        change[ids] -= np.outer(change[ids] @ plane.normal, plane.normal)
+    return change
+
+
+@pytest.fixture(scope="module")
+def model() -> MeshModel:
+    """The mesh around a body, with a lattice of few spans."""
+    return MeshModel.of(*mesh_around_a_body(), LatticeSettings(spacing=0.4))
+
+
+def moved(model: MeshModel, change: np.ndarray):
+    """Move the walls; the movement, and the state of the mesh."""
+    movement = model.mover.move(model.control_points, model.mesh.points[model.wall_rows] + change)
+    return movement, model.node_map.at(movement.points)
+
+
+def test_the_baseline_comes_back_to_the_last_bit(model):
+    movement, state = moved(model, np.zeros((len(model.wall_rows), 3)))
+    assert np.array_equal(movement.points, model.control_points)
+    assert np.array_equal(state.nodes, model.mesh.points)
+
+
+def test_walls_are_met_planes_are_kept_and_far_fields_stay(model):
+    change = smooth_change(model, np.random.default_rng(1), 0.03)
+    _, state = moved(model, change)
+    assert np.array_equal(state.nodes[model.wall_rows], model.mesh.points[model.wall_rows] + change)
+    (plane,) = model.planes
+    assert np.array_equal(state.nodes[plane.rows, 1], model.mesh.points[plane.rows, 1])
+    resting = model.rows_at_rest
+    assert len(resting) > 100
+    assert np.array_equal(state.nodes[resting], model.mesh.points[resting])
+    assert not model.mesh.quality(state.nodes).is_inverted.any()
+
+
+def test_nodes_between_move_with_the_wall(model):
+    change = np.zeros((len(model.wall_rows), 3))
+    change[:, 0] = 0.1
+    _, state = moved(model, change)
+    inner = np.setdiff1d(np.arange(model.n_nodes), np.concatenate([model.wall_rows, model.rows_at_rest]))
+    part = (state.nodes - model.mesh.points)[inner, 0] / 0.1
+    assert part.max() > 0.7
+    assert part.min() > -0.2
+
+
+def test_forward_and_reverse_products_agree_to_1e_12(model):
+    rng = np.random.default_rng(2)
+    movement, state = moved(model, smooth_change(model, rng, 0.05))
+    d_surface, d_initial = smooth_change(model, rng, 1.0), rng.normal(size=model.control_points.shape)
+    bar = rng.normal(size=state.nodes.shape)
+    forward = np.vdot(bar, state.jvp(movement.jvp(d_initial, d_surface)))
+    initial_bar, surface_bar = movement.vjp(state.vjp(bar)["control_points"])
+    reverse = np.vdot(initial_bar, d_initial) + np.vdot(surface_bar, d_surface)
+    assert abs(forward - reverse) < 1e-12 * np.linalg.norm(bar) * np.linalg.norm(d_initial)
+
+
+def test_products_are_differences_of_the_nodes_to_1e_8(model):
+    rng = np.random.default_rng(3)
+    change, direction, step = smooth_change(model, rng, 0.05), smooth_change(model, rng, 1.0), 1e-3
+    nodes = {k: moved(model, change + k * step * direction)[1].nodes for k in (-2, -1, 1, 2)}
+    differences = (8.0 * (nodes[1] - nodes[-1]) - (nodes[2] - nodes[-2])) / (12.0 * step)
+    movement, state = moved(model, change)
+    product = state.jvp(movement.jvp(np.zeros_like(model.control_points), direction))
+    assert np.abs(differences - product).max() < 1e-8 * np.abs(product).max()
+
+
+def test_bending_energy_of_an_affine_displacement_is_zero_and_of_others_does_not_depend_on_the_unit():
+    mesh, kinds = mesh_around_a_body()
+    scaled = MixedMesh(1000.0 * mesh.points, mesh.cells, mesh.markers)
+    energies = []
+    for each in (mesh, scaled):
+        model = MeshModel.of(each, kinds)
+        energy, net = bending_energy(model.lattice), model.lattice.control_points
+        affine = net @ np.array([0.3, -1.2, 0.7]) + 2.0
+        scale = np.abs(energy) @ np.abs(affine) @ np.abs(affine)
+        assert abs(affine @ (energy @ affine)) < 1e-13 * scale
+        bent = np.sin(np.arange(len(net)) * 0.37)
+        energies.append(bent @ (energy @ bent))
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+
+
+def test_a_mesh_that_is_turned_moves_as_it_does_upright():
+    rng = np.random.default_rng(4)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    (upright, kinds), (turned, _) = mesh_around_a_body(), mesh_around_a_body(turn)
+    settings, found = LatticeSettings(spacing=0.5), []
+    for mesh, back in ((upright, np.eye(3)), (turned, turn)):
+        model = MeshModel.of(mesh, kinds, settings)
+        change = np.zeros((len(model.wall_rows), 3))
+        change[:, 1] = 0.2 * (mesh.points @ back)[model.wall_rows, 1]
+        change[:, 0] = 0.1
+        nodes = moved(model, change @ back.T)[1].nodes
+        found.append((nodes - mesh.points) @ back)
+        (plane,) = model.planes
+        assert np.abs((nodes - mesh.points)[plane.rows] @ plane.normal).max() < 1e-15
+    # but for the plane's, the directions of the lattice are those of space: boxes and spans are others
+    assert np.abs(found[0] - found[1]).max() < 0.08
+
+
+def test_what_cannot_be_moved_is_refused_in_one_line():
+    mesh, kinds = mesh_around_a_body()
+    with pytest.raises(InputError, match="no marker is a wall"):
+        MeshModel.of(mesh, {"symmetry": "symmetry"})
+    with pytest.raises(InputError, match="no marker is 'wing'; its markers are body"):
+        MeshModel.of(mesh, {"wing": "wall"})
+    with pytest.raises(InputError, match="symmetry marker 'body' is not plane"):
+        MeshModel.of(mesh, {**kinds, "body": "symmetry", "far_00": "wall"})
