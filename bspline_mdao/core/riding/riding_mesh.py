@@ -229,7 +229,7 @@ class EmbeddedMesh(OneLine):
             parts = RidingWalls.of(mesh, faces, planes, lost, missed)
         return cls(mesh, b0, evaluator, rows, lost, left, found.distance, parts, points).with_baseline()
 
-    def with_baseline(self) -> RidingMesh:
+    def with_baseline(self) -> EmbeddedMesh:
         """Take for its baseline what the map gives there."""
         return replace(self, baseline=self._mapped(self.control_points, None)[0])
 
