@@ -7,16 +7,28 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
+NAMES = sorted(path.stem for path in FOLDER.rglob("bench_*.py"))
 
 
 @pytest.fixture
 def loaded(monkeypatch):
     """Names of a benchmark, which is not run."""
-    monkeypatch.setattr(sys, "path", [str(FOLDER), *sys.path])
-    return lambda name: runpy.run_path(str(FOLDER / f"{name}.py"), run_name=name)
+
+    def load(name: str) -> dict:
+        (file,) = FOLDER.glob(f"*/{name}.py")
+        monkeypatch.setattr(sys, "path", [str(file.parent), *sys.path])
+        return runpy.run_path(str(file), run_name=name)
+
+    return load
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in FOLDER.glob("bench_*.py")))
+def test_benchmarks_lie_in_the_folders_of_the_layers():
+    layers = {path.parent.name for path in (FOLDER.parent / "bspline_mdao").glob("*/__init__.py")}
+    assert NAMES
+    assert {path.parent.name for path in FOLDER.rglob("*.py")} - {FOLDER.name} <= layers
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_benchmark_imports_names_that_are_there(loaded, name):
     assert "main" in loaded(name)
 

@@ -36,7 +36,7 @@ __all__ = ["Cholesky", "CholeskyAnalysis", "CholeskyFactor", "Memory"]
 class Cholesky(OneLine):
     """Direct solver that needs nothing beyond numba and SciPy: the default.
 
-    ``benchmarks/bench_cholesky.py`` compares it with PARDISO and SuperLU on control meshes.
+    ``benchmarks/base/bench_cholesky.py`` compares it with PARDISO and SuperLU on control meshes.
 
     Parameters
     ----------

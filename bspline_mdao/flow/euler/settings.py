@@ -1,6 +1,6 @@
 """Settings of Newton's method and of its starts, each with the case behind its default.
 
-What a setting brings is measured by ``benchmarks/sweep_settings.py``.
+What a setting brings is measured by ``benchmarks/flow/sweep_settings.py``.
 
 Theory: ``docs/theory/euler.rst``.
 """

@@ -10,15 +10,18 @@ from __future__ import annotations
 import argparse
 import json
 import resource
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse
-from pardiso_peer import IS_INSTALLED, Pardiso
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_info, threadpool_limits
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # what benchmarks of several layers use
+from pardiso_peer import IS_INSTALLED, Pardiso
 
 from bspline_mdao.base.sparse.blocks import LinearSolution, residual_norm
 from bspline_mdao.base.sparse.cholesky import Cholesky

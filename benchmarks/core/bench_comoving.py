@@ -3,7 +3,7 @@
 Grids all of whose walls are deformed and whose other faces are far field and symmetry: the M6, and those of the folder
 that BSPLINE_MDAO_GRIDS names.
 
-    python benchmarks/bench_comoving.py
+    python benchmarks/core/bench_comoving.py
 """
 
 import os

@@ -4,7 +4,7 @@ Wings (rectangular and tapered, the M6, a blended-wing body) and sections (O- an
 random thickness, camber, taper, sweep and twist, at Mach 0.3 to 0.85 and -2 to 6 degrees, each by a whole run of the
 component with its fallbacks::
 
-    python benchmarks/bench_random_flows.py [N] [SEED]
+    python benchmarks/flow/bench_random_flows.py [N] [SEED]
 """
 
 from __future__ import annotations

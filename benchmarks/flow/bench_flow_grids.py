@@ -3,7 +3,7 @@
 The grids are those of the folder ``BSPLINE_MDAO_GRIDS``, as they are in their files, with every second or fourth node,
 or made here::
 
-    python benchmarks/bench_flow_grids.py [STEP [NAME...]] [--random N]
+    python benchmarks/flow/bench_flow_grids.py [STEP [NAME...]] [--random N]
 
 With ``--random`` each grid that is flown at an angle is flown at N random Mach numbers from 0.3 to 0.85 and angles from
 -2 to 6 degrees instead, others are left out, and the last lines tell how many flows were found and what others cost.

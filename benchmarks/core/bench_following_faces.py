@@ -3,7 +3,7 @@
 A body of revolution whose wall ends on a cone, a channel with curved ends, a wing that ends on a curved wall, and grids
 of the folder that BSPLINE_MDAO_GRIDS names whose walls end on curved faces.
 
-    python benchmarks/bench_following_faces.py
+    python benchmarks/core/bench_following_faces.py
 """
 
 import os

@@ -4,7 +4,7 @@ Flows are those of ``bench_flow_grids.py 4 --random N``: the same random Mach nu
 of each of some grids. Work is the products with the Jacobian and ten for a factor, by the cells of the grid, coarser
 members included; it does not depend on what else the machine does::
 
-    python benchmarks/sweep_settings.py [N [NAME...]] [--grids GRID...] [--only]
+    python benchmarks/flow/sweep_settings.py [N [NAME...]] [--grids GRID...] [--only]
 
 All settings are swept, or those that are named; with ``--only`` none, and the defaults are flown alone. Work is
 compared over the flows that are found both with the defaults and with the setting. A change by 2 to 3 %, or of a flow,

@@ -15,9 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import pickle
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -28,6 +26,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # what benchmarks of several layers use
+from mpi_ranks import start_ranks
 
 from bspline_mdao import fit_grid
 from bspline_mdao.base.numerics.processes import on_first, world
@@ -42,9 +43,6 @@ N_BLOCKS = 12
 
 LARGEST = (113, 161, 93), (19, 19, 13)
 """Nodes and control points of a block of the wing with 20 million nodes."""
-
-LIMIT = 3600
-"""Time (s) after which ranks are ended."""
 
 AGGREGATES = ("quality_ks", "corner_ks", "volume_ks", "height_low_ks")
 
@@ -77,7 +75,7 @@ def main(shape=SHAPE, n_control=N_CONTROL, factor: float = 1.0, ranks=(1, 2), re
             capture_output=True,
             text=True,
         )
-        runs = {n: start_ranks(n, ["--rank", str(path), "--repeats", str(repeats)]) for n in ranks}
+        runs = {n: start_ranks(n, ["--rank", str(path), "--repeats", str(repeats)], __file__) for n in ranks}
     return {**json.loads(made.stdout), "ranks": runs}
 
 
@@ -90,33 +88,6 @@ def make_model(path: Path, shape, n_control, factor: float) -> dict:
         model = replace(member, residual=residual)
     model.save(path, compress=False)
     return {"n_nodes": model.n_nodes, "n_control_points": model.mesh.n_control_points}
-
-
-def start_ranks(n: int, words: list[str], script: str = __file__) -> list[dict]:
-    """Run a script on some ranks of MPI, each with one thread, and return what they measured.
-
-    It gets the name of the file for that behind ``--json``.
-
-    Raises
-    ------
-    RuntimeError
-        If there is no ``mpirun``, or a rank fails.
-    """
-    launcher = shutil.which("mpirun") or shutil.which("mpiexec")
-    if launcher is None:
-        raise RuntimeError("there is no mpirun; install an MPI, such as the packages openmpi-bin or mpich")
-    is_open_mpi = "Open" in subprocess.run([launcher, "--version"], capture_output=True, text=True).stdout
-    options = ["--oversubscribe", "--bind-to", "none"] if is_open_mpi else []
-    options += ["--allow-run-as-root"] if is_open_mpi and os.geteuid() == 0 else []
-    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-    with tempfile.TemporaryDirectory() as folder:
-        result = Path(folder) / "ranks.json"
-        command = [launcher, *options, "-n", str(n), sys.executable, script, *words, "--json", str(result)]
-        idle = {"OMPI_MCA_mpi_yield_when_idle": "1"}  # a rank that waits leaves its core to others
-        done = subprocess.run(command, env={**os.environ, **threads, **idle, "OPENMDAO_REPORTS": "0"}, timeout=LIMIT)
-        if done.returncode:
-            raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}")
-        return json.loads(result.read_text())
 
 
 @dataclass
@@ -533,7 +504,7 @@ if __name__ == "__main__":
         shape, n_control = LARGEST if options.shape == SHAPE else (options.shape, options.n_control)
         with tempfile.TemporaryDirectory() as place:
             sizes = ["--shape", *map(str, shape), "--n-control", *map(str, n_control)]
-            result = start_ranks(options.ranks[-1], ["--rank", place, *sizes])
+            result = start_ranks(options.ranks[-1], ["--rank", place, *sizes], __file__)
         show_largest(result)
         if options.json:
             options.json.write_text(json.dumps(result, indent=2) + "\n")

@@ -1,6 +1,6 @@
 """Point inversion beside its peers: points per second in one process, on a mesh that all of them can take.
 
-``python benchmarks/bench_inversion.py [--points N] [--json FILE]``
+``python benchmarks/core/bench_inversion.py [--points N] [--json FILE]``
 
 The mesh is one cubic volume of 13 x 13 x 9 control points with constant knots, the size of a block of the paper's M6
 grid; peers take no curved knots. `splinepy` takes part where it is installed. The peers get fewer points, as they are

@@ -5,7 +5,7 @@ product, and by how much the memory of every process rose at most, one number fo
 move. One way in each run, so that none finds the memory of another::
 
     for way in each first mumps multigrid; do
-        mpirun -n 2 python benchmarks/bench_shared_movement.py --size 16k --increments 2 --way $way
+        mpirun -n 2 python benchmarks/core/bench_shared_movement.py --size 16k --increments 2 --way $way
     done
 """
 

@@ -4,7 +4,7 @@ The wing is a rectangular one of NACA 0012 sections on an H-H grid, at Mach 0.3 
 through OpenMDAO. From the flow about it, its gradients are taken, then designs near it are flown: twisted at the tip,
 thicker, at another angle. The cold flow about each of them is the denominator, in the same process::
 
-    python benchmarks/bench_flow_steps.py [CELLS] [--json FILE]
+    python benchmarks/flow/bench_flow_steps.py [CELLS] [--json FILE]
 """
 
 from __future__ import annotations

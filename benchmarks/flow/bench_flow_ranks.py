@@ -20,8 +20,10 @@ from typing import Any
 
 import numpy as np
 from bench_euler import ALPHA, MACH, SHAPES, SMALL, timed
-from bench_parallel import start_ranks
 from threadpoolctl import threadpool_limits
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # what benchmarks of several layers use
+from mpi_ranks import start_ranks
 
 from bspline_mdao.base.numerics.processes import gathered, world
 from bspline_mdao.flow.euler.adjoint import FlowTangent

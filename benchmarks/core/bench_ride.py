@@ -1,6 +1,6 @@
 """Meshes that ride along, beside radial basis functions of the walls: CPU seconds and bytes per node, in one process.
 
-``python benchmarks/bench_ride.py [--nodes N] [--cells wedge|tetra|hexahedron] [--json FILE]``
+``python benchmarks/core/bench_ride.py [--nodes N] [--cells wedge|tetra|hexahedron] [--json FILE]``
 
 The mesh is a finer member of the H-H grid about the ONERA M6 wing with a boundary layer: its cells are cut into two
 wedges or six tetrahedra, or left as they are, and nodes that are not on its boundary are moved by random vectors of up
