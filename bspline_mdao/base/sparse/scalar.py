@@ -18,7 +18,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
-from ...errors import InputError, MovementError
+from ...errors import MovementError
 from .blocks import LinearSolution
 
 __all__ = ["ScalarCholesky", "ScalarFactor"]
@@ -74,13 +74,11 @@ class ScalarFactor:
             x[rows] = factor.solve(right[rows])
         return x
 
-    def solve(self, right: np.ndarray, matrix: csc_array) -> LinearSolution:
-        """Solve for a right-hand side, shape (n,), with the matrix that was factored."""
-        if matrix is not self.matrix:
-            raise InputError("SuperLU: the matrix is not the one that was factored; factorise it")
+    def solve(self, right: np.ndarray) -> LinearSolution:
+        """Solve for a right-hand side, shape (n,)."""
         start, size = time.perf_counter(), np.linalg.norm(right)
         x = self._solved(right)
-        residual = float(np.linalg.norm(right - matrix @ x) / size) if size else 0.0
+        residual = float(np.linalg.norm(right - self.matrix @ x) / size) if size else 0.0
         return LinearSolution(x, 0, residual, time.perf_counter() - start)
 
 

@@ -43,7 +43,6 @@ __all__ = [
     "Equilibrium",
     "EquilibriumMover",
     "EquilibriumStep",
-    "Factored",
     "Start",
     "Unknowns",
     "in_two",
@@ -161,19 +160,19 @@ class EquilibriumMover(IncrementalMover):
         began, is_first = time.perf_counter(), np.array_equal(before, initial)
         equilibrium, elements = self._equilibrium, self._elements(initial, before)
         if is_first:
-            factored = start.factored = start.factored or equilibrium.factorized(elements)
+            factor = start.factor = start.factor or equilibrium.factorized(elements)
         else:
-            factored = equilibrium.factorized(elements)
+            factor = equilibrium.factorized(elements)
         prescribed, surface_ids = np.zeros_like(before), self.mesh.surface_ids
         prescribed[surface_ids] = surface - before[surface_ids]
-        balance = equilibrium.balance(elements, factored, prescribed, np.zeros((1, 1, 1)), REFINE_ABOVE)
+        balance = equilibrium.balance(elements, factor, prescribed, np.zeros((1, 1, 1)), REFINE_ABOVE)
         if not np.isfinite(balance.parts).all():
             raise MovementError("movement: the displacements are not finite; take a smaller step or more increments")
         points = before + balance.parts[0]
         points[surface_ids] = surface
         seconds = time.perf_counter() - began
         report = SolveReport(self.solver.name, balance.n_steps, balance.residual, seconds, digits_of(balance.error))
-        kept = factored if is_first or self.keep_factors else None
+        kept = factor if is_first or self.keep_factors else None
         return EquilibriumStep(equilibrium, elements, balance.parts, points, report, kept)
 
 
@@ -186,7 +185,7 @@ class EquilibriumStep:
     displacement: np.ndarray
     points: np.ndarray
     report: SolveReport
-    factored: Factored | None
+    factor: Any  # of the stiffness; None where it is not kept
 
     def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points after the increment, shape (n_points, 3)."""
@@ -211,20 +210,8 @@ class EquilibriumStep:
 
     def _balance(self, prescribed: np.ndarray, load: np.ndarray):
         """Parts of the displacement that is prescribed on the surface and balances a load on the free points."""
-        factored = self.factored or self.equilibrium.factorized(self.elements)
-        return self.equilibrium.balance(self.elements, factored, prescribed, load, REFINE_PRODUCTS_ABOVE).parts
-
-
-@dataclass(frozen=True, eq=False)
-class Factored:
-    """A matrix with its factor."""
-
-    matrix: Any
-    factor: Any
-
-    def solve(self, right: np.ndarray):
-        """Solution for a right-hand side, of the unknowns' shape."""
-        return self.factor.solve(right, self.matrix)
+        factor = self.factor or self.equilibrium.factorized(self.elements)
+        return self.equilibrium.balance(self.elements, factor, prescribed, load, REFINE_PRODUCTS_ABOVE).parts
 
 
 @dataclass(eq=False)
@@ -235,7 +222,7 @@ class Start(OneLine):
     # it. A start belongs to the movement that made it, and to whom that is handed on; the mover has none.
 
     points: np.ndarray  # (n_points, 3), initial points (m)
-    factored: Factored | None = None  # the stiffness there, made by the first increment that needs it
+    factor: Any = None  # of the stiffness there, made by the first increment that needs it
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +246,7 @@ class Equilibrium:
     def balance(
         self,
         elements: Balanced,  # their forces are F
-        factored: Factored,  # their matrix
+        factor: Any,  # of their stiffness
         prescribed: np.ndarray,  # (n_points, 3), displacement of the surface (m), 0 elsewhere
         load: np.ndarray,  # (n_parts, n_points, 3), load on the points, as a sum of parts
         above: float,  # estimate of the relative error above which the displacement is refined
@@ -273,8 +260,8 @@ class Equilibrium:
         # 4. stop where corrections do not shrink any more: what is left is rounding;
         # 5. add c to both parts of u, and stop where the next correction promises to be below `TOLERANCE`.
         gather, scatter = self.unknowns.gather, self.unknowns.scatter
-        solution = factored.solve(gather(_less(load, elements.force(prescribed[None]))))  # step 1
-        parts, error = (prescribed + scatter(solution.x))[None], EPSILON * factored.factor.cancellation
+        solution = factor.solve(gather(_less(load, elements.force(prescribed[None]))))  # step 1
+        parts, error = (prescribed + scatter(solution.x))[None], EPSILON * factor.cancellation
         size, last, n_steps = np.abs(solution.x).max(initial=0.0), 1.0, solution.iterations
         if size == 0.0 or not np.isfinite(size):
             return Balance(parts, n_steps, solution.residual, 0.0)
@@ -283,7 +270,7 @@ class Equilibrium:
         parts = in_two(parts)
         for _ in range(MAX_CORRECTIONS):
             residual = _less(load, elements.force(parts))  # step 2
-            solved = factored.solve(gather(residual))  # step 3
+            solved = factor.solve(gather(residual))  # step 3
             correction = scatter(solved.x)
             change = np.abs(correction).max() / size
             if not change < LEAST_GAIN * last:  # step 4; also where it is not a number
@@ -296,11 +283,11 @@ class Equilibrium:
                 break
         return Balance(parts, n_steps, solution.residual, error)
 
-    def factorized(self, elements: Balanced) -> Factored:
+    def factorized(self, elements: Balanced) -> Any:
         """Assemble and factorise the stiffness of elements."""
         with together(self.unknowns.comm):
             matrix = self.unknowns.matrix(elements.add_stiffness)
-        return Factored(matrix, self.analysis.factorize(matrix))
+        return self.analysis.factorize(matrix)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ Theory: ``docs/theory/rotations.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -28,7 +29,7 @@ from ...base.display import OneLine
 from ...base.numerics.vectors import add, dot, scaled
 from ...errors import MovementError
 from ..mesh.moving_mesh import MovingMesh
-from .equilibrium import ALL, REFINE_ABOVE, REFINE_PRODUCTS_ABOVE, Balance, Equilibrium, Factored, in_two
+from .equilibrium import ALL, REFINE_ABOVE, REFINE_PRODUCTS_ABOVE, Balance, Equilibrium, in_two
 from .trilinear import (
     FAST,
     SLOPES,
@@ -112,7 +113,7 @@ class TargetGradientSystem(OneLine):
 
     equilibrium: Equilibrium
     elements: TargetGradientElements
-    factored: Factored
+    factor: Any
 
     @classmethod
     def of(cls, equilibrium: Equilibrium, stiffness: InverseVolumeLaw, law, points: np.ndarray) -> TargetGradientSystem:
@@ -125,7 +126,7 @@ class TargetGradientSystem(OneLine):
         elements = self.elements if target is None else replace(self.elements, target=target)
         nothing = np.zeros((1, 1, 1))
         balance = self.equilibrium.balance(
-            elements, self.factored, self.on_surface(surface_values), nothing, REFINE_ABOVE
+            elements, self.factor, self.on_surface(surface_values), nothing, REFINE_ABOVE
         )
         if not np.isfinite(balance.parts).all():
             raise MovementError("movement: the displacements are not finite; take a smaller step")
@@ -139,7 +140,7 @@ class TargetGradientSystem(OneLine):
 
     def response(self, prescribed: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Parts of the field that is prescribed on the surface and balances a load, without a target."""
-        return self.equilibrium.balance(self.elements, self.factored, prescribed, load, REFINE_PRODUCTS_ABOVE).parts
+        return self.equilibrium.balance(self.elements, self.factor, prescribed, load, REFINE_PRODUCTS_ABOVE).parts
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ def test_the_predicted_factor_is_that_of_the_mover(monkeypatch):
     mover = LinearElasticity(moving_mesh(model), n_increments=1)
     surface = model.control_points[mover.mesh.surface_ids]
     step = mover.move(model.control_points, surface).steps[0]
-    assert model.report.factor_bytes == step.factored.factor.n_bytes > 1e6
+    assert model.report.factor_bytes == step.factor.n_bytes > 1e6
 
 
 def test_the_factor_of_knots_that_are_given_is_predicted_from_them(monkeypatch):
@@ -88,7 +88,7 @@ def test_the_command_fit_names_the_predicted_memory(tmp_path, monkeypatch, capsy
 
 
 def kept_factors(movement):
-    return [step.factored is not None for step in movement.steps]
+    return [step.factor is not None for step in movement.steps]
 
 
 @pytest.mark.parametrize("kind", [LinearElasticity, TorsionalSprings])
