@@ -85,11 +85,6 @@ class BlockCells(OneLine):
             shortest=COLLAPSE_TOLERANCE * frame.size,
         )
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Nodes of the piece in each direction."""
-        return self.window.shape
-
     def number(self, cell: int) -> tuple[int, ...]:
         """Number (i, j, k) in the whole block, from 1, of a cell."""
         index = np.unravel_index(cell, self.degenerate_in_block.shape)
@@ -117,8 +112,8 @@ class BlockCells(OneLine):
 
     def nodes_of(self, grid_nodes: np.ndarray) -> np.ndarray:
         """View the block's part of values (n, ...) of all nodes, such as their places, as (ni, nj, nk, ...)."""
-        stop = self.first_node + math.prod(self.shape)
-        return grid_nodes[self.first_node : stop].reshape(*self.shape, *grid_nodes.shape[1:])
+        shape = self.window.shape
+        return grid_nodes[self.first_node : self.first_node + math.prod(shape)].reshape(*shape, *grid_nodes.shape[1:])
 
     def chunks(self) -> Iterator[Chunk]:
         """Cut the block along its first direction, and return the chunks in order."""
