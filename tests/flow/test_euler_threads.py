@@ -142,7 +142,7 @@ def test_chunks_are_claimed_once_and_after_those_of_lower_levels(n_threads):
             end_chunk(numbers)
             chunk, level, n_tried = claim(numbers, LEVELS, TURN, part, n_threads, level, n_tried)
 
-    run_tasks(work, n_threads, n_threads)
+    run_tasks(work, range(n_threads), n_threads)
     assert sorted(order) == list(range(LEVELS[-1]))
     levels = np.searchsorted(LEVELS, order, side="right")
     assert (np.diff(levels) >= 0).all()

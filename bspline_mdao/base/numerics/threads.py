@@ -10,13 +10,16 @@ from __future__ import annotations
 import itertools
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
 from threadpoolctl import ThreadpoolController
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 def thread_count(n_threads: int | None) -> int:
@@ -66,15 +69,19 @@ class Crew:
             other.result()
 
 
-def run_tasks(task: Callable, n_tasks: int, n_threads: int) -> None:
-    """Call ``task(0) .. task(n_tasks - 1)``, each once, on up to ``n_threads`` threads; see `Crew.run`."""
+def run_tasks(task: Callable[[Item], Result], items: Sequence[Item], n_threads: int) -> list[Result]:
+    """Results of ``task(item)`` for every item, in order, on up to ``n_threads`` threads; see `Crew.run`."""
     # The threads stay for the next call: to start one takes as long as a product with a matrix of some thousand rows.
-    n_threads = min(n_threads, n_tasks)
+    n_threads = min(n_threads, len(items))
     if n_threads < 2:
-        for number in range(n_tasks):
-            task(number)
-        return
-    _crew(n_threads, os.getpid()).run(task, n_tasks)  # threads do not come along into a forked process
+        return list(map(task, items))
+    results: list[Any] = [None] * len(items)
+
+    def run(number: int) -> None:
+        results[number] = task(items[number])
+
+    _crew(n_threads, os.getpid()).run(run, len(items))  # threads do not come along into a forked process
+    return results
 
 
 @cache

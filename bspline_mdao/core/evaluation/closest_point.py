@@ -90,11 +90,11 @@ def descend(
     else:
         net = np.ascontiguousarray(net)
 
-        def follow(number: int) -> None:
-            task = slice(number * _POINTS_PER_TASK, (number + 1) * _POINTS_PER_TASK)
+        def follow(first: int) -> None:
+            task = slice(first, first + _POINTS_PER_TASK)
             _descend_each(corners, net, points[task], starts[task], target, parameters[task], distance[task])
 
-        run_tasks(follow, -(-len(points) // _POINTS_PER_TASK), n_threads)
+        run_tasks(follow, range(0, len(points), _POINTS_PER_TASK), n_threads)
     return parameters, distance
 
 

@@ -87,12 +87,8 @@ class Evaluator(OneLine):
         copies = np.empty((0, 2), dtype=np.int64) if copies is None else np.asarray(copies, dtype=np.int64)
         is_complete = _check_rows(mesh, parameters, rows, n_rows, copies)
         copies_of = _copies_by_volume(rows, n_rows, copies)
-        nodes: list = [None] * len(rows)
-
-        def sort(v: int) -> None:
-            nodes[v] = sort_nodes(mesh.volumes[v], parameters[v], rows[v], copies_of[v])
-
-        run_tasks(sort, len(rows), n_threads_now)
+        given = list(zip(mesh.volumes, parameters, rows, copies_of))
+        nodes = run_tasks(lambda volume: sort_nodes(*volume), given, n_threads_now)
         ids = tuple(np.asarray(ids).reshape(-1) for ids in mesh.control_ids)
         return cls(ids, tuple(nodes), _cut(nodes), mesh.n_control_points, n_rows, is_complete, n_threads)
 
@@ -149,8 +145,7 @@ class Evaluator(OneLine):
         nets = [control_points[ids].reshape(-1) for ids in self.control_ids]
         flat = out.reshape(-1)
 
-        def evaluate(number: int) -> None:
-            chunk = self.chunks[number]
+        def evaluate(chunk: _Chunk) -> None:
             nodes, net = self.nodes[chunk.volume], nets[chunk.volume]
             if turned is None:
                 forward_kernel(*nodes.orders)(chunk.first_span, chunk.last_span, *nodes.arrays, net, flat)
@@ -158,7 +153,7 @@ class Evaluator(OneLine):
                 arguments = *nodes.arrays, net, *turned[chunk.volume], flat
                 turned_forward_kernel(*nodes.orders)(chunk.first_span, chunk.last_span, *arguments)
 
-        run_tasks(evaluate, len(self.chunks), thread_count(self.n_threads))
+        run_tasks(evaluate, self.chunks, thread_count(self.n_threads))
         return out
 
     def adjoint(
@@ -172,23 +167,20 @@ class Evaluator(OneLine):
         if np.iscomplexobj(bar):
             return self.adjoint(bar.real) + 1j * self.adjoint(bar.imag)
         flat = bar.reshape(-1)
-        sums: list = [None] * len(self.chunks)
 
-        def accumulate(number: int) -> None:
-            chunk = self.chunks[number]
+        def accumulate(chunk: _Chunk) -> np.ndarray:
             nodes = self.nodes[chunk.volume]
             layer_size = nodes.n_control[1] * nodes.n_control[2]
             first, last = chunk.layers
-            sums[number] = np.zeros(3 * (last - first) * layer_size)
+            products = np.zeros(3 * (last - first) * layer_size)
             if turned is None:
-                reverse_kernel(*nodes.orders)(
-                    chunk.first_span, chunk.last_span, *nodes.arrays, flat, first, sums[number]
-                )
+                reverse_kernel(*nodes.orders)(chunk.first_span, chunk.last_span, *nodes.arrays, flat, first, products)
             else:
-                arguments = *nodes.arrays, flat, *turned[chunk.volume], first, sums[number]
+                arguments = *nodes.arrays, flat, *turned[chunk.volume], first, products
                 turned_reverse_kernel(*nodes.orders)(chunk.first_span, chunk.last_span, *arguments)
+            return products
 
-        run_tasks(accumulate, len(self.chunks), thread_count(self.n_threads))
+        sums = run_tasks(accumulate, self.chunks, thread_count(self.n_threads))
         out = np.zeros((self.n_control_points, 3))
         for chunk, chunk_sums in zip(self.chunks, sums):
             n_control = self.nodes[chunk.volume].n_control

@@ -30,14 +30,13 @@ def certify_splines(
 ) -> tuple[BlockCertificate, ...]:  # one for each volume with control points in two directions
     """Prove which elements of the volumes of a mesh are valid."""
     places = [n for n, volume in enumerate(mesh.volumes) if sum(count > 1 for count in volume.n_control) > 1]
-    found: list[np.ndarray] = [np.empty(0)] * len(places)
     before = control_points if baseline is None else baseline
 
-    def task(number: int) -> None:
-        volume, ids = mesh.volumes[places[number]], mesh.control_ids[places[number]]
-        found[number] = spline_statuses(volume, control_points[ids], cell_quality(before[ids]).handedness)
+    def statuses(place: int) -> np.ndarray:
+        volume, ids = mesh.volumes[place], mesh.control_ids[place]
+        return spline_statuses(volume, control_points[ids], cell_quality(before[ids]).handedness)
 
-    run_tasks(task, len(places), thread_count(None))
+    found = run_tasks(statuses, places, thread_count(None))
     return tuple(of_statuses(names[place], "spline element", status) for place, status in zip(places, found))
 
 

@@ -104,22 +104,20 @@ class TriangleTree:
         n_threads: int | None = None,
     ) -> ClosestPoints:
         """Find the closest points of points."""
-        cuts = list(range(0, len(points), CHUNK_POINTS)) + [len(points)]
         tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.cones, self.leaf_starts
         around = self.around_starts, self.around
         size = float(np.linalg.norm(np.ptp(self.points, axis=0)))
-        found: list = [None] * (len(cuts) - 1)
 
-        def search(number: int) -> None:
-            part = points[cuts[number] : cuts[number + 1]]
+        def search(first: int) -> tuple[np.ndarray, ...]:
+            part = points[first : first + CHUNK_POINTS]
             counts, triangles = np.zeros(len(part), dtype=np.int64), np.empty((len(part), MAX_CLOSEST), dtype=np.int32)
             barycentric, weights = np.empty((len(part), MAX_CLOSEST, 3)), np.empty((len(part), MAX_CLOSEST))
             find_closest(part, *tree, *around, size, counts, triangles, barycentric, weights)
             is_found, near = np.arange(MAX_CLOSEST) < counts[:, None], np.flatnonzero(counts)
             results = triangles[is_found], barycentric[is_found], weights[is_found]
-            found[number] = cuts[number] + near, counts[near], *results
+            return first + near, counts[near], *results
 
-        run_tasks(search, len(found), thread_count(n_threads))
+        found = run_tasks(search, range(0, len(points), CHUNK_POINTS), thread_count(n_threads))
         empty = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)
         found.append((*empty, np.empty((0, 3)), np.empty(0)))
         ids, counts, triangles, barycentric, weights = (np.concatenate(parts) for parts in zip(*found))

@@ -146,7 +146,7 @@ class WallLayer:
 
     def _follow(self, initial: np.ndarray, frames, mapped: np.ndarray) -> None:
         """Overwrite mapped points; linear in them and the frames after the move, and in all places before it."""
-        self._run(lambda piece, ids: _follow(*self._arrays(piece), initial, frames[ids], mapped))
+        self._over_pieces(lambda piece: _follow(*self._arrays(piece), initial, frames[piece.wall_ids], mapped))
         mapped[self.copies[:, 0]] = mapped[self.copies[:, 1]]
 
     def _arrays(self, piece: _Piece) -> tuple:
@@ -154,15 +154,9 @@ class WallLayer:
         per_node = piece.rows, piece.starts, piece.planes
         return *per_node, piece.corners, piece.barycentric, piece.weights, self.projectors, self.by_corners
 
-    def _run(self, task: Callable[..., Any]) -> list:
+    def _over_pieces(self, task: Callable[[_Piece], Any]) -> list:
         """Results of a task for every piece, in order."""
-        results: list = [None] * len(self.pieces)
-
-        def run(number: int) -> None:
-            results[number] = task(self.pieces[number], self.pieces[number].wall_ids)
-
-        run_tasks(run, len(self.pieces), thread_count(self.n_threads))
-        return results
+        return run_tasks(task, self.pieces, thread_count(self.n_threads))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +213,9 @@ class Layered:
         """Derivatives with respect to points and wall before the move, at rotations that stay."""
         initial_bar, wall_bar = np.zeros_like(bar), np.zeros_like(bar, shape=self.frames.initial.shape)
         layer, frames = self.layer, self._motion
-        sums = layer._run(lambda piece, ids: _turned_back(*layer._arrays(piece), frames[ids], bar, initial_bar))
+        sums = layer._over_pieces(
+            lambda piece: _turned_back(*layer._arrays(piece), frames[piece.wall_ids], bar, initial_bar)
+        )
         _add_up(layer.pieces, sums, wall_bar)
         return initial_bar, wall_bar
 
@@ -231,7 +227,9 @@ class Layered:
     def _frames_vjp(self, bar: np.ndarray):
         """Derivatives with respect to places and rotations of the wall; ``bar`` becomes that of the mapped points."""
         layer, frames = self.layer, self._motion
-        sums = layer._run(lambda piece, ids: _follow_back(*layer._arrays(piece), self.initial, frames[ids], bar))
+        sums = layer._over_pieces(
+            lambda piece: _follow_back(*layer._arrays(piece), self.initial, frames[piece.wall_ids], bar)
+        )
         frames_bar = np.zeros((len(frames), 12), dtype=bar.dtype)
         _add_up(layer.pieces, sums, frames_bar)
         return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)

@@ -236,8 +236,9 @@ class LocalRotations:
 
     def over_points(self, kernel: Callable[..., None], *arguments: Any) -> None:
         """Call a kernel with the first and last points of pieces of them, and with its arguments."""
-        cuts = list(range(0, self.n_points, CHUNK_POINTS)) + [self.n_points]
-        run_tasks(lambda k: kernel(cuts[k], cuts[k + 1], *arguments), len(cuts) - 1, thread_count(self.n_threads))
+        cuts = [*range(0, self.n_points, CHUNK_POINTS), self.n_points]
+        pieces = list(zip(cuts, cuts[1:]))
+        run_tasks(lambda piece: kernel(*piece, *arguments), pieces, thread_count(self.n_threads))
 
 
 @dataclass(frozen=True, eq=False)

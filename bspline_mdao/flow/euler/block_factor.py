@@ -239,7 +239,7 @@ def _swap(by_rows, entries, by_columns):
 def _together(schedule: Schedule, n_rows: int, work: Callable[[int, int], None]) -> None:
     """Call a function whose chunks threads claim on as many as are worth it, with the part of each and their number."""
     n_threads = max(1, min(thread_count(None), schedule.n_threads, n_rows // ROWS_PER_THREAD))
-    run_tasks(lambda part: work(part, n_threads), n_threads, n_threads)
+    run_tasks(lambda part: work(part, n_threads), range(n_threads), n_threads)
 
 
 @njit(cache=True, error_model="numpy")

@@ -71,7 +71,7 @@ def visit(
     n_threads = thread_count(None)
     n_tasks = max(1, min(TASKS_PER_THREAD * n_threads, n // (per_task or PER_TASK)))
     n_tasks -= n_tasks % n_threads if n_tasks > n_threads else 0  # as many for each
-    run_tasks(lambda k: task(slice(k * n // n_tasks, (k + 1) * n // n_tasks)), n_tasks, n_threads)
+    run_tasks(lambda k: task(slice(k * n // n_tasks, (k + 1) * n // n_tasks)), range(n_tasks), n_threads)
 
 
 @njit(cache=True, error_model="numpy")

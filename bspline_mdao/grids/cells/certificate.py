@@ -154,16 +154,14 @@ def statuses_of(
 ) -> np.ndarray:
     """Statuses of the cells of a block of a grid with nodes (n_nodes, 3), in the shape of its cells."""
     # ``normal`` is that of a planar block now; its mean one by default.
-    chunks = list(block.chunks())
     status = np.empty(block.n_cells, dtype=np.uint8)
     if block.flat is not None and normal is None:
         normal = mean_normal(np.moveaxis(block.nodes_of(nodes), block.flat, 2)[:, :, 0])
 
-    def task(number: int) -> None:
-        chunk = chunks[number]
+    def decide_chunk(chunk: Chunk) -> None:
         _decide(chunk, nodes, normal, max_halvings, status[chunk.in_block])
 
-    run_tasks(task, len(chunks), thread_count(n_threads))
+    run_tasks(decide_chunk, list(block.chunks()), thread_count(n_threads))
     in_block = status.reshape(block.degenerate_corners.shape)
     return in_block if block.flat is None else np.moveaxis(in_block, 2, block.flat)
 

@@ -280,13 +280,7 @@ class GridQuality(OneLine):
         """Results of ``work`` for all chunks, or for every other one of each block, in order."""
         start, step = (0, 1) if parity is None else (parity, 2)
         chunks = [chunk for block in self.blocks for chunk in list(block.chunks())[start::step]]
-        results = [None] * len(chunks)
-
-        def task(number: int) -> None:
-            results[number] = work(chunks[number])
-
-        run_tasks(task, len(chunks), thread_count(self.n_threads))
-        return results
+        return run_tasks(work, chunks, thread_count(self.n_threads))
 
 
 def _sum(weights: np.ndarray, changes: np.ndarray) -> float:

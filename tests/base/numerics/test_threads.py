@@ -15,7 +15,7 @@ def test_an_error_in_a_thread_reaches_the_caller():
 
     for n_threads in (1, 2):
         with pytest.raises(InputError, match="task 3"):
-            run_tasks(fail, 5, n_threads)
+            run_tasks(fail, range(5), n_threads)
 
 
 @pytest.mark.parametrize("n_threads", [1, 3])
@@ -35,3 +35,13 @@ def test_results_of_threads_come_in_order_and_an_error_ends_them(n_threads):
         next(results)
     assert sorted(done)[:50] == list(range(50))
     assert len(done) < 1999
+
+
+@pytest.mark.parametrize("n_threads", [1, 3])
+def test_threads_that_stay_give_results_in_the_order_of_what_they_work_on(n_threads):
+    def halved(number):
+        time.sleep(1e-4 * (number % 3))
+        return number / 2
+
+    numbers = [7 * k % 50 for k in range(50)]
+    assert run_tasks(halved, numbers, n_threads) == [number / 2 for number in numbers]

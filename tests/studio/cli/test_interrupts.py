@@ -105,7 +105,7 @@ def test_other_threads_stop_when_the_first_is_interrupted():
         done.append(number)
 
     with pytest.raises(KeyboardInterrupt):
-        run_tasks(task, 100_000, 3)
+        run_tasks(task, range(100_000), 3)
     assert len(done) < 1000
 
 
