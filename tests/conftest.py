@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import gzip
 import os
 import tempfile
 from pathlib import Path
@@ -31,6 +32,21 @@ def real_grids() -> Path:
     if not folder:
         pytest.skip("set BSPLINE_MDAO_GRIDS to the folder of real grids")
     return Path(folder)
+
+
+@pytest.fixture
+def real_mesh(real_grids, tmp_path):
+    """Unpack a mesh without structure of other projects by its name, from the folder beside that of the grids."""
+
+    def unpacked(name: str) -> Path:
+        packed = real_grids.parent / "meshes" / f"{name}.su2.gz"
+        if not packed.is_file():
+            pytest.skip(f"put {packed.name} into {packed.parent}, the folder of real meshes")
+        path = tmp_path / f"{name}.su2"
+        path.write_bytes(gzip.decompress(packed.read_bytes()))
+        return path
+
+    return unpacked
 
 
 @pytest.fixture

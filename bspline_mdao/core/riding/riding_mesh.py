@@ -38,6 +38,7 @@ from ..walls.frames import Frames
 from ..walls.layer import WallLayer
 from ..walls.wall import Wall
 from ..walls.wall_following import Followed, WallFollowing
+from .section_span import require_planes_of_section
 from .wall_faces import GridBoundary, WallFaces
 
 __all__ = ["EmbeddedMesh", "EmbeddedMeshState"]
@@ -206,10 +207,12 @@ class EmbeddedMesh(OneLine):
         Raises
         ------
         InputError
-            If nodes are outside the grid, a marker does not exist, or a tolerance is no length.
+            If nodes are outside the grid, a marker does not exist, a tolerance is no length, or the mesh is of two
+            dimensions and the grid no section between the same planes.
         """
         if tolerance is not None and not tolerance >= 0.0:
             raise InputError(f"{mesh.source}: a tolerance of {tolerance}; give a length in metres, 0 or more")
+        require_planes_of_section(model, mesh)
         points = as_finite_points(mesh.points, mesh.n_points, mesh.source)
         boundary, b0 = GridBoundary.of(model), model.control_points
         planes = planes_of(model.grid_map(), points)

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...errors import InputError
+from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.io.meshes.layer_of_cells import SectionSpan
 from ...grids.topology.boundary_surface import BoundarySurface
 from ..model.fitted_model import FittedModel
 from ..walls.embedded_points import ON_PLANE
 
-__all__ = ["section_span"]
+__all__ = ["require_planes_of_section", "section_span"]
 
 
 def section_span(model: FittedModel) -> SectionSpan | None:
@@ -50,3 +52,21 @@ def section_span(model: FittedModel) -> SectionSpan | None:
         if at_low.any() and at_high.any() and (at_low | at_high).all():
             return SectionSpan(axis, float(low[axis]), float(high[axis]))
     return None
+
+
+def require_planes_of_section(model: FittedModel, mesh: MixedMesh) -> None:
+    """Refuse a mesh whose file has two dimensions where the fitted grid is no section between the same planes."""
+    if mesh.n_copies == 1:
+        return
+    span = section_span(model)
+    if span is None:
+        raise InputError(
+            f"{mesh.source}: is of two dimensions, and rides along with a section alone: a grid between two parallel "
+            f"planes of symmetry; give such a model"
+        )
+    ends = mesh.points[[0, mesh.n_stored], span.axis] if mesh.n_stored else (span.low, span.high)
+    if max(abs(ends[0] - span.low), abs(ends[1] - span.high)) > ON_PLANE * (span.high - span.low):
+        raise InputError(
+            f"{mesh.source}: is of two dimensions, and not taken between the planes of the section; read it by "
+            f"read_mesh(..., span=section_span(model))"
+        )

@@ -53,6 +53,42 @@ def test_the_mesh_is_one_layer_of_cells_between_any_two_planes(file, axis):
     assert len(mesh.into_fluid(mesh.markers["airfoil"])) == len(lines)
 
 
+def test_by_itself_the_layer_is_one_unit_deep_from_the_plane_of_the_file(file, tmp_path):
+    meshio = pytest.importorskip("meshio")
+    points, triangles, quads, _ = plane_mesh()
+    alone, between = read_mesh(file).mesh, read_mesh(file, SectionSpan(2, 0.0, 1.0)).mesh
+    np.testing.assert_array_equal(alone.points, between.points)
+    for axis, level in ((0, 7.0), (1, -3.0), (2, 0.5)):
+        nodes = np.insert(points, axis, level, axis=1)
+        nodes[1:, axis] += 1e-15  # as a plane that was turned
+        meshio.write_points_cells(tmp_path / "plane.vtu", nodes, [("triangle", triangles), ("quad", quads)])
+        read = read_mesh(tmp_path / "plane.vtu")
+        low, high = np.split(read.mesh.points, 2)
+        assert np.abs(low - nodes).max() < 2e-15
+        np.testing.assert_array_equal(high - low, np.broadcast_to(np.eye(3)[axis], low.shape))
+        assert not read.mesh.quality().is_inverted.any()
+        read.write(tmp_path / "moved.vtu", read.mesh.points * 2.0)
+        written = meshio.read(tmp_path / "moved.vtu").points
+        np.testing.assert_array_equal(np.delete(written, axis, axis=1), 2.0 * points)
+        np.testing.assert_array_equal(written[:, axis], nodes[:, axis])
+
+
+def test_parts_that_go_round_the_other_way_are_turned_and_folded_cells_stay_folded(tmp_path):
+    meshio = pytest.importorskip("meshio")
+    points = np.array([[x, y, 0.0] for y in range(4) for x in range(7)], dtype=float)
+    quads = np.array([[k, k + 1, k + 8, k + 7] for k in range(20) if k % 7 < 6])
+    quads = quads[np.random.default_rng(1).permutation(len(quads))]
+    is_right = points[quads].mean(axis=1)[:, 0] > 2.0
+    quads[is_right] = quads[is_right, ::-1]
+    points[8] = [4.7, 1.2, 0.0]  # out of its four cells
+    meshio.write_points_cells(tmp_path / "parts.vtu", points, [("quad", quads)])
+    found = read_mesh(tmp_path / "parts.vtu").mesh.quality()
+    is_folded = found.is_inverted
+    assert is_folded.any()
+    assert not is_folded[is_right].any()
+    assert (quads[is_folded] == 8).any(axis=1).all()
+
+
 def test_a_mesh_about_a_section_moves_alike_in_both_planes_and_none_of_its_cells_folds(file):
     found = read_mesh(file, section_span(section()))
     riding = EmbeddedMesh.of(section(), found.mesh)
@@ -183,8 +219,6 @@ def test_cgns_of_gmsh_of_two_dimensions_is_read_and_written(tmp_path):
 def test_what_cgns_of_two_dimensions_cannot_be_is_said(tmp_path):
     path, span = tmp_path / "plane.cgns", SectionSpan(2, 0.0, 1.0)
     write_plane_cgns(path, [0, 1], 2)
-    with pytest.raises(InputError, match=r"plane\.cgns: is of two dimensions, and rides along with a section alone"):
-        read_mesh(path)
     for kind, message in ((22, "has polygons; of two dimensions"), (10, "has a tetra in a base of two dimensions")):
         write_plane_cgns(path, [0, 1], 2)
         with h5py.File(path, "r+", track_order=True) as content:
@@ -195,7 +229,9 @@ def test_what_cgns_of_two_dimensions_cannot_be_is_said(tmp_path):
 
 def test_what_a_file_of_two_dimensions_cannot_hold_is_refused(file):
     with pytest.raises(InputError, match=r"section\.su2: is of two dimensions, and rides along with a section alone"):
-        read_mesh(file)
+        RidingMesh.of(model(), read_mesh(file).mesh)
+    with pytest.raises(InputError, match=r"section\.su2: .* not taken between the planes of the section"):
+        RidingMesh.of(section(), read_mesh(file, SectionSpan(2, 0.0, 2.0)).mesh)
     found = read_mesh(file, section_span(section()))
     sheared = found.mesh.points + np.where(found.mesh.points[:, 2:] > 0.0, [0.0, 1e-3, 0.0], 0.0)
     with pytest.raises(MovementError, match=r"node \d+ is 0\.001 m farther in one plane of the section"):

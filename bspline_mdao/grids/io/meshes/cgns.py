@@ -94,7 +94,7 @@ class CgnsMeshFile(OneLine):
 
 def read_cgns_mesh(
     path: str | os.PathLike,  # the file
-    span: SectionSpan | None = None,  # planes of the section that a mesh of two dimensions rides along with
+    span: SectionSpan | None = None,  # the two planes of a mesh of two dimensions; its own by default
 ) -> CgnsMeshFile:  # of three dimensions, where the file has zones of three and of two
     """Read the unstructured zones of a CGNS file, in HDF5 or ADF."""
     source = str(path)

@@ -32,7 +32,7 @@ FORMATS = {
 """Reader of the files of each suffix, and of OpenFOAM's folder."""
 
 IN_PLANES = (".su2", ".cgns", ".msh", ".vtu")
-"""Formats that may be of two dimensions, whose readers take the planes of a section as well."""
+"""Formats that may be of two dimensions, whose readers take the two planes of a layer of cells as well."""
 
 
 class MeshFile(Protocol):
@@ -60,9 +60,10 @@ def read_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> MeshF
     path : path-like
         The file, whose suffix gives the format, or OpenFOAM's folder ``polyMesh``.
     span : SectionSpan, optional
-        Planes of a section, by `section_span`, for a mesh of two dimensions (SU2, CGNS, Gmsh or VTK): it is taken
-        as one layer of cells between them, whose first nodes are those of the file, and whose others are copies of
-        these.
+        The two planes of a mesh of two dimensions (SU2, CGNS, Gmsh or VTK), which is taken as one layer of cells
+        between them: its first nodes are those of the file, and the others are copies of these. Those of a fitted
+        section are found by `section_span`. By default the first is the plane of the file, that of z = 0 where nodes
+        have two coordinates, and the other is a unit of length above it.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def read_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> MeshF
     Raises
     ------
     InputError
-        If no format has the suffix, the file cannot be used, or it is of two dimensions and there is no span.
+        If no format has the suffix, or the file cannot be used.
 
     Examples
     --------
@@ -102,5 +103,5 @@ def check_same_format(path: str | os.PathLike, output: str | os.PathLike) -> Non
 def _suffix(path: str | os.PathLike) -> str:
     suffix = POLYMESH if Path(path).name == POLYMESH else Path(path).suffix.lower()
     if suffix not in FORMATS:
-        raise InputError(f"{path}: is no mesh that can ride along; give {mesh_names()}")
+        raise InputError(f"{path}: is no mesh without structure; give {mesh_names()}")
     return suffix

@@ -4,6 +4,9 @@ Triangles become wedges, quads hexahedra, and lines of markers quads. Every node
 lower plane, in the order of the file, then those in the upper one. A section moves alike in both planes, so that either
 copy says where a node of the file is.
 
+A mesh that is taken by itself lies between the plane of the file and one that is a unit of length above it: volumes of
+its cells are then areas, and forces are those of a unit of span, as solvers of two dimensions give them.
+
 Format: ``docs/theory/ride.rst``.
 """
 
@@ -13,9 +16,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ....base.display import OneLine
 from ....errors import InputError, MovementError
+from ...cells.mesh_numbers import require_corners
 from ...cells.mixed_cells import MixedMesh
 from .stored_mesh import StoredMesh, StoredPoints
 
@@ -27,6 +33,14 @@ PRISMS = {"triangle": "wedge", "quad": "hexahedron"}
 ALIKE = 1e-6
 """Part of the size of a mesh by which the two copies of a node may come apart: less than any cell is wide, and more
 than what systems solved to single precision leave."""
+
+
+FLAT = 1e-9
+"""Part of the size of a mesh up to which the third coordinate of its nodes may differ: programs that turn a plane leave
+roundings in it."""
+
+UNIT = 1.0
+"""Distance of the two planes of a mesh that is taken by itself, in the unit of its file."""
 
 
 @dataclass(frozen=True)
@@ -72,20 +86,23 @@ class LayerPoints(OneLine):
 
     @classmethod
     def of(cls, stored: np.ndarray, span: SectionSpan | None, source: str) -> LayerPoints:
-        """Find the coordinates that lie in the planes: both, or of three those that are not alike in all nodes."""
-        if span is None:
-            raise InputError(
-                f"{source}: is of two dimensions, and rides along with a section alone: a grid between two parallel "
-                f"planes of symmetry; give such a model (in Python: read_mesh(..., span=section_span(model)))"
-            )
-        axes = list(range(stored.shape[1]))
-        flat = np.flatnonzero((stored == stored[:1]).all(axis=0))
-        if len(axes) == 3 and len(flat):
-            axes.remove(int(flat[0]))
+        """Find the coordinates that lie in the planes: both, or of three those but the one that is alike in all."""
+        is_bad = ~np.isfinite(stored).all(axis=1)
+        if is_bad.any():
+            node = int(np.argmax(is_bad))
+            raise InputError(f"{source}: nodes: number {node + 1} is {stored[node]}, not finite; correct it")
+        axes, flat, low = list(range(stored.shape[1])), 2, 0.0
+        if len(axes) == 3 and len(stored):
+            sizes = np.ptp(stored, axis=0)
+            if sizes.min() <= FLAT * sizes.max():
+                flat = 2 - int(np.argmin(sizes[::-1]))  # the last of several
+                low = float(stored[0, flat])
+                axes.remove(flat)
         if len(axes) != 2:
             raise InputError(
                 f"{source}: is a surface that is in no plane of two axes; give a mesh of a volume or a plane"
             )
+        span = SectionSpan(flat, low, low + UNIT) if span is None else span
         return cls(stored, (axes[0], axes[1]), span, source)
 
     @property
@@ -117,9 +134,44 @@ class LayerPoints(OneLine):
     def mesh(self, cells: Mapping[str, np.ndarray], lines: Mapping[str, np.ndarray]) -> MixedMesh:
         """Make the layer of cells of triangles and quads, and of its markers, which are lines, shape (m, 2)."""
         n = len(self.stored)
+        for name, corners in cells.items():
+            require_corners(corners, corners.shape[1], n, f"{self.source}: cells '{name}'")
+        cells = _turned_alike(self.stored[:, self.axes], cells) if cells else {}
         prisms = {PRISMS[name]: np.concatenate([corners, corners + n], axis=1) for name, corners in cells.items()}
         markers = {name: np.concatenate([ends, ends[:, ::-1] + n], axis=1) for name, ends in lines.items()}
         return MixedMesh(self.values, prisms, markers, source=self.source, n_copies=2)
+
+
+def _turned_alike(points: np.ndarray, cells: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Turn cells of a plane so that all parts of the mesh go round one way, that of the largest.
+
+    Surfaces of Gmsh and zones go round as they were made. A part is of cells that pass their common edges in opposite
+    directions: a folded cell does so as well, and stays folded.
+    """
+    edges = [np.stack([corners, np.roll(corners, -1, axis=1)], axis=2) for corners in cells.values()]
+    n_cells = sum(map(len, edges))
+    firsts = np.cumsum([0, *map(len, edges)])
+    owners = np.concatenate(
+        [np.repeat(first + np.arange(len(pairs)), pairs.shape[1]) for first, pairs in zip(firsts, edges)]
+    )
+    ends = np.concatenate([pairs.reshape(-1, 2) for pairs in edges])
+    order = np.lexsort((ends.max(axis=1), ends.min(axis=1)))
+    ends, owners = ends[order], owners[order]
+    is_joint = (ends[1:] == ends[:-1, ::-1]).all(axis=1)
+    graph = coo_matrix((np.ones(is_joint.sum()), (owners[1:][is_joint], owners[:-1][is_joint])), (n_cells, n_cells))
+    n_parts, part = connected_components(graph, directed=False)
+    areas, unit = [], max(np.abs(points).max(initial=0.0), np.finfo(float).tiny)  # whatever the unit, none overflows
+    for corners in cells.values():
+        x, y = (points[corners] / unit).transpose(2, 0, 1)
+        areas.append(np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1))
+    signs = np.bincount(part, np.sign(np.concatenate(areas)), n_parts)
+    largest = signs[np.argmax(np.bincount(part, minlength=n_parts))]
+    is_turned = (signs * np.sign(largest) < 0.0)[part]
+    turned = {}
+    for (kind, corners), first in zip(cells.items(), firsts):
+        mask = is_turned[first : first + len(corners), None]
+        turned[kind] = np.where(mask, corners[:, ::-1], corners)
+    return turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +197,7 @@ def layer_of_cells(
     cells: Mapping[str, np.ndarray],  # of int, corners of its triangles and quads
     # mapping of str to ndarray of int, each of shape (m, 2) of int, ends of the lines of its markers
     lines: Mapping[str, np.ndarray],
-    span: SectionSpan | None,  # the planes
+    span: SectionSpan | None,  # the planes; None takes the mesh by itself
     source: str,  # name of the file, for messages
 ) -> StoredMesh:
     """Make the layer of cells of a mesh of two dimensions."""
@@ -162,7 +214,7 @@ def volume_or_layer(
     # volume, and lines, shape (m, 2), of a plane
     volume: tuple[Elements, Elements],
     plane: tuple[Elements, Elements],
-    span: SectionSpan | None,  # the planes of the section
+    span: SectionSpan | None,  # the planes of the section; None takes a plane by itself
     source: str,  # name of the file, for messages
 ) -> StoredMesh:
     """Make the mesh of the cells of a volume or, where there are none, the layer of those of a plane."""

@@ -24,7 +24,7 @@ __all__ = ["read_msh"]
 
 def read_msh(
     path: str | os.PathLike,  # the file
-    span: SectionSpan | None = None,  # planes of the section that a mesh of two dimensions rides along with
+    span: SectionSpan | None = None,  # the two planes of a mesh of two dimensions; its own by default
 ) -> StoredMesh:  # its markers are physical surfaces, of two dimensions physical lines
     """Read a mesh of Gmsh, format 2.2 or 4.1, in ASCII or binary."""
     file = GmshFile.of(read_raw(path), str(path))

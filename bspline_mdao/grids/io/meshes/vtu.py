@@ -43,7 +43,7 @@ of nodes and lines, which are neither."""
 
 def read_vtu(
     path: str | os.PathLike,  # the file
-    span: SectionSpan | None = None,  # planes of the section that a mesh of two dimensions rides along with
+    span: SectionSpan | None = None,  # the two planes of a mesh of two dimensions; its own by default
 ) -> StoredMesh:  # it has no markers
     """Read an unstructured grid of VTK in one piece."""
     file = VtuFile.of(read_raw(path), str(path))
