@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import openmdao.api as om
@@ -119,6 +119,18 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     way_of_check = SAME
     is_linear = False
     """False: the outputs depend on the inputs through the stiffness as well."""
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            mover: Mover,
+            rho: float = 100.0,
+            certified: Model | None = None,
+            processes: Literal["auto", "first", "all"] = "auto",
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

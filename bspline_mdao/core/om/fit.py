@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import openmdao.api as om
@@ -10,7 +11,7 @@ from openmdao.vectors.vector import Vector
 
 from ...base.numerics.processes import together
 from ...errors import InputError
-from ...grids.topology.partition import Partition
+from ...grids.topology.partition import Partition, Share
 from ...names import CONTROL_POINTS_INITIAL, GRID_INITIAL
 from ..fit.fit_nodes import FitNodes
 from ..fit.least_squares import FitOperator
@@ -92,6 +93,17 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
     >>> bool(np.allclose(problem.get_val("control_points_initial"), 2.0 * model.control_points.ravel()))
     True
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: FittedModel,
+            partition: Partition | Share | None = None,
+            live: bool = False,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from openmdao.vectors.vector import Vector
 from scipy.sparse import identity, kron
 
 from ...base.numerics.processes import summed
 from ...errors import InputError
+from ...grids.topology.partition import Partition, Share
 from ...names import CONTROL_POINTS, GRID, SURFACE
 from ..mesh.surface import SurfaceGrid
 from ..model.model import Model
@@ -88,6 +92,19 @@ class GridEvaluate(SparseComponent):
     >>> bool(np.allclose(problem.get_val("grid"), model.regenerate().to_vector()))
     True
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: Model,
+            partition: Partition | Share | None = None,
+            surface: SurfaceGrid | None = None,
+            numbers: Sequence[int] | np.ndarray | None = None,
+            assembled: bool = False,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
 import numpy as np
 import openmdao.api as om
 
 from ...base.checks import require_list
 from ...errors import InputError
+from ...grids.topology.partition import Partition, Share
 from ...names import ALL_NAMES
 from ..design.parametrization import Parametrization
-from ..measures.measure import MEMBERS
+from ..measures.measure import MEMBERS, Measure
 from ..mesh.boundary import moving_mesh, require_mesh_of
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
+from ..model.model import Model
 from ..movement.comoving import ComovingFrame
 from ..movement.mover import Mover
 from ..movement.rotations import Rotations
@@ -115,6 +120,28 @@ class GridMovement(Copied, om.Group):
     ((4500,), (1,))
     """
 
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: Model,
+            parametrization: Parametrization | None = None,
+            measures: Sequence[Measure] = (),
+            mover: Mover | None = None,
+            surface: SurfaceGrid | None = None,
+            numbers: Sequence[int] | np.ndarray | None = None,
+            require_valid: bool = True,
+            comoving: bool = False,
+            certify: bool = False,
+            processes: Literal["auto", "first", "all"] = "auto",
+            fit: bool | None = None,
+            partition: Partition | Share | None = None,
+            live: bool = False,
+            quality: bool | Sequence[str] = True,
+            **options: Any,
+        ) -> None: ...
+
     def initialize(self) -> None:
         """Declare the options."""
         declare_model(self)
@@ -166,7 +193,7 @@ class GridMovement(Copied, om.Group):
         self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(**common, **asked))
         quality, is_judged = self.options["quality"], self.options["require_valid"] and self._has_cells()
         if quality or is_judged:
-            bounds = {} if quality is True else {"aggregates": quality or ()}
+            bounds: dict[str, Any] = {} if quality is True else {"aggregates": quality or ()}
             self._add("quality", Quality(**common, **bounds, require_valid=is_judged))
 
     def _has_cells(self) -> bool:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from openmdao.vectors.vector import Vector
 
 from ...base.checks import require_list
 from ...errors import InputError
 from ...names import ALL_NAMES, CONTROL_POINTS, CONTROL_POINTS_INITIAL
-from ..design.interior_points import InteriorShift
+from ..design.interior_points import InteriorPoints, InteriorShift
 from ..model.fitted_model import FittedModel
 from .check_directions import check_along_directions
 from .component import LINEAR_STEP, SparseComponent, fails_together, finite_points, finite_values
@@ -66,6 +69,16 @@ class InteriorControl(SparseComponent):
 
     is_linear = True
     """Whether the outputs depend linearly (affinely) on the inputs."""
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: FittedModel,
+            variables: Sequence[InteriorPoints],
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import openmdao.api as om
 from openmdao.vectors.vector import Vector
 
 from ...errors import InputError
+from ...grids.topology.partition import Partition, Share
 from ...names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
 from ..fit.live_fit import LiveGrid, LiveGridState, live_grid
 from ..model.fitted_model import FittedModel
@@ -81,6 +84,16 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
 
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: FittedModel,
+            partition: Partition | Share | None = None,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from openmdao.vectors.vector import Vector
 
@@ -57,6 +59,18 @@ class Monotonic(SparseComponent):
 
     is_linear = True
     """Whether the outputs depend linearly (affinely) on the inputs."""
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            variable: str,
+            size: int,
+            units: str | None = None,
+            decreasing: bool = False,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

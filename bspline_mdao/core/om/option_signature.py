@@ -1,7 +1,8 @@
 """Signatures of components, groups and drivers: their options, as they are declared.
 
 OpenMDAO makes them with ``**kwargs``, of which neither ``help`` nor an editor can tell a name. What a class declares in
-``initialize`` is known once it is made, so that the signature is read from there: there is no second list to keep.
+``initialize`` is known once it is made, so that the signature is read from there. Editors and type checkers, which run
+nothing, read what ``tools/write_signatures.py`` writes into the classes.
 """
 
 from __future__ import annotations

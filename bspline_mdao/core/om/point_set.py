@@ -5,6 +5,8 @@ Theory: ``docs/theory/body_points.rst``, ``docs/theory/inversion.rst``.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ...errors import InputError
@@ -73,6 +75,18 @@ class PointSet(MovedPoints):
     >>> problem.get_val("probe").round(6) + 0.0
     array([2.2, 0. , 0. ])
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: FittedModel,
+            points: np.ndarray,
+            name: str = "points",
+            tolerance: float | None = None,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import openmdao.api as om
 from openmdao.vectors.vector import Vector
@@ -12,9 +15,9 @@ from ...grids.cells.aggregates import AGGREGATES
 from ...grids.cells.grid_quality import GridQuality, GridValues
 from ...grids.cells.pieces import Pieces
 from ...grids.cells.report import QualityReport, inverted_cells, patches_of, report_quality
-from ...grids.topology.partition import Partition
+from ...grids.topology.partition import Partition, Share
 from ...names import GRID
-from ..model.model import nodes_at
+from ..model.model import Model, nodes_at
 from .checked_along_edges import check_along_edges, numbered_blocks
 from .component import (
     CheckedOnProcesses,
@@ -94,6 +97,23 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
 
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: Model,
+            partition: Partition | Share | None = None,
+            aggregates: Sequence[str] = ("quality_ks", "quality_pnorm", "corner_ks", "volume_ks"),
+            cells: bool = False,
+            rho: float = 100.0,
+            p: int = 64,
+            rho_height: float = 1000.0,
+            n_bins: int = 50,
+            require_valid: bool = False,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -5,6 +5,9 @@ Theory: ``docs/theory/ride.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ...errors import InputError
@@ -75,6 +78,21 @@ class Ride(MovedPoints):
     >>> problem.get_val("mesh")[:3].round(6) + 0.0
     array([2.2, 0. , 0. ])
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: FittedModel,
+            mesh: MixedMesh,
+            name: str = "mesh",
+            asked: bool = False,
+            walls: Sequence[str] | None = None,
+            tolerance: float | None = None,
+            hold_outside: bool = False,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ...base.checks import require_kind
@@ -53,6 +55,15 @@ class SeamMeasure(SurfaceMeasure):
     """
 
     wrt = SURFACE_CONTROL_POINTS
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            measure: SeamSmoothness,
+            **options: Any,
+        ) -> None: ...
 
     def _baseline(self) -> np.ndarray:
         measure = self.options["measure"]

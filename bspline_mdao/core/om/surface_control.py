@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from openmdao.jacobians.jacobian import Jacobian
 from openmdao.vectors.vector import Vector
@@ -65,6 +67,15 @@ class SurfaceControl(SparseComponent):
 
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            parametrization: Parametrization,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

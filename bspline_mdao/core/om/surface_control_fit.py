@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import openmdao.api as om
@@ -83,6 +85,18 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
 
     is_linear = False
     """Whether the outputs depend linearly (affinely) on the inputs."""
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: FittedModel,
+            mesh: MovingMesh,
+            surface: SurfaceGrid,
+            numbers: Sequence[int] | np.ndarray | None = None,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from ...names import SURFACE, SURFACE_CONTROL_POINTS
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap
+from ..model.model import Model
 from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges, lines_among
 from .component import LINEAR_STEP, fails_together
@@ -59,6 +62,17 @@ class SurfaceEvaluate(MovedPoints):
     >>> problem.get_val("surface").shape
     (294,)
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: Model,
+            mesh: MovingMesh,
+            surface: SurfaceGrid,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from openmdao.jacobians.jacobian import Jacobian
 from openmdao.vectors.vector import Vector
 
 from ...names import SURFACE
+from ..measures.measure import Measure
 from .checked_along_edges import check_along_edges
 from .component import (
     SparseComponent,
@@ -60,6 +63,15 @@ class SurfaceMeasure(SparseComponent):
 
     wrt = SURFACE
     """Name of the input."""
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            measure: Measure,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -6,7 +6,7 @@ Theory: ``docs/theory/vortex_lattice.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import openmdao.api as om
@@ -125,6 +125,17 @@ class Aerostructure(Copied, om.Group):
     >>> problem = om.Problem(Aerostructure(lattice=lattice, spar=Spar((0.003, 0.004))), reports=None)
     >>> _ = problem.setup()
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            lattice: np.ndarray,
+            spar: Spar,
+            parasite_drag: float = 0.015,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

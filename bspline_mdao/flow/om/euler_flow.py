@@ -6,13 +6,15 @@ Theory: ``docs/theory/euler.rst`` and ``docs/theory/far_field.rst``.
 from __future__ import annotations
 
 import os
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import openmdao.api as om
 from openmdao.vectors.vector import Vector
 
 from ...core.mesh.surface import SurfaceGrid
+from ...core.model.model import Model
 from ...core.om.component import CheckedOnProcesses, add_bar, direction_in, fails_together
 from ...core.om.model_option import Copied, declare_model
 from ...core.om.subdomains import declare_partition, part_of_model
@@ -128,6 +130,30 @@ class EulerFlow(Copied, om.Group):
     >>> problem.get_val("CL").round(1)
     array([0.3])
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: Model,
+            reference_area: float | None = None,
+            reference_chord: float = 1.0,
+            moment_reference: Sequence[float] = (0.0, 0.0, 0.0),
+            partition: Partition | Share | None = None,
+            axes: str = "xzy",
+            shock_threshold: float = 0.05,
+            loaded: SurfaceGrid | None = None,
+            hinges: Sequence[HingeMoment] = (),
+            restart: str | os.PathLike[str] | None = None,
+            trim: bool = False,
+            tolerance: float = 1e-12,
+            linear_tolerance: float = 1e-14,
+            max_steps: int = 100,
+            iprint: int = 1,
+            anchored: bool = False,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

@@ -5,8 +5,8 @@ Theory: ``docs/theory/vortex_lattice.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import openmdao.api as om
@@ -15,7 +15,7 @@ from scipy.sparse import csr_array, diags_array, eye_array, kron
 
 from ...core.measures.camber_surface import CamberSurface
 from ...core.mesh.surface import SurfaceGrid
-from ...core.model.model import nodes_at
+from ...core.model.model import Model, nodes_at
 from ...core.om.check_directions import check_along_directions
 from ...core.om.component import SMOOTH_STEP, add_bar, difference_step, direction_in, fails_together
 from ...core.om.model_option import Copied, declare_model
@@ -98,6 +98,23 @@ class LatticeFlow(Copied, om.Group):
     >>> problem.get_val("CL").round(1)
     array([0.3])
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: Model,
+            reference_area: float | None = None,
+            reference_chord: float = 1.0,
+            moment_reference: Sequence[float] = (0.0, 0.0, 0.0),
+            n_chord: int = 5,
+            n_span: int = 17,
+            patches: str | Sequence[str] | None = None,
+            axes: str = "xzy",
+            ends: Sequence[float] | None = None,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

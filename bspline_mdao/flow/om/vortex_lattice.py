@@ -7,7 +7,7 @@ Theory: ``docs/theory/vortex_lattice.rst``.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import openmdao.api as om
@@ -89,6 +89,18 @@ class VortexLattice(Copied, om.Group):
     >>> sorted(meta["prom_name"] for _, meta in problem.model.list_vars(is_indep_var=None, out_stream=None))[:3]
     ['CD', 'CD_panels', 'CL']
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            n_chord: int,
+            n_span: int,
+            symmetry: bool = True,
+            reference_area: float | None = None,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

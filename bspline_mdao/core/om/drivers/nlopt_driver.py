@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import openmdao.api as om
@@ -104,6 +104,105 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         self.n_failed_analyses = self.n_failed_gradients = 0
         self._last_failure = ""
         self.cite = CITATION
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(  # type: ignore[misc]
+            self,
+            *,
+            optimizer: Literal[
+                "LD_SLSQP",
+                "LD_MMA",
+                "LD_CCSAQ",
+                "LD_LBFGS",
+                "LD_LBFGS_NOCEDAL",
+                "LD_VAR1",
+                "LD_VAR2",
+                "LD_TNEWTON",
+                "LD_TNEWTON_RESTART",
+                "LD_TNEWTON_PRECOND",
+                "LD_TNEWTON_PRECOND_RESTART",
+                "AUGLAG",
+                "AUGLAG_EQ",
+                "LD_AUGLAG",
+                "LD_AUGLAG_EQ",
+                "LN_AUGLAG",
+                "LN_AUGLAG_EQ",
+                "LN_COBYLA",
+                "LN_BOBYQA",
+                "LN_NEWUOA",
+                "LN_NEWUOA_BOUND",
+                "LN_PRAXIS",
+                "LN_NELDERMEAD",
+                "LN_SBPLX",
+                "G_MLSL",
+                "G_MLSL_LDS",
+                "GD_MLSL",
+                "GD_MLSL_LDS",
+                "GN_MLSL",
+                "GN_MLSL_LDS",
+                "GD_STOGO",
+                "GD_STOGO_RAND",
+                "GN_DIRECT",
+                "GN_DIRECT_L",
+                "GN_DIRECT_L_RAND",
+                "GN_DIRECT_NOSCAL",
+                "GN_DIRECT_L_NOSCAL",
+                "GN_DIRECT_L_RAND_NOSCAL",
+                "GN_ORIG_DIRECT",
+                "GN_ORIG_DIRECT_L",
+                "GN_CRS2_LM",
+                "GN_ISRES",
+                "GN_ESCH",
+                "GN_AGS",
+            ] = "LD_SLSQP",
+            local_optimizer: Literal[
+                "LD_SLSQP",
+                "LD_MMA",
+                "LD_CCSAQ",
+                "LD_LBFGS",
+                "LD_LBFGS_NOCEDAL",
+                "LD_VAR1",
+                "LD_VAR2",
+                "LD_TNEWTON",
+                "LD_TNEWTON_RESTART",
+                "LD_TNEWTON_PRECOND",
+                "LD_TNEWTON_PRECOND_RESTART",
+                "LN_COBYLA",
+                "LN_BOBYQA",
+                "LN_NEWUOA",
+                "LN_NEWUOA_BOUND",
+                "LN_PRAXIS",
+                "LN_NELDERMEAD",
+                "LN_SBPLX",
+            ]
+            | None = None,
+            ftol_rel: float = 1e-09,
+            ftol_abs: float = 0.0,
+            xtol_rel: float = 0.0,
+            xtol_abs: float | np.ndarray = 0.0,
+            stopval: float | None = None,
+            tol: float | None = None,
+            maxiter: int | None = None,
+            maxeval: int = 1000,
+            maxtime: float = 0.0,
+            constraint_tolerance: float = 1e-06,
+            local_ftol_rel: float = 1e-09,
+            local_xtol_rel: float = 1e-09,
+            local_ftol_abs: float = 0.0,
+            local_xtol_abs: float = 0.0,
+            local_maxeval: int = 0,
+            initial_step: float | np.ndarray | None = None,
+            population: int = 0,
+            vector_storage: int = 0,
+            seed: int | None = 0,
+            parameters: dict[str, float] = {},  # noqa: B006
+            restarts: int = 5,
+            disp: bool = True,
+            singular_jac_behavior: Literal["error", "warn", "ignore"] = "warn",
+            singular_jac_tol: float = 1e-16,
+            **options: Any,
+        ) -> None: ...
 
     def _declare_options(self) -> None:
         """Declare the options of this driver."""

@@ -5,7 +5,7 @@ Theory: ``docs/theory/drivers.rst``, "Failed analyses".
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import openmdao.api as om
@@ -85,6 +85,20 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         self._model: ScaledModel | None = None
         self._statement: Statement | None = None
         self._exc_info: tuple | None = None
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(  # type: ignore[misc]
+            self,
+            *,
+            optimizer: str = "SLSQP",
+            tol: float = 1e-06,
+            maxiter: int = 200,
+            disp: int | bool = True,
+            singular_jac_behavior: Literal["error", "warn", "ignore"] = "warn",
+            singular_jac_tol: float = 1e-16,
+            **options: Any,
+        ) -> None: ...
 
     @property
     def largest_violation(self) -> float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import openmdao.api as om
@@ -12,6 +13,7 @@ from openmdao.vectors.vector import Vector
 from ....base.numerics.processes import summed
 from ....names import SURFACE
 from ...design.parametrization import Parametrization
+from ...measures.measure import Measure
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ..check_directions import check_along_directions
@@ -87,6 +89,21 @@ class SurfaceGeometry(Copied, om.Group):
     >>> problem.get_val("x_aero0_geometry_output").shape == (3 * wing.surface.n_points,)
     True
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: FittedModel,
+            parametrization: Parametrization,
+            surface: SurfaceGrid | None = None,
+            numbers: Sequence[int] | np.ndarray | None = None,
+            measures: Sequence[Measure] = (),
+            point_sets: dict[str, np.ndarray] = {},  # noqa: B006
+            generation: int | None = None,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""

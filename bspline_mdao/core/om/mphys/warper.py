@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import openmdao.api as om
 from openmdao.vectors.vector import Vector
@@ -12,6 +15,7 @@ from ....names import GRID, SURFACE
 from ...fit.surface_fit import SurfaceMiss
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
+from ...movement.mover import Mover
 from ..check_directions import check_along_directions
 from ..component import LINEAR_STEP, CheckedOnProcesses, finite_points
 from ..grid_movement import GridMovement
@@ -99,6 +103,22 @@ class VolumeWarper(Copied, om.Group):
     >>> problem.get_val("aero_vol_coords").shape
     (2250,)
     """
+
+    if TYPE_CHECKING:  # written by tools/write_signatures.py
+
+        def __init__(
+            self,
+            *,
+            model: FittedModel,
+            mover: Mover | None = None,
+            surface: SurfaceGrid | None = None,
+            numbers: Sequence[int] | np.ndarray | None = None,
+            rows: Sequence[int] | np.ndarray | None = None,
+            volume_name: str = "aero_vol_coords",
+            require_valid: bool = True,
+            comoving: bool = False,
+            **options: Any,
+        ) -> None: ...
 
     def initialize(self) -> None:
         """Declare the options."""
