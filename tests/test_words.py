@@ -99,7 +99,8 @@ def test_no_message_has_a_private_word():
 
 
 def test_no_page_has_a_private_word():
-    pages = [*(ROOT / "docs").rglob("*.rst"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    written = (page for page in (ROOT / "docs").rglob("*.rst") if "gallery" not in page.parts)  # made by a build
+    pages = [*written, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     assert [found for path in sorted(pages) for found in private_texts(path)] == []
 
 

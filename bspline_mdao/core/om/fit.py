@@ -11,7 +11,7 @@ from openmdao.vectors.vector import Vector
 
 from ...base.numerics.processes import together
 from ...errors import InputError
-from ...grids.topology.partition import Partition, Share
+from ...grids.topology.partition import Partition, Subdomain
 from ...names import CONTROL_POINTS_INITIAL, GRID_INITIAL
 from ..fit.fit_nodes import FitNodes
 from ..fit.least_squares import FitOperator
@@ -100,7 +100,7 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
             self,
             *,
             model: FittedModel,
-            partition: Partition | Share | None = None,
+            partition: Partition | Subdomain | None = None,
             live: bool = False,
             **options: Any,
         ) -> None: ...

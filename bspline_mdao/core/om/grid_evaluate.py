@@ -11,7 +11,7 @@ from scipy.sparse import identity, kron
 
 from ...base.numerics.processes import summed
 from ...errors import InputError
-from ...grids.topology.partition import Partition, Share
+from ...grids.topology.partition import Partition, Subdomain
 from ...names import CONTROL_POINTS, GRID, SURFACE
 from ..mesh.surface import SurfaceGrid
 from ..model.model import Model
@@ -99,7 +99,7 @@ class GridEvaluate(SparseComponent):
             self,
             *,
             model: Model,
-            partition: Partition | Share | None = None,
+            partition: Partition | Subdomain | None = None,
             surface: SurfaceGrid | None = None,
             numbers: Sequence[int] | np.ndarray | None = None,
             assembled: bool = False,

@@ -10,7 +10,7 @@ import openmdao.api as om
 
 from ...base.checks import require_list
 from ...errors import InputError
-from ...grids.topology.partition import Partition, Share
+from ...grids.topology.partition import Partition, Subdomain
 from ...names import ALL_NAMES
 from ..design.parametrization import Parametrization
 from ..measures.measure import MEMBERS, Measure
@@ -136,7 +136,7 @@ class GridMovement(Copied, om.Group):
             certify: bool = False,
             processes: Literal["auto", "first", "all"] = "auto",
             fit: bool | None = None,
-            partition: Partition | Share | None = None,
+            partition: Partition | Subdomain | None = None,
             live: bool = False,
             quality: bool | Sequence[str] = True,
             **options: Any,

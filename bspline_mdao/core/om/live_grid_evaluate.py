@@ -9,7 +9,7 @@ import openmdao.api as om
 from openmdao.vectors.vector import Vector
 
 from ...errors import InputError
-from ...grids.topology.partition import Partition, Share
+from ...grids.topology.partition import Partition, Subdomain
 from ...names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
 from ..fit.live_fit import LiveGrid, LiveGridState, live_grid
 from ..model.fitted_model import FittedModel
@@ -91,7 +91,7 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
             self,
             *,
             model: FittedModel,
-            partition: Partition | Share | None = None,
+            partition: Partition | Subdomain | None = None,
             **options: Any,
         ) -> None: ...
 

@@ -15,7 +15,7 @@ from ...grids.cells.aggregates import AGGREGATES
 from ...grids.cells.grid_quality import GridQuality, GridValues
 from ...grids.cells.pieces import Pieces
 from ...grids.cells.report import QualityReport, inverted_cells, patches_of, report_quality
-from ...grids.topology.partition import Partition, Share
+from ...grids.topology.partition import Partition, Subdomain
 from ...names import GRID
 from ..model.model import Model, nodes_at
 from .checked_along_edges import check_along_edges, numbered_blocks
@@ -104,7 +104,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
             self,
             *,
             model: Model,
-            partition: Partition | Share | None = None,
+            partition: Partition | Subdomain | None = None,
             aggregates: Sequence[str] = ("quality_ks", "quality_pnorm", "corner_ks", "volume_ks"),
             cells: bool = False,
             rho: float = 100.0,

@@ -140,7 +140,7 @@ class EulerFlow(Copied, om.Group):
             reference_area: float | None = None,
             reference_chord: float = 1.0,
             moment_reference: Sequence[float] = (0.0, 0.0, 0.0),
-            partition: Partition | Share | None = None,
+            partition: Partition | Subdomain | None = None,
             axes: str = "xzy",
             shock_threshold: float = 0.05,
             loaded: SurfaceGrid | None = None,

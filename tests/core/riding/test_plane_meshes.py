@@ -229,9 +229,9 @@ def test_what_cgns_of_two_dimensions_cannot_be_is_said(tmp_path):
 
 def test_what_a_file_of_two_dimensions_cannot_hold_is_refused(file):
     with pytest.raises(InputError, match=r"section\.su2: is of two dimensions, and rides along with a section alone"):
-        RidingMesh.of(model(), read_mesh(file).mesh)
+        EmbeddedMesh.of(model(), read_mesh(file).mesh)
     with pytest.raises(InputError, match=r"section\.su2: .* not taken between the planes of the section"):
-        RidingMesh.of(section(), read_mesh(file, SectionSpan(2, 0.0, 2.0)).mesh)
+        EmbeddedMesh.of(section(), read_mesh(file, SectionSpan(2, 0.0, 2.0)).mesh)
     found = read_mesh(file, section_span(section()))
     sheared = found.mesh.points + np.where(found.mesh.points[:, 2:] > 0.0, [0.0, 1e-3, 0.0], 0.0)
     with pytest.raises(MovementError, match=r"node \d+ is 0\.001 m farther in one plane of the section"):
