@@ -3,4 +3,8 @@
 from .core.riding.riding_mesh import EmbeddedMesh as EmbeddedMesh
 from .core.riding.section_span import section_span as section_span
 from .grids.cells.mixed_cells import MixedMesh as MixedMesh
+from .grids.io.marker_guess import MarkerGuess as MarkerGuess
+from .grids.io.marker_guess import guess_kinds as guess_kinds
+from .grids.io.marker_kinds import marker_kinds as marker_kinds
+from .grids.io.marker_kinds import read_kinds as read_kinds
 from .grids.io.meshes.layer_of_cells import SectionSpan as SectionSpan

@@ -97,6 +97,8 @@ class MixedMesh(OneLine):
     n_copies : int
         How often each node of its file is among the nodes, all of them once before any a second time: twice where the
         file is of two dimensions.
+    stated : mapping of str to str, optional
+        What the file says that markers are: types of OpenFOAM's patches, or of CGNS's boundary conditions.
 
     Raises
     ------
@@ -120,6 +122,7 @@ class MixedMesh(OneLine):
     polyhedra: tuple[np.ndarray, np.ndarray] | None = None
     source: str = "mesh"
     n_copies: int = 1
+    stated: Mapping[str, str] | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no mesh, whoever reads it."""

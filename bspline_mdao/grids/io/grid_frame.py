@@ -38,7 +38,15 @@ class GridFrame:
     def of(cls, grid: Grid) -> GridFrame:
         """Measure a grid; its middle is judged from nodes spread over it."""
         step = 1 + grid.n_nodes // _NODES_SAMPLED
-        sample = np.concatenate([block.nodes.reshape(-1, 3)[::step] for block in grid.blocks])
+        return cls._of_sample(np.concatenate([block.nodes.reshape(-1, 3)[::step] for block in grid.blocks]))
+
+    @classmethod
+    def of_points(cls, points: np.ndarray) -> GridFrame:
+        """Measure a mesh by its nodes, shape (n, 3)."""
+        return cls._of_sample(points[:: 1 + len(points) // _NODES_SAMPLED])
+
+    @classmethod
+    def _of_sample(cls, sample: np.ndarray) -> GridFrame:
         middle = _middle(sample)
         return cls(middle, float(lengths(sample - middle).max()))
 

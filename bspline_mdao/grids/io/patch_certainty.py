@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from ..topology.index_space import Window
 from ..topology.periodic import Motion
 
-__all__ = ["FAR", "FINE", "SURENESS", "Certainty", "FaceGuess", "how_sure"]
+__all__ = ["FAR", "FINE", "SURENESS", "Certainty", "FaceGuess", "how_sure", "place_of"]
 
 SURENESS = ("sure", "likely", "unsure")
 """How sure a guess can be, the surest first."""
@@ -27,6 +27,9 @@ VERY_FINE = 0.2
 
 CLEARLY = 1.5
 """A face is clearly far, or near, where its distance is that many times the limit of far fields, or less by that."""
+
+LINES = "the mean of their lines"
+"""What first cells of structured grids are compared with."""
 
 
 @dataclass(frozen=True)
@@ -71,15 +74,21 @@ def judge_place(
     # finer than elsewhere, as a rule, towards the far field coarser. None where there are few.
     part: float | None,
 ) -> FaceGuess:
-    """Guess whether a face is wall or far field from its distance from the middle, and ask the cells next to it."""
+    """Guess whether a face is wall or far field."""
+    kind, level, reason = place_of(distance, part)
+    return FaceGuess(window, kind, kind, level, reason)
+
+
+def place_of(distance: float, part: float | None, of: str = LINES) -> tuple[str, str, str]:
+    """Guess kind, level and reason from the distance from the middle, and ask the first cells; see `judge_place`."""
     kind, far = ("farfield" if distance > FAR else "wall"), distance / FAR
-    reason = f"{far:.2g} of the distance that is far" + _cells_text(part)
+    reason = f"{far:.2g} of the distance that is far" + _cells_text(part, of)
     is_fine, is_coarse = part is not None and part < FINE, part is not None and part > COARSE
     agrees, contradicts = (is_coarse, is_fine) if kind == "farfield" else (is_fine, is_coarse)
     is_clear = far > CLEARLY if kind == "farfield" else far < 1.0 / CLEARLY
     if contradicts or not (is_clear or agrees):
-        return FaceGuess(window, kind, kind, "unsure", reason)
-    return FaceGuess(window, kind, kind, "sure" if is_clear and agrees else "likely", reason)
+        return kind, "unsure", reason
+    return kind, "sure" if is_clear and agrees else "likely", reason
 
 
 def judge_symmetry(window: Window, name: str, part: float | None) -> FaceGuess:
@@ -97,5 +106,5 @@ def judge_periodic(window: Window, name: str, motion: Motion) -> FaceGuess:
     return FaceGuess(window, name, "other", level, f"a {motion} lays it onto its partner")
 
 
-def _cells_text(part: float | None) -> str:
-    return "" if part is None else f"; first cells {part:.2g} of the mean of their lines"
+def _cells_text(part: float | None, of: str = LINES) -> str:
+    return "" if part is None else f"; first cells {part:.2g} of {of}"

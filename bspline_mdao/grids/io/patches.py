@@ -94,13 +94,13 @@ def read_patches(path: str | os.PathLike, grid: AnyGrid) -> AnyGrid:
     >>> [patch.name for patch in grid.patches]
     ['top']
     """
-    text = _read_text(path)
+    text = read_patches_text(path)
     if is_nmf(text):
         return merge_patches(grid, parse_nmf(text, grid, str(path)), str(path))
     return _add_toml(text, grid, Path(path))
 
 
-def _read_text(path: str | os.PathLike) -> str:
+def read_patches_text(path: str | os.PathLike) -> str:
     """Read a patches file, unless it is too long or no text."""
     try:
         if os.path.getsize(path) > MAX_BYTES:
@@ -139,14 +139,19 @@ def _face_key(window: Window) -> tuple:
     return window.block, tuple(lo if lo == hi else None for lo, hi in zip(window.lo, window.hi))
 
 
+def parse_toml(text: str, source: str) -> dict:
+    """Parse the text of a TOML file."""
+    try:
+        return tomlkit.parse(text).unwrap()
+    except (TOMLKitError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+        raise InputError(f"{source}: is not TOML ({' '.join(str(error).split())[:160]})") from error
+
+
 def _add_toml(text: str, grid: AnyGrid, path: Path) -> AnyGrid:
     """Add the patches of a TOML file to a grid: those that it includes, kinds by names, and those that it declares."""
     source = str(path)
-    try:
-        document = tomlkit.parse(text).unwrap()
-    except (TOMLKitError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
-        raise InputError(f"{source}: is not TOML ({' '.join(str(error).split())[:160]})") from error
-    _check_keys(document, {"patch", "kinds", "include"}, source)
+    document = parse_toml(text, source)
+    check_keys(document, {"patch", "kinds", "include"}, source)
     included = document.get("include")
     if included is not None:
         grid = _include(included, grid, path)
@@ -167,7 +172,7 @@ def _include(name: object, grid: AnyGrid, path: Path) -> AnyGrid:
     if not isinstance(name, str) or "\0" in name:
         raise InputError(f"{path}: 'include' is not the name of a NMF file")
     included = path.parent / name
-    text = _read_text(included)
+    text = read_patches_text(included)
     if not is_nmf(text):
         raise InputError(f"{path}: 'include' names {included}, which is not a neutral map file")
     return merge_patches(grid, parse_nmf(text, grid, str(included)), str(included))
@@ -180,7 +185,7 @@ def _rename_kinds(kinds: object, grid: AnyGrid, source: str) -> AnyGrid:
     for pattern, kind in kinds.items():
         if kind not in (*PATCH_KINDS, INTERFACE):
             raise InputError(
-                f"{source}: kinds: '{pattern}' = {kind!r} is not one of {_listed((*PATCH_KINDS, INTERFACE))}"
+                f"{source}: kinds: '{pattern}' = {kind!r} is not one of {listed((*PATCH_KINDS, INTERFACE))}"
             )
         if not any(fnmatchcase(patch.name, pattern) for patch in grid.patches):
             raise InputError(f"{source}: kinds: no patch is named '{pattern}'; take the line out or mend the name")
@@ -197,13 +202,13 @@ def _parse_patch(table: object, number: int, grid: Grid | StoredGrid, source: st
     where = f"{source}: patch {number}"
     if not isinstance(table, Mapping):
         raise InputError(f"{where} is not a table; write [[patch]] and its keys below")
-    _check_keys(table, {"name", "kind", "faces"}, where)
+    check_keys(table, {"name", "kind", "faces"}, where)
     name, kind, faces = (table.get(key) for key in ("name", "kind", "faces"))
     if not isinstance(name, str) or not name.strip():
         raise InputError(f'{where} has no name; add name = "..."')
     where = f"{source}: patch '{name}'"
     if kind not in PATCH_KINDS:
-        raise InputError(f"{where}: kind {kind!r} is not one of {_listed(PATCH_KINDS)}")
+        raise InputError(f"{where}: kind {kind!r} is not one of {listed(PATCH_KINDS)}")
     if not isinstance(faces, list) or not faces:
         raise InputError(f'{where} has no faces; add faces = [{{ block = 1, face = "kmin" }}]')
     windows = tuple(_parse_face(face, grid, f"{where}: face {index}") for index, face in enumerate(faces, 1))
@@ -217,10 +222,10 @@ def _parse_face(face: object, grid: Grid | StoredGrid, where: str) -> Window:
     """Read one entry of ``faces``."""
     if not isinstance(face, Mapping):
         raise InputError(f'{where} is not a table like {{ block = 1, face = "kmin" }}')
-    _check_keys(face, {"block", "face", *_DIRECTIONS}, where)
+    check_keys(face, {"block", "face", *_DIRECTIONS}, where)
     block = _find_block(face.get("block"), grid, where)
     if face.get("face") not in FACE_NAMES:
-        raise InputError(f"{where}: {face.get('face')!r} is not a face; write one of {_listed(FACE_NAMES)}")
+        raise InputError(f"{where}: {face.get('face')!r} is not a face; write one of {listed(FACE_NAMES)}")
     number = FACE_NAMES.index(face["face"])
     window = Window.whole(block, grid.shapes[block]).face(number)
     lo, hi = list(window.lo), list(window.hi)
@@ -252,14 +257,15 @@ def _parse_range(ends: Any, n_nodes: int, where: str) -> tuple[int, int]:
     return ends[0] - 1, ends[1] - 1
 
 
-def _check_keys(table: Mapping, allowed: set[str], where: str) -> None:
+def check_keys(table: Mapping, allowed: set[str], where: str) -> None:
     """Refuse a table with a misspelt key."""
     unknown = next((key for key in table if key not in allowed), None)
     if unknown is not None:
-        raise InputError(f"{where}: key '{unknown}' is not known; the keys are {_listed(sorted(allowed))}")
+        raise InputError(f"{where}: key '{unknown}' is not known; the keys are {listed(sorted(allowed))}")
 
 
-def _listed(words: Sequence[str]) -> str:
+def listed(words: Sequence[str]) -> str:
+    """Join words for a message."""
     return ", ".join(words)
 
 

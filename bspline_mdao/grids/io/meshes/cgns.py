@@ -19,6 +19,7 @@ from ....base.display import OneLine
 from ....errors import InputError
 from ...cells.mixed_cells import MixedMesh, face_keys, padded
 from ..adf import copied_cgns, opened_cgns
+from ..cgns_families import Families
 from ..cgns_nodes import (
     children,
     damaged_is_input_error,
@@ -102,25 +103,28 @@ def read_cgns_mesh(
     seen, of_cells = [np.zeros((0, 4), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     cells: dict[str, list[np.ndarray]] = {}
     markers: dict[str, list[np.ndarray]] = {}
+    stated: dict[str, str] = {}
     places, first = [], 0
     with deferred_interrupts(), damaged_is_input_error(source), opened_cgns(source) as file:
         bases = [(tuple(int(size) for size in value(base)[:2]), base) for _, base in children(file, "CGNSBase_t")]
         n_dimensions, n_axes = max((sizes for sizes, _ in bases), default=(0, 0))
         zones = [
-            (*found, names_of_families(base))
+            (*found, base)
             for sizes, base in bases
             if sizes == (n_dimensions, n_axes)
             for found in children(base, "Zone_t")
         ]
         if n_dimensions not in KINDS or not zones:
             raise InputError(f"{source}: has no zones of two or three dimensions; give a CGNS mesh")
-        for name, zone, names in zones:
+        families = Families()
+        for name, zone, base in zones:
             zone_points, zone_places = _coordinates(zone, AXES[:n_axes], f"{source}: zone '{name}'")
             elements = _elements(zone, len(zone_points), n_dimensions, f"{source}: zone '{name}'")
             for kind, corners in elements.cells.items():
                 cells.setdefault(kind, []).append(corners + first)
-            for marker, faces in elements.markers(zone, names).items():
+            for marker, faces in elements.markers(zone, names_of_families(base)).items():
                 markers.setdefault(marker, []).append(faces + first)
+            stated = {**_types(zone, base, families), **stated}
             if elements.polyhedra is not None:
                 n_before = sum(int(part.max()) + 1 for part in of_cells[-1:] if len(part))
                 seen.append(elements.polyhedra[0] + first)
@@ -137,10 +141,32 @@ def read_cgns_mesh(
     )
     if n_dimensions == 2:
         layer = LayerPoints.of(joined, span, source)
-        return CgnsMeshFile(layer.mesh(corners_of, marked), os.path.abspath(path), tuple(places), numbers, layer)
+        return CgnsMeshFile(
+            layer.mesh(corners_of, marked, stated), os.path.abspath(path), tuple(places), numbers, layer
+        )
     polyhedra = (numbers[np.concatenate(seen)], np.concatenate(of_cells)) if len(seen) > 1 else None
-    mesh = MixedMesh(joined, corners_of, marked, polyhedra, source)
+    mesh = MixedMesh(joined, corners_of, marked, polyhedra, source, stated=stated)
     return CgnsMeshFile(mesh, os.path.abspath(path), tuple(places), numbers)
+
+
+def _conditions(zone: h5py.Group) -> list[tuple[str, str, h5py.Group]]:
+    """Name of every boundary condition of a zone, or of the family that it refers to, its own, and its node."""
+    found = []
+    for _, group in children(zone, "ZoneBC_t"):
+        for name, condition in children(group, "BC_t"):
+            family = first_child(condition, "FamilyName_t")
+            found.append((name if family is None else word(family), name, condition))
+    return found
+
+
+def _types(zone: h5py.Group, base: h5py.Group, families: Families) -> dict[str, str]:
+    """Types of boundary conditions by the markers that they make."""
+    names = names_of_families(base)
+    found: dict[str, str] = {}
+    for label, name, condition in _conditions(zone):
+        for marker in names.get(label, (label,)):
+            found.setdefault(marker, families.meaning_of(base, name, condition).bc_type)
+    return found
 
 
 def _coordinates(zone: h5py.Group, axes: tuple[str, ...], what: str) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -182,13 +208,10 @@ class _Elements:
     def markers(self, zone: h5py.Group, names: Mapping[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
         """Faces of boundary conditions by the names of their families; where there are none, of sections."""
         found: dict[str, list[np.ndarray]] = {}
-        for _, group in children(zone, "ZoneBC_t"):
-            for name, condition in children(group, "BC_t"):
-                family = first_child(condition, "FamilyName_t")
-                label = name if family is None else word(family)
-                rows = self._rows_of(condition)
-                for marker in names.get(label, (label,)) if len(rows) else ():
-                    found.setdefault(marker, []).append(self.faces[rows])
+        for label, _, condition in _conditions(zone):
+            rows = self._rows_of(condition)
+            for marker in names.get(label, (label,)) if len(rows) else ():
+                found.setdefault(marker, []).append(self.faces[rows])
         if found:
             return {name: np.concatenate(parts) for name, parts in found.items()}
         return {name: self.faces[rows] for name, rows in self.sections.items()}

@@ -131,7 +131,12 @@ class LayerPoints(OneLine):
         stored[:, self.axes] = low
         return stored
 
-    def mesh(self, cells: Mapping[str, np.ndarray], lines: Mapping[str, np.ndarray]) -> MixedMesh:
+    def mesh(
+        self,
+        cells: Mapping[str, np.ndarray],
+        lines: Mapping[str, np.ndarray],
+        stated: Mapping[str, str] | None = None,  # what the file says that its markers are
+    ) -> MixedMesh:
         """Make the layer of cells of triangles and quads, and of its markers, which are lines, shape (m, 2)."""
         n = len(self.stored)
         for name, corners in cells.items():
@@ -139,7 +144,7 @@ class LayerPoints(OneLine):
         cells = _turned_alike(self.stored[:, self.axes], cells) if cells else {}
         prisms = {PRISMS[name]: np.concatenate([corners, corners + n], axis=1) for name, corners in cells.items()}
         markers = {name: np.concatenate([ends, ends[:, ::-1] + n], axis=1) for name, ends in lines.items()}
-        return MixedMesh(self.values, prisms, markers, source=self.source, n_copies=2)
+        return MixedMesh(self.values, prisms, markers, source=self.source, n_copies=2, stated=stated)
 
 
 def _turned_alike(points: np.ndarray, cells: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -76,23 +76,26 @@ def read_polymesh(
     is_inner = face < len(neighbour)
     of_cells = np.concatenate([owner[face], neighbour[face[is_inner]]])
     seen = np.concatenate([quads, quads[is_inner][:, ::-1]])
-    markers = {}
-    for name, first, n in _patches(files["boundary"], len(sizes)):
+    markers, stated = {}, {}
+    for name, kind, first, n in _patches(files["boundary"], len(sizes)):
         markers[name] = quads[(face >= first) & (face < first + n)]
-    return PolyMeshFolder(MixedMesh(points, {}, markers, (seen, of_cells), str(path)), files["points"], stored)
+        stated[name] = kind
+    mesh = MixedMesh(points, {}, markers, (seen, of_cells), str(path), stated=stated)
+    return PolyMeshFolder(mesh, files["points"], stored)
 
 
-def _patches(file: FoamFile, n_faces: int) -> list[tuple[str, int, int]]:
-    """Name, first face and number of faces of every patch."""
+def _patches(file: FoamFile, n_faces: int) -> list[tuple[str, str, int, int]]:
+    """Name, type, first face and number of faces of every patch; the type is empty where it has none."""
     text, n_patches = file.dictionaries()
-    found: list[tuple[str, int, int]] = []
+    found: list[tuple[str, str, int, int]] = []
     for match in _PATCH.finditer(text):
         sizes = [re.search(rf"\b{key}\s+(\d+)\s*;", match[2]) for key in ("startFace", "nFaces")]
         if None in sizes or sum(int(size[1]) for size in sizes if size) > n_faces:
             raise InputError(f"{file.path}: patch '{match[1]}' has no faces of the mesh; write it again")
         first, n = (int(size[1]) for size in sizes if size)
-        found.append((match[1], first, n))
-    names = {name for name, _, _ in found}
+        kind = re.search(r"\btype\s+([^\s;]+)\s*;", match[2])
+        found.append((match[1], kind[1] if kind else "", first, n))
+    names = {name for name, *_ in found}
     if _PATCH.sub("", text).split() != [")"]:
         raise InputError(f"{file.path}: has other text beside its patches; write it again")
     if not len(names) == len(found) == n_patches:

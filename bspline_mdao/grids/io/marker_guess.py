@@ -1,0 +1,276 @@
+"""A guess at what the markers of a mesh without structure are: what the file says, their names, and their places.
+
+Words and measures are those of `patch_guess` for structured grids.
+
+Theory: ``docs/theory/grid_files.rst``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..cells.mixed_cells import MixedMesh, face_keys
+from ..cells.quads import area_vectors
+from .cgns_faces import kind_of
+from .grid_frame import GridFrame
+from .patch_certainty import place_of
+from .patch_guess import kind_of_name
+
+__all__ = ["MARKER_KINDS", "MarkerGuess", "guess_kinds", "kind_of_words"]
+
+MARKER_KINDS = ("wall", "symmetry", "farfield", "periodic", "inner", "other")
+"""What markers can be: bodies, planes of symmetry, what fluid passes through, periodic sides, faces inside the mesh or
+between its zones, and others."""
+
+FLAT = 1e-6
+"""Part of the size of a mesh by which a plane may be out of it: files of single precision round so far."""
+
+CELLS = "those of most cells"
+"""What the heights of first cells are compared with."""
+
+MOST_PLANES = 6
+"""Planes that a marker may be of: as many as a box has sides."""
+
+NEARLY = 1e-3
+"""Part of one by which normals of faces of a plane may differ, and of the size of the mesh by which heights may."""
+
+UPRIGHT = 0.1
+"""Cosine of the angle between a wall's normal and that of the plane that it ends in, below which both are upright."""
+
+_KIND_OF_TYPE = {
+    "wall": "wall",
+    "symmetry": "symmetry",
+    "symmetryPlane": "symmetry",
+    "empty": "symmetry",
+    "wedge": "symmetry",
+    "cyclic": "periodic",
+    "cyclicAMI": "periodic",
+    "cyclicSlip": "periodic",
+    "processor": "inner",
+}
+"""Kinds by OpenFOAM's types of patches; ``patch`` says nothing."""
+
+_WALL_WORDS = """
+    wall wing airfoil aerofoil body fuselage blade hub shroud cylinder sphere naca heated isothermal adiabatic flap slat
+    nacelle pylon tail fin hull vehicle plate bump rotor stator casing winglet canard aileron rudder elevator spoiler
+    strut tip solid
+"""
+_OTHER_WORDS = {
+    "symmetry": "symmetry sym symm symmetric",
+    "farfield": "far farfield freestream inlet inflow outlet outflow outer entry exit in out",
+    "periodic": "periodic per cyclic",
+    "inner": "interface internal interior baffle",
+}
+_KIND_OF_WORD = dict.fromkeys(_WALL_WORDS.split(), "wall") | {
+    word: kind for kind, words in _OTHER_WORDS.items() for word in words.split()
+}
+"""Kinds by words that names are made of, beside those that names begin with, see `kind_of_name`."""
+
+
+@dataclass(frozen=True)
+class MarkerGuess:
+    """What a marker is taken for.
+
+    Parameters
+    ----------
+    kind : str
+        One of ``wall``, ``symmetry``, ``farfield``, ``periodic``, ``inner`` or ``other``.
+    sure : str
+        How sure that is: ``sure``, ``likely`` or ``unsure``.
+    why : str
+        Why, in words.
+
+    Examples
+    --------
+    >>> from bspline_mdao.riding import MarkerGuess
+    >>> MarkerGuess("wall", "sure", "by its name").kind
+    'wall'
+    """
+
+    kind: str
+    sure: str
+    why: str
+
+
+def guess_kinds(mesh: MixedMesh, known: Mapping[str, MarkerGuess] | None = None) -> dict[str, MarkerGuess]:
+    """Guess what the markers of a mesh are.
+
+    Parameters
+    ----------
+    mesh : MixedMesh
+        The mesh. What its file says of a marker counts first, then where the faces are inside the mesh, then names, and
+        at last places: a plane side in which walls end at right angles is symmetry, what keeps away from where most
+        nodes are is a far field, and what is near is a wall unless it is a plane side of the mesh.
+    known : mapping of str to MarkerGuess, optional
+        Markers that are known already, and tell something of the others.
+
+    Returns
+    -------
+    dict of str to MarkerGuess
+        One for each marker, in the order of the mesh.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao.riding import MixedMesh, guess_kinds
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> floor = {"lower_wall": np.array([[0, 1, 2, 2]])}
+    >>> guess_kinds(MixedMesh(corners, {"tetra": np.array([[0, 1, 2, 3]])}, floor))["lower_wall"].kind
+    'wall'
+    """
+    places = _Places(mesh)
+    found = dict(known or {})
+    found |= {n: guess for n in mesh.markers or {} if n not in found and (guess := _by_words(n, places))}
+    rest = [name for name in mesh.markers or {} if name not in found]
+    for name in rest:
+        if not places.is_side(name):
+            found[name] = MarkerGuess(*place_of(places.distance(name), places.part(name), CELLS))
+    walls = [name for name, guess in found.items() if guess.kind == "wall"]
+    for name in rest:
+        if name not in found:
+            found[name] = _side(name, places, walls)
+    return {name: found[name] for name in mesh.markers or {}}
+
+
+def kind_of_words(name: str) -> str:
+    """Kind that the words of a name stand for; ``other`` where they say nothing, or say different things."""
+    parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
+    said = {kind for part in parts if (kind := _KIND_OF_WORD.get(part.lower()))}
+    said = said or {kind for part in parts if (kind := _KIND_OF_WORD.get(part.lower().rstrip("s")))}
+    if len(said) == 1:
+        return said.pop()
+    return "other" if said else kind_of_name(name)
+
+
+def _by_words(name: str, places: _Places) -> MarkerGuess | None:
+    """Guess by what the file says, by faces that have cells on both sides, and by the name."""
+    stated, named = (places.mesh.stated or {}).get(name, ""), kind_of_words(name)
+    of_type = _KIND_OF_TYPE.get(stated) or kind_of(stated, "")
+    n_outer, n_inner = places.counts(name)
+    if not n_outer + n_inner:
+        return MarkerGuess("other", "unsure", "none of its faces is one of a cell")
+    if not n_outer and named == "periodic":  # older files of SU2 have copies of the cells beyond
+        return MarkerGuess("periodic", "likely", "by its name; its faces have cells on both sides")
+    if not n_outer:
+        is_doubtful = "wall" in (of_type, named)
+        why = "its faces have cells on both sides" + ", though it is called a wall" * is_doubtful
+        return MarkerGuess("inner", "unsure" if is_doubtful else "sure", why)
+    if of_type != "other":
+        return MarkerGuess(of_type, "sure", f"its file says {stated}")
+    if named == "other":
+        return None
+    if named == "symmetry" and not places.planes(name):
+        return MarkerGuess("other", "unsure", "its name says symmetry, but it is no plane")
+    return MarkerGuess(named, "sure" if named in ("wall", "symmetry", "farfield") else "likely", "by its name")
+
+
+def _side(name: str, places: _Places, walls: list[str]) -> MarkerGuess:
+    """Guess at a plane side of the mesh."""
+    if not walls:
+        return MarkerGuess("other", "unsure", "a plane side, and no marker is known to be a wall")
+    if any(places.ends_upright(wall, name) for wall in walls):
+        return MarkerGuess("symmetry", "likely", "a plane side in which a wall ends at a right angle")
+    kind, level, reason = place_of(places.distance(name), places.part(name), CELLS)
+    if kind == "wall":  # the floor of a tunnel is one, and the side of a box may be anything
+        return MarkerGuess("other", "unsure", f"a plane side, {reason}")
+    return MarkerGuess(kind, level, f"a plane side, {reason}")
+
+
+class _Places:
+    """Where the markers of a mesh are."""
+
+    def __init__(self, mesh: MixedMesh) -> None:
+        self.mesh = mesh
+        stored = mesh.points[: mesh.n_stored]  # the depth of a layer says nothing
+        self.size = float(np.linalg.norm(np.ptp(stored, axis=0))) if len(stored) else 0.0
+
+    @cached_property
+    def _frame(self) -> GridFrame:
+        return GridFrame.of_points(self.mesh.points[: self.mesh.n_stored])
+
+    @cached_property
+    def _faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """Keys of faces of cells, sorted, how often each is there, heights of cells above, and the usual height."""
+        faces, cells = self.mesh.cell_faces
+        volumes = self.mesh.quality().volumes
+        areas = np.linalg.norm(area_vectors(self.mesh.points[faces]), axis=1)
+        if self.mesh.n_copies == 2:  # faces in the two planes of a section say nothing of its cells
+            is_upper = faces >= self.mesh.n_stored
+            areas[is_upper.all(axis=1) | ~is_upper.any(axis=1)] = 0.0
+        largest = np.zeros(len(volumes))
+        np.maximum.at(largest, cells, areas)
+        heights = np.divide(volumes[cells], areas, out=np.zeros_like(areas), where=areas > 0.0)
+        usual = np.divide(volumes, largest, out=np.zeros_like(largest), where=largest > 0.0)
+        keys, first, counts = np.unique(face_keys(faces, self.mesh.n_points), return_index=True, return_counts=True)
+        return keys, counts, heights[first], float(np.median(usual)) if len(usual) else 0.0
+
+    def _of(self, name: str) -> np.ndarray:
+        return (self.mesh.markers or {})[name]
+
+    def _rows(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Faces of cells that the faces of a marker are, and which of its faces these are."""
+        keys = self._faces[0]
+        wanted = face_keys(self._of(name), self.mesh.n_points)
+        rows = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
+        is_known = keys[rows] == wanted if len(keys) else np.zeros(len(wanted), dtype=bool)
+        return rows[is_known], is_known
+
+    def counts(self, name: str) -> tuple[int, int]:
+        """Faces of a marker that have a cell on one side, and that have cells on both."""
+        n_cells = self._faces[1][self._rows(name)[0]]
+        return int((n_cells == 1).sum()), int((n_cells > 1).sum())
+
+    def distance(self, name: str) -> float:
+        """Least distance of a marker from the middle, as a part of that of the farthest node."""
+        return self._frame.distance(self.mesh.points[np.unique(self._of(name) % self.mesh.n_stored)])
+
+    def part(self, name: str) -> float | None:
+        """Height of the cells at a marker by that of most cells."""
+        rows, usual = self._rows(name)[0], self._faces[3]
+        return float(np.median(self._faces[2][rows]) / usual) if len(rows) and usual > 0.0 else None
+
+    def planes(self, name: str) -> list[tuple[np.ndarray, float, float]]:
+        """Unit normal of each plane that a marker is of, and the least and largest height along it; none if curved."""
+        faces = self._of(name)
+        found: list[tuple[np.ndarray, float, float]] = []
+        areas, middles = area_vectors(self.mesh.points[faces]), self.mesh.points[faces].mean(axis=1)
+        sizes = np.linalg.norm(areas, axis=1)
+        while len(faces) and len(found) < MOST_PLANES:
+            first = int(np.argmax(sizes))
+            if not sizes[first]:
+                break
+            normal = areas[first] / sizes[first]
+            along, off = areas @ normal, (middles - middles[first]) @ normal
+            is_near = (np.abs(along) >= (1.0 - NEARLY) * sizes) & (np.abs(off) <= NEARLY * self.size)
+            normal = np.sign(along[is_near]) @ areas[is_near]  # faces may look to either side
+            normal = normal / np.linalg.norm(normal)
+            heights = self.mesh.points[faces] @ normal
+            level = float(np.median(heights[is_near]))
+            is_in = (np.abs(heights - level) <= FLAT * self.size).all(axis=1)
+            if not is_in[first]:
+                return []
+            found.append((normal, float(heights[is_in].min()), float(heights[is_in].max())))
+            faces, areas, middles, sizes = faces[~is_in], areas[~is_in], middles[~is_in], sizes[~is_in]
+        return [] if len(faces) else found
+
+    def is_side(self, name: str) -> bool:
+        """Whether a marker is of one plane, with all of the mesh on one side of it."""
+        planes = self.planes(name)
+        if len(planes) != 1:
+            return False
+        (normal, low, high), near = planes[0], FLAT * self.size
+        heights = self.mesh.points @ normal
+        return bool(heights.min() >= low - near or heights.max() <= high + near)
+
+    def ends_upright(self, wall: str, name: str) -> bool:
+        """Whether a wall ends in a plane marker, at a right angle."""
+        normal, nodes = self.planes(name)[0][0], np.unique(self._of(name))
+        faces = self._of(wall)
+        areas = area_vectors(self.mesh.points[faces])[np.isin(faces, nodes).any(axis=1)]
+        sizes = np.linalg.norm(areas, axis=1)
+        return bool(len(areas)) and float(np.abs(areas @ normal).sum()) < UPRIGHT * float(sizes.sum())
