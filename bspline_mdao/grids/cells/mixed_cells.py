@@ -99,6 +99,8 @@ class MixedMesh(OneLine):
         file is of two dimensions.
     stated : mapping of str to str, optional
         What the file says that markers are: types of OpenFOAM's patches, or of CGNS's boundary conditions.
+    polygons : ndarray of int, shape (n_faces,), optional
+        Which polygon each face of ``polyhedra`` is, or a piece of; each is one by itself by default.
 
     Raises
     ------
@@ -123,6 +125,7 @@ class MixedMesh(OneLine):
     source: str = "mesh"
     n_copies: int = 1
     stated: Mapping[str, str] | None = None
+    polygons: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no mesh, whoever reads it."""

@@ -101,6 +101,7 @@ def read_cgns_mesh(
     source = str(path)
     points: list[np.ndarray] = []
     seen, of_cells = [np.zeros((0, 4), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    of_polygons = [np.zeros(0, dtype=np.int64)]
     cells: dict[str, list[np.ndarray]] = {}
     markers: dict[str, list[np.ndarray]] = {}
     stated: dict[str, str] = {}
@@ -126,9 +127,9 @@ def read_cgns_mesh(
                 markers.setdefault(marker, []).append(faces + first)
             stated = {**_types(zone, base, families), **stated}
             if elements.polyhedra is not None:
-                n_before = sum(int(part.max()) + 1 for part in of_cells[-1:] if len(part))
                 seen.append(elements.polyhedra[0] + first)
-                of_cells.append(elements.polyhedra[1] + n_before)
+                for parts, found in zip((of_cells, of_polygons), elements.polyhedra[1:]):
+                    parts.append(found + int(parts[-1].max(initial=-1)) + 1)
             points.append(zone_points)
             places.append(zone_places)
             first += len(zone_points)
@@ -145,7 +146,8 @@ def read_cgns_mesh(
             layer.mesh(corners_of, marked, stated), os.path.abspath(path), tuple(places), numbers, layer
         )
     polyhedra = (numbers[np.concatenate(seen)], np.concatenate(of_cells)) if len(seen) > 1 else None
-    mesh = MixedMesh(joined, corners_of, marked, polyhedra, source, stated=stated)
+    polygons = np.concatenate(of_polygons) if len(seen) > 1 else None
+    mesh = MixedMesh(joined, corners_of, marked, polyhedra, source, stated=stated, polygons=polygons)
     return CgnsMeshFile(mesh, os.path.abspath(path), tuple(places), numbers)
 
 
@@ -203,7 +205,8 @@ class _Elements:
     numbers: np.ndarray  # (n,), their numbers in the zone, ascending
     # faces of each section that has some, as rows of `faces`; of polygons those of one cell alone
     sections: dict[str, np.ndarray]
-    polyhedra: tuple[np.ndarray, np.ndarray] | None  # of int, faces of polyhedra and their cells, see `MixedMesh`
+    # of int, faces of polyhedra, their cells and the polygons that they are, see `MixedMesh`
+    polyhedra: tuple[np.ndarray, np.ndarray, np.ndarray] | None
 
     def markers(self, zone: h5py.Group, names: Mapping[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
         """Faces of boundary conditions by the names of their families; where there are none, of sections."""
@@ -288,8 +291,8 @@ def _elements(zone: h5py.Group, n_points: int, n_dimensions: int, what: str) -> 
     return _Elements(joined, joined_faces, np.concatenate(numbers)[order], sections, polyhedra)
 
 
-def _polyhedra(lists: dict[int, list[Lists]], parents: list, what: str) -> tuple[np.ndarray, np.ndarray]:
-    """Faces of polyhedra, and their cells: as the cells tell or, without these, the polygons' parents."""
+def _polyhedra(lists: dict[int, list[Lists]], parents: list, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Faces of polyhedra, their cells and polygons: as the cells tell or, without these, the polygons' parents."""
     polygons = Polygons.of(Lists.joined(lists[NGON]), what)
     if lists[NFACE]:
         return polygons.of_cells(Lists.joined(lists[NFACE]), what)

@@ -75,8 +75,8 @@ class Polygons:
             raise InputError(f"{what}: polygon {lists.numbers[worst]} has {lists.sizes[worst]} corners; write it again")
         return cls(lists.numbers, *fans(lists.values - 1, lists.sizes))
 
-    def of_cells(self, cells: Lists, what: str) -> tuple[np.ndarray, np.ndarray]:
-        """Pieces as seen from cells that list their polygons, and the cells that they are of, from 0."""
+    def of_cells(self, cells: Lists, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pieces as seen from cells that list their polygons, the cells and the polygons that they are of, from 0."""
         # The number of a polygon that looks into the cell is negative.
         numbers = np.abs(cells.values)
         rows = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
@@ -87,21 +87,23 @@ class Polygons:
             )
         return self._seen(rows, np.repeat(np.arange(len(cells.sizes)), cells.sizes), cells.values < 0)
 
-    def of_parents(self, parents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pieces as seen from the cells on both sides of polygons, shape (2, n), and these cells, from 0."""
+    def of_parents(self, parents: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pieces as seen from the cells on both sides of polygons, shape (2, n), these cells and polygons, from 0."""
         # A polygon looks from the first to the second; 0 stands for none.
         sides, rows = np.nonzero(parents)
         _, cells = np.unique(parents[sides, rows], return_inverse=True)
         return self._seen(rows, cells.ravel(), sides == 1)
 
-    def _seen(self, rows: np.ndarray, cells: np.ndarray, is_turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _seen(
+        self, rows: np.ndarray, cells: np.ndarray, is_turned: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pieces of some polygons for their cells, turned or not."""
         starts = np.searchsorted(self.polygon, np.arange(len(self.numbers) + 1))
         counts = np.diff(starts)[rows]
         first = np.repeat(starts[rows] - np.cumsum(counts) + counts, counts)
         quads, turned = self.quads[first + np.arange(len(first))], np.repeat(is_turned, counts)
         quads[turned] = quads[turned, ::-1]
-        return quads, np.repeat(cells, counts)
+        return quads, np.repeat(cells, counts), np.repeat(rows, counts)
 
 
 @njit(cache=True)

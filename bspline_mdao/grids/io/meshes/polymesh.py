@@ -80,7 +80,8 @@ def read_polymesh(
     for name, kind, first, n in _patches(files["boundary"], len(sizes)):
         markers[name] = quads[(face >= first) & (face < first + n)]
         stated[name] = kind
-    mesh = MixedMesh(points, {}, markers, (seen, of_cells), str(path), stated=stated)
+    polygons = np.concatenate([face, face[is_inner]])
+    mesh = MixedMesh(points, {}, markers, (seen, of_cells), str(path), stated=stated, polygons=polygons)
     return PolyMeshFolder(mesh, files["points"], stored)
 
 

@@ -1,0 +1,224 @@
+"""Faces and cells of a mesh without structure, judged as OpenFOAM's ``checkMesh`` defines it.
+
+- *Non-orthogonality* of an inner face: the angle between its area vector and the line from the centre of one of its
+  cells to that of the other.
+- *Skewness* of a face: how far the point in which that line meets it is from its centre, by the extent of the face from
+  its centre in that direction, but at least a fifth of the length of the line. At the boundary the line is that along
+  the normal from the centre of the cell, and two fifths of its length count.
+
+The centre of a face is that of the triangles around the mean of its corners, weighted by their areas; that of a cell is
+that of the pyramids from the mean of the centres of its faces. The average angle is that of the mean cosine.
+
+Theory: ``docs/theory/quality.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ...base.display import OneLine
+from .mixed_cells import MixedMesh, face_keys
+
+__all__ = ["SEVERE", "SKEWED", "MeshQuality", "mesh_quality"]
+
+SEVERE, SKEWED = 70.0, 4.0
+"""Angles (deg) and skewness above which ``checkMesh`` counts a face as bad."""
+
+INNER_PART, OUTER_PART = 0.2, 0.4
+"""Parts of the line through a face that its extent is at least taken for, inside and at the boundary."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """Faces of a mesh, each once."""
+
+    corners: np.ndarray  # int (n_corners,), corners of all faces, one after the other, around the normal out of `owner`
+    starts: np.ndarray  # int (n_faces + 1,), first corner of each
+    owner: np.ndarray  # int (n_faces,), the cell on one side
+    neighbour: np.ndarray  # int (n_faces,), the cell on the other side; -1 for none
+
+
+@dataclass(frozen=True, eq=False)
+class MeshQuality(OneLine):
+    """What faces and cells of a mesh are like."""
+
+    volumes: np.ndarray  # (n_cells,), volumes (m^3)
+    is_inverted: np.ndarray  # bool (n_cells,), see `CellQuality`
+    angles: np.ndarray  # (n_inner,), non-orthogonality of the faces between two cells (deg)
+    mean_angle: float  # the angle of the mean of their cosines (deg); 0 where there is none
+    skewness: np.ndarray  # (n_faces,), skewness of all faces
+    middles: np.ndarray  # (n_cells, 3), centres of the cells (m)
+
+    @property
+    def n_severe(self) -> int:
+        """Faces whose non-orthogonality is above `SEVERE`."""
+        return int((self.angles > SEVERE).sum())
+
+    @property
+    def n_skewed(self) -> int:
+        """Faces whose skewness is above `SKEWED`."""
+        return int((self.skewness > SKEWED).sum())
+
+
+def mesh_quality(mesh: MixedMesh, points: np.ndarray | None = None) -> MeshQuality:
+    """Measure the faces and cells of a mesh, with its nodes somewhere else if these are given, shape (n, 3)."""
+    x = mesh.points if points is None else mesh.as_nodes(points)
+    faces, cells = _faces(mesh), mesh.quality(x)
+    centres, areas = np.empty((len(faces.owner), 3)), np.empty((len(faces.owner), 3))
+    _face_centres(x, faces.corners, faces.starts, centres, areas)
+    middles = _cell_centres(centres, areas, faces.owner, faces.neighbour, mesh.n_cells)
+    cosines, skewness = np.empty(len(centres)), np.empty(len(centres))
+    _judge(x, faces.corners, faces.starts, faces.owner, faces.neighbour, centres, areas, middles, cosines, skewness)
+    inner = cosines[faces.neighbour >= 0]
+    mean = float(np.degrees(np.arccos(np.clip(inner.mean(), -1.0, 1.0)))) if len(inner) else 0.0
+    angles = np.degrees(np.arccos(np.clip(inner, -1.0, 1.0)))
+    return MeshQuality(cells.volumes, cells.is_inverted, angles, mean, skewness, middles)
+
+
+def _faces(mesh: MixedMesh) -> _Faces:
+    """Find the faces of a mesh, each once; pieces of a polygon are one."""
+    rows, cells = mesh.cell_faces
+    _, ids = np.unique(face_keys(rows, mesh.n_points), return_inverse=True)
+    ids = ids.ravel()
+    if mesh.polyhedra is not None and mesh.polygons is not None:
+        first = len(rows) - len(mesh.polygons)
+        of_polygon = np.full(int(mesh.polygons.max(initial=-1)) + 1, len(rows))
+        np.minimum.at(of_polygon, mesh.polygons, ids[first:])
+        ids[first:] = of_polygon[mesh.polygons]
+    order = np.argsort(ids, kind="stable")
+    starts = np.flatnonzero(np.diff(ids[order], prepend=-1))
+    n = len(starts)
+    corners, ends = np.empty(4 * len(rows), dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
+    owner, neighbour = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    _loops(rows, cells, order, np.append(starts, len(rows)), corners, ends, owner, neighbour)
+    return _Faces(corners[: ends[-1]], ends, owner, neighbour)
+
+
+@njit(cache=True)
+def _loops(rows, cells, order, starts, corners, ends, owner, neighbour):
+    """Write the corners of faces that may be in pieces, and their cells: those as seen from the first cell."""
+    at = 0
+    for f in range(len(owner)):
+        owner[f], neighbour[f], first = cells[order[starts[f]]], -1, at
+        is_turned = False
+        for k in range(starts[f], starts[f + 1]):
+            row = order[k]
+            if cells[row] != owner[f]:
+                neighbour[f] = cells[row]
+                continue
+            a, b, c, d = rows[row, 0], rows[row, 1], rows[row, 2], rows[row, 3]
+            if a == b:  # a triangle that is seen from the other cell
+                a, b, c, d, is_turned = d, c, a, a, True
+            if at == first:
+                corners[at], corners[at + 1], corners[at + 2] = a, b, c
+                at += 3
+            else:  # the next piece of a fan
+                corners[at] = c
+                at += 1
+            if d != c:
+                corners[at] = d
+                at += 1
+        if is_turned:
+            corners[first:at] = corners[first:at][::-1].copy()
+        ends[f + 1] = at
+
+
+@njit(cache=True)
+def _dot(u, v):
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@njit(cache=True)
+def _triangle(p, q, r):
+    """Area vector of a triangle."""
+    u0, u1, u2, v0, v1, v2 = q[0] - p[0], q[1] - p[1], q[2] - p[2], r[0] - p[0], r[1] - p[1], r[2] - p[2]
+    return 0.5 * (u1 * v2 - u2 * v1), 0.5 * (u2 * v0 - u0 * v2), 0.5 * (u0 * v1 - u1 * v0)
+
+
+@njit(cache=True, error_model="numpy")
+def _face_centres(x, corners, starts, centres, areas):
+    """Write the centre and the area vector of every face."""
+    mean = np.empty(3)
+    for f in range(len(centres)):
+        begin, n = starts[f], starts[f + 1] - starts[f]
+        for d in range(3):
+            mean[d] = 0.0
+            for k in range(n):
+                mean[d] += x[corners[begin + k], d]
+            mean[d] /= n
+            centres[f, d] = areas[f, d] = 0.0
+        whole = 0.0
+        for k in range(n):
+            p, q = x[corners[begin + k]], x[corners[begin + (k + 1) % n]]
+            part = _triangle(p, q, mean)
+            size = np.sqrt(_dot(part, part))
+            whole += size
+            for d in range(3):
+                areas[f, d] += part[d]
+                centres[f, d] += size * (p[d] + q[d] + mean[d]) / 3.0
+        for d in range(3):
+            centres[f, d] = centres[f, d] / whole if whole > 0.0 else mean[d]
+
+
+def _cell_centres(centres, areas, owner, neighbour, n_cells):
+    """Centres of cells, shape (n_cells, 3)."""
+    means, weights, counts = np.zeros((n_cells, 3)), np.zeros((n_cells, 4)), np.zeros(n_cells)
+    _add_means(centres, owner, neighbour, means, counts)
+    means /= np.maximum(counts, 1.0)[:, None]
+    _add_pyramids(centres, areas, owner, neighbour, means, weights)
+    is_solid = np.abs(weights[:, 3]) > 0.0
+    means[is_solid] += weights[is_solid, :3] / weights[is_solid, 3:]
+    return means
+
+
+@njit(cache=True)
+def _add_means(centres, owner, neighbour, means, counts):
+    """Sum the centres of the faces of every cell."""
+    for f in range(len(centres)):
+        for at in (owner[f], neighbour[f]):
+            if at >= 0:
+                counts[at] += 1.0
+                for d in range(3):
+                    means[at, d] += centres[f, d]
+
+
+@njit(cache=True)
+def _add_pyramids(centres, areas, owner, neighbour, means, weights):
+    """Sum volumes times centres, and volumes, of the pyramids to the faces of every cell."""
+    for f in range(len(centres)):
+        for at, sign in ((owner[f], 1.0), (neighbour[f], -1.0)):
+            if at >= 0:
+                volume = sign * (_dot(areas[f], centres[f]) - _dot(areas[f], means[at]))
+                weights[at, 3] += volume
+                for d in range(3):
+                    weights[at, d] += volume * 0.75 * (centres[f, d] - means[at, d])
+
+
+@njit(cache=True, error_model="numpy")
+def _judge(x, corners, starts, owner, neighbour, centres, areas, middles, cosines, skewness):
+    """Write the cosine of the non-orthogonality, which is 1 at the boundary, and the skewness of every face."""
+    tiny = 1e-300  # of faces that have shrunk to nothing
+    line, to_face, off = np.empty(3), np.empty(3), np.empty(3)
+    for f in range(len(owner)):
+        area, is_inner = areas[f], neighbour[f] >= 0
+        size = np.sqrt(_dot(area, area))
+        for d in range(3):
+            to_face[d] = centres[f, d] - middles[owner[f], d]
+        height = _dot(area, to_face)
+        for d in range(3):
+            line[d] = (
+                middles[neighbour[f], d] - middles[owner[f], d] if is_inner else area[d] * height / max(size**2, tiny)
+            )
+        along, reach = _dot(area, line), np.sqrt(_dot(line, line))
+        cosines[f] = along / max(reach * size, tiny) if is_inner else 1.0
+        for d in range(3):
+            off[d] = to_face[d] - line[d] * height / (along if abs(along) > tiny else tiny)
+        length = np.sqrt(_dot(off, off))
+        extent = max((INNER_PART if is_inner else OUTER_PART) * reach, tiny)
+        if length > 0.0:
+            for k in range(starts[f], starts[f + 1]):
+                extent = max(extent, abs(_dot(off, x[corners[k]]) - _dot(off, centres[f])) / length)
+        skewness[f] = length / extent
