@@ -105,7 +105,8 @@ def inspect(**options: Any) -> None:
     """Show blocks, interfaces, boundary faces, first cells at walls and what looks wrong in a grid.
 
     GRID is a {read} file, a model MODEL.h5, of which the errors of the fit are shown as well, or a built-in grid:
-    {built_in}.
+    {built_in}. Of a mesh without structure, {meshes}, cells and markers are shown, what these seem to be, and what has
+    to be declared.
     """
     from .inspect import inspect_grid
 
@@ -393,7 +394,8 @@ def quality(**options: Any) -> None:
     """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells, first cells at walls.
 
     GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. Of a CGNS file of curved
-    hexahedra, as refine --degree writes it, Jacobians are measured.
+    hexahedra, as refine --degree writes it, Jacobians are measured; of a mesh without structure, {meshes}, volumes,
+    inverted cells, and the non-orthogonality and skewness of its faces as OpenFOAM's checkMesh has them.
 
     {definitions}
     """

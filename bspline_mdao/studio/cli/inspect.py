@@ -1,4 +1,7 @@
-"""The command ``inspect``: topology and walls of a grid, the fit of a model, and the draft of a patches file."""
+"""The command ``inspect``: topology and walls of a grid, the fit of a model, and the draft of a patches file.
+
+Meshes without structure are for `meshes`.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from ...errors import InputError
 from ...grids.cells.wall_spacing import wall_spacings
 from ...grids.io.disk import replaced_file
 from ...grids.io.formats import MODEL
+from ...grids.io.meshes.files import is_mesh
 from ...grids.io.patch_certainty import SURENESS, Certainty, how_sure
 from ...grids.io.patch_guess import draft_patches, gathered, guess_undeclared
 from ...grids.topology.detection import find_topology
@@ -22,6 +26,7 @@ from ...grids.topology.periodic import PeriodicPair, find_periodic
 from ...grids.topology.topology import NearMiss, Topology
 from ...grids.topology.topology import describe as named
 from .fit import fit_numbers, show_report
+from .meshes import inspect_mesh
 from .output import (
     check_outputs,
     counts_text,
@@ -45,6 +50,9 @@ def inspect_grid(
     units: str | None = None,  # unit of lengths, where the file does not say it
 ) -> None:
     """Find the topology of a grid and show it; of a model also how well it is fitted."""
+    if file_of(grid_name) and is_mesh(grid_name):
+        inspect_mesh(grid_name, patches, draft, json, reynolds, units)
+        return
     check_outputs([draft, json], [file_of(grid_name), patches])
     is_model = Path(grid_name).suffix == MODEL
     if is_model and (patches or units):

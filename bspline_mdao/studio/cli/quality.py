@@ -22,6 +22,7 @@ from ...grids.cells.pieces import Pieces
 from ...grids.cells.report import InvertedCell, QualityReport, WorstCell, inverted_cells, report_quality
 from ...grids.io.cgns_elements import read_cgns_elements
 from ...grids.io.formats import MODEL
+from ...grids.io.meshes.files import is_mesh
 from ...grids.io.patches import merge_patches, read_patches
 from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Grid
@@ -29,6 +30,7 @@ from ...grids.topology.index_space import Window
 from ...grids.topology.partition import Partition
 from ...grids.topology.stored_grid import StoredBlock, StoredGrid
 from .curved import measure_curved
+from .meshes import measure_mesh
 from .output import (
     certificate_numbers,
     check_outputs,
@@ -78,6 +80,9 @@ def measure_quality(
             )
         measure_curved(grid_name, curved, json, comm)
         return
+    if on_first(comm, lambda: bool(file_of(grid_name)) and is_mesh(grid_name)):
+        _measure_mesh(grid_name, json, patches, baseline, units, comm)
+        return
     with progress_bar() as progress:
         progress(0.0, "reading")
         grid = _read(grid_name, patches, comm, units)
@@ -93,6 +98,17 @@ def measure_quality(
     print_warnings(grid.warnings)
     if baseline is not None:
         print_warnings(height_warnings(report.heights))
+
+
+def _measure_mesh(
+    name: str, json: Path | None, patches: Path | None, baseline: str | None, units: str | None, comm: Any
+) -> None:
+    """Measure a mesh without structure, by one process."""
+    if comm.size > 1:
+        raise InputError(f"{name}: is a mesh without structure, which one process measures; leave out mpirun")
+    if units:
+        raise InputError(f"{name}: is a mesh without structure, measured in its own unit; leave out --units")
+    measure_mesh(name, json, patches, baseline)
 
 
 def _curved_of(grid_name: str) -> CurvedGrid | None:

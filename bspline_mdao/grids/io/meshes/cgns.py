@@ -35,7 +35,7 @@ from ..disk import deferred_interrupts, replaced_file
 from .cgns_polyhedra import NFACE, NGON, Lists, Polygons
 from .layer_of_cells import LayerPoints, SectionSpan
 
-__all__ = ["CgnsMeshFile", "read_cgns_mesh"]
+__all__ = ["CgnsMeshFile", "is_unstructured", "read_cgns_mesh"]
 
 CELLS = {
     "tetra": (4, {10: 4, 11: 10, 29: 16, 30: 20, 45: 22, 46: 34, 47: 35}),
@@ -91,6 +91,17 @@ class CgnsMeshFile(OneLine):
                     for axis, place in enumerate(places):
                         file[place][...] = moved[:, axis].reshape(file[place].shape)
                     first += n
+
+
+def is_unstructured(path: str | os.PathLike) -> bool:
+    """Whether all zones of a CGNS file are unstructured; not where it has none, or cannot be read."""
+    try:
+        with deferred_interrupts(), damaged_is_input_error(str(path)), opened_cgns(str(path)) as file:
+            zones = [zone for _, base in children(file, "CGNSBase_t") for _, zone in children(base, "Zone_t")]
+            kinds = [first_child(zone, "ZoneType_t") for zone in zones]
+            return bool(kinds) and all(kind is not None and word(kind) == "Unstructured" for kind in kinds)
+    except InputError:  # what reads it as a grid says what is wrong
+        return False
 
 
 def read_cgns_mesh(

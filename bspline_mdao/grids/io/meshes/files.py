@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...cells.mixed_cells import MixedMesh
     from .layer_of_cells import SectionSpan
 
-__all__ = ["FORMATS", "MeshFile", "check_same_format", "mesh_names", "read_mesh"]
+__all__ = ["FORMATS", "MeshFile", "check_same_format", "is_mesh", "mesh_names", "read_mesh"]
 
 FORMATS = {
     ".su2": "bspline_mdao.grids.io.meshes.su2.read_su2",
@@ -92,6 +92,14 @@ def read_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> MeshF
     suffix = _suffix(path)
     read = resolve_name(FORMATS[suffix])
     return read(path, span) if suffix in IN_PLANES else read(path)
+
+
+def is_mesh(path: str | os.PathLike) -> bool:
+    """Whether a path is a mesh without structure: CGNS by what is in the file, others by their names."""
+    suffix = POLYMESH if Path(path).name == POLYMESH else Path(path).suffix.lower()
+    if suffix != ".cgns":
+        return suffix in FORMATS
+    return resolve_name("bspline_mdao.grids.io.meshes.cgns.is_unstructured")(path)
 
 
 def check_same_format(path: str | os.PathLike, output: str | os.PathLike) -> None:

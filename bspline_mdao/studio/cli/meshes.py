@@ -1,0 +1,293 @@
+"""The commands ``inspect`` and ``quality`` of meshes without structure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ...base.numerics.progress import progress_bar
+from ...base.text import counted
+from ...errors import InputError
+from ...grids.cells.mesh_heights import height_quantiles, mesh_wall_spacings, wall_heights_of
+from ...grids.cells.mesh_quality import SEVERE, SKEWED, MeshQuality, mesh_quality
+from ...grids.cells.mixed_cells import CellQuality, MixedMesh, face_keys
+from ...grids.cells.wall_spacing import WallSpacing
+from ...grids.io.disk import replaced_file
+from ...grids.io.marker_guess import MarkerGuess
+from ...grids.io.marker_kinds import draft_kinds, marker_kinds, undecided
+from ...grids.io.meshes.files import read_mesh
+from .output import (
+    check_outputs,
+    print_lines,
+    print_table,
+    print_title,
+    print_warnings,
+    spacing_numbers,
+    written_json,
+)
+
+MOST_LISTED = 10
+"""Inverted cells that are printed."""
+
+MOST_NUMBERED = 100
+"""Inverted cells that are written into JSON."""
+
+
+def inspect_mesh(
+    name: str,  # the file
+    patches: Path | None,  # declared kinds of its markers
+    draft: Path | None,  # draft, json: TOML file of kinds to start from, and numbers, to write
+    json: Path | None,
+    reynolds: float | None,  # Reynolds number per unit of length, for an estimate of y+
+    units: str | None,  # unit of lengths
+) -> None:
+    """Show the cells and markers of a mesh, what its markers seem to be, and what has to be declared to move it."""
+    check_outputs([draft, json], [name, patches])
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        mesh = read_mesh(name).mesh
+        progress(0.5, "markers")
+        kinds = marker_kinds(mesh, patches)
+        progress(0.7, "cells")
+        quality = mesh.quality()
+        walls = [marker for marker, guess in kinds.items() if guess.kind == "wall"]
+        spacings = mesh_wall_spacings(mesh, walls)
+    numbers = _mesh_numbers(mesh, kinds, quality, spacings, reynolds, units)
+    with written_json(json, numbers):
+        if draft:
+            with replaced_file(draft) as part:
+                part.write_text(draft_kinds(mesh, kinds), encoding="utf-8")
+    _show_mesh(mesh, kinds, numbers)
+    if walls and not numbers["to_declare"]:
+        print_lines([f"it can be moved from {', '.join(walls)}"])
+    if draft:
+        print_lines([f"{draft} written: mend the kinds of markers, then pass it as --patches {draft}"])
+    if numbers["to_declare"]:
+        print_warnings([numbers["to_declare"]])
+
+
+def measure_mesh(
+    name: str,  # the file
+    json: Path | None,  # numbers to write
+    patches: Path | None,  # declared kinds of its markers
+    baseline: str | None,  # the mesh before it was moved
+) -> None:
+    """Measure the cells and faces of a mesh and show what they are like."""
+    check_outputs([json], [name, patches, baseline])
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        mesh = read_mesh(name).mesh
+        before = mesh if baseline is None else _baseline_of(baseline, mesh, name)
+        kinds = marker_kinds(before, patches)
+        progress(0.5, "cells")
+        quality = mesh_quality(before, mesh.points)
+        newly = quality.is_inverted & ~before.quality().is_inverted if baseline else np.zeros(0, dtype=bool)
+        walls = {marker: faces for marker, faces in (before.markers or {}).items() if kinds[marker].kind == "wall"}
+        heights = {marker: _heights(before, faces, mesh.points, baseline) for marker, faces in walls.items()}
+    numbers = _quality_numbers(name, baseline, before, quality, newly, heights)
+    with written_json(json, numbers):
+        pass
+    _show_quality(name, numbers, baseline)
+
+
+def _baseline_of(baseline: str, mesh: MixedMesh, name: str) -> MixedMesh:
+    """The mesh before it was moved."""
+    before = read_mesh(baseline).mesh
+    if (before.n_points, _kinds(before)) != (mesh.n_points, _kinds(mesh)):
+        raise InputError(
+            f"{name}: has {mesh.n_stored:,} nodes and {mesh.n_cells:,} cells, the baseline {baseline} "
+            f"{before.n_stored:,} and {before.n_cells:,}; give the mesh that was moved"
+        )
+    return before
+
+
+def _heights(
+    before: MixedMesh, faces: np.ndarray, points: np.ndarray, baseline: str | None
+) -> dict[str, dict[str, float]]:
+    """Quantiles of the heights at a wall, and of these by those of the baseline."""
+    heights, _ = wall_heights_of(before, faces, points)
+    found = {"heights": height_quantiles(heights)}
+    if baseline is not None:
+        was, _ = wall_heights_of(before, faces)
+        found["ratios"] = height_quantiles(heights / was)
+    return found
+
+
+def _kinds(mesh: MixedMesh) -> dict[str, int]:
+    """Number of cells of each kind; those of a file of two dimensions by their names there."""
+    names = {"wedge": "triangle", "hexahedron": "quad"} if mesh.n_copies == 2 else {}
+    found = {names.get(kind, kind): len(corners) for kind, corners in mesh.cells.items() if len(corners)}
+    n_polyhedra = mesh.n_cells - sum(found.values())
+    return {**found, **({"polyhedron": n_polyhedra} if n_polyhedra else {})}
+
+
+def _cell_name(mesh: MixedMesh, cell: int) -> str:
+    """Kind of a cell, and its number among those of the kind, from 1."""
+    for kind, n in _kinds(mesh).items():
+        if cell < n:
+            return f"{kind} {cell + 1:,}"
+        cell -= n
+    raise IndexError(cell)
+
+
+def _inverted(mesh: MixedMesh, which: np.ndarray, volumes: np.ndarray, middles: np.ndarray) -> list[dict]:
+    """Collect name, volume and place of inverted cells, those of the least volume first."""
+    cells = np.flatnonzero(which)
+    cells = cells[np.argsort(volumes[cells], kind="stable")][:MOST_NUMBERED]
+    return [
+        {"cell": _cell_name(mesh, int(cell)), "volume": volumes[cell], "place": middles[cell].tolist()}
+        for cell in cells.tolist()
+    ]
+
+
+def _n_free(mesh: MixedMesh) -> int:
+    """Faces of the boundary that no marker has; those in the planes of a file of two dimensions do not count."""
+    skin = mesh.skin
+    if mesh.n_copies == 2:
+        is_upper = skin >= mesh.n_stored
+        skin = skin[is_upper.any(axis=1) & ~is_upper.all(axis=1)]
+    marked = [face_keys(faces, mesh.n_points) for faces in (mesh.markers or {}).values()]
+    return int((~np.isin(face_keys(skin, mesh.n_points), np.concatenate([np.zeros(0), *marked]))).sum())
+
+
+def _mesh_numbers(
+    mesh: MixedMesh,
+    kinds: Mapping[str, MarkerGuess],
+    quality: CellQuality,
+    spacings: tuple[WallSpacing, ...],
+    reynolds: float | None,
+    units: str | None,
+) -> dict:
+    """Collect the numbers of a mesh for JSON."""
+    nodes, markers = mesh.points[: mesh.n_stored], mesh.markers or {}
+    return {
+        "mesh": mesh.source,
+        "units": units,
+        "dimensions": 2 if mesh.n_copies == 2 else 3,
+        "n_nodes": mesh.n_stored,
+        "n_cells": mesh.n_cells,
+        "cells": _kinds(mesh),
+        "box": {"low": nodes.min(axis=0).tolist(), "high": nodes.max(axis=0).tolist()} if len(nodes) else None,
+        "min_volume": quality.volumes.min() if len(quality.volumes) else None,
+        "n_inverted": int(quality.is_inverted.sum()),
+        "markers": [
+            {
+                "name": name,
+                "kind": guess.kind,
+                "n_faces": len(markers[name]),
+                "sureness": guess.sure,
+                "reason": guess.why,
+            }
+            for name, guess in kinds.items()
+        ],
+        "n_unmarked_faces": _n_free(mesh),
+        "walls": [
+            {**numbers, "quantiles": height_quantiles(wall_heights_of(mesh, markers[s.patch])[0])}
+            for numbers, s in zip(spacing_numbers(spacings, reynolds), spacings)
+        ],
+        "to_declare": undecided(mesh, kinds) or None,
+    }
+
+
+def _show_mesh(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess], numbers: dict) -> None:
+    """Print what a mesh consists of."""
+    said = f", lengths in {numbers['units']}" if numbers["units"] else ""
+    print_title(
+        f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}, {numbers['dimensions']} "
+        f"dimensions{said}"
+    )
+    print_table(["cells", "number"], list(numbers["cells"].items()))
+    if kinds:
+        rows = [(m["name"], m["kind"], m["n_faces"], m["sureness"], m["reason"]) for m in numbers["markers"]]
+        print_table(["marker", "kind", "faces", "how sure", "why"], rows)
+    lines = []
+    if numbers["box"]:
+        low, high = (", ".join(f"{x:.4g}" for x in numbers["box"][end]) for end in ("low", "high"))
+        lines.append(f"from ({low}) to ({high})")
+    if numbers["min_volume"] is not None:
+        what = "area" if mesh.n_copies == 2 else "volume"
+        lines.append(f"smallest {what} {numbers['min_volume']:.4g}, {counted(numbers['n_inverted'], 'inverted cell')}")
+    if numbers["n_unmarked_faces"]:
+        lines.append(f"{counted(numbers['n_unmarked_faces'], 'face')} of the boundary are of no marker, and stay")
+    print_lines(lines)
+    walls = numbers["walls"]
+    if walls:
+        columns = ["first nodes above", "min", "1 %", "median", "99 %", "max", "aspect"]
+        measures = [[*wall["quantiles"].values(), wall["aspect_median"]] for wall in walls]
+        if "y_plus" in walls[0]:
+            columns.append("y+")
+            measures = [[*found, wall["y_plus"]] for found, wall in zip(measures, walls)]
+        print_table(columns, [(wall["patch"], *map(_short, found)) for wall, found in zip(walls, measures)])
+
+
+def _short(number: float) -> str:
+    return f"{number:.3g}"
+
+
+def _quality_numbers(
+    name: str,
+    baseline: str | None,
+    mesh: MixedMesh,
+    quality: MeshQuality,
+    newly: np.ndarray,
+    heights: Mapping[str, dict[str, dict[str, float]]],
+) -> dict:
+    """Collect the numbers of cells and faces for JSON."""
+    return {
+        "mesh": name,
+        "baseline": baseline,
+        "n_cells": mesh.n_cells,
+        "cells": _kinds(mesh),
+        "min_volume": quality.volumes.min() if len(quality.volumes) else None,
+        "volume": float(quality.volumes.sum()),
+        "n_inverted": int(quality.is_inverted.sum()),
+        "inverted": _inverted(mesh, quality.is_inverted, quality.volumes, quality.middles),
+        "newly_inverted": _inverted(mesh, newly, quality.volumes, quality.middles) if baseline else None,
+        "non_orthogonality": {
+            "max": quality.angles.max(initial=0.0),
+            "average": quality.mean_angle,
+            "n_severe": quality.n_severe,
+        },
+        "skewness": {
+            "max": quality.skewness.max(initial=0.0),
+            "average": quality.skewness.mean() if len(quality.skewness) else 0.0,
+            "n_skewed": quality.n_skewed,
+        },
+        "heights": [{"marker": marker, **found} for marker, found in heights.items()],
+    }
+
+
+def _show_quality(name: str, numbers: dict, baseline: str | None) -> None:
+    """Print the measures of cells and faces, and the cells that are inverted."""
+    kinds = ", ".join(f"{n:,} {kind}" for kind, n in numbers["cells"].items())
+    print_title(f"{name}: {counted(numbers['n_cells'], 'cell')} ({kinds})")
+    angle, skewness = numbers["non_orthogonality"], numbers["skewness"]
+    smallest = numbers["min_volume"]
+    print_table(
+        ["measure", "value"],
+        [
+            ("smallest volume", "-" if smallest is None else f"{smallest:.4g}"),
+            ("inverted cells", f"{numbers['n_inverted']:,}"),
+            ("largest non-orthogonality (deg)", f"{angle['max']:.4g}"),
+            ("average non-orthogonality (deg)", f"{angle['average']:.4g}"),
+            (f"faces above {SEVERE:g} deg", f"{angle['n_severe']:,}"),
+            ("largest skewness", f"{skewness['max']:.4g}"),
+            ("average skewness", f"{skewness['average']:.4g}"),
+            (f"faces of skewness above {SKEWED:g}", f"{skewness['n_skewed']:,}"),
+        ],
+    )
+    for key, title in (("heights", "first nodes above"), ("ratios", "heights by those of the baseline at")):
+        rows = [(wall["marker"], *map(_short, wall[key].values())) for wall in numbers["heights"] if wall.get(key)]
+        if rows:
+            print_table([title, "min", "1 %", "median", "99 %", "max"], rows)
+    if baseline is not None:
+        print_lines(
+            [f"{_where(c)}: was valid on the baseline" for c in numbers["newly_inverted"][:MOST_LISTED]], "yellow"
+        )
+    print_lines([f"{_where(c)}: is inverted, volume {c['volume']:.3g}" for c in numbers["inverted"][:MOST_LISTED]])
+
+
+def _where(cell: dict) -> str:
+    return f"{cell['cell']} around ({', '.join(f'{x:.4g}' for x in cell['place'])})"
