@@ -13,6 +13,13 @@ os.environ["OPENMDAO_WORKDIR"] = WORK_FOLDER.name
 collect_ignore_glob = ["parallel/cases/*"]  # scripts of ranks, which do not wait to be called
 
 
+def pytest_configure(config):
+    """Give each of several workers one thread: they share the cores, and BLAS and kernels take all by default."""
+    if config.getoption("numprocesses", None):
+        for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
+            os.environ.setdefault(variable, "1")
+
+
 def pytest_unconfigure():
     """Leave nothing in the temporary folder."""
     WORK_FOLDER.cleanup()
