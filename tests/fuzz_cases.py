@@ -6,8 +6,8 @@ import struct
 
 import numpy as np
 
-N_MUTATIONS = int(os.environ.get("BSPLINE_MDAO_FUZZ", "100"))
-"""Mutations of every kind of file."""
+N_MUTATIONS = int(os.environ.get("BSPLINE_MDAO_FUZZ", "25"))
+"""Mutations of every kind of file: few each time, many before a release."""
 
 NUMBERS = [
     ("i", -1),

@@ -19,7 +19,7 @@ from bspline_mdao.riding import MixedMesh
 
 pytestmark = pytest.mark.slow
 
-N_OF_FORMAT = max(N_MUTATIONS, 400)
+N_OF_FORMAT = max(N_MUTATIONS, 100)
 """Mutations of each format, in all its kinds."""
 
 SECONDS = 5.0

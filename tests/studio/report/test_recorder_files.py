@@ -20,7 +20,7 @@ from bspline_mdao.studio.cli.main import run
 
 pytestmark = pytest.mark.slow  # a grid is fitted, and an optimisation recorded
 
-N_MUTANTS = max(400, N_MUTATIONS)
+N_MUTANTS = max(100, N_MUTATIONS)
 SECONDS = 5.0
 
 
