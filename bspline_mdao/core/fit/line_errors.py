@@ -46,7 +46,9 @@ def class_errors(
 def _direction_error(nodes: np.ndarray, parameters: np.ndarray, d: int, n_control: int, order: int) -> float:
     """Largest error of the lines of a segment along a direction that lie on its faces, by the width of the cells."""
     axes = (d + 1) % 3, (d + 2) % 3, d
-    lines, along = nodes.transpose(*axes, 3), [parameters[..., e].transpose(axes) for e in axes]
+    # contiguous along every direction, so that one compiled kernel serves all
+    lines = np.ascontiguousarray(nodes.transpose(*axes, 3))
+    along = [np.ascontiguousarray(parameters[..., e].transpose(axes)) for e in axes]
     corners = np.array([[edge_knots(along[2][a, b], n_control, order) for b in (0, -1)] for a in (0, -1)])
     return worst_of_lines(lines, *along, corners, order)
 
