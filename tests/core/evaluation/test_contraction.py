@@ -33,7 +33,7 @@ def results() -> dict[str, np.ndarray]:
 def turned_results():
     """Nodes with turned vectors, and the transpose: vectors, fractions and rotations do not depend on the storage."""
     rng = np.random.default_rng(5)
-    evaluator = cloud(rng, random_mesh(rng, (2, 3, 2)), 157)[0]
+    evaluator = cloud(rng, random_mesh(rng, (2, 3, 4)), 157)[0]  # orders of `results`, whose kernels are compiled
     (nodes,) = evaluator.nodes
     n_spans, scratch = len(nodes.anchors), 8
     b, bar = rng.standard_normal((evaluator.n_control_points, 3)), rng.standard_normal((evaluator.n_rows, 3)).ravel()

@@ -114,7 +114,7 @@ def test_change_of_the_force_is_its_complex_step():
     u, dx, du = rng.normal(size=(3, *x.shape))
     dx *= np.ptp(x.real.reshape(-1, 8, 3), axis=1).min(axis=1).repeat(8)[:, None]  # an element's smallest extent
     d_modulus = rng.normal(size=modulus.shape)
-    fixed = x.real, elements, signs, modulus.real, lame
+    fixed = x.real.copy(), elements, signs, modulus.real.copy(), lame  # contiguous, as the kernels are compiled for
     change = (elasticity.force_jvp(*fixed, u[None], dx, d_modulus) + elasticity.force(*fixed, du[None]))[0]
     h = 1e-40
     moved = x + 1j * h * dx, elements, signs, modulus + 1j * h * d_modulus, lame
