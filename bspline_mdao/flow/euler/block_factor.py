@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import njit
@@ -59,6 +59,34 @@ ROWS_PER_THREAD, ROWS_OF_LEVEL = 2_000, 150
 there a thread waits for the numbers of the others for as long as it works."""
 
 
+class FactorRows(NamedTuple):
+    """Pattern of the strict lower triangle by rows and by columns, as kernels take it: see `Pattern`, `Schedule`."""
+
+    order: np.ndarray
+    starts: np.ndarray
+    columns: np.ndarray
+    column_starts: np.ndarray
+    column_rows: np.ndarray
+
+
+class Chunks(NamedTuple):
+    """Chunks of rows that threads are to claim, as kernels take them: see `Schedule`, `claim`."""
+
+    firsts: np.ndarray
+    ends: np.ndarray
+    levels: np.ndarray
+    turn: int  # level from which on they are done backwards
+    numbers: np.ndarray  # counters, of this piece of work alone
+
+
+class FactorBlocks(NamedTuple):
+    """Blocks of a matrix or of its factor, as kernels take them: below, above and on the diagonal."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    diagonal: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class Schedule:
     """Which rows can be done at a time, and the pattern by columns."""
@@ -75,6 +103,10 @@ class Schedule:
     # column_entries, column_rows: (n_blocks,) of int, entries of the columns, and their rows
     column_entries: np.ndarray
     column_rows: np.ndarray
+
+    def chunks(self, levels: np.ndarray, turn: int) -> Chunks:
+        """Those of some levels, to be claimed once."""
+        return Chunks(self.firsts, self.ends, levels, turn, counters(levels[-1], levels[0]))
 
     @property
     def upwards(self) -> np.ndarray:
@@ -170,9 +202,9 @@ class BlockFactor:
         """Factor a matrix, whose blocks off the diagonal are halves, at their entries, the others by rank."""
         # They are written over.
         schedule = pattern.schedule
-        rows, chunks = (pattern.starts, pattern.columns), (schedule.firsts, schedule.ends, schedule.levels)
-        how, blocks = (*chunks, counters(schedule.levels[-1])), (lower, upper, diagonal)
-        _together(schedule, len(diagonal), lambda *part: _factorize(*rows, *how, *part, *blocks))
+        rows, chunks = factor_rows(pattern), schedule.chunks(schedule.levels, len(schedule.levels))
+        blocks = FactorBlocks(lower, upper, diagonal)
+        _together(schedule, len(diagonal), lambda *part: _factorize(rows, chunks, *part, blocks))
         return cls(pattern, lower, _by_columns(upper, schedule), diagonal)
 
     def into_transposed(self) -> BlockFactor:
@@ -205,12 +237,16 @@ class BlockFactor:
 
     def _sweep(self, levels: np.ndarray, turn: int, right: np.ndarray, x: np.ndarray, out) -> None:
         """Do the chunks of some levels, from ``turn`` on downwards."""
-        pattern, schedule = self.pattern, self.pattern.schedule
-        kernel = _solve_transposed if self.is_transposed else _solve
-        by = pattern.order, pattern.starts, pattern.columns, schedule.column_starts, schedule.column_rows
-        factor, vectors = (self.lower, self.upper, self.pivots), (right, x, out)
-        how = schedule.firsts, schedule.ends, levels, turn, counters(levels[-1], levels[0])
-        _together(schedule, len(right), lambda *part: kernel(*by, *how, *part, *factor, *vectors))
+        kernel, schedule = (_solve_transposed if self.is_transposed else _solve), self.pattern.schedule
+        rows, chunks = factor_rows(self.pattern), schedule.chunks(levels, turn)
+        blocks = FactorBlocks(self.lower, self.upper, self.pivots)
+        _together(schedule, len(right), lambda *part: kernel(rows, chunks, *part, blocks, right, x, out))
+
+
+def factor_rows(pattern: Pattern) -> FactorRows:
+    """What the kernels take of a pattern."""
+    schedule = pattern.schedule
+    return FactorRows(pattern.order, pattern.starts, pattern.columns, schedule.column_starts, schedule.column_rows)
 
 
 def _by_columns(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
@@ -253,17 +289,20 @@ def levels_of(starts, columns):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _factorize(starts, columns, firsts, ends, levels, numbers, part, n_parts, lower, upper, diagonal):
+def _factorize(rows, chunks, part, n_parts, blocks):
     """Factor row by row in place, the diagonal blocks into their inverses."""
     # For every entry j of row i of the pattern, ascending; fill outside of the pattern is dropped:
     #
     # 1. ``L_ij = A_ij - sum_k L_ik U_kj`` and ``U_ji = A_ji - sum_k L_jk U_ki``, over the k < j in both rows.
     # 2. ``L_ij = L_ij U_jj^-1``.
     # 3. ``U_ii = A_ii - sum_j L_ij U_ji``, and its inverse when the row is done.
+    starts, columns = rows.starts, rows.columns
+    firsts, ends, levels, turn, numbers = chunks
+    lower, upper, diagonal = blocks
     block, inverse = np.empty((BLOCK, BLOCK)), np.empty((BLOCK, BLOCK))
     level = n_tried = 0
     while True:
-        chunk, level, n_tried = claim(numbers, levels, len(levels), part, n_parts, level, n_tried)
+        chunk, level, n_tried = claim(numbers, levels, turn, part, n_parts, level, n_tried)
         if chunk < 0:
             return
         for row in range(firsts[chunk], ends[chunk]):
@@ -325,11 +364,11 @@ def _invert(block, inverse):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _solve(
-    order, starts, columns, column_starts, column_rows, firsts, ends, levels, turn, numbers, part, n_parts,
-    lower, upper, pivots, right, x, out,
-):  # fmt: skip
+def _solve(rows, chunks, part, n_parts, blocks, right, x, out):
     """Solve with L, then with U."""
+    order, starts, columns, column_starts, column_rows = rows
+    firsts, ends, levels, turn, numbers = chunks
+    lower, upper, pivots = blocks
     n_chunks, level, n_tried = levels[-1], 0, 0
     while True:
         chunk, level, n_tried = claim(numbers, levels, turn, part, n_parts, level, n_tried)
@@ -374,11 +413,11 @@ def _solve(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _solve_transposed(
-    order, starts, columns, column_starts, column_rows, firsts, ends, levels, turn, numbers, part, n_parts,
-    lower, upper, pivots, right, x, out,
-):  # fmt: skip
+def _solve_transposed(rows, chunks, part, n_parts, blocks, right, x, out):
     """Solve with the transpose of U, then with that of L."""
+    order, starts, columns, column_starts, column_rows = rows
+    firsts, ends, levels, turn, numbers = chunks
+    lower, upper, pivots = blocks
     n_chunks, level, n_tried = levels[-1], 0, 0
     while True:
         chunk, level, n_tried = claim(numbers, levels, turn, part, n_parts, level, n_tried)

@@ -21,7 +21,7 @@ from .cell_sums import visit
 from .flux import STILL
 from .flux_derivatives import face_flux_jvp
 from .gas import N_STATES
-from .reconstruction import INNER, face_state, face_weights, shock_sensor
+from .reconstruction import INNER, area_of, face_state, face_weights, has_area, has_sensor, shock_sensor
 from .wall_boundary import state_jacobian
 
 __all__ = ["FaceJacobians"]
@@ -57,7 +57,7 @@ class FaceJacobians:
         rows = np.zeros(0, np.int32)
         if discretization.shock_threshold > 0.0:
             rows = np.full(n, -1, np.int32)
-            visit(n, lambda part: find_shocks(*linearization.at(part), rows[part]))
+            visit(n, lambda part: find_shocks(discretization.scheme.part(part), linearization.states, rows[part]))
             at_shock = rows >= 0
             rows[at_shock] = np.arange(np.count_nonzero(at_shock))
             rows = rows if at_shock.any() else rows[:0]  # in slow flow a product costs what it costs without a sensor
@@ -73,13 +73,13 @@ class FaceJacobians:
 
     def product(self, d_states: np.ndarray) -> np.ndarray:
         """Change of the residual with the states, both of float32 and shape (n_cells, 5)."""
-        discretization, stencil, local = self.discretization, self.discretization.stencil, d_states
+        discretization, scheme, local = self.discretization, self.discretization.scheme, d_states
         d_states = discretization.halo.extend(np.ascontiguousarray(d_states, np.float32))
         flux, rest = np.empty((len(self.values), N_STATES), np.float32), (self.shocks, d_states)
 
         def fill(part: slice) -> None:
-            index = stencil.cells[part], stencil.means, stencil.classes[part], self.jump_weights, stencil.lines[part]
-            multiply(*index, self.values[part], self.shock_rows[part], *rest, flux[part])
+            derivatives = self.values[part], self.shock_rows[part]
+            multiply(scheme.part(part), self.jump_weights, *derivatives, *rest, flux[part])
 
         visit(len(flux), fill)
         out = discretization.sums.of_faces(flux, discretization.faces.n_cells)
@@ -87,15 +87,13 @@ class FaceJacobians:
 
     def transposed_product(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `product`."""
-        discretization, stencil, local = self.discretization, self.discretization.stencil, bar
+        discretization, scheme, local = self.discretization, self.discretization.scheme, bar
         bar = discretization.halo.pad(np.ascontiguousarray(bar, np.float32))
         contributions, rest = np.empty((len(self.values), 4, N_STATES), np.float32), (self.shocks, bar)
 
         def fill(part: slice) -> None:
-            index = stencil.cells[part], stencil.means, stencil.classes[part], self.jump_weights, stencil.lines[part]
-            multiply_transposed(
-                *index, stencil.roles[part], self.values[part], self.shock_rows[part], *rest, contributions[part]
-            )
+            derivatives = self.values[part], self.shock_rows[part]
+            multiply_transposed(scheme.part(part), self.jump_weights, *derivatives, *rest, contributions[part])
 
         visit(len(contributions), fill)
         out = discretization.halo.fold(discretization.sums.of_stencils(contributions, len(bar)))
@@ -114,48 +112,31 @@ class FaceJacobians:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def find_shocks(cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, out):
+def find_shocks(scheme, states, out):
     """Write a zero for each face where the sensor is not shut."""
-    for f in range(len(cells)):
-        if roles[f] == INNER and shock_sensor(states, cells[f], threshold)[0] > 0.0:
+    for f in range(len(out)):
+        if has_sensor(scheme, f) and shock_sensor(states, scheme.cells[f], scheme.threshold)[0] > 0.0:
             out[f] = 0
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def face_jacobians(
-    cells,
-    means,
-    classes,
-    differences,
-    lines,
-    roles,
-    areas,
-    states,
-    outside,
-    dissipation,
-    threshold,
-    values,
-    shock_rows,
-    shocks,
-):
+def face_jacobians(scheme, areas, states, outside, values, shock_rows, shocks):
     """Differentiate the fluxes of all faces; the last arguments are filled, see `FaceJacobians`."""
     face_weight = np.zeros((2, 4))
-    for f in range(len(cells)):
-        s = (areas[f, 0], areas[f, 1], areas[f, 2])
-        if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
-            if len(shock_rows) > 0 and shock_rows[f] >= 0:
-                face_weights(means[classes[f]], differences[lines[f]], roles[f], dissipation, 0.0, face_weight)
-                shocks[shock_rows[f], 1:9] = face_weight.ravel()
-            continue
-        near, role, w, d = cells[f], roles[f], means[classes[f]], differences[lines[f]]
+    for f in range(len(values)):
+        s, role, sigma = area_of(areas, f), scheme.roles[f], 0.0
         at = shock_rows[f] if len(shock_rows) > 0 else -1
-        sigma = 0.0
+        if not has_area(s):
+            if at >= 0:
+                face_weights(scheme, f, 0.0, face_weight)
+                shocks[at, 1:9] = face_weight.ravel()
+            continue
         if at >= 0:
-            sigma, by_pressure, by_first, by_last = shock_sensor(states, near, threshold)
-        mean, jump, mean_slope, jump_slope = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
+            sigma, by_pressure, by_first, by_last = shock_sensor(states, scheme.cells[f], scheme.threshold)
+        mean, jump, mean_slope, jump_slope = face_state(scheme, f, states, outside[f], sigma)
         state_jacobian(role, mean, jump, s, sigma, values[f])
         if at >= 0:
-            face_weights(w, d, role, dissipation, sigma, face_weight)
+            face_weights(scheme, f, sigma, face_weight)
             column = face_flux_jvp(mean, jump, s, sigma, mean_slope, jump_slope, STILL, 1.0)
             row = shocks[at]
             row[0] = sigma
@@ -166,9 +147,10 @@ def face_jacobians(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def multiply(cells, means, classes, jumps, lines, values, shock_rows, shocks, d_states, out):
+def multiply(scheme, jumps, values, shock_rows, shocks, d_states, out):
     """Change of the fluxes of all faces with the states, shape (n_faces, 5)."""
-    for f in range(len(cells)):
+    cells, means, classes, lines = scheme.cells, scheme.means, scheme.classes, scheme.lines
+    for f in range(len(out)):
         at = shock_rows[f] if len(shock_rows) > 0 else -1
         mean = jump = nothing = zeros()
         for k in range(4):
@@ -198,10 +180,11 @@ def multiply(cells, means, classes, jumps, lines, values, shock_rows, shocks, d_
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def multiply_transposed(cells, means, classes, jumps, lines, roles, values, shock_rows, shocks, bar, out):
+def multiply_transposed(scheme, jumps, values, shock_rows, shocks, bar, out):
     """What the four cells at each face, shape (n_faces, 4, 5), get of rows of the residual."""
-    for f in range(len(cells)):
-        b, c, one = cells[f, 1], cells[f, 2], np.float32(1.0 if roles[f] == INNER else 0.0)
+    cells, means, classes, lines = scheme.cells, scheme.means, scheme.classes, scheme.lines
+    for f in range(len(out)):
+        b, c, one = cells[f, 1], cells[f, 2], np.float32(1.0 if scheme.roles[f] == INNER else 0.0)
         at = shock_rows[f] if len(shock_rows) > 0 else -1
         mean = jump = zeros()
         for line in range(4):

@@ -21,7 +21,16 @@ from .face_jacobians import FaceJacobians
 from .far_field import VortexTangent
 from .flux_derivatives import face_flux_vjp
 from .gas import N_STATES
-from .reconstruction import FARFIELD, INNER, face_state, face_weights, shock_sensor
+from .reconstruction import (
+    FARFIELD,
+    INNER,
+    area_of,
+    face_state,
+    face_weights,
+    has_area,
+    has_sensor,
+    shock_sensor,
+)
 from .wall_boundary import flux_through_jvp, flux_through_vjp
 
 __all__ = ["Linearization", "through_face"]
@@ -101,7 +110,7 @@ class Linearization:
         flux = np.zeros((len(d_areas), N_STATES), dtype)
 
         def fill(part: slice) -> None:
-            flux_changes(*self.at(part), d_states, d_areas[part], d_outside[part], flux[part])
+            flux_changes(*self.at(part), d_areas[part], d_states, d_outside[part], flux[part])
 
         visit(len(flux), fill)
         return self.discretization.sums.of_faces(flux, self.discretization.faces.n_cells)
@@ -120,44 +129,26 @@ class Linearization:
 
     def at(self, part: slice | np.ndarray) -> tuple:
         """What the kernels take, of a range or list of faces."""
-        discretization, stencil = self.discretization, self.discretization.stencil
-        settings = discretization.dissipation, discretization.shock_threshold
-        return *stencil.part(part), self.areas[part], self.states, self.outside[part], *settings
+        return self.discretization.scheme.part(part), self.areas[part], self.states, self.outside[part]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def flux_changes(
-    cells,
-    means,
-    classes,
-    differences,
-    lines,
-    roles,
-    areas,
-    states,
-    outside,
-    dissipation,
-    threshold,
-    d_states,
-    d_areas,
-    d_outside,
-    out,
-):
+def flux_changes(scheme, areas, states, outside, d_areas, d_states, d_outside, out):
     """Change of the fluxes of all faces with states, area vectors and states outside at once."""
-    for f in range(len(cells)):
-        s, ds = (areas[f, 0], areas[f, 1], areas[f, 2]), (d_areas[f, 0], d_areas[f, 1], d_areas[f, 2])
-        if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
+    for f in range(len(out)):
+        s, ds, role = area_of(areas, f), area_of(d_areas, f), scheme.roles[f]
+        if not has_area(s):
             continue
-        near, role, w, d = cells[f], roles[f], means[classes[f]], differences[lines[f]]
         sigma, change = 0.0, 0.0 * d_states[0, 0]
-        if role == INNER and threshold > 0.0:
-            sigma, by_pressure, by_first, by_last = shock_sensor(states, near, threshold)
+        if has_sensor(scheme, f):
+            near = scheme.cells[f]
+            sigma, by_pressure, by_first, by_last = shock_sensor(states, near, scheme.threshold)
             for k in range(4):
                 change += by_pressure[k] * d_states[near[k], 4]
             for n in range(5):
                 change += by_first[n] * d_states[near[0], n] + by_last[n] * d_states[near[3], n]
-        mean, jump, mean_slope, jump_slope = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
-        d_mean, d_jump, _, _ = face_state(d_states, near, w, d, role, d_outside[f], dissipation, sigma)
+        mean, jump, mean_slope, jump_slope = face_state(scheme, f, states, outside[f], sigma)
+        d_mean, d_jump, _, _ = face_state(scheme, f, d_states, d_outside[f], sigma)
         d_mean, d_jump = _moved(d_mean, change, mean_slope), _moved(d_jump, change, jump_slope)
         flux = flux_through_jvp(role, mean, jump, s, sigma, d_mean, d_jump, ds, change)
         for n in range(5):
@@ -176,9 +167,9 @@ def _moved(a, factor, b):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def through_face(bar, near, role):
+def through_face(scheme, f, bar):
     """What the flux of a face gets of rows of the residual."""
-    b, c, inner = near[1], near[2], 1.0 if role == INNER else 0.0
+    b, c, inner = scheme.cells[f, 1], scheme.cells[f, 2], 1.0 if scheme.roles[f] == INNER else 0.0
     return (
         bar[b, 0] - inner * bar[c, 0],
         bar[b, 1] - inner * bar[c, 1],
@@ -189,27 +180,23 @@ def through_face(bar, near, role):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def state_contributions(
-    cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, bar, out
-):
+def state_contributions(scheme, areas, states, outside, bar, out):
     """What the four cells at each face, shape (n_faces, 4, 5), get of rows of the residual."""
     face_weight = np.zeros((2, 4))
-    for f in range(len(cells)):
-        s = (areas[f, 0], areas[f, 1], areas[f, 2])
-        if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
+    for f in range(len(out)):
+        s, role = area_of(areas, f), scheme.roles[f]
+        if not has_area(s):
             continue
-        near, role, w, d = cells[f], roles[f], means[classes[f]], differences[lines[f]]
-        through = through_face(bar, near, role)
-        has_sensor, sigma = role == INNER and threshold > 0.0, 0.0
-        if has_sensor:
-            sigma, by_pressure, by_first, by_last = shock_sensor(states, near, threshold)
-        face_weights(w, d, role, dissipation, sigma, face_weight)
-        mean, jump, mean_slope, jump_slope = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
+        through, sigma = through_face(scheme, f, bar), 0.0
+        if has_sensor(scheme, f):
+            sigma, by_pressure, by_first, by_last = shock_sensor(states, scheme.cells[f], scheme.threshold)
+        face_weights(scheme, f, sigma, face_weight)
+        mean, jump, mean_slope, jump_slope = face_state(scheme, f, states, outside[f], sigma)
         mean_bar, jump_bar, _, sense = flux_through_vjp(role, mean, jump, s, sigma, through)
         for k in range(4):
             for n in range(5):
                 out[f, k, n] = face_weight[0, k] * mean_bar[n] + face_weight[1, k] * jump_bar[n]
-        if has_sensor:
+        if has_sensor(scheme, f):
             for n in range(5):
                 sense += mean_bar[n] * mean_slope[n] + jump_bar[n] * jump_slope[n]
             for k in range(4):
@@ -220,38 +207,29 @@ def state_contributions(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def area_bars(
-    cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, bar, out
-):
+def area_bars(scheme, areas, states, outside, bar, out):
     """What the area vectors, shape (n_faces, 3), get of rows of the residual."""
-    for f in range(len(cells)):
-        s = (areas[f, 0], areas[f, 1], areas[f, 2])
-        if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
+    for f in range(len(out)):
+        s, role = area_of(areas, f), scheme.roles[f]
+        if not has_area(s):
             continue
-        near, role, w, d = cells[f], roles[f], means[classes[f]], differences[lines[f]]
-        through = through_face(bar, near, role)
-        sigma = 0.0
-        if role == INNER and threshold > 0.0:
-            sigma = shock_sensor(states, near, threshold)[0]
-        mean, jump, _, _ = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
+        through, sigma = through_face(scheme, f, bar), 0.0
+        if has_sensor(scheme, f):
+            sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)[0]
+        mean, jump, _, _ = face_state(scheme, f, states, outside[f], sigma)
         _, _, area_bar, _ = flux_through_vjp(role, mean, jump, s, sigma, through)
         for n in range(3):
             out[f, n] = area_bar[n]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def outside_bars(
-    cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, bar, out
-):
+def outside_bars(scheme, areas, states, outside, bar, out):
     """What the free stream gets of rows of the residual through faces of the far field, shape (n_faces, 5)."""
-    for f in range(len(cells)):
-        s = (areas[f, 0], areas[f, 1], areas[f, 2])
-        if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
+    for f in range(len(out)):
+        s = area_of(areas, f)
+        if not has_area(s):
             continue
-        near, role = cells[f], roles[f]
-        mean, jump, _, _ = face_state(
-            states, near, means[classes[f]], differences[lines[f]], role, outside[f], dissipation, 0.0
-        )
-        mean_bar, jump_bar, _, _ = face_flux_vjp(mean, jump, s, 0.0, through_face(bar, near, role))
+        mean, jump, _, _ = face_state(scheme, f, states, outside[f], 0.0)
+        mean_bar, jump_bar, _, _ = face_flux_vjp(mean, jump, s, 0.0, through_face(scheme, f, bar))
         for n in range(5):
             out[f, n] = 0.5 * mean_bar[n] + jump_bar[n]

@@ -12,7 +12,7 @@ from .flux import STILL, ZERO
 from .flux_derivatives import face_flux_jvp, face_flux_vjp
 from .gas import N_STATES
 from .linearization import Linearization, through_face
-from .reconstruction import face_state, shock_sensor
+from .reconstruction import area_of, face_state, has_area, shock_sensor
 
 __all__ = ["mean_jvp", "mean_vjp"]
 
@@ -35,27 +35,25 @@ def mean_vjp(tangent: Linearization, ids: np.ndarray, bar: np.ndarray) -> np.nda
 
 def _at(tangent: Linearization, ids: np.ndarray) -> tuple:
     """What the kernels take."""
-    discretization, stencil = tangent.discretization, tangent.discretization.stencil
-    settings = discretization.dissipation, discretization.shock_threshold
-    return *stencil.part(ids), tangent.areas[ids], tangent.states, *settings
+    return tangent.discretization.scheme.part(ids), tangent.areas[ids], tangent.states
 
 
 @njit(cache=True, error_model="numpy")
-def mean_changes(cells, means, classes, differences, lines, roles, areas, states, dissipation, threshold, d_weights):
+def mean_changes(scheme, areas, states, d_weights):
     """Change of the fluxes of inner faces, shape (n, 5), with the weights of their mean states, shape (n, 4)."""
-    out = np.zeros((len(cells), 5))
-    for f in range(len(cells)):
-        s = (areas[f, 0], areas[f, 1], areas[f, 2])
-        if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
+    out = np.zeros((len(areas), 5))
+    for f in range(len(areas)):
+        s = area_of(areas, f)
+        if not has_area(s):
             continue
-        weights = means[classes[f]], differences[lines[f]]
-        mean, jump, sigma = _states(states, cells[f], *weights, roles[f], dissipation, threshold)
+        mean, jump, sigma = _states(scheme, f, states)
+        near = scheme.cells[f]
         d_mean = (
-            _along(states, cells[f], d_weights[f], sigma, 0),
-            _along(states, cells[f], d_weights[f], sigma, 1),
-            _along(states, cells[f], d_weights[f], sigma, 2),
-            _along(states, cells[f], d_weights[f], sigma, 3),
-            _along(states, cells[f], d_weights[f], sigma, 4),
+            _along(states, near, d_weights[f], sigma, 0),
+            _along(states, near, d_weights[f], sigma, 1),
+            _along(states, near, d_weights[f], sigma, 2),
+            _along(states, near, d_weights[f], sigma, 3),
+            _along(states, near, d_weights[f], sigma, 4),
         )
         flux = face_flux_jvp(mean, jump, s, sigma, d_mean, ZERO, STILL, 0.0)
         for n in range(5):
@@ -64,17 +62,15 @@ def mean_changes(cells, means, classes, differences, lines, roles, areas, states
 
 
 @njit(cache=True, error_model="numpy")
-def mean_bars(cells, means, classes, differences, lines, roles, areas, states, dissipation, threshold, bar):
+def mean_bars(scheme, areas, states, bar):
     """What the weights of the mean states of inner faces, shape (n, 4), get of rows of the residual."""
-    out = np.zeros((len(cells), 4))
-    for f in range(len(cells)):
-        s = (areas[f, 0], areas[f, 1], areas[f, 2])
-        if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
+    out = np.zeros((len(areas), 4))
+    for f in range(len(areas)):
+        s = area_of(areas, f)
+        if not has_area(s):
             continue
-        near = cells[f]
-        weights = means[classes[f]], differences[lines[f]]
-        mean, jump, sigma = _states(states, near, *weights, roles[f], dissipation, threshold)
-        mean_bar, _, _, _ = face_flux_vjp(mean, jump, s, sigma, through_face(bar, near, roles[f]))
+        near, (mean, jump, sigma) = scheme.cells[f], _states(scheme, f, states)
+        mean_bar, _, _, _ = face_flux_vjp(mean, jump, s, sigma, through_face(scheme, f, bar))
         for k in range(4):
             for n in range(5):
                 out[f, k] += (1.0 - sigma) * states[near[k], n] * mean_bar[n]
@@ -82,10 +78,10 @@ def mean_bars(cells, means, classes, differences, lines, roles, areas, states, d
 
 
 @njit(cache=True, error_model="numpy")
-def _states(states, cells, means, differences, role, dissipation, threshold):
+def _states(scheme, f, states):
     """Mean state, jump and sensor of an inner face."""
-    sigma = shock_sensor(states, cells, threshold)[0] if threshold > 0.0 else 0.0
-    mean, jump, _, _ = face_state(states, cells, means, differences, role, ZERO, dissipation, sigma)
+    sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)[0] if scheme.threshold > 0.0 else 0.0
+    mean, jump, _, _ = face_state(scheme, f, states, ZERO, sigma)
     return mean, jump, sigma
 
 

@@ -14,6 +14,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -51,38 +52,55 @@ Factor = BlockFactor | BorderedFactor
 """What solves, and solves transposed, with an approximation of the Jacobian."""
 
 
+class PlacedBlocks(NamedTuple):
+    """Blocks of the matrix to be factored, and where kernels add those of cells and faces: see `FactorPattern`."""
+
+    rank: np.ndarray
+    places: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    diagonal: np.ndarray
+
+
+class FaceDerivatives(NamedTuple):
+    """Derivatives of the fluxes of all faces, as kernels take them: see `.face_jacobians.FaceJacobians`."""
+
+    values: np.ndarray
+    shock_rows: np.ndarray
+    shocks: np.ndarray
+
+
 def compact_factor(
     linearization: Linearization,
     pattern: FactorPattern,
     diagonal: np.ndarray,  # (n_cells, 5, 5), what is added to the blocks on the diagonal
 ) -> Factor:
     """Factor the compact neighbour of a Jacobian: all processes call it together."""
-    stencil = linearization.discretization.stencil
+    scheme, sums = linearization.discretization.scheme, linearization.discretization.sums
     lower, upper = (zero_halves((pattern.n_entries, *diagonal.shape[1:])) for _ in range(2))
     placed = np.empty(diagonal.shape, np.float32)
     placed[pattern.rank] = diagonal
-    index = stencil.cells, stencil.means, stencil.classes, stencil.roles
-    dissipation = np.float32(max(COMPACT_DISSIPATION, 1.5 * linearization.discretization.dissipation))
+    dissipation = np.float32(max(COMPACT_DISSIPATION, 1.5 * scheme.dissipation))
     jacobians = linearization.jacobians
-    at_shocks = jacobians.shock_rows, jacobians.shocks
-    sums = linearization.discretization.sums
+    derivatives = FaceDerivatives(jacobians.values, jacobians.shock_rows, jacobians.shocks)
     field = linearization.states, carried_excess(linearization)
-    rest = jacobians.values, dissipation, *at_shocks, *field, pattern.rank, pattern.places, lower, upper, placed
-    visit(len(placed), lambda part: _place(sums.starts, sums.entries, part.start, part.stop, *index, *rest))
-    edge = linearization.discretization.faces.n_inner
-    _place_behind(edge, *index[:3], jacobians.values, pattern.rank, pattern.places, lower, upper)
+    blocks = PlacedBlocks(pattern.rank, pattern.places, lower, upper, placed)
+    around, rest = (sums.starts, sums.entries), (scheme, derivatives, dissipation, *field, blocks)
+    visit(len(placed), lambda part: _place(around, part.start, part.stop, *rest))
+    _place_behind(linearization.discretization.faces.n_inner, scheme, jacobians.values, blocks)
     if pattern.border and pattern.outer:
         return BorderedFactor.of(pattern, pattern.border, pattern.outer, lower, upper, placed)
     return BlockFactor.of(pattern, lower, upper, placed)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _place(
-    face_starts, faces, first, end, cells, means, classes, roles, jacobians, dissipation, shock_rows, shocks,
-    states, excess, rank, places, lower, upper, diagonal,
-):  # fmt: skip
+def _place(around, first, end, scheme, derivatives, dissipation, states, excess, blocks):
     """Add the blocks of all faces of a range of cells; a block between two cells is added where the later row is."""
-    # Own cells are later than those of other processes.
+    # Own cells are later than those of other processes. Faces around a cell are as in `CellSums`.
+    face_starts, faces = around
+    cells, means, classes, roles = scheme.cells, scheme.means, scheme.classes, scheme.roles
+    jacobians, shock_rows, shocks = derivatives
+    rank, places, lower, upper, diagonal = blocks
     n_owned, half, carried = len(rank), np.float32(0.5), np.zeros((5, 5), np.float32)
     for cell in range(first, end):
         row = rank[cell]
@@ -121,17 +139,19 @@ def _place(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _place_behind(first, cells, means, classes, jacobians, rank, places, lower, upper):
+def _place_behind(first, scheme, jacobians, blocks):
     """Add the blocks of boundary faces at the second cells inwards, which have what the third ones have too."""
     # Apart from the others: a block may be where another row, and another thread, adds too.
+    cells, means, classes = scheme.cells, scheme.means, scheme.classes
+    rank, places, lower, upper, _ = blocks
     for f in range(first, len(cells)):
         if places[f] < 0:
             continue
-        w, blocks = means[classes[f]], lower if rank[cells[f, 0]] < rank[cells[f, 1]] else upper
+        w, side = means[classes[f]], lower if rank[cells[f, 0]] < rank[cells[f, 1]] else upper
         behind = np.float32(w[0] + w[2])
         for n in range(5):
             at = 25 * places[f] + 5 * n
-            store_halves(blocks, at, add_scaled(load_halves(blocks, at), behind, load(jacobians, 50 * f + 10 * n)))
+            store_halves(side, at, add_scaled(load_halves(side, at), behind, load(jacobians, 50 * f + 10 * n)))
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")

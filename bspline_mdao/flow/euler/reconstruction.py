@@ -14,7 +14,8 @@ Theory: ``docs/theory/euler.rst`` and, for shocks, ``docs/theory/euler_transonic
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -82,16 +83,10 @@ class Stencil:
         cells = np.stack([np.where(no_a, b, a), b, c, np.where(no_d, c, d)], axis=1).astype(np.int32)
         return cls(cells, _MEANS, lines, _DIFFERENCES, lines, roles, CellSums.of(cells, roles == INNER))
 
-    def cast(self, dtype: DTypeLike) -> Stencil:
-        """With weights of a type: complex ones for complex states."""
-        if self.means.dtype == dtype:
-            return self
-        return replace(self, means=self.means.astype(dtype), differences=self.differences.astype(dtype))
-
-    def part(self, faces: slice) -> tuple[np.ndarray, ...]:
-        """Cells, weights and roles of a range or list of faces, as the kernels take them."""
-        by_class = self.means, self.classes[faces], self.differences, self.lines[faces]
-        return self.cells[faces], *by_class, self.roles[faces]
+    def scheme(self, dissipation: float, threshold: float) -> FaceScheme:
+        """Arrays of all faces with the numbers of a scheme, see `.residual.Discretization`."""
+        by_class = self.means, self.classes, self.differences, self.lines
+        return FaceScheme(self.cells, *by_class, self.roles, float(dissipation), float(threshold))
 
     def smooth_jumps(self, dissipation: float) -> np.ndarray:
         """Weights in the jump by what the line is like, shape (n_lines, 4), where there is no shock."""
@@ -99,6 +94,30 @@ class Stencil:
         jumps = self.differences[:, FIRST].copy()
         jumps[:_N_INNER_LINES] = dissipation * self.differences[:_N_INNER_LINES, THIRD]
         return jumps
+
+
+class FaceScheme(NamedTuple):
+    """What the scheme does at faces, as all kernels take it: fields as those of `Stencil` and `.residual`."""
+
+    cells: np.ndarray
+    means: np.ndarray
+    classes: np.ndarray
+    differences: np.ndarray
+    lines: np.ndarray
+    roles: np.ndarray
+    dissipation: float
+    threshold: float  # of the sensor of shocks; 0 for none
+
+    def part(self, faces: slice | np.ndarray) -> FaceScheme:
+        """That of a range or list of faces."""
+        by_class = self.means, self.classes[faces], self.differences, self.lines[faces]
+        return FaceScheme(self.cells[faces], *by_class, self.roles[faces], self.dissipation, self.threshold)
+
+    def cast(self, dtype: DTypeLike) -> FaceScheme:
+        """With weights of a type: complex ones for complex states."""
+        if self.means.dtype == dtype:
+            return self
+        return self._replace(means=self.means.astype(dtype), differences=self.differences.astype(dtype))
 
 
 def _folded(no_a: bool, no_d: bool) -> np.ndarray:
@@ -136,27 +155,47 @@ _N_INNER_LINES = 4
 _BOUNDARY_LINES = {SLIP: _N_INNER_LINES, FARFIELD: _N_INNER_LINES + 3}
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def area_of(areas, f):
+    """Area vector of a face."""
+    return areas[f, 0], areas[f, 1], areas[f, 2]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def has_area(s):
+    """Whether a face has an area: one without, as on a collapsed edge, has no flux, and the speeds divide by it."""
+    return s[0] * s[0] + s[1] * s[1] + s[2] * s[2] != 0.0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def has_sensor(scheme, f):
+    """Whether a face may be at a shock."""
+    return scheme.roles[f] == INNER and scheme.threshold > 0.0
+
+
 @njit(cache=True, error_model="numpy")
-def face_state(states, cells, means, differences, role, stream, dissipation, sigma):
-    """Mean state and jump, and the derivatives of both with respect to the sensor."""
-    mean = _combine(means, states, cells)
+def face_state(scheme, f, states, stream, sigma):
+    """Mean state and jump of a face, and the derivatives of both with respect to the sensor."""
+    cells, role, differences = scheme.cells[f], scheme.roles[f], scheme.differences[scheme.lines[f]]
+    mean = _combine(scheme.means[scheme.classes[f]], states, cells)
     first = _combine(differences[FIRST], states, cells)
     if role != INNER:
         outside = 1.0 if role == FARFIELD else 0.0
         return _add(mean, 0.5 * outside, stream), _add(first, outside, stream), first, first
     mean, mean_slope = _blend(mean, _combine(COMPACT_MEAN, states, cells), sigma)
-    third = _scale(dissipation, _combine(differences[THIRD], states, cells))
+    third = _scale(scheme.dissipation, _combine(differences[THIRD], states, cells))
     jump, jump_slope = _blend(third, first, sigma)
     return mean, jump, mean_slope, jump_slope
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def face_weights(means, differences, role, dissipation, sigma, out):
-    """Weights of the four cells in mean state and jump, shape (2, 4), with the sensor as it is."""
+def face_weights(scheme, f, sigma, out):
+    """Weights of the four cells of a face in mean state and jump, shape (2, 4), with the sensor as it is."""
+    means, differences = scheme.means[scheme.classes[f]], scheme.differences[scheme.lines[f]]
     for k in range(4):
         out[0, k], out[1, k] = means[k], differences[FIRST, k]
-        if role == INNER:
-            third = dissipation * differences[THIRD, k]
+        if scheme.roles[f] == INNER:
+            third = scheme.dissipation * differences[THIRD, k]
             out[0, k] += sigma * (COMPACT_MEAN[k] - out[0, k])
             out[1, k] = third + sigma * (out[1, k] - third)
 

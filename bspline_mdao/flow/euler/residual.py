@@ -12,6 +12,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -23,7 +24,7 @@ from .cell_sums import CellSums, visit
 from .far_field import FarVortex
 from .gas import N_STATES
 from .linearization import Linearization
-from .reconstruction import INNER, Stencil, face_state, shock_sensor
+from .reconstruction import FaceScheme, Stencil, area_of, face_state, has_area, has_sensor, shock_sensor
 from .wall_boundary import flux_through
 
 __all__ = ["DISSIPATION", "SHOCK_THRESHOLD", "Discretization"]
@@ -78,12 +79,12 @@ class Discretization:
         """Sum what flows out of every cell."""
         dtype = np.result_type(states, areas, stream, self.stencil.means)
         states, areas, stream = (np.ascontiguousarray(array, dtype) for array in (states, areas, stream))
-        states, stencil = self.halo.extend(states), self.stencil.cast(dtype)
-        outside, rest = self.outside(states, areas, stream), (self.dissipation, self.shock_threshold)
+        states, scheme = self.halo.extend(states), self.scheme.cast(dtype)
+        outside = self.outside(states, areas, stream)
         flux = np.zeros((self.faces.n_faces, N_STATES), dtype)
 
         def fill(part) -> None:
-            fluxes(*stencil.part(part), areas[part], states, outside[part], *rest, flux[part])
+            fluxes(scheme.part(part), areas[part], states, outside[part], flux[part])
 
         visit(len(flux), fill)
         return self.sums.of_faces(flux, self.faces.n_cells)
@@ -109,6 +110,11 @@ class Discretization:
         vortex = self.vortex.linearize(states, areas, stream) if self.vortex else None
         return Linearization(self, states, areas, self.outside(states, areas, stream), vortex)
 
+    @cached_property
+    def scheme(self) -> FaceScheme:
+        """What the kernels of the faces take."""
+        return self.stencil.scheme(self.dissipation, self.shock_threshold)
+
     @property
     def sums(self) -> CellSums:
         """Sums over the faces of every cell."""
@@ -116,18 +122,16 @@ class Discretization:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def fluxes(cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, out):
+def fluxes(scheme, areas, states, outside, out):
     """Fluxes through all faces out of the cells on their left, shape (n_faces, 5), which are zero before."""
-    # Faces without area, as on a collapsed edge, have no flux; the sensor and the speeds would divide by it.
-    for f in range(len(cells)):
-        s = (areas[f, 0], areas[f, 1], areas[f, 2])
-        if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
+    for f in range(len(out)):
+        s, role = area_of(areas, f), scheme.roles[f]
+        if not has_area(s):
             continue
-        near, role, w, d = cells[f], roles[f], means[classes[f]], differences[lines[f]]
         sigma = 0.0 * states[0, 4]
-        if role == INNER and threshold > 0.0:
-            sigma = shock_sensor(states, near, threshold)[0]
-        mean, jump, _, _ = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
+        if has_sensor(scheme, f):
+            sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)[0]
+        mean, jump, _, _ = face_state(scheme, f, states, outside[f], sigma)
         flux = flux_through(role, mean, jump, s, sigma)
         for n in range(5):
             out[f, n] = flux[n]
