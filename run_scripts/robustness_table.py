@@ -8,6 +8,7 @@ the cases that the first mover loses and others do not.
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -45,7 +46,7 @@ KINDS = {
     "delaunay": bm.movers.DelaunayGraph,
     "inverse distance": bm.movers.InverseDistance,
 }
-"""All movers, at their defaults but for the increments."""
+"""All movers that take increments, at their defaults but for these."""
 
 PAPER = partial(bm.movers.LinearElasticity, n_increments=5)
 """Elasticity as in the paper."""
@@ -74,8 +75,7 @@ class Chosen:
 
     def move(self, initial: np.ndarray, surface: np.ndarray):
         """Move points (n_points, 3) of the baseline behind surface points (n_surface, 3), both in metres."""
-        number = bm.movers.increments_for(self.mover, [surface])
-        return replace(self.mover, n_increments=number).move(initial, surface)
+        return replace(self.mover, n_increments=bm.movers.increments_for(self.mover, [surface])).move(initial, surface)
 
 
 def chosen(kind: Callable) -> Callable:
@@ -94,7 +94,10 @@ INCREMENTS = {
 """Numbers of increments, and the number that is chosen for each case."""
 
 STUDIES = {
-    "movers": {name: partial(kind, n_increments=5) for name, kind in KINDS.items()},
+    "movers": {
+        "rotations": bm.movers.Rotations,
+        **{name: partial(kind, n_increments=5) for name, kind in KINDS.items()},
+    },
     "one increment": {name: partial(kind, n_increments=1) for name, kind in KINDS.items()},
     "elasticity": ELASTICITY,
     "increments": INCREMENTS,
@@ -164,6 +167,12 @@ class Outcome:
     q_min: float = float("nan")
     n_tangled: int = 0
     failure: str = ""
+    seconds: float = 0.0
+
+    @property
+    def case(self) -> tuple[str, str]:
+        """What was asked of which grid."""
+        return self.body, self.deformation
 
     @property
     def is_valid(self) -> bool:
@@ -177,7 +186,7 @@ def main(
     study: Literal["movers", "one increment", "elasticity", "increments"] = "movers",
     deformations: Sequence[str] = DEFORMATIONS,
 ) -> dict:
-    """Move every grid by every deformation with every mover, five increments each.
+    """Move every grid by every deformation with every mover, five increments each where it takes any.
 
     Parameters
     ----------
@@ -246,22 +255,25 @@ def attempt(body: Body, request: str, surface: np.ndarray, name: str, make_mover
     case = Outcome(body.name, request, name)
     try:
         with threadpool_limits(1):
+            start = time.process_time()
             points = make_mover(body.mesh).move(body.mesh.points, surface).points
+            case = replace(case, seconds=time.process_time() - start)
             n_inverted, q_min = body.judge(points)
     except (bm.InputError, bm.MovementError) as error:
         return replace(case, failure=str(error))
     return replace(case, n_inverted=n_inverted, q_min=q_min, n_tangled=body.mesh.tangled(points).n_tangled)
 
 
-def row(outcomes: list[Outcome], n_possible: int) -> dict:
-    """Sum up what a mover made of all cases, ``n_possible`` of which at least one mover manages.
+def row(outcomes: list[Outcome], best: dict[tuple[str, str], float]) -> dict:
+    """Sum up what a mover made of all cases; ``best`` is the largest worst Q of those that at least one mover manages.
 
     Returns
     -------
     dict
         ``n_cases``, ``n_valid``, ``share``, ``share_of_possible``, ``q_min`` (the smallest of all cases), ``q_median``
-        (of the smallest Q of every case), ``n_inverted`` cells of all cases, ``n_tangled`` cases with new invalid
-        control elements, and ``n_failed``, where the mover gave up.
+        (of the smallest Q of every case), ``n_best``, valid cases with the largest smallest Q of all movers,
+        ``n_inverted`` cells of all cases, ``n_tangled`` cases with new invalid control elements, ``n_failed``, where
+        the mover gave up, and ``seconds``, the median CPU time of a move.
     """
     n_valid = sum(outcome.is_valid for outcome in outcomes)
     q_min = [outcome.q_min for outcome in outcomes if not outcome.failure]
@@ -269,40 +281,38 @@ def row(outcomes: list[Outcome], n_possible: int) -> dict:
         "n_cases": len(outcomes),
         "n_valid": n_valid,
         "share": n_valid / max(1, len(outcomes)),
-        "share_of_possible": n_valid / max(1, n_possible),
+        "share_of_possible": n_valid / max(1, len(best)),
         "q_min": min(q_min, default=np.nan),
         "q_median": float(np.median(q_min)) if q_min else np.nan,
+        "n_best": sum(outcome.is_valid and outcome.q_min >= best[outcome.case] for outcome in outcomes),
         "n_inverted": sum(outcome.n_inverted for outcome in outcomes),
         "n_tangled": sum(outcome.n_tangled > 0 for outcome in outcomes),
         "n_failed": sum(bool(outcome.failure) for outcome in outcomes),
+        "seconds": float(np.median([outcome.seconds for outcome in outcomes])),
     }
 
 
 def rows(outcomes: list[Outcome], key: Callable[[Outcome], str]) -> dict:
     """Rows of all movers, for each value of a key."""
-    groups = {}
-    for outcome in outcomes:
-        groups.setdefault(key(outcome), []).append(outcome)
-    return {value: table(group) for value, group in groups.items()}
+    values = dict.fromkeys(map(key, outcomes))
+    return {value: table([outcome for outcome in outcomes if key(outcome) == value]) for value in values}
 
 
 def table(outcomes: list[Outcome]) -> dict:
     """Rows of all movers."""
-    n_possible = len({(outcome.body, outcome.deformation) for outcome in outcomes if outcome.is_valid})
+    valid = [outcome for outcome in outcomes if outcome.is_valid]
+    best = {case: max(o.q_min for o in valid if o.case == case) for case in {o.case for o in valid}}
     movers = dict.fromkeys(outcome.mover for outcome in outcomes)
-    return {mover: row([outcome for outcome in outcomes if outcome.mover == mover], n_possible) for mover in movers}
+    return {mover: row([outcome for outcome in outcomes if outcome.mover == mover], best) for mover in movers}
 
 
 def lost(outcomes: list[Outcome], first: str) -> list[dict]:
     """Cases that the first mover does not manage and others do."""
-    won = {}
-    for outcome in outcomes:
-        if outcome.is_valid:
-            won.setdefault((outcome.body, outcome.deformation), {})[outcome.mover] = outcome.q_min
+    valid = [outcome for outcome in outcomes if outcome.is_valid]
     return [
         {"case": f"{o.body}: {o.deformation}", "n_inverted": o.n_inverted, "n_tangled": o.n_tangled, "others": others}
         for o in outcomes
-        if o.mover == first and not o.is_valid and (others := won.get((o.body, o.deformation)))
+        if o.mover == first and not o.is_valid and (others := {v.mover: v.q_min for v in valid if v.case == o.case})
     ]
 
 
