@@ -18,7 +18,6 @@ from .core.movement.interpolation import interpolated_step as interpolated_step
 from .core.movement.inverse_distance import InverseDistance as InverseDistance
 from .core.movement.radial_basis import RadialBasis as RadialBasis
 from .core.movement.rotations import Rotations as Rotations
-from .core.movement.springs import LinealSprings as LinealSprings
 from .core.movement.springs import TorsionalSprings as TorsionalSprings
 from .core.movement.transfinite import Transfinite as Transfinite
 from .core.movement.wall_inverse_distance import move_nodes as move_nodes

@@ -39,7 +39,6 @@ KINDS = {
     "elasticity": bm.movers.LinearElasticity,
     "held": bm.movers.FixedInterior,
     "transfinite": bm.movers.Transfinite,
-    "lineal springs": bm.movers.LinealSprings,
     "torsional springs": bm.movers.TorsionalSprings,
     "radial, wendland c2": bm.movers.RadialBasis,
     "radial, volume": partial(bm.movers.RadialBasis, kernel="volume"),
@@ -66,7 +65,7 @@ ELASTICITY = {
 class Chosen:
     """A mover that moves in as many increments as the surface at hand needs."""
 
-    mover: bm.movers.LinearElasticity | bm.movers.TorsionalSprings | bm.movers.LinealSprings
+    mover: bm.movers.LinearElasticity | bm.movers.TorsionalSprings
 
     @property
     def mesh(self) -> bm.movers.MovingMesh:
@@ -88,16 +87,12 @@ INCREMENTS = {
     **{f"m = {m}": partial(bm.movers.LinearElasticity, n_increments=m) for m in (1, 2, 5, 10, 20)},
     "torsional springs, chosen": chosen(bm.movers.TorsionalSprings),
     "torsional springs, m = 5": partial(bm.movers.TorsionalSprings, n_increments=5),
-    "lineal springs, chosen": chosen(bm.movers.LinealSprings),
-    "lineal springs, m = 5": partial(bm.movers.LinealSprings, n_increments=5),
 }
 """Numbers of increments, and the number that is chosen for each case."""
 
 STUDIES = {
-    "movers": {
-        "rotations": bm.movers.Rotations,
-        **{name: partial(kind, n_increments=5) for name, kind in KINDS.items()},
-    },
+    "movers": {name: partial(kind, n_increments=5) for name, kind in KINDS.items()}
+    | {"rotations": bm.movers.Rotations},
     "one increment": {name: partial(kind, n_increments=1) for name, kind in KINDS.items()},
     "elasticity": ELASTICITY,
     "increments": INCREMENTS,

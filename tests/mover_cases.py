@@ -17,7 +17,6 @@ from bspline_mdao.movers import (
     DelaunayGraph,
     FixedInterior,
     InverseDistance,
-    LinealSprings,
     LinearElasticity,
     RadialBasis,
     Rotations,
@@ -273,7 +272,6 @@ class MoverCase:
 MOVERS = {
     LinearElasticity: MoverCase(slope_bend=0.05, default=5),
     Rotations: MoverCase(slope_bend=0.03, default=None),  # with more, some points turn by half a turn, either way
-    LinealSprings: MoverCase(bend=0.05, slope_bend=0.05, default=5),
     TorsionalSprings: MoverCase(bend=0.05, slope_bend=0.05, default=5),
     Transfinite: MoverCase(),
     RadialBasis: MoverCase(translates=False, turns=False),

@@ -44,7 +44,7 @@ from bspline_mdao.core.movement.elasticity import ElasticElements, LinearElastic
 from bspline_mdao.core.movement.equilibrium import Unknowns
 from bspline_mdao.core.movement.interpolation import find_centres
 from bspline_mdao.core.movement.radial_basis import RadialBasis
-from bspline_mdao.core.movement.springs import LinealSprings, TorsionalSprings
+from bspline_mdao.core.movement.springs import TorsionalSprings
 from bspline_mdao.core.movement.young_modulus import OrthogonalityLaw
 from bspline_mdao.generators import fit_shape, onera_m6_grid, rectangular_wing
 
@@ -72,8 +72,6 @@ LINES = {
     "forward product, m = 1": ("IDWarp, warp", None),
     "factor Cholesky": ("factor PARDISO", 1.2),
     "solve Cholesky": ("solve PARDISO", None),
-    "lineal springs, m = 5": ("IDWarp, warp", None),
-    "lineal springs, reverse product": ("IDWarp, reverse product", None),
     "torsional springs, m = 5": ("IDWarp, warp", None),
     "torsional springs, reverse product": ("IDWarp, reverse product", None),
     "radial basis, m = 1": ("radial basis, SciPy", 1.0),
@@ -180,15 +178,15 @@ def fastest(runs: dict[str, Callable], repeats: int) -> dict[str, float]:
 
 def contenders(case: Case) -> dict[str, Callable]:
     """All that is timed on one mesh."""
-    movers = {
-        "lineal springs": LinealSprings(case.mesh, n_increments=5, solver=OURS),
-        "torsional springs": TorsionalSprings(case.mesh, n_increments=5, solver=OURS),
+    mover, bar = (
+        TorsionalSprings(case.mesh, n_increments=5, solver=OURS),
+        np.cos(case.evaluator.forward(case.mesh.points)),
+    )
+    movement = mover.move(case.mesh.points, case.surface)
+    springs = {
+        "torsional springs, m = 5": partial(case.move, mover, start=movement.start),
+        "torsional springs, reverse product": partial(case.reverse, movement, bar),
     }
-    bar, springs = np.cos(case.evaluator.forward(case.mesh.points)), {}
-    for name, mover in movers.items():
-        movement = mover.move(case.mesh.points, case.surface)
-        springs[f"{name}, m = 5"] = partial(case.move, mover, start=movement.start)
-        springs[f"{name}, reverse product"] = partial(case.reverse, movement, bar)
     rbf = {
         "radial basis, m = 1": partial(radial_basis, case),
         "radial basis, SciPy": partial(radial_basis_of_scipy, case),

@@ -45,13 +45,12 @@ _PARITY = np.array([(-1.0) ** bin(c).count("1") for c in range(8)])
 
 
 @njit(cache=True)
-def gradient(x, n, sign, settings, g):
-    """Gradient g of spring n by its corners; settings are the power and the weight of torsion."""
-    power, torsion = settings
+def gradient(x, n, sign, torsion, g):
+    """Gradient g of spring n by its corners; that of torsional springs has a factor."""
     points = POINTS[n]
     a, b, c, d = row(x, points[0]), row(x, points[1]), row(x, points[2]), row(x, points[3])
     if n < N_LINEAL:
-        _put(g, lineal_pull(a, b, _WEIGHTS[n], power))
+        _put(g, lineal_pull(a, b, _WEIGHTS[n]))
     elif n % 4 < 3:
         _put(g, angular_pull(a, b, c, torsion))
     else:
@@ -59,14 +58,13 @@ def gradient(x, n, sign, settings, g):
 
 
 @njit(cache=True)
-def gradient_change(x, dx, n, sign, settings, dg):
+def gradient_change(x, dx, n, sign, torsion, dg):
     """Change dg of `gradient` as the corners x go along dx."""
-    power, torsion = settings
     points = POINTS[n]
     a, b, c, d = row(x, points[0]), row(x, points[1]), row(x, points[2]), row(x, points[3])
     d_a, d_b, d_c, d_d = row(dx, points[0]), row(dx, points[1]), row(dx, points[2]), row(dx, points[3])
     if n < N_LINEAL:
-        _put(dg, lineal_pull_jvp(a, b, _WEIGHTS[n], power, d_a, d_b))
+        _put(dg, lineal_pull_jvp(a, b, _WEIGHTS[n], d_a, d_b))
     elif n % 4 < 3:
         _put(dg, angular_pull_jvp(a, b, c, torsion, d_a, d_b, d_c))
     else:

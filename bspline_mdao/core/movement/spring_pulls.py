@@ -31,10 +31,10 @@ def inverse_regularised_slope(t, t_0):
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
-def lineal_pull(a, b, factor, power):
+def lineal_pull(a, b, factor):
     """Gradient of the Q of a lineal spring by its ends."""
     direction, inverse = _unit(a, b)
-    pull = scaled(factor * inverse ** (0.5 * power), direction)
+    pull = scaled(factor * inverse, direction)
     return scaled(-1.0, pull), pull
 
 

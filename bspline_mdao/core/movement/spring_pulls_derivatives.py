@@ -13,7 +13,7 @@ from .trilinear import FLAT_CORNER
 
 
 @njit(cache=True, error_model="numpy", forceinline=True, fastmath={"arcp", "contract", "nnan", "nsz"})
-def lineal_pull_jvp(a, b, factor, power, d_a, d_b):
+def lineal_pull_jvp(a, b, factor, d_a, d_b):
     """Change of `lineal_pull` with ``a``, ``b``."""
     (a0, a1, a2) = a
     (b0, b1, b2) = b
@@ -39,10 +39,8 @@ def lineal_pull_jvp(a, b, factor, power, d_a, d_b):
     d_direction1 = edge1 * d_inverse + inverse * d_edge1
     direction2 = inverse * edge2
     d_direction2 = edge2 * d_inverse + inverse * d_edge2
-    part_4 = inverse ** (0.5 * power)
-    d_part_4 = 0.5 * power * part_4 * d_inverse / inverse
-    factor_2 = factor * part_4
-    d_factor_2 = factor * d_part_4
+    factor_2 = factor * inverse
+    d_factor_2 = factor * d_inverse
     d_pull0 = direction0 * d_factor_2 + factor_2 * d_direction0
     d_pull1 = direction1 * d_factor_2 + factor_2 * d_direction1
     d_pull2 = direction2 * d_factor_2 + factor_2 * d_direction2

@@ -1,4 +1,4 @@
-"""Spring analogy: the mesh as a network of lineal springs, with torsional springs at the corners of elements if asked.
+"""Spring analogy: the mesh as a network of lineal springs, and torsional springs at the corners of elements.
 
 Theory: ``docs/theory/springs.rst``. The springs are stiffened anew at the start of every increment.
 
@@ -6,7 +6,7 @@ Every spring resists the change of one number Q of an element, with a stiffness 
 is (g . u)^2 / 2 with g the gradient of Q with respect to the corners
 (`bspline_mdao.core.movement.spring_gradients`). How stiff it is in the usual sense lies in Q:
 
-- along an edge, a face diagonal or a body diagonal of length L, dQ = L^(-power / 2) dL: stiffness 1 / L^power;
+- along an edge, a face diagonal or a body diagonal of length L, dQ = dL / L: stiffness 1 / L^2;
 - between two edges at a corner with angle theta, dQ = d theta / sin(theta): stiffness 1 / sin(theta)^2;
 - at a corner with triple product t of unit edges, dQ = dt / t.
 
@@ -30,62 +30,11 @@ from .increments import PAPER_INCREMENTS
 from .spring_gradients import COUNTS, N_LINEAL, N_SPRINGS, POINTS, gradient, gradient_change
 from .trilinear import add_element, add_exactly
 
-__all__ = ["LinealSprings", "SpringElements", "TorsionalSprings", "add_stiffness", "force", "force_jvp", "force_vjp"]
-
-
-class _Springs(EquilibriumMover):
-    """Movers that differ in the springs of their network alone: their number in an element, and their settings."""
-
-    @property
-    def _network(self) -> tuple[int, tuple[float, float]]:
-        raise NotImplementedError
-
-    def _elements(self, initial: np.ndarray, before: np.ndarray) -> SpringElements:
-        n_springs, settings = self._network
-        return SpringElements(self.mesh, n_springs, settings, before)
+__all__ = ["SpringElements", "TorsionalSprings", "add_stiffness", "force", "force_jvp", "force_vjp"]
 
 
 @dataclass(frozen=True, eq=False)
-class LinealSprings(_Springs):
-    """Moves a mesh as springs along the edges and diagonals of its elements.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        What is moved.
-    n_increments : int
-        Number of increments, as for `bspline_mdao.core.movement.elasticity.LinearElasticity`.
-    power : float
-        A spring of length L has the stiffness L^-power.
-    solver : object
-        Settings of a sparse solver of `bspline_mdao.base.sparse`; `Cholesky` by default.
-    keep_factors : bool, optional
-        As for `bspline_mdao.core.movement.elasticity.LinearElasticity`.
-
-    Examples
-    --------
-    >>> from bspline_mdao import fit_grid
-    >>> from bspline_mdao.generators import brick_grid
-    >>> from bspline_mdao.movers import LinealSprings, moving_mesh
-    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
-    >>> movement = LinealSprings(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
-    >>> mesh.tangled(movement.points).n_invalid
-    0
-    """
-
-    mesh: MovingMesh
-    n_increments: int = PAPER_INCREMENTS
-    power: float = 1.0
-    solver: object = field(default_factory=Cholesky)
-    keep_factors: bool | None = None
-
-    @property
-    def _network(self) -> tuple[int, tuple[float, float]]:
-        return N_LINEAL, (float(self.power), 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class TorsionalSprings(_Springs):
+class TorsionalSprings(EquilibriumMover):
     """Moves a mesh as lineal springs of stiffness 1 / L^2 and torsional springs at the corners of its elements.
 
     Parameters
@@ -119,9 +68,8 @@ class TorsionalSprings(_Springs):
     solver: object = field(default_factory=Cholesky)
     keep_factors: bool | None = None
 
-    @property
-    def _network(self) -> tuple[int, tuple[float, float]]:
-        return N_SPRINGS, (2.0, float(np.sqrt(self.torsion)))
+    def _elements(self, initial: np.ndarray, before: np.ndarray) -> SpringElements:
+        return SpringElements(self.mesh, float(np.sqrt(self.torsion)), before)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +77,7 @@ class SpringElements:
     """Springs of all elements at given points, see `bspline_mdao.core.movement.equilibrium.Elements`."""
 
     mesh: MovingMesh
-    n_springs: int
-    settings: tuple[float, float]
+    torsion: float  # factor of dQ of the torsional springs
     points: np.ndarray
 
     @property
@@ -140,7 +87,7 @@ class SpringElements:
     def _arguments_of(self, ids: slice | np.ndarray) -> tuple:
         mesh = self.mesh
         of_elements = mesh.elements[ids], mesh.handedness[ids], mesh.degenerate_corners[ids]
-        return self.points, *of_elements, self.n_springs, self.settings
+        return self.points, *of_elements, self.torsion
 
     def add_stiffness(
         self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray, element_ids: slice | np.ndarray = ALL
@@ -256,8 +203,7 @@ def force(
     elements: np.ndarray,  # (n_elements, 8) of int, points at the corners
     signs: np.ndarray,  # (n_elements,) of int, handedness
     degenerate_corners: np.ndarray,  # (n_elements,), bits of the corners without torsional springs
-    n_springs: int,  # `N_LINEAL`, or `N_SPRINGS` with torsion
-    settings,  # power of the lineal stiffness, and factor of dQ of the torsional springs
+    torsion: float,  # factor of dQ of the torsional springs
     # (n_parts, n_points, 3), the field u as a sum of parts (m), see `bspline_mdao.core.movement.elasticity.force`
     displacement: np.ndarray,
 ):  # (n_parts, n_points, 3), as a sum of as many parts
@@ -268,16 +214,16 @@ def force(
         _gather(points, elements[e], x)
         _gather_sum(displacement, elements[e], u)
         f[:] = 0.0
-        for n in range(n_springs):
+        for n in range(N_SPRINGS):
             if not _is_degenerate(n, degenerate_corners[e]):
-                gradient(x, n, float(signs[e]), settings, g)
+                gradient(x, n, float(signs[e]), torsion, g)
                 _add_force_to_sum(g, n, _stretch(g, n, u), n_parts, f)
         _scatter_sum(f, elements[e], total)
     return total
 
 
 @njit(cache=True)
-def force_jvp(points, elements, signs, degenerate_corners, n_springs, settings, displacement, d_points):
+def force_jvp(points, elements, signs, degenerate_corners, torsion, displacement, d_points):
     """Change of `force` for a change of the points, of as many parts; in the displacement, `force` is linear."""
     total, n_parts = np.zeros_like(displacement), len(displacement)
     x, u, f, g = np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3)), np.empty((4, 3))
@@ -288,10 +234,10 @@ def force_jvp(points, elements, signs, degenerate_corners, n_springs, settings, 
         _gather_sum(displacement, elements[e], u)
         _gather(d_points, elements[e], dx)
         f[:] = 0.0
-        for n in range(n_springs):
+        for n in range(N_SPRINGS):
             if not _is_degenerate(n, degenerate_corners[e]):
-                gradient(x, n, sign, settings, g)
-                gradient_change(x, dx, n, sign, settings, dg)
+                gradient(x, n, sign, torsion, g)
+                gradient_change(x, dx, n, sign, torsion, dg)
                 _add_force_to_sum(dg, n, _stretch(g, n, u), n_parts, f)
                 _add_force_to_sum(g, n, _stretch(dg, n, u), n_parts, f)
         _scatter_sum(f, elements[e], total)
@@ -299,7 +245,7 @@ def force_jvp(points, elements, signs, degenerate_corners, n_springs, settings, 
 
 
 @njit(cache=True)
-def force_vjp(points, elements, signs, degenerate_corners, n_springs, settings, displacement, bar):
+def force_vjp(points, elements, signs, degenerate_corners, torsion, displacement, bar):
     """Transpose of `force_jvp` and of `force`: derivatives with respect to the points and the displacement."""
     # Here ``bar``, shape (n_parts, n_points, 3), is the derivative of a scalar with respect to the force, a sum of
     # parts.
@@ -314,12 +260,12 @@ def force_vjp(points, elements, signs, degenerate_corners, n_springs, settings, 
         _gather_sum(bar, elements[e], v)
         x_bar[:] = 0.0
         u_bar[:] = 0.0
-        for n in range(n_springs):
+        for n in range(N_SPRINGS):
             if not _is_degenerate(n, degenerate_corners[e]):
-                gradient(x, n, sign, settings, g)
+                gradient(x, n, sign, torsion, g)
                 u_stretch, v_stretch = _stretch(g, n, u), _stretch(g, n, v)
                 _combine(n, v_stretch, u, u_stretch, v, w)
-                gradient_change(x, w, n, sign, settings, dg)
+                gradient_change(x, w, n, sign, torsion, dg)
                 _add_force(g, n, v_stretch, u_bar)
                 _add_force(dg, n, 1.0, x_bar)
         _scatter(x_bar, elements[e], points_bar)
@@ -328,15 +274,15 @@ def force_vjp(points, elements, signs, degenerate_corners, n_springs, settings, 
 
 
 @njit(cache=True)
-def add_stiffness(points, elements, signs, degenerate_corners, n_springs, settings, rows, slots, data):
+def add_stiffness(points, elements, signs, degenerate_corners, torsion, rows, slots, data):
     """Add the stiffness of all springs to blocks, see `bspline_mdao.core.movement.elasticity.add_stiffness`."""
     x, g, stiffness = np.empty((8, 3)), np.empty((4, 3)), np.empty((8, 8, 3, 3))
     for e in range(len(elements)):
         _gather(points, elements[e], x)
         stiffness[:] = 0.0
-        for n in range(n_springs):
+        for n in range(N_SPRINGS):
             if not _is_degenerate(n, degenerate_corners[e]):
-                gradient(x, n, float(signs[e]), settings, g)
+                gradient(x, n, float(signs[e]), torsion, g)
                 _add_square(g, n, stiffness)
         add_element(stiffness, rows[e], slots[e], data)
 

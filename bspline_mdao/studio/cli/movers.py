@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MOVERS = {
     "elasticity": "bspline_mdao.core.movement.elasticity.LinearElasticity",
     "rotations": "bspline_mdao.core.movement.rotations.Rotations",
-    "springs": "bspline_mdao.core.movement.springs.LinealSprings",
+    "springs": "bspline_mdao.core.movement.springs.TorsionalSprings",
     "torsional": "bspline_mdao.core.movement.springs.TorsionalSprings",
     "transfinite": "bspline_mdao.core.movement.transfinite.Transfinite",
     "rbf": "bspline_mdao.core.movement.radial_basis.RadialBasis",

@@ -13,7 +13,7 @@ from bspline_mdao.core.mesh.boundary import moving_mesh
 from bspline_mdao.core.mesh.moving_mesh import MovingMesh
 from bspline_mdao.core.movement import equilibrium
 from bspline_mdao.core.movement.elasticity import LinearElasticity
-from bspline_mdao.core.movement.springs import LinealSprings, TorsionalSprings
+from bspline_mdao.core.movement.springs import TorsionalSprings
 from bspline_mdao.core.movement.young_modulus import RegularisedMeasures
 from bspline_mdao.grids.io.files import read_grid
 from bspline_mdao.grids.io.patch_guess import guess_patches
@@ -100,7 +100,7 @@ def noise(mover, surface):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("mover", "n_increments"),
-    [(LinearElasticity, 1), (LinearElasticity, 3), (TorsionalSprings, 1), (TorsionalSprings, 3), (LinealSprings, 1)],
+    [(LinearElasticity, 1), (LinearElasticity, 3), (TorsionalSprings, 1), (TorsionalSprings, 3)],
 )
 def test_products_of_slivers_are_transposed_to_round_off(mover, n_increments):
     mesh = plate_in_its_wake()

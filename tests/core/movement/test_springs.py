@@ -1,4 +1,4 @@
-"""Lineal and torsional springs: stiffness by independent formulas, and what every mover must pass."""
+"""Springs: stiffness by independent formulas, and what every mover must pass."""
 
 from itertools import combinations
 
@@ -16,9 +16,8 @@ from mover_cases import (
 
 from bspline_mdao.core.movement import springs
 from bspline_mdao.core.movement.spring_gradients import N_LINEAL, N_SPRINGS
-from bspline_mdao.core.movement.springs import LinealSprings, TorsionalSprings
+from bspline_mdao.core.movement.springs import TorsionalSprings
 
-NETWORKS = [LinealSprings, TorsionalSprings]
 CUBE = np.array([(a, b, d) for d in (0.0, 1.0) for b in (0.0, 1.0) for a in (0.0, 1.0)])
 ONE = np.arange(8, dtype=np.int32)[None]
 
@@ -31,12 +30,12 @@ def crooked_cube(seed=0, amount=0.3):
     return CUBE + amount * np.random.default_rng(seed).uniform(-1.0, 1.0, (8, 3))
 
 
-def arguments(x, sign=1, n_springs=N_SPRINGS, settings=(2.0, 1.0), degenerate_corners=0):
-    return x, ONE, np.array([sign], np.int8), np.array([degenerate_corners], np.uint8), n_springs, settings
+def arguments(x, sign=1, torsion=1.0, degenerate_corners=0):
+    return x, ONE, np.array([sign], np.int8), np.array([degenerate_corners], np.uint8), torsion
 
 
 def numbers(x):
-    """All that the springs of an element with power 2 resist, and the share of each."""
+    """All that the springs of an element resist, and the weight of each."""
     lengths = [(np.log(np.linalg.norm(x[p] - x[q])), p, q) for p, q in combinations(range(8), 2)]
     values = [length * {1: 0.5, 2: np.sqrt(0.5), 3: 1.0}[bin(p ^ q).count("1")] for length, p, q in lengths]
     for c in range(8):
@@ -46,8 +45,8 @@ def numbers(x):
     return np.array(values)
 
 
-@pytest.mark.parametrize("n_springs", [N_LINEAL, N_SPRINGS])
-def test_stiffness_is_the_sum_of_squares_of_the_changes_of_lengths_angles_and_triple_products(n_springs):
+@pytest.mark.parametrize(("torsion", "n_springs"), [(0.0, N_LINEAL), (1.0, N_SPRINGS)])
+def test_stiffness_is_the_sum_of_squares_of_the_changes_of_lengths_angles_and_triple_products(torsion, n_springs):
     x, h = crooked_cube(), 1e-3
     at = lambda unit, t: numbers(x + t * unit.reshape(8, 3))[:n_springs]  # noqa: E731
     gradients = np.stack(
@@ -56,25 +55,24 @@ def test_stiffness_is_the_sum_of_squares_of_the_changes_of_lengths_angles_and_tr
             for e in np.eye(24)
         ]
     )
-    stiffness = by_columns(lambda u: springs.force(*arguments(x, n_springs=n_springs), u[None])[0], 8)
+    stiffness = by_columns(lambda u: springs.force(*arguments(x, torsion=torsion), u[None])[0], 8)
     np.testing.assert_allclose(stiffness, gradients @ gradients.T, atol=1e-9 * np.abs(stiffness).max())
 
 
-@pytest.mark.parametrize("power", [0.0, 1.0, 3.0])
-def test_lineal_stiffness_falls_with_the_power_of_the_length(power):
+def test_lineal_stiffness_is_the_inverse_square_of_the_length():
     x = CUBE * [1.0, 1.0, 4.0]
     pull = np.zeros((8, 3))
     pull[4:, 2] = 1.0  # stretches the four vertical edges, eight face and four body diagonals
-    force = springs.force(*arguments(x, 1, N_LINEAL, (power, 0.0)), pull[None])[0, 4:, 2].sum()
+    force = springs.force(*arguments(x, torsion=0.0), pull[None])[0, 4:, 2].sum()
     lengths, counts = np.sqrt([16.0, 17.0, 18.0]), np.array([4, 8, 4]) * [0.25, 0.5, 1.0]
-    assert force == pytest.approx(np.sum(counts * lengths**-power * (4.0 / lengths) ** 2), rel=1e-14)
+    assert force == pytest.approx(np.sum(counts * lengths**-2.0 * (4.0 / lengths) ** 2), rel=1e-14)
 
 
-@pytest.mark.parametrize("n_springs", [N_LINEAL, N_SPRINGS])
+@pytest.mark.parametrize("torsion", [0.0, 1.0])
 @pytest.mark.parametrize(("amount", "sign"), [(0.2, 1), (0.9, 1), (0.2, -1)])
-def test_stiffness_is_symmetric_with_six_rigid_body_modes_and_otherwise_positive(n_springs, amount, sign):
+def test_stiffness_is_symmetric_with_six_rigid_body_modes_and_otherwise_positive(torsion, amount, sign):
     x = crooked_cube(4, amount)
-    args = arguments(x, sign, n_springs)
+    args = arguments(x, sign, torsion)
     stiffness = by_columns(lambda u: springs.force(*args, u[None])[0], 8)
     from_blocks = assembled(lambda *rest: springs.add_stiffness(*args, *rest), ONE, 8)
     np.testing.assert_allclose(from_blocks, stiffness, atol=1e-13 * np.abs(stiffness).max())
@@ -94,7 +92,7 @@ def test_torsion_does_not_depend_on_the_size_of_the_mesh():
 def test_degenerate_corners_have_no_torsion():
     x = crooked_cube()
     unit = crooked_cube(3)[None]
-    lineal = springs.force(*arguments(x, n_springs=N_LINEAL), unit)
+    lineal = springs.force(*arguments(x, torsion=0.0), unit)
     np.testing.assert_array_equal(springs.force(*arguments(x, degenerate_corners=255), unit), lineal)
 
 
@@ -104,21 +102,21 @@ def collapsed():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("network", "make", "tolerance"),
-    [(LinealSprings, wing, 1e-8), (LinealSprings, collapsed, 1e-8), (TorsionalSprings, collapsed, 1e-8)]
+    ("make", "tolerance"),
     # rounding of the ill-conditioned torsional network of thin elements limits what differences can show
-    + [(TorsionalSprings, wing, 1e-5)],
+    [(collapsed, 1e-8), (wing, 1e-5)],
 )
-def test_derivatives_are_exact_about_a_wing_and_with_collapsed_edges(network, make, tolerance):
+def test_derivatives_are_exact_about_a_wing_and_with_collapsed_edges(make, tolerance):
     mesh = make()
-    mover = network(mesh, n_increments=2)
+    mover = TorsionalSprings(mesh, n_increments=2)
     initial, surface = bent_surface(mesh, size=0.02)
     assert_derivative_is_transposed(mover.move(initial, surface))
     assert_derivative_is_exact(mover, initial, surface, tolerance, scale=10.0 * spacings(mesh))
 
 
-def test_torsional_springs_keep_elements_better_than_lineal_ones():
+def test_torsion_keeps_elements_better_than_lineal_springs_alone():
     mesh = open_channel()
     initial, surface = bent_surface(mesh, size=0.1)
-    lineal, torsional = (network(mesh).move(initial, surface).report.increments[-1] for network in NETWORKS)
+    moves = (TorsionalSprings(mesh, torsion=torsion).move(initial, surface) for torsion in (0.0, 0.01))
+    lineal, torsional = (move.report.increments[-1] for move in moves)
     assert torsional.min_corner > lineal.min_corner

@@ -9,7 +9,7 @@ from parallel_checks import assert_same_everywhere, raised_everywhere
 from bspline_mdao.base.numerics.processes import world
 from bspline_mdao.base.sparse.blocks import BlockMatrix
 from bspline_mdao.core.movement.equilibrium import Unknowns
-from bspline_mdao.movers import LinealSprings, LinearElasticity, PetscCholesky, PetscMultigrid
+from bspline_mdao.movers import LinearElasticity, PetscCholesky, PetscMultigrid, TorsionalSprings
 
 comm = world()
 
@@ -18,7 +18,7 @@ DIRECT, ITERATED = (PetscCholesky(comm), 1e-13), (PetscMultigrid(comm), 3e-10)
 for mesh, solvers in ((oblique_channel(), (DIRECT, ITERATED)), (wing(), (DIRECT,))):
     initial, surface = bent_surface(mesh, 0.05)
     changes = random_changes(mesh)
-    for mover in (LinearElasticity, LinealSprings):
+    for mover in (LinearElasticity, TorsionalSprings):
         expected = mover(mesh, n_increments=2).move(initial, surface)
         for solver, tolerance in solvers:
             movement = mover(mesh, n_increments=2, solver=solver).move(initial, surface)
