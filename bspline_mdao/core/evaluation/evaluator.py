@@ -23,8 +23,15 @@ from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.node_numbering import NodeNumbering
 from ...grids.topology.topology import Topology
 from ..splines.mesh import BSplineMesh
-from .kernels import assemble, forward_kernel, reverse_kernel, turned_forward_kernel, turned_reverse_kernel
-from .nodes_by_span import NodesBySpan, sort_nodes
+from .nodes_by_span import (
+    NodesBySpan,
+    assemble,
+    forward_kernel,
+    reverse_kernel,
+    sort_nodes,
+    turned_forward_kernel,
+    turned_reverse_kernel,
+)
 
 CHUNK_NODES = 2**15
 """Nodes per chunk, at least: some 0.2 ms of work, against some 10 us to start it."""

@@ -11,7 +11,7 @@ import pytest
 from evaluation_cases import cloud, random_mesh
 
 from bspline_mdao.core.evaluation import contraction
-from bspline_mdao.core.evaluation.kernels import turned_forward_kernel, turned_reverse_kernel
+from bspline_mdao.core.evaluation.nodes_by_span import turned_forward_kernel, turned_reverse_kernel
 
 TESTS = Path(__file__).parents[2]
 

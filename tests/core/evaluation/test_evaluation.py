@@ -9,8 +9,7 @@ from numba.core.errors import TypingError
 
 from bspline_mdao.core.evaluation.contraction import LANES, SOURCE
 from bspline_mdao.core.evaluation.evaluator import CHUNK_NODES, Evaluator
-from bspline_mdao.core.evaluation.kernels import forward_kernel, reverse_kernel
-from bspline_mdao.core.evaluation.nodes_by_span import sort_nodes
+from bspline_mdao.core.evaluation.nodes_by_span import forward_kernel, reverse_kernel, sort_nodes
 from bspline_mdao.core.splines.knots import ConstantKnots
 from bspline_mdao.core.splines.mesh import BSplineMesh
 from bspline_mdao.core.splines.volume import Volume, evaluate
