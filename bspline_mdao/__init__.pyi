@@ -9,11 +9,11 @@ from . import flow as flow
 from . import generators as generators
 from . import grids as grids
 from . import measures as measures
+from . import meshes as meshes
 from . import movers as movers
 from . import mphys as mphys
 from . import parallel as parallel
 from . import plotting as plotting
-from . import riding as riding
 from . import scripts as scripts
 from . import splines as splines
 from . import testing as testing

@@ -65,7 +65,7 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
     model = bm.fit_grid(bm.generators.onera_m6_grid(coarse, bm.generators.Spacing(off_wall=OFF_WALL[0])))
     mesh, triangles = wedges(bm.generators.onera_m6_grid(fine, bm.generators.Spacing(off_wall=OFF_WALL[1])))
     start = time.process_time()
-    riding = bm.riding.EmbeddedMesh.of(model, mesh)
+    riding = bm.meshes.EmbeddedMesh.of(model, mesh)
     numbers = {
         "n_nodes": model.n_nodes,
         "n_points": mesh.n_points,
@@ -81,7 +81,7 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
     return numbers | {name: judge(riding, state, asked) for name, (state, asked) in states.items()}
 
 
-def wedges(grid: bm.Grid) -> tuple[bm.riding.MixedMesh, np.ndarray]:
+def wedges(grid: bm.Grid) -> tuple[bm.meshes.MixedMesh, np.ndarray]:
     """Make a mesh of the nodes of a grid, each once, and name the triangles at the station, shape (n, 3)."""
     points, numbers = np.unique(grid.to_vector().reshape(-1, 3), axis=0, return_inverse=True)
     cells, triangles, first = [], [], 0
@@ -93,10 +93,10 @@ def wedges(grid: bm.Grid) -> tuple[bm.riding.MixedMesh, np.ndarray]:
         if (points[ids[:, :, 0], 2] == 0.0).all():  # beside the wing, not beyond its tip
             layer = corners[:, :, round(STATION * (shape[2] - 2))].reshape(-1, 8)
             triangles.append(layer[:, WEDGES[:, :3]].reshape(-1, 3))
-    return bm.riding.MixedMesh(points, {"wedge": np.concatenate(cells)}), np.concatenate(triangles)
+    return bm.meshes.MixedMesh(points, {"wedge": np.concatenate(cells)}), np.concatenate(triangles)
 
 
-def move(model: bm.FittedModel, riding: bm.riding.EmbeddedMesh, text: str):
+def move(model: bm.FittedModel, riding: bm.meshes.EmbeddedMesh, text: str):
     """Move the control mesh by a deformation, and the mesh with it; also where its wall was asked to be."""
     control = bm.movers.moving_mesh(model)
     deformation = bm.design.parse_deformation(text, model, control)
@@ -108,12 +108,12 @@ def move(model: bm.FittedModel, riding: bm.riding.EmbeddedMesh, text: str):
     return riding.at(moved, asked), asked
 
 
-def ratios(riding: bm.riding.EmbeddedMesh, state) -> np.ndarray:
+def ratios(riding: bm.meshes.EmbeddedMesh, state) -> np.ndarray:
     """Heights of the first nodes at the wall by those before."""
     return riding.walls.heights(state.nodes) / riding.walls.heights(riding.mesh.points)
 
 
-def judge(riding: bm.riding.EmbeddedMesh, state, asked: np.ndarray) -> dict:
+def judge(riding: bm.meshes.EmbeddedMesh, state, asked: np.ndarray) -> dict:
     """Measure a mesh that was moved, see `main`."""
     rng = np.random.default_rng(0)
     seed, bar, d_wall = (rng.normal(size=x.shape) for x in (riding.control_points, state.nodes, asked))
@@ -128,7 +128,7 @@ def judge(riding: bm.riding.EmbeddedMesh, state, asked: np.ndarray) -> dict:
     }
 
 
-def draw(folder, riding: bm.riding.EmbeddedMesh, states: dict, triangles: np.ndarray) -> None:
+def draw(folder, riding: bm.meshes.EmbeddedMesh, states: dict, triangles: np.ndarray) -> None:
     """Draw the mesh near the wing, the wing as it was and as it is, and the heights of the first nodes."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     edges = edges[np.isin(edges, riding.walls.rows).all(axis=1)].T

@@ -60,8 +60,8 @@ def main(figures=None, quick: bool = False) -> dict:
     with TemporaryDirectory() as folder:
         path = Path(folder, "airfoil.su2")
         path.write_text(su2_text(nodes, triangles, quads, lines))
-        file = bm.files.read_mesh(path, bm.riding.section_span(model))
-        riding = bm.riding.EmbeddedMesh.of(model, file.mesh)
+        file = bm.files.read_mesh(path, bm.meshes.section_span(model))
+        riding = bm.meshes.EmbeddedMesh.of(model, file.mesh)
         states = {name: move(model, riding, text) for name, text in MOVES.items()}
         for name, (state, asked) in states.items():
             file.write(Path(folder, f"{name}.su2"), state.nodes)
@@ -106,7 +106,7 @@ def su2_text(nodes: np.ndarray, triangles: np.ndarray, quads: np.ndarray, lines:
     return "\n".join([*text, ""])
 
 
-def move(model: bm.FittedModel, riding: bm.riding.EmbeddedMesh, text: str):
+def move(model: bm.FittedModel, riding: bm.meshes.EmbeddedMesh, text: str):
     """Move the control mesh by a deformation, and the mesh with it; also where its wall was asked to be."""
     control = bm.movers.moving_mesh(model)
     deformation = bm.design.parse_deformation(text, model, control)
@@ -117,7 +117,7 @@ def move(model: bm.FittedModel, riding: bm.riding.EmbeddedMesh, text: str):
     return riding.at(moved, asked), asked
 
 
-def judge(riding: bm.riding.EmbeddedMesh, state, asked: np.ndarray) -> dict:
+def judge(riding: bm.meshes.EmbeddedMesh, state, asked: np.ndarray) -> dict:
     """Measure a mesh that was moved, see `main`."""
     rng = np.random.default_rng(0)
     seed, bar, d_wall = (rng.normal(size=x.shape) for x in (riding.control_points, state.nodes, asked))
@@ -141,7 +141,7 @@ def n_changed(before: list[str], after: list[str], n_nodes: int) -> int:
 
 
 def draw(
-    folder, n_nodes: int, riding: bm.riding.EmbeddedMesh, states: dict, triangles: np.ndarray, quads: np.ndarray
+    folder, n_nodes: int, riding: bm.meshes.EmbeddedMesh, states: dict, triangles: np.ndarray, quads: np.ndarray
 ) -> None:
     """Draw the mesh after each move, and the airfoil as it was."""
     sides = [np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1).reshape(-1, 2) for cells in (triangles, quads)]

@@ -15,8 +15,8 @@ from bspline_mdao.generators import Spacing, naca_section, onera_m6_grid, sectio
 from bspline_mdao.grids.io.cgns import write_base
 from bspline_mdao.grids.io.cgns_nodes import add_node
 from bspline_mdao.grids.io.meshes.foam_lists import FoamFile
+from bspline_mdao.meshes import MixedMesh
 from bspline_mdao.movers import LinearElasticity, moving_mesh
-from bspline_mdao.riding import MixedMesh
 
 SPACING = Spacing(off_wall=1e-4)
 

@@ -13,9 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from riding_cases import mesh, su2_text
 
 from bspline_mdao import FittedModel, design_summary, fit_grid, load_best, read_grid, write_grid
 from bspline_mdao.core.om.drivers.case_history import read_history
+from bspline_mdao.files import read_mesh
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.studio.cli.main import run as cli
 from bspline_mdao.studio.study.study import read_study
@@ -89,6 +91,17 @@ def test_a_mesh_rides_along_as_the_page_says(folder, monkeypatch):
     monkeypatch.chdir(folder)
     contents = run_blocks("howto/ride.rst")
     assert np.abs(contents["state"].nodes - contents["corners"])[:, 2].max() > 0.01
+
+
+def test_a_mesh_without_structure_moves_as_the_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mesh.su2").write_text(su2_text(mesh()))
+    (tmp_path / "kinds.toml").write_text(code_blocks("howto/unstructured.rst", "toml")[0])
+    assert run_commands("howto/unstructured.rst") == ["inspect", "fit", "move", "fit", "fit"]
+    contents = run_blocks("howto/unstructured.rst")
+    rows, before = contents["model"].wall_rows, mesh().points
+    moved = read_mesh("moved.su2").mesh.points
+    np.testing.assert_allclose(moved[rows], before[rows] * [1.0, 1.0, 1.1], rtol=0, atol=1e-12)
 
 
 def test_a_case_for_openfoam_is_written_as_the_page_says(folder, monkeypatch):

@@ -28,8 +28,8 @@ from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.generators import Spacing, onera_m6_grid
 from bspline_mdao.grids.topology.boundary_surface import BoundarySurface
 from bspline_mdao.grids.topology.detection import find_topology
+from bspline_mdao.meshes import EmbeddedMesh, MixedMesh
 from bspline_mdao.movers import LinearElasticity, moving_mesh
-from bspline_mdao.riding import EmbeddedMesh, MixedMesh
 
 SPACING = Spacing(off_wall=1e-4)
 SHAPE = (23, 33, 17)

@@ -44,6 +44,12 @@ class LatticeSettings(OneLine):
         Ratio of the widths of neighbouring spans from there to the ends of the mesh.
     stiffness : float
         Weight of the walls against the energy, for each element of the lattice that they cross.
+
+    Examples
+    --------
+    >>> from bspline_mdao.meshes import LatticeSettings
+    >>> LatticeSettings(spacing=0.05).growth
+    1.8
     """
 
     spacing: float | None = None

@@ -5,9 +5,11 @@ Theory: ``docs/theory/background_lattice.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -15,12 +17,16 @@ from scipy.sparse import csr_array, diags_array
 from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
+from ..design.deformation import Deformation
+from ..mesh.boundary import matching_names
 from ..mesh.moving_mesh import MovingMesh
+from ..model.model_file import checksum_of
 from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
 from ..riding.wall_faces import WallFaces
 from ..walls.embedded_points import ON_PLANE
 from .background_lattice import DEFAULTS, BackgroundLattice, LatticeSettings
 from .end_planes import INNER, WALL, EndPlane, find_end_planes, lattice_axes
+from .mesh_file import arrays_of, document_of, read_mesh_model, write_mesh_model
 from .mesh_map import MeshMap
 from .thin_plate import ThinPlate
 
@@ -48,6 +54,20 @@ class MeshModel(OneLine):
         Planes that the mesh ends in, whose nodes stay in them.
     lattice : BackgroundLattice
         The lattice.
+    mesh_file : str
+        The mesh's own file, in whose bytes moved nodes are written; empty where it is not known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao.meshes import MeshModel, MixedMesh
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
+    >>> tetrahedra, floor = np.array([[0, 1, 2, 3], [1, 4, 2, 3]]), np.array([[0, 1, 2, 2]])
+    >>> model = MeshModel.of(MixedMesh(corners, {"tetra": tetrahedra}, {"floor": floor}), {"floor": "wall"})
+    >>> walls = corners[model.wall_rows] + [0.1, 0.0, 0.0]
+    >>> moved = model.mover.move(model.control_points, walls)
+    >>> model.node_map.at(moved.points).nodes[0].round(6)
+    array([0.1, 0. , 0. ])
     """
 
     mesh: MixedMesh
@@ -55,10 +75,40 @@ class MeshModel(OneLine):
     settings: LatticeSettings
     planes: tuple[EndPlane, ...]
     lattice: BackgroundLattice
+    mesh_file: str = ""
 
     @classmethod
-    def of(cls, mesh: MixedMesh, kinds: Mapping[str, str], settings: LatticeSettings = DEFAULTS) -> MeshModel:
-        """Lay a lattice around a mesh."""
+    def of(
+        cls,
+        mesh: MixedMesh,
+        kinds: Mapping[str, str],
+        settings: LatticeSettings = DEFAULTS,
+        mesh_file: str | os.PathLike = "",
+    ) -> MeshModel:
+        """Lay a lattice around a mesh.
+
+        Parameters
+        ----------
+        mesh : MixedMesh
+            The mesh on the baseline, with markers of its boundary.
+        kinds : mapping of str to str
+            Kinds of the markers, see `marker_kinds`: nodes of walls go where they are asked to, those of planes of symmetry
+            stay in these, those inside the mesh move along, and all others stay.
+        settings : LatticeSettings
+            What the lattice is like.
+        mesh_file : path-like
+            The mesh's own file.
+
+        Returns
+        -------
+        MeshModel
+
+        Raises
+        ------
+        InputError
+            If a marker does not exist, none is a wall, a marker of symmetry is not plane or not at an end of the mesh, or
+            planes are not at right angles.
+        """
         markers = mesh.markers or {}
         unknown = [name for name in kinds if name not in markers]
         if unknown:
@@ -73,7 +123,70 @@ class MeshModel(OneLine):
         axes, planes = lattice_axes(mesh.source, planes)
         section = _section_axis(mesh.points, planes, axes)
         lattice = BackgroundLattice.around(mesh.points, mesh.points[wall_rows], axes, section, settings)
-        return cls(mesh, dict(kinds), settings, planes, lattice)
+        return cls(mesh, dict(kinds), settings, planes, lattice, os.fspath(mesh_file))
+
+    def save(self, path: str | os.PathLike, compress: bool = True) -> None:
+        """Write the model to one HDF5 file, see `bspline_mdao.core.background.mesh_file`."""
+        write_mesh_model(path, self.mesh, dict(self.kinds), self.settings, self.mesh_file, compress)
+        self._note_file(path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> MeshModel:
+        """Read a model from a file; `InputError` if it cannot be used."""
+        model = cls.of(*read_mesh_model(path))
+        model._note_file(path)
+        return model
+
+    def _note_file(self, path: str | os.PathLike) -> None:
+        object.__setattr__(self, "_file", Path(path).absolute())
+
+    @property
+    def file(self) -> Path | None:
+        """File that the model was saved to or loaded from last; None where it was neither."""
+        return self.__dict__.get("_file")
+
+    @cached_property
+    def checksum(self) -> str:
+        """Checksum of all that the model is, by which case files know their model."""
+        return checksum_of(document_of(self.mesh, dict(self.kinds), self.settings), arrays_of(self.mesh))
+
+    def with_settings(self, settings: LatticeSettings) -> MeshModel:
+        """Lay another lattice around the mesh."""
+        return MeshModel.of(self.mesh, self.kinds, settings, self.mesh_file)
+
+    def design(self, markers: Sequence[str] = ()) -> np.ndarray:
+        """Numbers of the nodes of some walls, by names or patterns of markers, among all of walls; all by default."""
+        wanted = matching_names(self.walls.names, markers, self.mesh.source) if markers else set(self.walls.names)
+        names = np.array(self.walls.names)[self.walls.marker]
+        return np.flatnonzero(np.isin(self.wall_rows, self.walls.faces[np.isin(names, list(wanted))]))
+
+    def design_mesh(self, numbers: np.ndarray) -> MovingMesh:
+        """Control points with some nodes of walls, by `design`, as the surface that is deformed."""
+        mesh = self.moving_mesh
+        is_kept = np.isin(mesh.in_plane_rows, numbers)
+        rows = np.searchsorted(numbers, mesh.in_plane_rows[is_kept])
+        normals = mesh.in_plane_normals[is_kept]
+        return replace(mesh, surface_ids=mesh.surface_ids[numbers], in_plane_rows=rows, in_plane_normals=normals)
+
+    def deformed_walls(self, deformation: Deformation, numbers: np.ndarray) -> np.ndarray:
+        """Where a deformation puts nodes of walls, by `design`; the others stay: shape (n_walls, 3), in metres."""
+        walls = self.mesh.points[self.wall_rows]
+        planes = []
+        for plane in self.planes:
+            ids = np.flatnonzero(np.isin(self.wall_rows[numbers], plane.rows))
+            planes.append((ids, plane.normal))
+        walls[numbers] = deformation.apply_to_nodes(walls[numbers], planes)
+        if self.mesh.n_copies > 1:  # the copies of a mesh of two dimensions move as its nodes do
+            change = walls - self.mesh.points[self.wall_rows]
+            n = len(self.wall_rows) // 2
+            walls[n:] += change[:n] - change[n:]
+        return walls
+
+    def wall_spacing(self) -> float:
+        """Find the median height of the cells at the walls (m)."""
+        walls = self.node_map.embedded.walls
+        assert walls is not None
+        return float(np.median(walls.heights(self.mesh.points)))
 
     @property
     def n_nodes(self) -> int:

@@ -58,6 +58,17 @@ class ThinPlate(OneLine):
         Other nodes of the mesh that are to stay (m).
     settings : LatticeSettings
         Of them, the ``stiffness``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao.meshes import MeshModel, MixedMesh, ThinPlate
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
+    >>> tetrahedra, floor = np.array([[0, 1, 2, 3], [1, 4, 2, 3]]), np.array([[0, 1, 2, 2]])
+    >>> model = MeshModel.of(MixedMesh(corners, {"tetra": tetrahedra}, {"floor": floor}), {"floor": "wall"})
+    >>> mover = ThinPlate(model.moving_mesh, model.lattice)
+    >>> mover.move(model.control_points, model.control_points[: mover.n_surface]).report.n_increments
+    1
     """
 
     mesh: MovingMesh

@@ -12,14 +12,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
 from ...errors import InputError
-from ...grids.topology.index_space import Window
 from ..mesh.frame import Frame, Plane, mesh_planes, surface_frame
 from ..mesh.moving_mesh import MovingMesh
-from ..model.fitted_model import FittedModel
 from .deformation import (
     Bend,
     Deformation,
@@ -43,7 +42,6 @@ __all__ = [
     "parse_deformation",
     "parse_requests",
     "read_points",
-    "wall_spacing",
 ]
 
 SUFFIXES = (".csv", ".dat", ".npy", ".txt")
@@ -57,7 +55,14 @@ _INBOARD = 0.1
 no points of its own."""
 
 
-def parse_deformation(spec: str | Sequence[str], model: FittedModel, mesh: MovingMesh) -> Deformation:
+class HasWallSpacing(Protocol):
+    """A model of a grid or a mesh."""
+
+    def wall_spacing(self) -> float:
+        """Median height of the cells at its walls (m)."""
+
+
+def parse_deformation(spec: str | Sequence[str], model: HasWallSpacing, mesh: MovingMesh) -> Deformation:
     """Return the deformation that words describe.
 
     Parameters
@@ -66,8 +71,8 @@ def parse_deformation(spec: str | Sequence[str], model: FittedModel, mesh: Movin
         Deformations joined by ``+``, done one after the other; several are joined as well. Each is a name out of
         `DEFORMATIONS` with its value, ``bend=120deg@0.7``, or a file of new surface points (``.csv``, ``.dat``,
         ``.npy``, ``.txt``) in the order of ``mesh.surface_ids``.
-    model : FittedModel
-        The fitted grid, for lengths in cells.
+    model : FittedModel or MeshModel
+        The fitted grid or mesh, for lengths in cells: it has a ``wall_spacing()``.
     mesh : MovingMesh
         The control mesh of the model (`moving_mesh`), whose surface is deformed.
 
@@ -96,26 +101,16 @@ def parse_deformation(spec: str | Sequence[str], model: FittedModel, mesh: Movin
         raise InputError(f"deformation: nothing is asked for; the names are {', '.join(DEFORMATIONS)}")
     points, planes, maps = mesh.points[mesh.surface_ids], mesh_planes(mesh), []
     for request in [request for text in texts for request in _requests(text)]:
-        maps.append(_make(request, _Surface(model, points, planes)))
+        maps.append(_make(request, _Surface(model.wall_spacing, points, planes)))
         points = maps[-1].apply(points)
     return Deformation(mesh, tuple(maps))
-
-
-def wall_spacing(model: FittedModel) -> float:
-    """Find the median height of the cells at the walls of a model's grid (m)."""
-    blocks = model.regenerate().blocks
-    walls = [face.window for face in model.topology.boundary if face.kind == "wall"]
-    heights = [_first_heights(blocks[window.block].nodes, window) for window in walls]
-    if not heights:
-        raise InputError(f"{model.header.source}: no patch is a wall, so it has no cell height; give the height in m")
-    return float(np.median(np.concatenate(heights)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
     """The surface as the deformations before one have left it, by which lengths and directions count."""
 
-    model: FittedModel
+    wall_spacing: Callable[[], float]
     points: np.ndarray
     planes: tuple[Plane, ...]
 
@@ -257,13 +252,6 @@ def _parse(text: str) -> Request:
     return Request(text, name, value.strip(), place[0].strip() if place else None, dict(options))
 
 
-def _first_heights(nodes: np.ndarray, window: Window) -> np.ndarray:
-    """Heights of the cells of a block on a face window."""
-    flat, part = window.shape.index(1), list(window.slices)
-    part[flat] = slice(0, 2) if window.lo[flat] == 0 else slice(-2, None)
-    return np.linalg.norm(np.diff(nodes[tuple(part)], axis=flat), axis=-1).ravel()
-
-
 def _requests(text: str) -> Sequence[Request | Path]:
     return [Path(text)] if Path(text).suffix.lower() in SUFFIXES else parse_requests(text)
 
@@ -325,7 +313,7 @@ def _translate(request: Request, surface: _Surface) -> Translate:
 def _bumps(request: Request, surface: _Surface) -> PointMap:
     request.only("seed", "wavelength")
     cells = request.value.removesuffix("cells")
-    unit = wall_spacing(surface.model) if cells != request.value else 1.0
+    unit = surface.wall_spacing() if cells != request.value else 1.0
     height = Request(request.text, request.name, cells.strip(), None, {}).number(low=0.0)
     seed = request.number("seed", 0.0, low=-0.5)
     wavelength = request.number("wavelength", 0.5 * surface.frame.chord, low=0.0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...base.checks import as_finite_points
 from ...base.display import Plottable
+from ...errors import InputError
 from ...grids.io.cgns import CgnsDialect
 from ...grids.io.plane_grids import PlaneDialect
 from ...grids.topology.boundary_surface import BoundarySurface
@@ -204,6 +205,20 @@ class FittedModel(Plottable, Model):
             return self.header.grid(self.topology.shapes, self.grid_map().at(points).nodes)
         nodes = self.evaluator().forward(self.control_points)
         return self.header.grid(self.topology.shapes, nodes if self.residual is None else nodes + self.residual)
+
+    def wall_spacing(self) -> float:
+        """Find the median height of the cells at the walls of the grid (m); `InputError` where there is no wall."""
+        blocks, heights = self.regenerate().blocks, []
+        for window in (face.window for face in self.topology.boundary if face.kind == "wall"):
+            flat, part = window.shape.index(1), list(window.slices)
+            part[flat] = slice(0, 2) if window.lo[flat] == 0 else slice(-2, None)
+            edges = np.diff(blocks[window.block].nodes[tuple(part)], axis=flat)
+            heights.append(np.linalg.norm(edges, axis=-1).ravel())
+        if not heights:
+            raise InputError(
+                f"{self.header.source}: no patch is a wall, so it has no cell height; give the height in m"
+            )
+        return float(np.median(np.concatenate(heights)))
 
     def embed_points(self, points: np.ndarray, tolerance: float | None = None) -> EmbeddedPoints:
         """Find what moves points that were not fitted: volumes, near walls the layer, and inside a body its walls.

@@ -66,7 +66,7 @@ class Ride(MovedPoints):
     >>> import openmdao.api as om
     >>> from bspline_mdao import Ride, fit_grid
     >>> from bspline_mdao.generators import brick_grid
-    >>> from bspline_mdao.riding import MixedMesh
+    >>> from bspline_mdao.meshes import MixedMesh
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> corners = np.array([[2.0, 0.0, 0.0], [2.5, 0.0, 0.0], [2.0, 0.5, 0.0], [2.0, 0.0, 0.5]])
     >>> mesh = MixedMesh(corners, {"tetra": np.array([[0, 1, 2, 3]])})

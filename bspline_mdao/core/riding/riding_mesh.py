@@ -154,7 +154,7 @@ class EmbeddedMesh(OneLine):
     >>> import numpy as np
     >>> from bspline_mdao import fit_grid
     >>> from bspline_mdao.generators import brick_grid
-    >>> from bspline_mdao.riding import EmbeddedMesh, MixedMesh
+    >>> from bspline_mdao.meshes import EmbeddedMesh, MixedMesh
     >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
     >>> cell = np.array([[2.0, 0.0, 0.0], [2.5, 0.0, 0.0], [2.0, 0.5, 0.0], [2.0, 0.0, 0.5]])
     >>> riding = EmbeddedMesh.of(model, MixedMesh(cell, {"tetra": np.array([[0, 1, 2, 3]])}))

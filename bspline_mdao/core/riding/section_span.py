@@ -34,7 +34,7 @@ def section_span(model: FittedModel) -> SectionSpan | None:
     --------
     >>> from bspline_mdao import fit_grid
     >>> from bspline_mdao.generators import brick_grid
-    >>> from bspline_mdao.riding import section_span
+    >>> from bspline_mdao.meshes import section_span
     >>> section_span(fit_grid(brick_grid((5, 5, 5, 5)))) is None
     True
     """

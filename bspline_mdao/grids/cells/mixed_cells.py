@@ -111,7 +111,7 @@ class MixedMesh(OneLine):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao.riding import MixedMesh
+    >>> from bspline_mdao.meshes import MixedMesh
     >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     >>> mesh = MixedMesh(corners, {"tetra": np.array([[0, 1, 2, 3]])})
     >>> mesh.quality().volumes.round(6)

@@ -87,7 +87,7 @@ class MarkerGuess:
 
     Examples
     --------
-    >>> from bspline_mdao.riding import MarkerGuess
+    >>> from bspline_mdao.meshes import MarkerGuess
     >>> MarkerGuess("wall", "sure", "by its name").kind
     'wall'
     """
@@ -117,7 +117,7 @@ def guess_kinds(mesh: MixedMesh, known: Mapping[str, MarkerGuess] | None = None)
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao.riding import MixedMesh, guess_kinds
+    >>> from bspline_mdao.meshes import MixedMesh, guess_kinds
     >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     >>> floor = {"lower_wall": np.array([[0, 1, 2, 2]])}
     >>> guess_kinds(MixedMesh(corners, {"tetra": np.array([[0, 1, 2, 3]])}, floor))["lower_wall"].kind

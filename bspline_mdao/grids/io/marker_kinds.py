@@ -55,7 +55,7 @@ def read_kinds(path: str | os.PathLike, mesh: MixedMesh) -> dict[str, str]:
     >>> import tempfile
     >>> from pathlib import Path
     >>> import numpy as np
-    >>> from bspline_mdao.riding import MixedMesh, read_kinds
+    >>> from bspline_mdao.meshes import MixedMesh, read_kinds
     >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     >>> mesh = MixedMesh(corners, {"tetra": np.array([[0, 1, 2, 3]])}, {"z_m": np.array([[0, 1, 2, 2]])})
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -111,7 +111,7 @@ def marker_kinds(mesh: MixedMesh, patches: str | os.PathLike | None = None) -> d
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao.riding import MixedMesh, marker_kinds
+    >>> from bspline_mdao.meshes import MixedMesh, marker_kinds
     >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     >>> mesh = MixedMesh(corners, {"tetra": np.array([[0, 1, 2, 3]])}, {"wing": np.array([[0, 1, 2, 2]])})
     >>> marker_kinds(mesh)["wing"]

@@ -113,7 +113,11 @@ def inspect(**options: Any) -> None:
     inspect_grid(**options)
 
 
-@command("fit wing.xyz -o wing.h5 --n-control 13x13x9 --correct 2", "fit wing.xyz -o wing.h5 --n-control 2=17x13x9")
+@command(
+    "fit wing.xyz -o wing.h5 --n-control 13x13x9 --correct 2",
+    "fit wing.xyz -o wing.h5 --n-control 2=17x13x9",
+    "fit mesh.su2 -o mesh.h5",
+)
 @grid_argument
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="MODEL.h5", required=True, help="Fitted model."
@@ -151,12 +155,20 @@ def inspect(**options: Any) -> None:
 @click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
 @click.option("--no-wall-layer", is_flag=True, help="Do not let nodes near walls follow them as a rigid body.")
 @click.option("--no-certify", is_flag=True, help="Do not prove, element by element, that the splines are valid.")
+@click.option(
+    "--spacing",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="H",
+    help="Of a mesh without structure: width of the spans of the lattice around its walls, by default a tenth of the "
+    "longest side of their box.",
+)
 @units_option
 @json_option
 def fit(**options: Any) -> None:
-    """Fit a grid with B-spline volumes and write the model.
+    """Fit a grid with B-spline volumes, or lay a lattice around a mesh without structure, and write the model.
 
-    GRID is a {read} file, or a built-in grid: {built_in}.
+    GRID is a {read} file, or a built-in grid: {built_in}. A mesh without structure is {meshes}; its walls are guessed
+    from names and places of its markers, or declared by --patches.
     """
     from .fit import fit_model
 
@@ -193,7 +205,10 @@ def refine(**options: Any) -> None:
     refine_model(**options)
 
 
-@command("move wing.h5 --deform twist=10deg --deform stretch=1.2 -o moved.xyz")
+@command(
+    "move wing.h5 --deform twist=10deg --deform stretch=1.2 -o moved.xyz",
+    "move mesh.h5 --deform twist=10deg -o moved.su2",
+)
 @click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
 @click.option(
     "--deform",
@@ -216,7 +231,8 @@ def refine(**options: Any) -> None:
 def move(model: Path, output: Path, json: Path | None, **options: Any) -> None:
     """Deform the design surface of a model, move the control mesh behind it and write the grid.
 
-    The name of GRID gives the format: {written}. Folders that are missing are made.
+    The name of GRID gives the format: {written}. Folders that are missing are made. A mesh without structure is written
+    as it was read: with other nodes, and all else in its file kept.
 
     PATCH is a name or a pattern, such as 'wing*'; --deform, --design, --slide, --fix and --release may be given more
     than once.

@@ -18,8 +18,10 @@ from ...core.model.records import CANDIDATES, Fallback, FitReport
 from ...errors import FitWarning, InputError
 from ...grids.cells.certificate import Certificate
 from ...grids.io.formats import MODEL
+from ...grids.io.meshes.files import is_mesh
 from ...grids.topology.grid import Grid
 from ...grids.topology.stored_grid import StoredGrid
+from .mesh_fit import fit_mesh
 from .output import (
     MEANING_OF_INVALID,
     certificate_numbers,
@@ -54,6 +56,7 @@ def fit_model(
     no_wall_layer: bool = False,
     no_certify: bool = False,  # do not prove which elements of the splines are valid everywhere
     units: str | None = None,  # unit of lengths, where the file does not say it
+    spacing: float | None = None,  # width of the spans of the lattice around the walls of a mesh without structure (m)
 ) -> None:
     """Fit a grid, write the model and show how good it is."""
     # Several processes read, fit and write whole blocks each.
@@ -61,6 +64,13 @@ def fit_model(
     check_outputs([output, json], [file_of(grid_name), patches], comm)
     if output.suffix != MODEL:
         raise InputError(f"{output}: a fitted model is an HDF5 file; name it .h5")
+    if file_of(grid_name) and is_mesh(grid_name):
+        fit_mesh(grid_name, output, json, patches, spacing)
+        return
+    if spacing is not None:
+        raise InputError(
+            f"{grid_name}: is a grid of blocks; --spacing is of the lattice around a mesh without structure"
+        )
     options: dict[str, Any] = {
         "n_control": n_control,
         "order": order,

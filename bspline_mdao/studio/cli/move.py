@@ -16,6 +16,7 @@ import numpy as np
 
 from ...base.numerics.progress import progress_bar, within
 from ...base.text import counted
+from ...core.background.mesh_file import is_mesh_model
 from ...core.cad.files import SUFFIXES
 from ...core.cad.opencascade import require_opencascade
 from ...core.cad.write_cad import write_cad
@@ -117,6 +118,11 @@ def move_model(
 ) -> None:
     """Deform the design surface of a model, move the control mesh behind it and write the grid."""
     check_outputs([output, json, options.surface], [model_file, *filter(os.path.isfile, options.deform)])
+    if is_mesh_model(model_file):
+        from .mesh_move import move_mesh  # it takes the options of this command
+
+        move_mesh(model_file, output, json, options)
+        return
     is_cad = options.surface is not None and options.surface.suffix.lower() in SUFFIXES
     if is_cad:
         require_opencascade()

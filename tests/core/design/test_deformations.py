@@ -22,7 +22,7 @@ from bspline_mdao.core.design.deformation import (
     random_bumps,
     vjp,
 )
-from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints, wall_spacing
+from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints
 from bspline_mdao.core.mesh.frame import Plane, mesh_planes, surface_frame
 from bspline_mdao.design import parse_deformation
 from bspline_mdao.generators import onera_m6_grid
@@ -296,7 +296,7 @@ def test_deformations_are_done_one_after_the_other_each_on_what_the_last_has_lef
 
 
 def test_height_in_cells_is_that_of_the_cells_at_the_wall(model, mesh, surface):
-    spacing = wall_spacing(model)
+    spacing = model.wall_spacing()
     above = model.regenerate().blocks[4].nodes
     assert spacing == pytest.approx(np.median(np.linalg.norm(above[:, 1] - above[:, 0], axis=-1)), rel=1e-3)
     moved = parse_deformation("bumps=7cells", model, mesh).apply(surface)

@@ -15,8 +15,8 @@ from bspline_mdao.core.walls.wall_correction import WallCorrection
 from bspline_mdao.generators import Spacing, flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.topology.topology import BoundaryFace
 from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.meshes import EmbeddedMesh
 from bspline_mdao.movers import moving_mesh
-from bspline_mdao.riding import EmbeddedMesh
 
 
 @cache

@@ -9,8 +9,8 @@ from riding_cases import add_elements, model, plane_mesh, plane_su2_text, sectio
 from bspline_mdao import InputError, MovementError, Ride
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.files import read_mesh
+from bspline_mdao.meshes import EmbeddedMesh, SectionSpan, section_span
 from bspline_mdao.movers import LinearElasticity, moving_mesh
-from bspline_mdao.riding import EmbeddedMesh, SectionSpan, section_span
 from bspline_mdao.testing import central_difference
 
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from bspline_mdao import InputError, MovementError
 from bspline_mdao.core.riding.riding_mesh import _fading
-from bspline_mdao.riding import EmbeddedMesh, MixedMesh
+from bspline_mdao.meshes import EmbeddedMesh, MixedMesh
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from riding_cases import corners_of
 from bspline_mdao.files import read_mesh, write_polymesh
 from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.cells.mesh_quality import mesh_quality
-from bspline_mdao.riding import MixedMesh
+from bspline_mdao.meshes import MixedMesh
 
 AXES = (np.linspace(0.0, 2.0, 4), np.linspace(0.0, 3.0, 5), np.linspace(0.0, 1.0, 3))
 

@@ -6,7 +6,7 @@ from riding_cases import HALVES, mesh
 
 from bspline_mdao import InputError
 from bspline_mdao.grids.cells.mixed_cells import first_heights
-from bspline_mdao.riding import MixedMesh
+from bspline_mdao.meshes import MixedMesh
 
 BOX = np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [0, 0, 5], [2, 0, 5], [2, 3, 5], [0, 3, 5]], dtype=float)
 

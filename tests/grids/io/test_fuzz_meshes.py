@@ -15,7 +15,7 @@ from bspline_mdao import InputError
 from bspline_mdao.files import read_mesh, write_polymesh
 from bspline_mdao.flow.euler.states_file import StatesFile
 from bspline_mdao.generators import brick_grid
-from bspline_mdao.riding import MixedMesh
+from bspline_mdao.meshes import MixedMesh
 
 pytestmark = pytest.mark.slow
 

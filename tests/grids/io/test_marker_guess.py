@@ -9,7 +9,7 @@ from bspline_mdao.files import read_mesh, write_polymesh
 from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.io.marker_guess import kind_of_words
 from bspline_mdao.grids.io.marker_kinds import draft_kinds, undecided
-from bspline_mdao.riding import MixedMesh, guess_kinds, marker_kinds, read_kinds
+from bspline_mdao.meshes import MixedMesh, guess_kinds, marker_kinds, read_kinds
 
 
 def box(n=(6, 5, 4), hole=None, stretched=1.0):

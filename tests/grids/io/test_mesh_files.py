@@ -14,7 +14,7 @@ from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.io.cgns import write_base
 from bspline_mdao.grids.io.cgns_nodes import add_node
 from bspline_mdao.grids.io.meshes.foam_lists import FoamFile
-from bspline_mdao.riding import MixedMesh
+from bspline_mdao.meshes import MixedMesh
 from bspline_mdao.splines import curved_grid
 
 

@@ -8,8 +8,8 @@ from bspline_mdao import ControlMeshMove, Ride, SurfaceControl, fit_grid
 from bspline_mdao.base.numerics.processes import world
 from bspline_mdao.design import Parametrization, ReferenceAxis, Twist
 from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.meshes import MixedMesh
 from bspline_mdao.movers import LinearElasticity, moving_mesh
-from bspline_mdao.riding import MixedMesh
 
 comm, model = world(), fit_grid(onera_m6_grid((9, 8, 7)))
 block = model.regenerate().blocks[3].nodes

@@ -58,7 +58,7 @@ class SectionSpan(OneLine):
     --------
     >>> from bspline_mdao import fit_grid
     >>> from bspline_mdao.generators import naca_section, section_o_grid
-    >>> from bspline_mdao.riding import section_span
+    >>> from bspline_mdao.meshes import section_span
     >>> span = section_span(fit_grid(section_o_grid(naca_section(0.12), n_around=32, far=20.0)))
     >>> span.axis, span.in_plane, round(span.low, 9), round(span.high, 9)
     (2, (0, 1), 0.0, 1.0)

@@ -1,5 +1,8 @@
 """Public names: each is imported when it is first asked for, from the module that is written here."""
 
+from .core.background.background_lattice import LatticeSettings as LatticeSettings
+from .core.background.mesh_model import MeshModel as MeshModel
+from .core.background.thin_plate import ThinPlate as ThinPlate
 from .core.riding.riding_mesh import EmbeddedMesh as EmbeddedMesh
 from .core.riding.section_span import section_span as section_span
 from .grids.cells.mixed_cells import MixedMesh as MixedMesh

@@ -1,0 +1,115 @@
+"""One HDF5 file for a mesh without structure that is ready to move.
+
+Layout, version 1::
+
+    /                       attributes: format, version, checksum, mesh_file
+    /document               JSON (UTF-8): kinds of the markers, settings of the lattice, name of the mesh
+    /points                 (n, 3) nodes (m)
+    /cells/<kind>           corners of the cells of each kind
+    /markers/<n>            (n_faces, 4) faces of the markers, in the order of the document
+    /faces, /face_cells     faces of polyhedra and their cells, where there are some
+
+Lattice, planes and all else are made again from these. The mesh's own file, in whose bytes moved nodes are written, is
+not in it: its place is.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ...errors import InputError
+from ...grids.cells.mixed_cells import MixedMesh
+from ...grids.io.disk import deferred_interrupts, replaced_hdf5_file
+from ..model.model_file import checksum_of, dataset_options, datasets_of
+from .background_lattice import LatticeSettings
+
+__all__ = ["MESH_MODEL_FORMAT", "is_mesh_model", "read_mesh_model", "write_mesh_model"]
+
+MESH_MODEL_FORMAT = "bspline_mdao mesh"
+"""Attribute ``format`` of the files."""
+
+VERSION = 1
+
+
+def is_mesh_model(path: str | os.PathLike) -> bool:
+    """Whether a file is a model of a mesh without structure."""
+    if not Path(path).is_file() or not h5py.is_hdf5(path):
+        return False
+    with h5py.File(path, "r") as file:
+        return file.attrs.get("format") == MESH_MODEL_FORMAT
+
+
+def arrays_of(mesh: MixedMesh) -> dict[str, np.ndarray]:
+    """Arrays of a mesh by their names in the file."""
+    arrays = {"points": mesh.points} | {f"cells/{kind}": corners for kind, corners in mesh.cells.items()}
+    arrays |= {f"markers/{n}": faces for n, faces in enumerate((mesh.markers or {}).values())}
+    if mesh.polyhedra is not None:
+        arrays["faces"], arrays["face_cells"] = mesh.polyhedra
+    return arrays
+
+
+def document_of(mesh: MixedMesh, kinds: dict[str, str], settings: LatticeSettings) -> bytes:
+    """All of a model that is no array, as JSON."""
+    names = list(mesh.markers or {})
+    fields = {"source": mesh.source, "n_copies": mesh.n_copies, "markers": names, "cells": list(mesh.cells)}
+    return json.dumps(fields | {"kinds": kinds, "settings": asdict(settings)}).encode()
+
+
+def write_mesh_model(
+    path: str | os.PathLike,
+    mesh: MixedMesh,
+    kinds: dict[str, str],
+    settings: LatticeSettings,
+    mesh_file: str,  # the mesh's own file
+    compress: bool = True,
+) -> None:
+    """Write a model; an existing file is replaced only when the new one is complete."""
+    arrays, document = arrays_of(mesh), document_of(mesh, kinds, settings)
+    options = dataset_options(compress)
+    with replaced_hdf5_file(path) as file:
+        checksum = checksum_of(document, arrays)
+        with deferred_interrupts():
+            file.attrs.update(
+                {"format": MESH_MODEL_FORMAT, "version": VERSION, "checksum": checksum, "mesh_file": mesh_file}
+            )
+            file["document"] = np.frombuffer(document, np.uint8)
+        for name, array in arrays.items():
+            with deferred_interrupts():
+                file.create_dataset(name, data=array, **options)
+
+
+def read_mesh_model(path: str | os.PathLike) -> tuple[MixedMesh, dict[str, str], LatticeSettings, str]:
+    """Read the mesh, the kinds of its markers, the settings of the lattice, and the name of the mesh's own file."""
+    if not is_mesh_model(path):
+        raise InputError(f"{path}: is no model of a mesh without structure; make one with the command fit")
+    try:
+        with deferred_interrupts(), h5py.File(path, "r") as file:
+            if file.attrs["version"] > VERSION:
+                raise InputError(
+                    f"{path}: is of version {file.attrs['version']}, newer than {VERSION}; update the program"
+                )
+            arrays = datasets_of(path, file)
+            content = arrays.pop("document")[()].tobytes()
+            if file.attrs["checksum"] != checksum_of(content, arrays):
+                raise ValueError("checksum")
+            document, mesh_file = json.loads(content), str(file.attrs["mesh_file"])
+            stored = {name: array[()] for name, array in arrays.items()}
+        cells = {kind: stored[f"cells/{kind}"] for kind in document["cells"]}
+        markers = {name: stored[f"markers/{n}"] for n, name in enumerate(document["markers"])}
+        polyhedra = (stored["faces"], stored["face_cells"]) if "faces" in stored else None
+        mesh = MixedMesh(stored["points"], cells, markers, polyhedra, document["source"], document["n_copies"])
+        return mesh, document["kinds"], LatticeSettings(**document["settings"]), mesh_file
+    except InputError as error:
+        raise error if str(error).startswith(str(path)) else _damaged(path) from error
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, IndexError, MemoryError) as error:
+        raise _damaged(path) from error
+
+
+def _damaged(path: str | os.PathLike) -> InputError:
+    return InputError(f"{path}: the model of a mesh is damaged; fit the mesh again")

@@ -1,5 +1,0 @@
-"""Unstructured meshes that move along with a fitted grid."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub("bspline_mdao", __file__)

@@ -1,0 +1,99 @@
+"""The command ``fit`` of meshes without structure: what their markers are, and the lattice around them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from ...base.numerics.progress import progress_bar
+from ...base.text import counted
+from ...core.background.background_lattice import LatticeSettings
+from ...core.background.mesh_model import MeshModel
+from ...errors import InputError
+from ...grids.io.marker_guess import MarkerGuess
+from ...grids.io.marker_kinds import marker_kinds, undecided
+from ...grids.io.meshes.files import read_mesh
+from .output import counts_text, print_lines, print_table, print_title, print_warnings, written_json
+
+__all__ = ["fit_mesh", "lattice_numbers", "show_lattice"]
+
+
+def fit_mesh(
+    mesh_name: str,  # file of the mesh, or OpenFOAM's folder
+    output: Path,  # output, json: model and numbers to write
+    json: Path | None,
+    patches: Path | None,  # kinds of the markers
+    spacing: float | None,  # width of the spans of the lattice around the walls (m)
+    no_certify: bool = False,  # do not prove that the lattice is valid everywhere
+) -> None:
+    """Lay a lattice around a mesh, write the model and show what it is."""
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        mesh = read_mesh(mesh_name).mesh
+        progress(0.4, "markers")
+        kinds = marker_kinds(mesh, patches)
+        complaint = undecided(mesh, kinds)
+        if complaint:
+            raise InputError(complaint)
+        start = time.process_time()
+        progress(0.5, "lattice")
+        settings = LatticeSettings(spacing=spacing)
+        chosen = {name: guess.kind for name, guess in kinds.items()}
+        model = MeshModel.of(mesh, chosen, settings, Path(mesh_name).absolute())
+        progress(0.6, "walls")
+        model.node_map  # noqa: B018 - what cannot be moved is refused here
+        seconds = time.process_time() - start
+    with written_json(json, fit_mesh_numbers(model, kinds, seconds)):
+        model.save(output)
+    show_mesh_fit(model, kinds, output, seconds)
+
+
+def fit_mesh_numbers(model: MeshModel, kinds: Mapping[str, MarkerGuess], seconds: float) -> dict:
+    """Collect the numbers of a fit for JSON."""
+    markers = [{"name": name, **vars(guess)} for name, guess in kinds.items()]
+    return {"mesh": model.mesh.source, "markers": markers, **lattice_numbers(model), "seconds": seconds}
+
+
+def lattice_numbers(model: MeshModel) -> dict:
+    """Collect the numbers of a mesh and its lattice for JSON."""
+    mesh = model.mesh
+    return {
+        "n_nodes": mesh.n_stored,
+        "n_cells": mesh.n_cells,
+        "dimensions": 2 if mesh.n_copies > 1 else 3,
+        "n_wall_nodes": len(mesh.stored_ids(model.wall_rows)),
+        "n_nodes_at_rest": len(mesh.stored_ids(model.rows_at_rest)),
+        "lattice": list(model.lattice.shape),
+        "spacing": model.lattice.spacing,
+        "axes": model.lattice.axes.tolist(),
+    }
+
+
+def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Path, seconds: float) -> None:
+    """Print what was fitted and what was written."""
+    mesh, faces = model.mesh, model.mesh.markers or {}
+    in_plane = " of two dimensions" if mesh.n_copies > 1 else ""
+    print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}{in_plane}")
+    rows = [(name, f"{len(faces[name]):,}", guess.kind, guess.sure, guess.why) for name, guess in kinds.items()]
+    print_table(["marker", "faces", "kind", "how sure", "why"], rows)
+    unsure = [name for name, guess in kinds.items() if guess.sure == "unsure"]
+    show_lattice(model)
+    print_lines([f"{output} written, {seconds:.2f} s"])
+    if unsure:
+        print_warnings(
+            [f"not sure about {', '.join(unsure)}: declare them by --patches FILE.toml if they are not that"]
+        )
+
+
+def show_lattice(model: MeshModel) -> None:
+    """Print what the lattice around a mesh is like."""
+    lattice, mesh = model.lattice, model.mesh
+    resting = len(mesh.stored_ids(model.rows_at_rest))
+    lines = [
+        f"{counted(len(mesh.stored_ids(model.wall_rows)), 'node')} on walls, which go where they are asked to; "
+        f"{counted(resting, 'node')} at rest on other markers",
+        f"lattice of {counts_text(lattice.shape)} control points, spans of {lattice.spacing:.3g} m around the walls",
+    ]
+    lines += [f"nodes of {' and '.join(plane.markers)} stay in their plane" for plane in model.planes if plane.markers]
+    print_lines(lines)

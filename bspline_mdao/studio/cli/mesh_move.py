@@ -1,0 +1,214 @@
+"""The command ``move`` of meshes without structure, and what cures a move that inverts cells."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...base.numerics.progress import progress_bar
+from ...base.text import counted
+from ...core.background.mesh_map import MeshState
+from ...core.background.mesh_model import MeshModel
+from ...core.design.named_deformations import parse_deformation
+from ...core.evaluation.spline_validity import certify_splines
+from ...core.movement.mover import Movement
+from ...errors import InputError, MovementError
+from ...grids.cells.certificate import Certificate
+from ...grids.cells.mixed_cells import CellQuality
+from ...grids.cells.wall_heights import KEPT
+from ...grids.io.meshes.files import MeshFile, check_same_format, read_mesh
+from .cures import Trial, verdict
+from .mesh_fit import lattice_numbers, show_lattice
+from .move import MoveOptions
+from .movers import MoverOptions
+from .output import (
+    certificate_numbers,
+    print_lines,
+    print_table,
+    print_title,
+    print_warnings,
+    show_certificate,
+    written_json,
+)
+
+__all__ = ["move_mesh"]
+
+FINER = (1.5, 2.25)
+"""Spacings of the lattice that are tried where cells are inverted, by which it is divided."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """A mesh that was moved, its cells before and after, and the heights at its walls relative to those before."""
+
+    model: MeshModel
+    movement: Movement
+    state: MeshState
+    before: CellQuality
+    after: CellQuality
+    ratios: np.ndarray
+    certificate: Certificate
+    seconds: float
+
+    @property
+    def newly_inverted(self) -> np.ndarray:
+        """Numbers of the cells that are inverted now and were not."""
+        return np.flatnonzero(self.after.is_inverted & ~self.before.is_inverted)
+
+
+def move_mesh(
+    model_file: Path,  # model of a mesh
+    output: Path,  # output, json: mesh and numbers to write
+    json: Path | None,
+    options: MoveOptions,  # what to move where, and how
+) -> None:
+    """Deform the walls of a mesh, move the mesh behind them and write it."""
+    _refuse_others(model_file, options)
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        model = MeshModel.load(model_file)
+        file = _file_of(model_file, model)
+        check_same_format(model.mesh_file, output)
+        progress(0.4, "moving")
+        moved = _move(model, options)
+        if len(moved.newly_inverted) and not options.allow_invalid:
+            progress(0.7, "looking for what cures it")
+            raise MovementError(_complaint(moved, _trials(model, options)))
+        progress(0.9, "writing")
+        with written_json(json, _numbers(model_file, output, moved, options)):
+            if options.surface:
+                np.savetxt(options.surface, moved.state.nodes[model.wall_rows], delimiter=",", header="x,y,z")
+            file.write(output, moved.state.nodes)
+    _show(output, moved)
+
+
+def _refuse_others(model_file: Path, options: MoveOptions) -> None:
+    """Refuse options that are of grids with blocks."""
+    given = [f"--{name}" for name in ("slide", "fix", "release") if getattr(options, name)]
+    if options.mover != MoverOptions():
+        given.append("--mover and its settings")
+    if given:
+        raise InputError(
+            f"{model_file}: is the model of a mesh without structure, whose lattice moves it; leave out "
+            f"{', '.join(given)}. Markers are what --patches of 'fit' says they are"
+        )
+
+
+def _file_of(model_file: Path, model: MeshModel) -> MeshFile:
+    """The mesh's own file, in which other nodes are written."""
+    if not os.path.exists(model.mesh_file):
+        raise InputError(
+            f"{model_file}: the mesh that it was made of, {model.mesh_file}, is not there, and moved nodes are written "
+            f"into a copy of it; put it back, or fit it where it is now"
+        )
+    file = read_mesh(model.mesh_file)
+    if not np.array_equal(file.mesh.points, model.mesh.points):
+        raise InputError(f"{model.mesh_file}: has changed since {model_file} was made of it; fit it again")
+    return file
+
+
+def _move(model: MeshModel, options: MoveOptions) -> _Moved:
+    """Make the move and measure it."""
+    start = time.process_time()
+    numbers = model.design(options.design)
+    deformation = parse_deformation(options.deform, model, model.design_mesh(numbers))
+    asked = model.deformed_walls(deformation, numbers)
+    movement = model.mover.move(model.control_points, asked)
+    state = model.node_map.at(movement.points)
+    seconds = time.process_time() - start
+    mesh, walls = model.mesh, model.node_map.embedded.walls
+    assert walls is not None
+    ratios = walls.heights(state.nodes) / walls.heights(mesh.points)
+    splines = certify_splines(model.lattice.mesh, movement.points[len(model.wall_rows) :], ("the lattice",))
+    quality = mesh.quality(), mesh.quality(state.nodes)
+    return _Moved(model, movement, state, *quality, ratios, Certificate((), splines), seconds)
+
+
+def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
+    """Try finer lattices, until one inverts no cell."""
+    trials: list[Trial] = []
+    for part in FINER:
+        spacing = float(f"{model.lattice.spacing / part:.2g}")
+        finer = model.with_settings(replace(model.settings, spacing=spacing))
+        try:
+            n_inverted = len(_move(finer, options).newly_inverted)
+        except MovementError:
+            trials.append(Trial(f"a model by 'fit --spacing {spacing:g}'", None))
+            continue
+        trials.append(Trial(f"a model by 'fit --spacing {spacing:g}'", n_inverted))
+        if not n_inverted:
+            break
+    return trials
+
+
+def _complaint(moved: _Moved, trials: Sequence[Trial]) -> str:
+    """Say which cells are inverted, and what cures it."""
+    new, mesh = moved.newly_inverted, moved.model.mesh
+    worst = new[np.argmin(moved.after.volumes[new])]
+    faces, cells = mesh.cell_faces
+    place = mesh.points[np.unique(faces[cells == worst])].mean(axis=0)
+    return (
+        f"the move inverts {counted(len(new), 'cell')} of the mesh, the worst is number {worst + 1} at "
+        f"({', '.join(f'{x:.4g}' for x in place)}), of volume {moved.after.volumes[worst]:.3g} m^3; nothing was "
+        f"written; {verdict(trials)}, or --allow-invalid to see it"
+    )
+
+
+def _quantiles(ratios: np.ndarray) -> dict[str, float]:
+    """Quantiles of the heights relative to those before."""
+    levels = {"min": 0.0, "p01": 0.01, "median": 0.5, "p99": 0.99, "max": 1.0}
+    return {name: float(np.quantile(ratios, level)) for name, level in levels.items()} if len(ratios) else {}
+
+
+def _numbers(model_file: Path, output: Path, moved: _Moved, options: MoveOptions) -> dict:
+    """Collect the numbers of a move for JSON."""
+    model = moved.model
+    return {
+        "model": str(model_file),
+        "mesh": str(output),
+        "deform": options.deform,
+        **lattice_numbers(model),
+        "largest_displacement": float(np.linalg.norm(moved.state.nodes - model.mesh.points, axis=1).max()),
+        "digits": moved.movement.report.digits,
+        "min_volume": {"before": float(moved.before.volumes.min()), "after": float(moved.after.volumes.min())},
+        "n_inverted": {"before": int(moved.before.is_inverted.sum()), "after": int(moved.after.is_inverted.sum())},
+        "newly_inverted": moved.newly_inverted[:100].tolist(),
+        "heights": _quantiles(moved.ratios),
+        "certificate": certificate_numbers(moved.certificate),
+        "seconds": moved.seconds,
+    }
+
+
+def _show(output: Path, moved: _Moved) -> None:
+    """Print the report of a move."""
+    model = moved.model
+    mesh = model.mesh
+    print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}")
+    largest = np.linalg.norm(moved.state.nodes - mesh.points, axis=1).max()
+    print_lines([f"nodes moved by up to {largest:.3g} m"])
+    show_lattice(model)
+    rows = [
+        ("smallest volume (m^3)", float(moved.before.volumes.min()), float(moved.after.volumes.min())),
+        ("inverted cells", int(moved.before.is_inverted.sum()), int(moved.after.is_inverted.sum())),
+    ]
+    print_table(["cells of the mesh", "before", "after"], rows)
+    show_certificate(moved.certificate)
+    quantiles = _quantiles(moved.ratios)
+    if quantiles:
+        print_lines(["heights of the first nodes at walls, by those before:"])
+        print_table(["min", "1 %", "median", "99 %", "max"], [tuple(f"{x:.3f}" for x in quantiles.values())])
+    print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
+    warnings = []
+    if len(moved.newly_inverted):
+        warnings.append(f"{counted(len(moved.newly_inverted), 'newly inverted cell')}")
+    if quantiles and not KEPT[0] <= quantiles["p01"] <= quantiles["p99"] <= KEPT[1]:
+        warnings.append(
+            f"the first nodes at walls are {quantiles['p01']:.3g} to {quantiles['p99']:.3g} times as high as before "
+            f"(1 % to 99 %), and so is y+"
+        )
+    print_warnings(warnings)

@@ -1,0 +1,89 @@
+"""The commands ``fit`` and ``move`` of meshes without structure: from the file of a mesh to its moved file."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from riding_cases import mesh, plane_su2_text, su2_text
+from test_cli import fails_as_expected, numbers
+
+from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.files import read_mesh
+from bspline_mdao.studio.cli.main import run
+
+KINDS = '[kinds]\n"wing" = "wall"\n"far*" = "farfield"\n"sym*" = "symmetry"\n'
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "wing.su2").write_text(su2_text(mesh()) + "% the last line stays\n")
+    return tmp_path
+
+
+def lines_but_nodes(text: str) -> list[str]:
+    """Lines of an SU2 file without those that have three coordinates."""
+    return [line for line in text.splitlines() if len(re.findall(r"\d\.\d", line)) != 3]
+
+
+def test_two_commands_lead_from_a_mesh_to_a_moved_mesh(workplace, capsys):
+    assert run(["fit", "wing.su2", "-o", "wing.h5", "--json", "fit.json"]) == 0
+    fitted, text = numbers("fit.json"), capsys.readouterr().out
+    assert [marker["kind"] for marker in fitted["markers"] if marker["name"] == "wing"] == ["wall"]
+    assert fitted["n_nodes"] == mesh().n_points
+    for words in ("lattice of", "nodes on walls", "wing.h5 written"):
+        assert words in text.replace("node on", "nodes on")
+    assert run(["move", "wing.h5", "--deform", "twist=5deg", "-o", "moved.su2", "--json", "move.json"]) == 0
+    moved, text = numbers("move.json"), capsys.readouterr().out
+    assert moved["n_inverted"] == {"before": 0, "after": 0}
+    assert moved["certificate"]["status"] == "valid"
+    assert "inverted cells" in text
+    before, after = ((workplace / name).read_text() for name in ("wing.su2", "moved.su2"))
+    assert lines_but_nodes(before) == lines_but_nodes(after)
+    shift = np.linalg.norm(read_mesh("moved.su2").mesh.points - mesh().points, axis=1)
+    assert shift.max() == pytest.approx(moved["largest_displacement"], rel=1e-12)
+    assert shift.max() > 0.01
+
+
+def test_a_model_comes_back_from_its_file_with_the_same_bits(workplace):
+    assert run(["fit", "wing.su2", "-o", "wing.h5", "--spacing", "0.3"]) == 0
+    model = MeshModel.load("wing.h5")
+    assert model.settings.spacing == 0.3
+    model.save("again.h5")
+    again = MeshModel.load("again.h5")
+    assert again.checksum == model.checksum
+    np.testing.assert_array_equal(again.control_points, model.control_points)
+    np.testing.assert_array_equal(again.mesh.points, mesh().points)
+
+
+def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace):
+    (workplace / "plane.su2").write_text(plane_su2_text())
+    (workplace / "kinds.toml").write_text('[kinds]\n"*" = "farfield"\n"wall*" = "wall"\n"airfoil*" = "wall"\n')
+    arguments = ["fit", "plane.su2", "-o", "plane.h5"]
+    assert run(arguments) == 0
+    for deform in ("pitch=3deg", "bumps=0.001"):
+        assert run(["move", "plane.h5", "--deform", deform, "-o", "moved.su2"]) == 0
+
+
+def test_what_cannot_be_fitted_or_moved_ends_in_one_line(workplace, capsys):
+    nameless = re.sub("MARKER_TAG= *wing", "MARKER_TAG= x_p", su2_text(mesh()))
+    (workplace / "nameless.su2").write_text(nameless)
+    (workplace / "kinds.toml").write_text('[kinds]\n"x_p" = "farfield"\n')
+    fails_as_expected(["fit", "nameless.su2", "--patches", "kinds.toml", "-o", "a.h5"], capsys, "wall")
+    assert run(["fit", "wing.su2", "-o", "wing.h5"]) == 0
+    move = ["move", "wing.h5", "--deform", "twist=5deg", "-o"]
+    fails_as_expected([*move, "moved.vtu"], capsys, "written as it is read")
+    fails_as_expected([*move, "moved.su2", "--mover", "elasticity"], capsys, "leave out --mover")
+    fails_as_expected([*move, "moved.su2", "--design", "tail"], capsys, "no patch is called 'tail'")
+    fails_as_expected(["fit", "@onera_m6", "--spacing", "1", "-o", "b.h5"], capsys, "--spacing")
+    changed = su2_text(replace(mesh(), points=1.01 * mesh().points))
+    (workplace / "wing.su2").write_text(changed)
+    fails_as_expected([*move, "moved.su2"], capsys, "has changed since")
+    (workplace / "wing.su2").unlink()
+    fails_as_expected([*move, "moved.su2"], capsys, "is not there")
+    content = bytearray((workplace / "wing.h5").read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    (workplace / "wing.h5").write_bytes(bytes(content))
+    fails_as_expected([*move, "moved.su2"], capsys, "wing.h5")
+    assert not (workplace / "moved.su2").exists()
