@@ -92,8 +92,8 @@ class MeshModel(OneLine):
         mesh : MixedMesh
             The mesh on the baseline, with markers of its boundary.
         kinds : mapping of str to str
-            Kinds of the markers, see `marker_kinds`: nodes of walls go where they are asked to, those of planes of symmetry
-            stay in these, those inside the mesh move along, and all others stay.
+            Kinds of the markers, see `marker_kinds`: nodes of walls go where they are asked to, those of planes of
+            symmetry stay in these, those inside the mesh move along, and all others stay.
         settings : LatticeSettings
             What the lattice is like.
         mesh_file : path-like
@@ -106,8 +106,8 @@ class MeshModel(OneLine):
         Raises
         ------
         InputError
-            If a marker does not exist, none is a wall, a marker of symmetry is not plane or not at an end of the mesh, or
-            planes are not at right angles.
+            If a marker does not exist, none is a wall, a marker of symmetry is not plane or not at an end of the mesh,
+            or planes are not at right angles.
         """
         markers = mesh.markers or {}
         unknown = [name for name in kinds if name not in markers]
