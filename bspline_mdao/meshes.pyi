@@ -6,6 +6,7 @@ from .core.background.thin_plate import ThinPlate as ThinPlate
 from .core.riding.riding_mesh import EmbeddedMesh as EmbeddedMesh
 from .core.riding.section_span import section_span as section_span
 from .grids.cells.mixed_cells import MixedMesh as MixedMesh
+from .grids.cells.skin_parts import with_markers as with_markers
 from .grids.io.marker_guess import MarkerGuess as MarkerGuess
 from .grids.io.marker_guess import guess_kinds as guess_kinds
 from .grids.io.marker_kinds import marker_kinds as marker_kinds

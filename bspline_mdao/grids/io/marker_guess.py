@@ -16,6 +16,7 @@ import numpy as np
 
 from ..cells.mixed_cells import MixedMesh, face_keys
 from ..cells.quads import area_vectors
+from .boundary_planes import OBLIQUE
 from .cgns_faces import kind_of
 from .grid_frame import GridFrame
 from .patch_certainty import place_of
@@ -38,9 +39,6 @@ MOST_PLANES = 6
 
 NEARLY = 1e-3
 """Part of one by which normals of faces of a plane may differ, and of the size of the mesh by which heights may."""
-
-UPRIGHT = 0.1
-"""Cosine of the angle between a wall's normal and that of the plane that it ends in, below which both are upright."""
 
 _KIND_OF_TYPE = {
     "wall": "wall",
@@ -272,5 +270,6 @@ class _Places:
         normal, nodes = self.planes(name)[0][0], np.unique(self._of(name))
         faces = self._of(wall)
         areas = area_vectors(self.mesh.points[faces])[np.isin(faces, nodes).any(axis=1)]
-        sizes = np.linalg.norm(areas, axis=1)
-        return bool(len(areas)) and float(np.abs(areas @ normal).sum()) < UPRIGHT * float(sizes.sum())
+        areas = areas[areas.any(axis=1)]
+        sines = np.abs(areas @ normal) / np.linalg.norm(areas, axis=1)
+        return bool(len(sines) and np.median(sines) < OBLIQUE)

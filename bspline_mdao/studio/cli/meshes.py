@@ -13,6 +13,7 @@ from ...errors import InputError
 from ...grids.cells.mesh_heights import height_quantiles, mesh_wall_spacings, wall_heights_of
 from ...grids.cells.mesh_quality import SEVERE, SKEWED, MeshQuality, mesh_quality
 from ...grids.cells.mixed_cells import CellQuality, MixedMesh, face_keys
+from ...grids.cells.skin_parts import with_markers
 from ...grids.cells.wall_spacing import WallSpacing
 from ...grids.io.disk import replaced_file
 from ...grids.io.marker_guess import MarkerGuess
@@ -47,7 +48,7 @@ def inspect_mesh(
     check_outputs([draft, json], [name, patches])
     with progress_bar() as progress:
         progress(0.0, "reading")
-        mesh = read_mesh(name).mesh
+        mesh = with_markers(read_mesh(name).mesh)
         progress(0.5, "markers")
         kinds = marker_kinds(mesh, patches)
         progress(0.7, "cells")
@@ -78,7 +79,7 @@ def measure_mesh(
     check_outputs([json], [name, patches, baseline])
     with progress_bar() as progress:
         progress(0.0, "reading")
-        mesh = read_mesh(name).mesh
+        mesh = with_markers(read_mesh(name).mesh)
         before = mesh if baseline is None else _baseline_of(baseline, mesh, name)
         kinds = marker_kinds(before, patches)
         progress(0.5, "cells")
@@ -94,7 +95,7 @@ def measure_mesh(
 
 def _baseline_of(baseline: str, mesh: MixedMesh, name: str) -> MixedMesh:
     """The mesh before it was moved."""
-    before = read_mesh(baseline).mesh
+    before = with_markers(read_mesh(baseline).mesh)
     if (before.n_points, _kinds(before)) != (mesh.n_points, _kinds(mesh)):
         raise InputError(
             f"{name}: has {mesh.n_stored:,} nodes and {mesh.n_cells:,} cells, the baseline {baseline} "

@@ -9,7 +9,7 @@ from bspline_mdao.files import read_mesh, write_polymesh
 from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.io.marker_guess import kind_of_words
 from bspline_mdao.grids.io.marker_kinds import draft_kinds, undecided
-from bspline_mdao.meshes import MixedMesh, guess_kinds, marker_kinds, read_kinds
+from bspline_mdao.meshes import MixedMesh, guess_kinds, marker_kinds, read_kinds, with_markers
 
 
 def box(n=(6, 5, 4), hole=None, stretched=1.0):
@@ -141,6 +141,33 @@ def test_types_of_openfoam_and_cgns_count_before_names(tmp_path):
     stated = MixedMesh(brick.points, brick.cells, brick.markers, stated={"a": "BCWallViscous", "c": "FamilySpecified"})
     assert guess_kinds(stated)["a"].why == "its file says BCWallViscous"
     assert guess_kinds(stated)["c"].kind == "symmetry"
+
+
+def test_a_mesh_without_markers_gets_those_of_its_sides_and_parts():
+    bare = MixedMesh(mesh().points, mesh().cells)
+    found = with_markers(bare)
+    guesses = guess_kinds(found)
+    walls = [name for name, guess in guesses.items() if guess.kind == "wall"]
+    planes = [name for name, guess in guesses.items() if guess.kind == "symmetry"]
+    assert planes == ["z_min"]
+    (wall,) = walls
+    np.testing.assert_array_equal(np.unique(found.markers[wall]), np.unique(mesh().markers["wing"]))
+    assert sum(map(len, found.markers.values())) == len(bare.skin)
+    assert with_markers(found) is found
+    with_hole = box((12, 10, 8), 0.3)
+    named = with_markers(MixedMesh(with_hole.points, with_hole.cells))
+    assert list(named.markers) == ["x_min", "x_max", "y_min", "y_max", "z_min", "z_max", "part_1"]
+    assert len(named.markers["part_1"]) == len(with_hole.markers["g"])
+
+
+def test_a_plane_mesh_without_markers_gets_them_in_its_plane_alone(tmp_path):
+    path = tmp_path / "plane.su2"
+    path.write_text(plane_su2_text())
+    read = read_mesh(path).mesh
+    found = with_markers(MixedMesh(read.points, read.cells, n_copies=2))
+    (wall,) = [name for name, guess in guess_kinds(found).items() if guess.kind == "wall"]
+    np.testing.assert_array_equal(np.unique(found.markers[wall]), np.unique(read.markers["airfoil"]))
+    assert not any(name.startswith("z") for name in found.markers)
 
 
 def test_patterns_declare_and_a_draft_comes_back(tmp_path):
