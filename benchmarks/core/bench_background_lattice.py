@@ -73,8 +73,7 @@ def judged(name: str, mesh: MixedMesh, kinds: dict[str, str], part: float) -> di
     _, factor_seconds = timed(model.mover.move, model.control_points, mesh.points[model.wall_rows])
     walls, moves = model.node_map.embedded.walls, {}
     for text in MOVES:
-        numbers = model.design()
-        asked = model.deformed_walls(parse_deformation(text, model, model.design_mesh(numbers)), numbers)
+        asked = model.deformed(parse_deformation(text, model, model.moving_mesh))
         movement, move_seconds = timed(model.mover.move, model.control_points, asked)
         state, map_seconds = timed(model.node_map.at, movement.points)
         ratios = walls.heights(state.nodes) / walls.heights(mesh.points)

@@ -67,8 +67,10 @@ class MeshState:
         """Names of the inputs."""
         return self.of.inputs
 
-    def jvp(self, control_points: np.ndarray) -> np.ndarray:
+    def jvp(self, control_points: np.ndarray | None = None) -> np.ndarray:
         """Change of the nodes with that of the control points, shape (n_control_points, 3)."""
+        if control_points is None:
+            return np.zeros_like(self.nodes)
         n = self.of.n_walls
         return self.embedded_state.jvp(control_points[n:], control_points[:n])
 

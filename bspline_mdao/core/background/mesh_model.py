@@ -6,10 +6,11 @@ Theory: ``docs/theory/background_lattice.rst``.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any, NoReturn
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -17,12 +18,20 @@ from scipy.sparse import csr_array, diags_array
 from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
+from ...grids.cells.mixed_quality import MixedQuality
+from ...grids.topology.partition import Subdomain
 from ..design.deformation import Deformation
-from ..mesh.boundary import matching_names
+from ..mesh.boundary import Selection, matching_names, moving_mesh
+from ..mesh.frame import Plane
 from ..mesh.moving_mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid, surface_of
+from ..mesh.surface_map import SurfaceMap, surface_map_of
 from ..model.model_file import checksum_of
+from ..model.movable import Movable
+from ..movement.default_mover import default_mover
 from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
 from ..riding.wall_faces import WallFaces
+from ..splines.mesh import BSplineMesh
 from ..walls.embedded_points import ON_PLANE
 from .background_lattice import DEFAULTS, BackgroundLattice, LatticeSettings
 from .end_planes import INNER, WALL, EndPlane, find_end_planes, lattice_axes
@@ -37,7 +46,7 @@ FADE = 8.0, 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class MeshModel(OneLine):
+class MeshModel(OneLine, Movable):
     """A mesh of tetrahedra, prisms and others, with what moves it. Made by `MeshModel.of`, or by `fit_mesh`.
 
     Its control points are the nodes of its walls and, after them, those of the lattice.
@@ -154,33 +163,13 @@ class MeshModel(OneLine):
         """Lay another lattice around the mesh."""
         return MeshModel.of(self.mesh, self.kinds, settings, self.mesh_file)
 
-    def design(self, markers: Sequence[str] = ()) -> np.ndarray:
-        """Numbers of the nodes of some walls, by names or patterns of markers, among all of walls; all by default."""
-        wanted = matching_names(self.walls.names, markers, self.mesh.source) if markers else set(self.walls.names)
-        names = np.array(self.walls.names)[self.walls.marker]
-        return np.flatnonzero(np.isin(self.wall_rows, self.walls.faces[np.isin(names, list(wanted))]))
-
-    def design_mesh(self, numbers: np.ndarray) -> MovingMesh:
-        """Control points with some nodes of walls, by `design`, as the surface that is deformed."""
-        mesh = self.moving_mesh
-        is_kept = np.isin(mesh.in_plane_rows, numbers)
-        rows = np.searchsorted(numbers, mesh.in_plane_rows[is_kept])
-        normals = mesh.in_plane_normals[is_kept]
-        return replace(mesh, surface_ids=mesh.surface_ids[numbers], in_plane_rows=rows, in_plane_normals=normals)
-
-    def deformed_walls(self, deformation: Deformation, numbers: np.ndarray) -> np.ndarray:
-        """Where a deformation puts nodes of walls, by `design`; the others stay: shape (n_walls, 3), in metres."""
-        walls = self.mesh.points[self.wall_rows]
-        planes = []
-        for plane in self.planes:
-            ids = np.flatnonzero(np.isin(self.wall_rows[numbers], plane.rows))
-            planes.append((ids, plane.normal))
-        walls[numbers] = deformation.apply_to_nodes(walls[numbers], planes)
-        if self.mesh.n_copies > 1:  # the copies of a mesh of two dimensions move as its nodes do
-            change = walls - self.mesh.points[self.wall_rows]
-            n = len(self.wall_rows) // 2
-            walls[n:] += change[:n] - change[n:]
-        return walls
+    def deformed(self, deformation: Deformation) -> np.ndarray:
+        """Where a deformation puts the nodes of the walls that are its surface (m), shape (n_surface, 3)."""
+        mesh = deformation.mesh
+        nodes = mesh.points[mesh.surface_ids]
+        change = deformation.slide(deformation.apply_to_nodes(nodes) - nodes)
+        change[mesh.copies[:, 1]] = change[mesh.copies[:, 0]]  # both planes of a section move alike
+        return nodes + change
 
     def wall_spacing(self) -> float:
         """Find the median height of the cells at the walls (m)."""
@@ -220,7 +209,7 @@ class MeshModel(OneLine):
         return np.setdiff1d(resting, self.wall_rows)
 
     @cached_property
-    def control_points(self) -> np.ndarray:
+    def control_points(self) -> np.ndarray:  # type: ignore[override]
         """Nodes of the walls and control points of the lattice (m), shape (n_control_points, 3)."""
         return np.concatenate([self.mesh.points[self.wall_rows], self.lattice.control_points])
 
@@ -244,8 +233,8 @@ class MeshModel(OneLine):
         on_walls = [np.flatnonzero(np.isin(self.wall_rows, plane.rows)) for plane in self.planes]
         normals = [np.tile(plane.normal, (len(ids), 1)) for plane, ids in zip(self.planes, on_walls)]
         return MovingMesh(
-            blocks=(n + np.arange(lattice.n_control, dtype=np.int32).reshape(lattice.shape),),
-            names=("the lattice",),
+            blocks=self.control_ids,
+            names=self.spline_names,
             points=self.control_points,
             surface_ids=np.arange(n, dtype=np.int32),
             is_free=all_free,
@@ -253,12 +242,172 @@ class MeshModel(OneLine):
             in_plane_rows=np.concatenate([np.zeros(0, dtype=int), *on_walls]),
             in_plane_normals=np.concatenate([np.zeros((0, 3)), *normals]),
             volumes=lattice.mesh.volumes,
+            surface_faces=np.searchsorted(self.wall_rows, self.walls.faces),
+            markers=tuple(self._places()),
+            copies=self._copies,
         )
+
+    def _places(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """Nodes of each wall, for messages: its name, their places among the nodes of walls, and their numbers."""
+        for number, name in enumerate(self.walls.names):
+            rows = np.unique(self.walls.faces[self.walls.marker == number])
+            yield name, np.searchsorted(self.wall_rows, rows), rows % self.mesh.n_stored + 1
+
+    @property
+    def _copies(self) -> np.ndarray:
+        """Places among the nodes of walls of those of the file, and of their copies in the other plane of a section."""
+        if self.mesh.n_copies == 1:
+            return np.zeros((0, 2), dtype=int)
+        first = np.flatnonzero(self.wall_rows < self.mesh.n_stored)
+        return np.stack([first, np.searchsorted(self.wall_rows, self.wall_rows[first] + self.mesh.n_stored)], axis=1)
+
+    def design_mesh(
+        self,
+        design: str | Sequence[str] | None = None,  # walls that are the design surface, by name or pattern
+        fixed: Selection | Sequence[Selection] = (),
+        released: str | Sequence[str] = (),
+        sliding: str | Sequence[str] = (),
+    ) -> MovingMesh:
+        """Control points with some walls as the design surface, see `moving_mesh`; the others stay."""
+        for what, asked in (("fixed", fixed), ("released", released), ("sliding", sliding)):
+            if len(asked):
+                raise InputError(
+                    f"{self.source}: '{what}' is of grids of blocks; what the markers of a mesh do is up to their kinds"
+                )
+        if design is None:
+            return self.moving_mesh
+        mesh, faces = self.moving_mesh, self._faces_of(matching_names(self.walls.names, design, self.source))
+        ids = np.searchsorted(self.wall_rows, np.unique(faces)).astype(np.int32)
+        rows = np.full(len(self.wall_rows), -1)
+        rows[ids] = np.arange(len(ids))
+        kept = rows[mesh.in_plane_rows] >= 0
+        copies = rows[mesh.copies]
+        return replace(
+            mesh,
+            surface_ids=ids,
+            in_plane_rows=rows[mesh.in_plane_rows[kept]],
+            in_plane_normals=mesh.in_plane_normals[kept],
+            surface_faces=rows[np.searchsorted(self.wall_rows, faces)],
+            copies=copies[(copies >= 0).all(axis=1)],
+        )
+
+    def _faces_of(self, names: Collection[str]) -> np.ndarray:
+        """Faces of some walls."""
+        wanted = [number for number, name in enumerate(self.walls.names) if name in names]
+        return self.walls.faces[np.isin(self.walls.marker, wanted)]
+
+    def mover_of(self, mesh: MovingMesh) -> ThinPlate:
+        """What moves the control points behind some of the walls, see `design_mesh`."""
+        if mesh is self.moving_mesh:
+            return self.mover
+        return ThinPlate(mesh, self.lattice, self.mesh.points[self.rows_at_rest], self.settings)
 
     @cached_property
     def mover(self) -> ThinPlate:
         """What moves the control points of the lattice behind the walls."""
         return ThinPlate(self.moving_mesh, self.lattice, self.mesh.points[self.rows_at_rest], self.settings)
+
+    def surface(self, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+        """Nodes of walls, or of other markers by name or pattern, see `SurfaceGrid.of`."""
+        markers = self.mesh.markers or {}
+        wanted = self.walls.names if patches is None else matching_names(markers, patches, self.source)
+        names = tuple(name for name in markers if name in wanted)
+        faces = [self.mesh.into_fluid(markers[name]) for name in names]
+        rows = np.unique(np.concatenate(faces))
+        planes = []
+        for plane in self.planes:
+            heights = self.mesh.points[plane.rows] @ plane.normal
+            offset = float(heights.mean())
+            planes.append(Plane(plane.normal, offset, float(np.abs(heights - offset).max())))
+        return SurfaceGrid(
+            points=self.mesh.points[rows],
+            rows=rows,
+            faces=(),
+            names=tuple(f"marker {name}" for name in names),
+            patches=names,
+            planes=tuple(planes),
+            cells=tuple(np.searchsorted(rows, part) for part in faces),
+        )
+
+    def surface_map(self, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
+        """Map from the nodes of walls to those of a surface: the same ones, and those that stay."""
+        rows = np.full(self.n_nodes, -1)
+        rows[self.wall_rows[mesh.surface_ids]] = np.arange(len(mesh.surface_ids))
+        at = rows[surface.rows]
+        others = np.setdiff1d(surface.rows[at < 0], np.concatenate([self.wall_rows, self.rows_at_rest]))
+        if len(others):
+            raise InputError(
+                f"surface: node {others[0] % self.mesh.n_stored + 1} of {self.source} is on no wall and moves along; "
+                f"name walls alone"
+            )
+        of_walls = np.flatnonzero(at >= 0)
+        shape = (len(at), len(mesh.surface_ids))
+        matrix = csr_array((np.ones(len(of_walls)), (of_walls, at[of_walls])), shape=shape)
+        return SurfaceMap(matrix, np.where(at[:, None] < 0, self.mesh.points[surface.rows], 0.0), None)
+
+    @property
+    def source(self) -> str:
+        """Where the mesh comes from."""
+        return self.mesh.source
+
+    @property
+    def control_ids(self) -> tuple[np.ndarray, ...]:
+        """Numbers of the control points of the lattice, behind the nodes of the walls."""
+        ids = np.arange(self.lattice.n_control, dtype=np.int32).reshape(self.lattice.shape)
+        return (len(self.wall_rows) + ids,)
+
+    def splines_at(self, control_points: np.ndarray) -> tuple[BSplineMesh, np.ndarray]:
+        """The lattice, and its control points among all."""
+        return self.lattice.mesh, control_points[len(self.wall_rows) :]
+
+    @property
+    def spline_names(self) -> tuple[str, ...]:
+        """Name of the lattice."""
+        return ("the lattice",)
+
+    @property
+    def control_lines(self) -> Sequence[np.ndarray]:
+        """The lattice, and the edges of the walls."""
+        return self.moving_mesh.point_lines
+
+    @property
+    def is_linear(self) -> bool:
+        """No: nodes next to walls turn with them."""
+        return False
+
+    @property
+    def is_linear_at_walls(self) -> bool:
+        """Yes: nodes of walls are where they are asked to be."""
+        return True
+
+    @property
+    def why_no_fit(self) -> str:
+        """Say what is there instead."""
+        return "a mesh without structure has no fit, and the nodes of its walls are its surface control points"
+
+    @property
+    def ownership(self) -> None:
+        """None: every process has all nodes."""
+
+    def part(self, subdomain: Subdomain) -> NoReturn:
+        """Refuse: every process has all nodes."""
+        raise InputError(f"{self.source}: a mesh without structure is not dealt out to processes; take one process")
+
+    def partition(self, n_ranks: int) -> NoReturn:
+        """Refuse: every process has all nodes."""
+        raise InputError(f"{self.source}: a mesh without structure is not dealt out to {n_ranks} processes; take one")
+
+    def corrected_map(self, rows: np.ndarray, whole: Any) -> NoReturn:
+        """Refuse: walls are met exactly without a correction."""
+        raise InputError(f"{self.source}: {self.why_no_fit}; leave 'surface' out")
+
+    def nodes_on_planes(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Nodes of the planes that the mesh ends in."""
+        return [(plane.rows, plane.normal) for plane in self.planes]
+
+    def judge(self, subdomain: Subdomain | None, comm: Any, **settings: Any) -> MixedQuality:
+        """Judge the cells of the mesh; ``p`` is of p-norms, which cells of mixed kinds have not."""
+        return MixedQuality.of(self.mesh, self.walls.faces, settings["rho"], settings["rho_height"])
 
     @cached_property
     def node_map(self) -> MeshMap:
@@ -296,3 +445,9 @@ def _section_axis(points: np.ndarray, planes: tuple[EndPlane, ...], axes: np.nda
             if (np.minimum(across - low, high - across) <= ON_PLANE * np.linalg.norm(np.ptp(points, axis=0))).all():
                 return axis
     return None
+
+
+moving_mesh.register(MeshModel, MeshModel.design_mesh)
+surface_of.register(MeshModel, MeshModel.surface)
+surface_map_of.register(MeshModel, MeshModel.surface_map)
+default_mover.register(MeshModel, MeshModel.mover_of)

@@ -51,7 +51,7 @@ class ThinPlate(OneLine):
     Parameters
     ----------
     mesh : MovingMesh
-        Nodes of the walls, which are its surface, and after them the control points of the lattice.
+        Nodes of the walls, which are its surface or a part of it, and after them the control points of the lattice.
     lattice : BackgroundLattice
         The lattice.
     at_rest : ndarray, shape (n, 3)
@@ -77,17 +77,17 @@ class ThinPlate(OneLine):
     settings: LatticeSettings = DEFAULTS
 
     @property
-    def n_surface(self) -> int:
-        """Number of nodes of walls."""
-        return len(self.mesh.surface_ids)
+    def n_walls(self) -> int:
+        """Number of nodes of walls; those that are not of the surface stay."""
+        return self.mesh.n_points - self.lattice.n_control
 
     def move(self, initial: np.ndarray, surface: np.ndarray) -> ThinPlateMovement:
         """Move points, shape (n_points, 3), behind surface points, shape (n_surface, 3), both in metres."""
         start = time.perf_counter()
         check_request(self.mesh, initial, surface)
-        points = initial.copy()
-        points[self.n_surface :] += self.displacement(surface - initial[: self.n_surface])
-        points[: self.n_surface] = surface
+        points, ids = initial.copy(), self.mesh.surface_ids
+        points[self.n_walls :] += self.displacement(self.on_walls(surface - initial[ids]))
+        points[ids] = surface
         check_reach(self.mesh, initial, surface, points)
         tangling = self.mesh.tangled(points)
         solve = SolveReport("Cholesky", 0, 0.0, time.perf_counter() - start, self._digits)
@@ -98,7 +98,7 @@ class ThinPlate(OneLine):
         return ThinPlateMovement(self, points, report)
 
     def displacement(self, of_walls: np.ndarray) -> np.ndarray:
-        """Displacements of the control points, shape (n_control, 3), of those of the walls, shape (n_surface, 3)."""
+        """Displacements of the control points, shape (n_control, 3), of those of the walls, shape (n_walls, 3)."""
         of_lattice = np.zeros((self.lattice.n_control, 3))
         right = self._walls.T @ (self._weights[:, None] * (of_walls @ self.lattice.axes.T))
         for ids, components, factor in self._systems:
@@ -115,6 +115,12 @@ class ThinPlate(OneLine):
             solved[np.ix_(ids, components)] = factor.solve(bar[np.ix_(ids, components)])
         return (self._weights[:, None] * (self._walls @ solved)) @ self.lattice.axes
 
+    def on_walls(self, of_surface: np.ndarray) -> np.ndarray:
+        """Displacements of the walls, shape (n_walls, 3), of those of the surface, shape (n_surface, 3)."""
+        of_walls = np.zeros((self.n_walls, 3))
+        of_walls[self.mesh.surface_ids] = of_surface
+        return of_walls
+
     @cached_property
     def _unknowns(self) -> csr_array:
         """Control points from unknowns, shape (n_control, n_unknowns): those that are tied have the same."""
@@ -126,12 +132,12 @@ class ThinPlate(OneLine):
 
     @cached_property
     def _walls(self) -> csr_array:
-        """Displacements of the nodes of walls from the unknowns, shape (n_surface, n_unknowns)."""
+        """Displacements of the nodes of walls from the unknowns, shape (n_walls, n_unknowns)."""
         return csr_array(self.lattice.evaluator(self._wall_points).matrix() @ self._unknowns)
 
     @property
     def _wall_points(self) -> np.ndarray:
-        return self.mesh.points[: self.n_surface]
+        return self.mesh.points[: self.n_walls]
 
     @cached_property
     def _all_weights(self) -> np.ndarray:
@@ -141,7 +147,7 @@ class ThinPlate(OneLine):
 
     @property
     def _weights(self) -> np.ndarray:
-        return self._all_weights[: self.n_surface]
+        return self._all_weights[: self.n_walls]
 
     @cached_property
     def _systems(self) -> tuple[tuple[np.ndarray, np.ndarray, ScalarBlocksFactor], ...]:
@@ -154,7 +160,7 @@ class ThinPlate(OneLine):
     @cached_property
     def _free(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Unknowns that are free, and the components for which it is these."""
-        is_free = self.mesh.is_free[self.n_surface :]
+        is_free = self.mesh.is_free[self.n_walls :]
         groups: dict[bytes, tuple[np.ndarray, list[int]]] = {}
         for component in range(3):
             free = self._unknowns.T @ is_free[:, component].astype(float) > 0.0
@@ -165,7 +171,7 @@ class ThinPlate(OneLine):
     def _matrix(self) -> csr_array:
         """Matrix of the unknowns, shape (n_unknowns, n_unknowns)."""
         resting = self.lattice.evaluator(self.at_rest).matrix() @ self._unknowns
-        parts = ((self._walls, self._weights), (resting, self._all_weights[self.n_surface :]))
+        parts = ((self._walls, self._weights), (resting, self._all_weights[self.n_walls :]))
         matrix = bending_energy(self.lattice)
         for part, weights in parts:
             matrix = matrix + part.T @ diags_array(weights) @ part
@@ -187,17 +193,17 @@ class ThinPlateMovement:
 
     def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points with those of the initial points and of the surface points."""
-        n, change = self.mover.n_surface, d_initial.copy()
-        change[n:] += self.mover.displacement(d_surface - d_initial[:n])
-        change[:n] = d_surface
+        ids, change = self.mover.mesh.surface_ids, d_initial.copy()
+        change[self.mover.n_walls :] += self.mover.displacement(self.mover.on_walls(d_surface - d_initial[ids]))
+        change[ids] = d_surface
         return change
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `jvp`."""
-        n, initial_bar = self.mover.n_surface, bar.copy()
-        of_walls = self.mover.displacement_vjp(bar[n:])
-        initial_bar[:n] = -of_walls
-        return initial_bar, bar[:n] + of_walls
+        ids, initial_bar = self.mover.mesh.surface_ids, bar.copy()
+        of_surface = self.mover.displacement_vjp(bar[self.mover.n_walls :])[ids]
+        initial_bar[ids] = -of_surface
+        return initial_bar, bar[ids] + of_surface
 
 
 def bending_energy(lattice: BackgroundLattice) -> csr_array:

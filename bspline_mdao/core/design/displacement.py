@@ -52,7 +52,8 @@ class Local(OneLine):
     """Move surface control points one by one.
 
     Every selected point has one value per direction, point by point in the order of ``mesh.surface_ids``. A value is a
-    displacement, and initially zero. Auxiliary points, such as those of axes and lattices, stay.
+    displacement, and initially zero. Of a section that is a layer of cells, both planes move alike, and only points of
+    the first have values. Auxiliary points, such as those of axes and lattices, stay.
 
     Parameters
     ----------
@@ -107,6 +108,7 @@ class Local(OneLine):
         """
         what = f"'{self.name}'"
         rows = np.arange(len(mesh.surface_ids)) if self.where is None else rows_of(self.where, mesh, what)
+        rows = mesh.once(rows)
         return rows, directions_of(self.direction, len(rows), lambda: surface_normals(mesh)[rows], what)
 
 

@@ -60,6 +60,9 @@ Work = namedtuple("Work", "values is_in columns n")
 SYMMETRY = "symmetry plane"
 """Name of the constraint that the symmetry planes of a mesh are."""
 
+SECTION = "both planes of a section"
+"""Name of the constraint that surface points move as those that they are copies of."""
+
 
 @dataclass(frozen=True, eq=False)
 class Equations(OneLine):
@@ -151,7 +154,7 @@ class Elimination(OneLine):
 
 
 def eliminate(
-    mesh: MovingMesh,  # the control mesh, whose symmetry planes are always among the constraints
+    mesh: MovingMesh,  # the control mesh, whose symmetry planes and copies are always among the constraints
     points: np.ndarray,  # (n_surface, 3), surface control points of the baseline (m)
     constraints: Sequence[LinearConstraint] = (),  # further constraints
 ) -> Elimination:
@@ -161,6 +164,9 @@ def eliminate(
     # `InputError` if a constraint cannot be satisfied on this baseline; it is named
     in_planes = Equations.of(len(mesh.surface_ids), mesh.in_plane_rows[:, None], mesh.in_plane_normals[:, None, None])
     named = [(SYMMETRY, in_planes)]
+    if len(mesh.copies):
+        alike = np.stack([np.eye(3), -np.eye(3)], axis=1)
+        named.append((SECTION, Equations.of(len(mesh.surface_ids), mesh.copies, alike)))
     named += [(item.name, _checked(item.name, item.equations(mesh, points), len(points))) for item in constraints]
     matrix = vstack([equations.matrix for _, equations in named], format="csr")
     preferred = np.concatenate([equations.preferred for _, equations in named])

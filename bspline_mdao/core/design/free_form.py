@@ -98,7 +98,8 @@ class FreeForm(OneLine):
         return Displacement(embedding.transfer @ of_lattice)
 
     def _ids(self, embedding: Embedding, layout: Layout) -> np.ndarray:
-        weights = embedding.weights[layout.rows()].max(axis=0).toarray().ravel()
+        rows = layout.mesh.once(np.arange(layout.n_surface))
+        weights = embedding.weights[rows].max(axis=0).toarray().ravel()
         is_asked, is_fixed = self._is_asked(), embedding.is_fixed.ravel()
         ids = np.flatnonzero(is_asked & ~is_fixed & (weights >= IDLE))
         if not len(ids):

@@ -276,7 +276,7 @@ class PlaneClearance(OneLine):
 
 def nodes_of(surface: SurfaceGrid, patches: str | Sequence[str]) -> np.ndarray:
     """Nodes of patches by name, ascending."""
-    return np.unique(np.concatenate([surface.faces[number].ravel() for number in surface.part(patches)]))
+    return np.unique(np.concatenate([surface.parts[number].ravel() for number in surface.part(patches)]))
 
 
 def _half_diagonal(surface: SurfaceGrid, ids: np.ndarray) -> float:

@@ -213,9 +213,9 @@ def _coefficients(kind: str) -> tuple[float, float]:
 
 def _places(surface: SurfaceGrid, patches: str | Sequence[str] | None) -> tuple[Combinations, np.ndarray]:
     """Differences and weights of all nodes with a normal."""
-    faces = surface.part(surface.patches if patches is None else patches)
+    faces, structured = surface.part(surface.patches if patches is None else patches), surface.structured("curvature")
     for number in faces:
-        if min(surface.faces[number].shape) < 3:
+        if min(structured[number].shape) < 3:
             raise InputError(f"curvature: {surface.names[number]} is less than 3 nodes wide; leave its patch out")
     matrices, weights = face_differences(surface, faces)
     along_i, along_j = matrices[0] @ surface.points, matrices[1] @ surface.points

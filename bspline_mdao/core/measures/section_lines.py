@@ -6,7 +6,7 @@ Theory: ``docs/theory/geometry.rst``, "Leading and trailing edges".
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import factorial
 
@@ -156,13 +156,7 @@ class SectionLines:
 
 def _only(surface: SurfaceGrid, patches: str | Sequence[str]) -> SurfaceGrid:
     """The surface with the faces of some patches."""
-    numbers = surface.part(patches)
-    return replace(
-        surface,
-        faces=tuple(surface.faces[number] for number in numbers),
-        names=tuple(surface.names[number] for number in numbers),
-        patches=tuple(surface.patches[number] for number in numbers),
-    )
+    return surface.only(surface.part(patches))
 
 
 def _sides(lines: GridLines, local: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:

@@ -184,7 +184,7 @@ def apexes_of_caps(
 
 def _complaint(surface: SurfaceGrid, edge: np.ndarray, what: str) -> str:
     """Describe an open edge by its ends and the face that has it."""
-    holders = [name for name, ids in zip(surface.names, surface.faces) if np.isin(edge, ids).all()]
+    holders = [name for name, ids in zip(surface.names, surface.parts) if np.isin(edge, ids).all()]
     a, b = ("({:g}, {:g}, {:g})".format(*point) for point in surface.points[edge])
     return (
         f"{what}: the surface is open at the edge from {a} to {b} of {holders[0]}, and no plane of symmetry closes it; "

@@ -14,18 +14,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import singledispatch
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from ...base.checks import as_array, require_kind
+from ...base.checks import as_array
 from ...base.numerics.mean_planes import MeanPlane
 from ...errors import InputError
 from ...grids.topology.sharing import boundary_sections
 from ...grids.topology.topology import BoundaryFace, Topology, describe
 from ..model.fitted_model import FittedModel
 from ..model.model import Model
+from ..model.movable import Movable
 from ..splines.greville import greville_abscissae
 from .allowed_directions import AllowedDirections, required_planes, sliding_planes
 from .following_faces import following_sides
@@ -46,8 +48,9 @@ Selection = str | np.ndarray
 """Patches by name or pattern, or points by number."""
 
 
+@singledispatch
 def moving_mesh(
-    model: Model,
+    model: Movable,
     design: str | Sequence[str] | None = None,
     fixed: Selection | Sequence[Selection] = (),
     released: str | Sequence[str] = (),
@@ -57,8 +60,9 @@ def moving_mesh(
 
     Parameters
     ----------
-    model : FittedModel or LocalModel
-        The fitted grid, or what one of several processes needs of it.
+    model : FittedModel, LocalModel or MeshModel
+        The fitted grid, or what one of several processes needs of it; or a mesh without structure, whose walls are
+        patches by the names of its markers.
     design : str or sequence of str, optional
         Patches whose control points are the design surface, by name or pattern (``"wing*"``); all walls by default.
     fixed : str, ndarray of int, or sequence of them
@@ -93,17 +97,28 @@ def moving_mesh(
     >>> mesh.points.shape, mesh.surface_ids.size, mesh.n_invalid
     ((78, 3), 26, 0)
     """
-    require_kind(model, Model, "the model of a moving mesh", "make it with fit_grid(grid)")
+    raise InputError(f"the model of a moving mesh is of type {type(model).__name__}; make it with fit_grid(grid)")
+
+
+@moving_mesh.register
+def _of_blocks(
+    model: Model,
+    design: str | Sequence[str] | None = None,
+    fixed: Selection | Sequence[Selection] = (),
+    released: str | Sequence[str] = (),
+    sliding: str | Sequence[str] = (),
+) -> MovingMesh:
+    """See `moving_mesh`."""
     parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
     asked = _Requests.of(model.topology, len(model.control_points), design, fixed, released, sliding)
     return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters, model.mesh.volumes)
 
 
-def require_mesh_of(model: Model, mesh: MovingMesh, what: str) -> None:
+def require_mesh_of(model: Movable, mesh: MovingMesh, what: str) -> None:
     """Refuse the control mesh of another model; ``what`` names the mesh."""
-    ids = model.mesh.control_ids
+    ids = model.control_ids
     if len(mesh.blocks) != len(ids) or not all(map(np.array_equal, mesh.blocks, ids)):
-        raise InputError(f"{what} is not the control mesh of {model.header.source}; make it with moving_mesh(model)")
+        raise InputError(f"{what} is not the control mesh of {model.source}; make it with moving_mesh(model)")
 
 
 def moving_grid(

@@ -39,6 +39,8 @@ def surface_quads(
     """Quads of surface control points between the surface and the fluid."""
     # Returns (n_quads, 4) of int, rows of ``mesh.surface_ids`` of the corners, around the normal that points into the
     # fluid. A collapsed quad has corners that are the same.
+    if mesh.surface_faces is not None:
+        return mesh.surface_faces
     quads = np.concatenate([_side_quads(mesh.points, ids, side) for ids in mesh.blocks for side in range(6)])
     quads = mesh.surface_rows[quads]
     quads = quads[(quads >= 0).all(axis=1)]

@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.cells.hexahedron import cell_quality, collapsed_corners
+from ...grids.cells.quads import rings
 from ...grids.topology.block_layout import BlockLayout
 from ..splines.volume import Volume
 
@@ -76,6 +77,13 @@ class MovingMesh(OneLine):
         points. Elements beside them tangle first.
     following : tuple of (str, ndarray of int)
         Curved patches that are free because the design surface ends on them, in the same way.
+    surface_faces : ndarray of int, shape (n_faces, 4), or None
+        Faces of the design surface by rows of ``surface_ids``, around the normal into the fluid, where the surface is
+        not that of the blocks; triangles have their last corner twice.
+    markers : tuple of (str, ndarray of int, ndarray of int)
+        Points that are in no block: the marker that they are of, for messages, the points, and their numbers there.
+    copies : ndarray of int, shape (n_copies, 2)
+        Rows of ``surface_ids`` of surface points, and of those that move as they do: both planes of a section.
 
     Examples
     --------
@@ -100,6 +108,9 @@ class MovingMesh(OneLine):
     planes: tuple[tuple[np.ndarray, float], ...] = ()
     obstacles: tuple[tuple[str, np.ndarray], ...] = ()
     following: tuple[tuple[str, np.ndarray], ...] = ()
+    surface_faces: np.ndarray | None = None
+    markers: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()
+    copies: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
 
     @property
     def n_points(self) -> int:
@@ -176,6 +187,28 @@ class MovingMesh(OneLine):
         moving = np.unique(part[self.surface_ids + n_blocks])
         return tuple(name for name, number in zip(self.names, part[:n_blocks]) if number not in moving)
 
+    @cached_property
+    def surface_lines(self) -> list[np.ndarray]:
+        """Rows of ``surface_ids`` in blocks or lines, neighbours joined by edges; -1 where there is no such point."""
+        if self.surface_faces is not None:
+            return [rings(self.surface_faces)]
+        return [self.surface_rows[ids] for ids in self.blocks]
+
+    @property
+    def point_lines(self) -> list[np.ndarray]:
+        """Numbers of points in blocks or lines, neighbours joined by edges."""
+        if self.surface_faces is None:
+            return list(self.blocks)
+        around = rings(self.surface_faces)
+        return [*self.blocks, np.where(around < 0, -1, self.surface_ids[around])]
+
+    def once(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of ``surface_ids`` with originals in the place of `copies`, each once, in their order."""
+        original = np.arange(len(self.surface_ids))
+        original[self.copies[:, 1]] = self.copies[:, 0]
+        _, first = np.unique(original[rows], return_index=True)
+        return original[rows][np.sort(first)]
+
     def slide(self, displacement: np.ndarray) -> np.ndarray:
         """Project displacements, shape (n_points, 3), onto what each point may do: zero on the surface and where fixed.
 
@@ -192,7 +225,10 @@ class MovingMesh(OneLine):
         return _place("element", index, self.names[block])
 
     def place_of_point(self, point: int) -> str:
-        """Name a point for a message, by the first block that holds it."""
+        """Name a point for a message, by the first marker or block that holds it."""
+        for name, ids, numbers in self.markers:
+            if (ids == point).any():
+                return f"node {numbers[np.argmax(ids == point)]} of marker '{name}'"
         for name, ids in zip(self.names, self.blocks):
             found = np.argwhere(ids == point)
             if len(found):

@@ -6,29 +6,30 @@ Theory: ``docs/theory/geometry.rst``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, singledispatch
+from typing import Any
 
 import numpy as np
 
-from ...base.checks import require_kind
 from ...base.display import OneLine
-from ...base.numerics.mean_planes import mean_planes
 from ...errors import InputError
+from ...grids.cells.quads import rings
 from ...grids.topology.boundary_surface import BoundarySurface, quads_in_turn
 from ...grids.topology.node_numbering import NodesByRow, face_layer_rows, face_rows, node_copies, source_rows
 from ...grids.topology.topology import BoundaryFace, Topology, describe
 from ..model.model import Model, nodes_at
+from ..model.movable import Movable
 from .allowed_directions import required_planes
 from .boundary import matching_names, matching_patches, wall_patches
 from .frame import Plane
 
-__all__ = ["SurfaceGrid"]
+__all__ = ["SurfaceGrid", "surface_of"]
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceGrid(OneLine):
-    """Nodes of some patches of a grid.
+    """Nodes of some patches of a grid, or of a mesh without structure.
 
     Parameters
     ----------
@@ -37,11 +38,15 @@ class SurfaceGrid(OneLine):
     rows : ndarray of int, shape (n,)
         Row of each node in the grid vector.
     faces : tuple of ndarray of int, each of shape (ni, nj)
-        Numbers of the nodes of every structured face, such that direction i x direction j points into the fluid.
+        Numbers of the nodes of every structured face, such that direction i x direction j points into the fluid. None
+        where there is no structure.
     names, patches : tuple of str
         Name of every face for messages, and the patch that it belongs to.
     planes : tuple of Plane
         Planes of symmetry of the grid.
+    cells : tuple of ndarray of int, each of shape (n_quads, 4)
+        Numbers of the nodes around each face of a patch without structure, around the normal into the fluid; triangles
+        have their last corner twice. One array for each of ``names``, in the place of ``faces``.
 
     Examples
     --------
@@ -59,15 +64,16 @@ class SurfaceGrid(OneLine):
     names: tuple[str, ...]
     patches: tuple[str, ...]
     planes: tuple[Plane, ...] = ()
+    cells: tuple[np.ndarray, ...] = ()
 
     @classmethod
-    def of(cls, model: Model, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
-        """Take the surface of a fitted grid.
+    def of(cls, model: Movable, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+        """Take the surface of a fitted grid, or of a mesh without structure.
 
         Parameters
         ----------
-        model : FittedModel or LocalModel
-            The fitted grid, or what one of several processes needs of it.
+        model : FittedModel, LocalModel or MeshModel
+            The fitted grid, or what one of several processes needs of it; or a mesh, whose markers are patches.
         patches : str or sequence of str, optional
             Patches by name or pattern (``"wing*"``); all walls by default.
 
@@ -80,10 +86,7 @@ class SurfaceGrid(OneLine):
         InputError
             If a patch does not exist, no patch is a wall, or a symmetry patch is not planar.
         """
-        require_kind(model, Model, "the model of a surface", "make it with fit_grid(grid)")
-        topology, found = model.topology, _faces_of(model.topology, patches)
-        nodes = _nodes_at_faces(model, [*found, *(face for face in topology.boundary if face.kind == "symmetry")])
-        return cls._of_faces(topology, nodes, found)
+        return surface_of(model, patches)
 
     @classmethod
     def of_nodes(cls, topology: Topology, nodes: np.ndarray, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
@@ -123,7 +126,7 @@ class SurfaceGrid(OneLine):
         """Number of nodes."""
         return len(self.points)
 
-    def on_planes(self, model: Model) -> list[tuple[np.ndarray, np.ndarray]]:
+    def on_planes(self, model: Movable) -> list[tuple[np.ndarray, np.ndarray]]:
         """Find its nodes on planes of symmetry of its model.
 
         Returns
@@ -131,10 +134,8 @@ class SurfaceGrid(OneLine):
         list of (ndarray of int, ndarray of shape (3,))
             For each face of symmetry that holds some: their numbers, and the unit normal of the plane.
         """
-        copies, faces = node_copies(model.topology), _rows_of_symmetry(model.topology)
-        planes = mean_planes([nodes_at(model, rows) for rows in faces])
-        ids = [np.flatnonzero(np.isin(self.rows, source_rows(copies, rows))) for rows in faces]
-        return [(numbers, plane.normal) for numbers, plane in zip(ids, planes) if len(numbers)]
+        found = [(np.flatnonzero(np.isin(self.rows, rows)), normal) for rows, normal in model.nodes_on_planes()]
+        return [(numbers, normal) for numbers, normal in found if len(numbers)]
 
     @cached_property
     def size(self) -> float:
@@ -144,7 +145,40 @@ class SurfaceGrid(OneLine):
     @cached_property
     def quads(self) -> np.ndarray:
         """Corners of the quads, shape (n_quads, 4), face by face in C order, around the normal into the fluid."""
-        return np.concatenate([quads_in_turn(ids) for ids in self.faces])
+        return np.concatenate(self.parts)
+
+    @property
+    def parts(self) -> tuple[np.ndarray, ...]:
+        """Corners of the quads of each face, in the order of ``names``, each of shape (n_quads, 4)."""
+        return self.cells or tuple(quads_in_turn(ids) for ids in self.faces)
+
+    @property
+    def lines(self) -> tuple[np.ndarray, ...]:
+        """Numbers of the nodes in faces or lines, neighbours joined by edges; -1 between lines."""
+        return tuple(map(rings, self.cells)) or self.faces
+
+    def structured(self, what: str) -> tuple[np.ndarray, ...]:
+        """Structured faces; `InputError` that says what needs them where there are none."""
+        if self.cells:
+            raise InputError(
+                f"{what}: follows the lines of structured faces, and {self.names[0]} has triangles and quads without "
+                f"lines; leave it out, or measure a structured grid"
+            )
+        return self.faces
+
+    def only(self, numbers: Sequence[int]) -> SurfaceGrid:
+        """Return the surface with some of its faces, and all of its nodes."""
+
+        def chosen(values: tuple[Any, ...]) -> tuple[Any, ...]:
+            return tuple(values[number] for number in numbers) if values else ()
+
+        return replace(
+            self,
+            names=chosen(self.names),
+            patches=chosen(self.patches),
+            faces=chosen(self.faces),
+            cells=chosen(self.cells),
+        )
 
     def part(self, patches: str | Sequence[str]) -> tuple[int, ...]:
         """Numbers of the faces of some patches, by name or pattern (``"wing*"``)."""
@@ -152,6 +186,20 @@ class SurfaceGrid(OneLine):
         if not wanted:
             raise InputError(f"surface: no patch is named; the patches are {', '.join(sorted(set(self.patches)))}")
         return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)
+
+
+@singledispatch
+def surface_of(model: Movable, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+    """Take the surface of a model, see `SurfaceGrid.of`."""
+    raise InputError(f"the model of a surface is of type {type(model).__name__}; make it with fit_grid(grid)")
+
+
+@surface_of.register
+def _of_blocks(model: Model, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+    """Take faces of blocks."""
+    topology, found = model.topology, _faces_of(model.topology, patches)
+    nodes = _nodes_at_faces(model, [*found, *(face for face in topology.boundary if face.kind == "symmetry")])
+    return SurfaceGrid._of_faces(topology, nodes, found)
 
 
 def _faces_of(topology: Topology, patches: str | Sequence[str] | None) -> list[BoundaryFace]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, singledispatch
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -18,13 +18,14 @@ from ...names import CONTROL_POINTS, SURFACE_CONTROL_POINTS
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.node_map import require_inputs
 from ..model.model import Model
+from ..model.movable import Movable
 from ..walls.node_vectors import FaceNodes
 from ..walls.rotation_map import RotationMap, RotationState
 from .boundary import require_mesh_of
 from .moving_mesh import MovingMesh
 from .surface import SurfaceGrid
 
-__all__ = ["SurfaceMap", "SurfaceState"]
+__all__ = ["SurfaceMap", "SurfaceState", "surface_map_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +41,12 @@ class SurfaceMap:
     turned: _TurnedRows | None  # the residual, where the model has one and lets it turn
 
     @classmethod
-    def of(cls, model: Model, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
+    def of(cls, model: Movable, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
         """Take the rows of the surface's nodes out of the evaluation of the grid."""
         require_mesh_of(model, mesh, "surface: the mesh")
         if surface.rows.max() >= model.n_nodes:
-            raise InputError(f"surface: it has nodes that {model.header.source} has not; make it of this model")
-        found = cls.of_rows(model, mesh.surface_ids, surface.rows, partial(_require_fixed, mesh, surface))
+            raise InputError(f"surface: it has nodes that {model.source} has not; make it of this model")
+        found = surface_map_of(model, mesh, surface)
         if not found.matrix.data.any():
             raise InputError(
                 f"surface: {surface.names[0]} and the rest do not depend on the design surface; name others"
@@ -102,6 +103,18 @@ class SurfaceMap:
     def apply(self, control_points: np.ndarray) -> np.ndarray:
         """Nodes, shape (n, 3), of surface control points, shape (n_surface, 3), in metres."""
         return self.at(control_points).nodes
+
+
+@singledispatch
+def surface_map_of(model: Movable, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
+    """Map from the points of a design surface to the nodes of a surface, both of one model, see `SurfaceMap.of`."""
+    raise InputError(f"surface: the model is of type {type(model).__name__}; make it with fit_grid(grid)")
+
+
+@surface_map_of.register
+def _of_blocks(model: Model, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
+    """Take the rows of the surface's nodes out of the evaluation of the grid."""
+    return SurfaceMap.of_rows(model, mesh.surface_ids, surface.rows, partial(_require_fixed, mesh, surface))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +189,7 @@ def _require_fixed(mesh: MovingMesh, surface: SurfaceGrid, matrix: csr_array, tu
         if turned:
             name, cure = surface.names[0], "fit with wall_layer=False, so that the residual does not turn, "
         else:
-            name = next(name for name, ids in zip(surface.names, surface.faces) if (ids == node).any())
+            name = next(name for name, ids in zip(surface.names, surface.parts) if (ids == node).any())
             cure = ""
         raise InputError(
             f"surface: {name} depends on {mesh.place_of_point(point)}, which is not on the design surface; {cure}leave "

@@ -14,7 +14,7 @@ from ...grids.cells.grid_quality import GridQuality
 from ...grids.topology.grid import Grid
 from ..evaluation.spline_validity import certify_splines
 from .fitted_model import FittedModel
-from .model import Model
+from .movable import Movable
 
 __all__ = ["certify", "require_valid_splines"]
 
@@ -68,15 +68,16 @@ def certify(what: Grid | FittedModel, control_points: np.ndarray | None = None) 
 
 
 def require_valid_splines(
-    model: Model,  # the model
+    model: Movable,  # the model
     control_points: np.ndarray,  # (n_control_points, 3), its control points after a move (m)
 ) -> None:
     """Refuse moved control points with which more elements of the splines are proved invalid."""
-    names = model.topology.segment_names
-    after = certify_splines(model.mesh, control_points, names, model.control_points)
+    names, (mesh, moved) = model.spline_names, model.splines_at(control_points)
+    baseline = model.splines_at(model.control_points)[1]
+    after = certify_splines(mesh, moved, names, baseline)
     if not any(part.n_invalid for part in after):
         return
-    before = certify_splines(model.mesh, model.control_points, names)
+    before = certify_splines(mesh, baseline, names)
     worse = [new for new, old in zip(after, before) if new.n_invalid > old.n_invalid]
     if worse:
         others = f", and in {counted(len(worse) - 1, 'other block')}" if len(worse) > 1 else ""

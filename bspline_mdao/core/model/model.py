@@ -8,30 +8,38 @@ Theory: ``docs/parallel.rst``.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from ...grids.topology.node_numbering import NodeNumbering
-from ...grids.topology.partition import Subdomain
+from ...base.numerics.mean_planes import mean_planes
+from ...base.numerics.processes import from_all, together
+from ...errors import InputError
+from ...grids.cells.cell_judge import BlocksJudge
+from ...grids.cells.grid_quality import GridQuality
+from ...grids.cells.pieces import Pieces
+from ...grids.topology.node_numbering import NodeNumbering, face_rows, node_copies, source_rows
+from ...grids.topology.partition import Partition, Subdomain
 from ...grids.topology.topology import Topology
 from ..evaluation.evaluator import Evaluator
 from ..splines.mesh import BSplineMesh
 from ..walls.grid_map import GridMap
 from ..walls.wall_correction import WallCorrection
+from .movable import Movable
 from .records import FitReport, FitSettings, GridHeader
 
 __all__ = ["Model", "nodes_at"]
 
 
-class Model(ABC):
+class Model(Movable):
     """A fitted grid: all of it, or what one of several processes needs of it."""
 
     # Topology, control mesh and control points are those of the whole grid in any case.
 
     topology: Topology
     mesh: BSplineMesh  # one volume per segment
-    control_points: np.ndarray  # (n_control_points, 3), fitted ones (m)
     header: GridHeader
     report: FitReport
     settings: FitSettings
@@ -44,14 +52,54 @@ class Model(ABC):
         return self.topology.n_nodes
 
     @property
-    @abstractmethod
-    def residual_lengths(self) -> np.ndarray | None:
-        """How long the residual is around every corner of the spans of the whole grid (m); None if it does not turn."""
+    def source(self) -> str:
+        """File of the grid."""
+        return self.header.source
+
+    @property
+    def control_ids(self) -> tuple[np.ndarray, ...]:
+        """Those of the segments."""
+        return self.mesh.control_ids
+
+    def splines_at(self, control_points: np.ndarray) -> tuple[BSplineMesh, np.ndarray]:
+        """The control mesh, with all control points."""
+        return self.mesh, control_points
+
+    @property
+    def spline_names(self) -> tuple[str, ...]:
+        """Names of the segments."""
+        return self.topology.segment_names
+
+    @property
+    def control_lines(self) -> Sequence[np.ndarray]:
+        """The control mesh, volume by volume."""
+        return self.mesh.control_ids
+
+    @property
+    def node_map(self) -> GridMap:
+        """See `grid_map`."""
+        return self.grid_map()
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether neither the residual turns nor nodes follow walls."""
+        has_walls = any(face.kind == "wall" for face in self.topology.boundary)
+        return not self.settings.wall_layer or (self.residual is None and not has_walls)
+
+    @property
+    def is_linear_at_walls(self) -> bool:
+        """Whether the residual does not turn."""
+        return self.residual is None or not self.settings.wall_layer
+
+    @property
+    def why_no_fit(self) -> str:
+        """Say so where the process has not all nodes of the grid."""
+        return "" if self.ownership is None else "a local model has neither a fit nor nodes of a surface that are given"
 
     @property
     @abstractmethod
-    def ownership(self) -> Subdomain | None:
-        """Nodes of the process whose model this is; None where it has all of them, in the order of the grid."""
+    def residual_lengths(self) -> np.ndarray | None:
+        """How long the residual is around every corner of the spans of the whole grid (m); None if it does not turn."""
 
     @abstractmethod
     def part(self, subdomain: Subdomain) -> Model:
@@ -80,6 +128,35 @@ class Model(ABC):
         whole: Model,  # model of the whole grid: where blocks are cut, nodes of the pieces' neighbours take part
     ) -> tuple[GridMap, WallCorrection]:
         """Map to the nodes of the process for walls that are met exactly, and what of the correction it needs."""
+
+    def partition(self, n_ranks: int) -> Partition:
+        """Deal the blocks out, see `Partition.of`."""
+        return Partition.of(self.topology, n_ranks)
+
+    def nodes_on_planes(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Nodes of the faces of symmetry: of those that are one, the first."""
+        copies = node_copies(self.topology)
+        faces = [face for face in self.topology.boundary if face.kind == "symmetry"]
+        rows = [face_rows(self.topology, face.window).ravel() for face in faces]
+        planes = mean_planes([nodes_at(self, of_face) for of_face in rows])
+        return [(source_rows(copies, of_face), plane.normal) for of_face, plane in zip(rows, planes)]
+
+    def judge(self, subdomain: Subdomain | None, comm: Any, **settings: Any) -> BlocksJudge:
+        """Judge the cells of the blocks, or of the pieces of them that the processes hold."""
+        with together(comm):
+            if subdomain is None:
+                nodes = self.local_nodes()
+                grid = self.header.grid(self.topology.shapes, nodes)
+                return BlocksJudge(GridQuality.of_baseline(grid, **settings), nodes)
+            windows = subdomain.windows
+            if windows is None:
+                raise InputError(
+                    f"a subdomain of rows has no cells; give the partition by Partition.of(model.topology, {comm.size})"
+                )
+            nodes = nodes_at(self, subdomain.rows)
+        partition = Partition(subdomain.shapes_of_grid, tuple(from_all(comm, windows)))
+        pieces = Pieces(partition, self.header.names, self.header.patches, self.header.source, comm)
+        return BlocksJudge(GridQuality.of_pieces(pieces, nodes, **settings), nodes)
 
     def fits(self, subdomain: Subdomain) -> bool:
         """Whether the model is of the whole grid, or made for just these nodes."""

@@ -22,10 +22,10 @@ from ...names import (
 from ..mesh.element_corners import ElementCorners
 from ..mesh.moving_mesh import MovingMesh
 from ..model.certify import require_valid_splines
-from ..model.model import Model
+from ..model.movable import Movable
 from ..movement.mover import Movement, MovementReport, Mover, differentiable
 from ..movement.shared import AUTO, WAYS, shared_mover
-from .checked_along_edges import check_along_edges, lines_among
+from .checked_along_edges import check_along_edges
 from .component import (
     SAME,
     CheckedOnProcesses,
@@ -127,7 +127,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
             *,
             mover: Mover,
             rho: float = 100.0,
-            certified: Model | None = None,
+            certified: Movable | None = None,
             processes: Literal["auto", "first", "all"] = "auto",
             **options: Any,
         ) -> None: ...
@@ -136,7 +136,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         """Declare the options."""
         self.options.declare("mover", recordable=False, desc="moves the control mesh behind its surface")
         self.options.declare("rho", default=100.0, desc="sharpness of the bound of the control mesh's corners")
-        types, desc = (Model, type(None)), "the model, where its splines are to be proved"
+        types, desc = (Movable, type(None)), "the model, where its splines are to be proved"
         self.options.declare("certified", types=types, default=None, recordable=False, desc=desc)
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
         self._last: _Move | None = None
@@ -164,9 +164,9 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(CONTROL_POINTS, val=mesh.points.ravel(), units="m")
         self.add_output(CONTROL_CORNER_KS, desc="bound of the corner triple products of the control mesh")
-        check_along_edges(self, CONTROL_POINTS_INITIAL, mesh.blocks, self.options["rho"])
+        check_along_edges(self, CONTROL_POINTS_INITIAL, mesh.point_lines, self.options["rho"])
         # elements at walls are lower than their faces are wide, and the systems of movers lose two digits
-        lines, sharpness = lines_among(mesh.surface_ids, mesh.blocks), 10.0 * self.options["rho"]
+        lines, sharpness = mesh.surface_lines, 10.0 * self.options["rho"]
         check_along_edges(self, SURFACE_CONTROL_POINTS, lines, sharpness, digits=100.0)
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:

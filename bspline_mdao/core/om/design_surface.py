@@ -22,7 +22,7 @@ from ..measures.thickness import within_edges
 from ..mesh.boundary import Selection, moving_mesh
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
-from ..model.model import Model
+from ..model.movable import Movable
 from .grid_movement import GridMovement
 
 __all__ = ["DesignSurface"]
@@ -51,8 +51,8 @@ class DesignSurface(OneLine):
 
     Parameters
     ----------
-    model : FittedModel or LocalModel
-        The fitted grid, or what one of several processes needs of it.
+    model : FittedModel, LocalModel or MeshModel
+        The fitted grid, or a mesh without structure, or what one of several processes needs of it.
     mesh : MovingMesh
         Its control mesh.
     surface : SurfaceGrid
@@ -71,14 +71,14 @@ class DesignSurface(OneLine):
     array([0., 0., 0.])
     """
 
-    model: Model
+    model: Movable
     mesh: MovingMesh
     surface: SurfaceGrid
 
     @classmethod
     def of(
         cls,
-        model: Model,
+        model: Movable,
         design: str | Sequence[str] | None = None,
         *,
         fixed: Selection | Sequence[Selection] = (),
@@ -89,8 +89,8 @@ class DesignSurface(OneLine):
 
         Parameters
         ----------
-        model : FittedModel or LocalModel
-            The fitted grid, or what one of several processes needs of it.
+        model : FittedModel, LocalModel or MeshModel
+            The fitted grid, or a mesh without structure, or what one of several processes needs of it.
         design : str or sequence of str, optional
             Patches by name or pattern (``"wing*"``); all walls by default.
         fixed, released, sliding

@@ -13,9 +13,9 @@ from ...base.numerics.processes import summed
 from ...errors import InputError
 from ...grids.topology.partition import Partition, Subdomain
 from ...names import CONTROL_POINTS, GRID, SURFACE
+from ..evaluation.node_map import NodeState
 from ..mesh.surface import SurfaceGrid
-from ..model.model import Model
-from ..walls.grid_map import GridMap, GridState
+from ..model.movable import ControlPointMap, Movable
 from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges, lines_among
 from .component import (
@@ -55,8 +55,8 @@ class GridEvaluate(SparseComponent):
 
     Options
     -------
-    model : FittedModel or LocalModel
-        The fitted grid, or what this process needs of it.
+    model : FittedModel, LocalModel or MeshModel
+        The fitted grid, or what this process needs of it; or a mesh without structure, whose nodes are ``grid``.
     partition : Partition or Subdomain, optional
         Which nodes each process holds; by default `Partition.of` deals out the blocks. A `Subdomain` is this process's.
     surface : SurfaceGrid, optional
@@ -98,7 +98,7 @@ class GridEvaluate(SparseComponent):
         def __init__(
             self,
             *,
-            model: Model,
+            model: Movable,
             partition: Partition | Subdomain | None = None,
             surface: SurfaceGrid | None = None,
             numbers: Sequence[int] | np.ndarray | None = None,
@@ -117,9 +117,7 @@ class GridEvaluate(SparseComponent):
     @property
     def is_linear(self) -> bool:
         """Whether the outputs depend linearly (affinely, with a residual) on the inputs."""
-        model = self.options["model"]
-        has_walls = any(face.kind == "wall" for face in model.topology.boundary)
-        return not model.settings.wall_layer or (model.residual is None and not has_walls)
+        return self.options["model"].is_linear
 
     @fails_together
     def setup(self) -> None:
@@ -138,18 +136,19 @@ class GridEvaluate(SparseComponent):
         self._map = self._map_of(model)
         if surface is not None:
             self.add_input(SURFACE, val=surface.points[self._numbers(surface)].ravel(), units="m")
-            check_along_edges(self, SURFACE, lines_among(self._numbers(surface), surface.faces), digits=300.0)
+            check_along_edges(self, SURFACE, lines_among(self._numbers(surface), surface.lines), digits=300.0)
         self.add_output(GRID, shape=3 * self._map.n_asked, units="m", distributed=self.comm.size > 1)
         if self.is_linear:
             check_along_directions(self, LINEAR_STEP)
         else:
-            check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)
+            check_along_edges(self, CONTROL_POINTS, model.control_lines)
 
     @fails_together
     def setup_partials(self) -> None:
         """Declare the Jacobian once and for all where it is wanted as a matrix."""
         if self.options["assembled"]:  # a matrix-free one stays undeclared: OpenMDAO would allocate it, and it is dense
-            matrix = self._map.evaluator.matrix()[: self._map.n_asked]
+            grid_map: Any = self._map  # a linear one, which has an evaluator
+            matrix = grid_map.evaluator.matrix()[: grid_map.n_asked]
             jacobian = kron(matrix, identity(3), format="coo")
             self.declare_sparse(GRID, CONTROL_POINTS, jacobian.row, jacobian.col, jacobian.data)
 
@@ -178,11 +177,11 @@ class GridEvaluate(SparseComponent):
 
         add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=names)
 
-    def _map_of(self, model: Model) -> GridMap:
+    def _map_of(self, model: Movable) -> ControlPointMap:
         """Map to the nodes of this process, which meets walls that are given."""
         surface = self.options["surface"]
         if surface is None:
-            return model.grid_map()
+            return model.node_map
         grid_map, correction = model.corrected_map(surface.rows[self._numbers(surface)], self.options["model"])
         return grid_map.meeting(correction)
 
@@ -195,7 +194,7 @@ class GridEvaluate(SparseComponent):
             raise InputError(f"{self.msginfo}: 'numbers' has a node twice; give each once")
         return numbers
 
-    def _state_at(self, inputs: Vector) -> GridState:
+    def _state_at(self, inputs: Vector) -> NodeState:
         with failures_as_analysis_errors(self):
             points = [finite_points(inputs[name], name, self.msginfo).real for name in self._map.inputs]
             return self._last.at(points, self._map.at)

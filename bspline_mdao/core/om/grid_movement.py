@@ -17,10 +17,10 @@ from ..measures.measure import MEMBERS, Measure
 from ..mesh.boundary import moving_mesh, require_mesh_of
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
-from ..model.model import Model
+from ..model.movable import Movable
 from ..movement.comoving import ComovingFrame
+from ..movement.default_mover import default_mover
 from ..movement.mover import Mover
-from ..movement.rotations import Rotations
 from ..movement.shared import AUTO, WAYS
 from .component import fails_together
 from .control_mesh_move import ControlMeshMove, mesh_of
@@ -59,16 +59,17 @@ class GridMovement(Copied, om.Group):
 
     Options
     -------
-    model : FittedModel or LocalModel
+    model : FittedModel, LocalModel or MeshModel
         The fitted grid, or what one of several processes needs of it: that goes without a fit, and without nodes of a
-        surface that are given.
+        surface that are given. Or a mesh without structure: the nodes of its walls are its surface control points, so
+        that it goes without both, too.
     parametrization : Parametrization, optional
         Design variables of the surface and the linear constraints among its control points.
     measures : sequence of Measure
         What is measured of the surface, all on one `SurfaceGrid`.
     mover : Mover, optional
-        Moves the control mesh of the model; by default `Rotations`, on the mesh of the parametrization or with all
-        walls as the design surface.
+        Moves the control mesh of the model; by default `Rotations`, or the lattice of a mesh without structure,
+        on the mesh of the parametrization or with all walls as the design surface.
     surface : SurfaceGrid, optional
         Surface whose nodes are given: ``surface`` is an input.
     numbers : sequence of int, optional
@@ -87,8 +88,8 @@ class GridMovement(Copied, om.Group):
         Which of several processes move the control mesh, see `ControlMeshMove`.
     fit : bool, optional
         Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input. By default they
-        are fitted on one process, and on several with ``live`` alone: there ``grid_initial`` is distributed, and
-        OpenMDAO wants such an input to be connected.
+        are fitted on one process where they can be, and on several with ``live`` alone: there ``grid_initial`` is
+        distributed, and OpenMDAO wants such an input to be connected.
     partition : Partition or Subdomain, optional
         Which nodes of the grid each process holds, see `GridEvaluate`; by default blocks are dealt out.
     live : bool
@@ -125,7 +126,7 @@ class GridMovement(Copied, om.Group):
         def __init__(
             self,
             *,
-            model: Model,
+            model: Movable,
             parametrization: Parametrization | None = None,
             measures: Sequence[Measure] = (),
             mover: Mover | None = None,
@@ -166,13 +167,12 @@ class GridMovement(Copied, om.Group):
         """Add the components in the order of the chain."""
         model, is_live, mover = self.options["model"], self.options["live"], self._mover()
         surface = self.options["surface"]
-        is_local, is_fitted = model.ownership is not None, self.options["fit"]
+        is_fitted = self.options["fit"]
         if is_fitted is None:
-            is_fitted = is_live or (self.comm.size == 1 and not is_local)
-        if is_local and (is_fitted or surface is not None):
+            is_fitted = is_live or (self.comm.size == 1 and not model.why_no_fit)
+        if model.why_no_fit and (is_fitted or surface is not None):
             raise InputError(
-                f"{self.msginfo}: a local model has neither a fit nor nodes of a surface that are given; leave "
-                f"out 'fit', 'live' and 'surface', or give the whole model"
+                f"{self.msginfo}: {model.why_no_fit}; leave out 'fit', 'live' and 'surface', or give the whole model"
             )
         if is_live and not is_fitted:
             raise InputError(f"{self.msginfo}: live=True needs fit=True; there is no grid to follow")
@@ -251,11 +251,11 @@ class GridMovement(Copied, om.Group):
         """The user's mover, or rotations."""
         model, mover, parametrization = (self.options[name] for name in ("model", "mover", "parametrization"))
         if mover is None and parametrization is None:
-            return Rotations(moving_mesh(model))
+            return default_mover(model, moving_mesh(model))
         whose = "parametrization" if mover is None else "mover"
-        mover = mover or Rotations(parametrization.mesh)
-        mesh = mesh_of(mover, self.msginfo)
+        mesh = parametrization.mesh if mover is None else mesh_of(mover, self.msginfo)
         require_mesh_of(model, mesh, f"{self.msginfo}: the {whose}'s mesh")
+        mover = mover or default_mover(model, mesh)
         if parametrization is not None and not np.array_equal(mesh.surface_ids, parametrization.mesh.surface_ids):
             raise InputError(
                 f"{self.msginfo}: the mover and the parametrization have different design surfaces; "

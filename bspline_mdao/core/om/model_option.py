@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import openmdao.api as om
 from openmdao.utils.options_dictionary import OptionsDictionary
 
-from ..model.fitted_model import FittedModel
-from ..model.model import Model
+from ..model.movable import Movable
 from .option_signature import IN_RECORDS, OptionSignature
 
 __all__ = ["Copied", "NamedModel", "declare_model", "named_model"]
@@ -34,7 +33,7 @@ class _InRecords:
             model = self._options["model"]
         except RuntimeError:  # it is not set
             return ""
-        return f"{model.checksum} {model.file or ''}" if isinstance(model, FittedModel) else ""
+        return "" if model.checksum is None else f"{model.checksum} {model.file or ''}"
 
     __repr__ = __str__
 
@@ -72,7 +71,7 @@ class Copied:
 
 def declare_model(
     system: om.System,  # the system
-    types: type | tuple[type, ...] = Model,  # what it takes for a model
+    types: type | tuple[type, ...] = Movable,  # what it takes for a model
     desc: str = "the fitted grid",  # what the model is
 ) -> None:
     """Declare the option ``model``, in ``initialize``, and one that names the model in case files."""

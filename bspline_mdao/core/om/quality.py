@@ -9,16 +9,15 @@ import numpy as np
 import openmdao.api as om
 from openmdao.vectors.vector import Vector
 
-from ...base.numerics.processes import from_all, together
+from ...base.numerics.processes import together
 from ...errors import InputError
 from ...grids.cells.aggregates import AGGREGATES
-from ...grids.cells.grid_quality import GridQuality, GridValues
-from ...grids.cells.pieces import Pieces
-from ...grids.cells.report import QualityReport, inverted_cells, patches_of, report_quality
+from ...grids.cells.cell_judge import CellJudge
+from ...grids.cells.grid_quality import GridValues
 from ...grids.topology.partition import Partition, Subdomain
 from ...names import GRID
-from ..model.model import Model, nodes_at
-from .checked_along_edges import check_along_edges, numbered_blocks
+from ..model.movable import Movable
+from .checked_along_edges import check_along_edges
 from .component import (
     CheckedOnProcesses,
     failures_as_analysis_errors,
@@ -53,13 +52,14 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
 
     Options
     -------
-    model : FittedModel or LocalModel
-        The fitted grid. Its baseline decides which sign is right-handed and which corners have collapsed.
+    model : FittedModel, LocalModel or MeshModel
+        The fitted grid, or the mesh. Its baseline decides which sign is right-handed and which corners have collapsed.
     partition : Partition or Subdomain, optional
         Blocks that each process holds; by default those of the model if it is a subdomain of one, or else
         ``Partition.of(model.topology, n_processes)``.
-    aggregates : sequence of str
-        Which bounds are outputs. Those of heights, which need patches of kind wall, are none by default.
+    aggregates : sequence of str, optional
+        Which bounds are outputs. Those of heights, which need walls, are none by default. Cells of mixed kinds have
+        ``volume_ks``, of the pyramids from their middles to their faces, and the bounds of heights.
     cells : bool
         Whether ``cell_quality`` is an output.
     rho : float
@@ -103,9 +103,9 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         def __init__(
             self,
             *,
-            model: Model,
+            model: Movable,
             partition: Partition | Subdomain | None = None,
-            aggregates: Sequence[str] = ("quality_ks", "quality_pnorm", "corner_ks", "volume_ks"),
+            aggregates: Sequence[str] | None = None,
             cells: bool = False,
             rho: float = 100.0,
             p: int = 64,
@@ -119,8 +119,9 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         """Declare the options."""
         declare_model(self)
         declare_partition(self)
-        default = tuple(name for name, aggregate in AGGREGATES.items() if aggregate.is_default)
-        self.options.declare("aggregates", default=default, desc="bounds that are outputs")
+        self.options.declare(
+            "aggregates", default=None, desc="bounds that are outputs; those that are usual by default"
+        )
         self.options.declare("cells", types=bool, default=False, desc="output Q of every cell")
         self.options.declare("rho", default=100.0, desc="sharpness of Kreisselmeier-Steinhauser bounds")
         self.options.declare("p", types=int, default=64, desc="power of p-norms")
@@ -130,42 +131,37 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
 
     def setup(self) -> None:
         """Declare the variables, of the sizes of the model."""
-        pieces, nodes = self._baseline()
-        settings = {name: self.options[name] for name in ("rho", "p", "rho_height")}
-        self._quality = GridQuality.of_pieces(pieces, nodes, **settings)
-        with together(self.comm):
-            try:
-                self._quality.require(self.options["aggregates"])
-            except InputError as error:
-                raise InputError(f"{self.msginfo}: {error}") from error
+        self._judge = self._made_judge()
+        self._names = self._asked(self._judge)
         is_distributed = self.comm.size > 1
-        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_distributed)
-        for name in self.options["aggregates"]:
+        self.add_input(GRID, val=self._judge.baseline.ravel(), units="m", distributed=is_distributed)
+        for name in self._names:
             self.add_output(name, desc=AGGREGATES[name].meaning)
         if self.options["cells"]:
-            self.add_output(CELL_QUALITY, shape=self._quality.n_cells, distributed=is_distributed)
+            self.add_output(CELL_QUALITY, shape=self._judge.n_cells, distributed=is_distributed)
         sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst of all corners
-        if any(AGGREGATES[name].is_of_heights for name in self.options["aggregates"]):
+        if any(AGGREGATES[name].is_of_heights for name in self._names):
             sharpness = max(sharpness, 10.0 * self.options["rho_height"])
-        check_along_edges(self, GRID, numbered_blocks(piece.shape for piece in pieces.local), sharpness)
+        check_along_edges(self, GRID, self._judge.lines, sharpness)
 
-    def _baseline(self) -> tuple[Pieces, np.ndarray]:
-        """Pieces of the grid that the processes hold, and the nodes (n, 3) of those of this one on the baseline."""
-        model = self.options["model"]
+    def _made_judge(self) -> CellJudge:
+        """Make what judges the cells; all processes refuse together what one refuses."""
+        settings = {name: self.options[name] for name in ("rho", "p", "rho_height")}
         with together(self.comm):
             subdomain = subdomain_of(self)
-            if subdomain is None:
-                baseline = model.regenerate()
-                return Pieces.of_grid(baseline), baseline.to_vector().reshape(-1, 3)
-            windows = subdomain.windows
-            if windows is None:
-                raise InputError(
-                    f"{self.msginfo}: a subdomain of rows has no cells; give the partition by "
-                    f"Partition.of(model.topology, {self.comm.size})"
-                )
-            nodes = nodes_at(model, subdomain.rows)
-        partition = Partition(subdomain.shapes_of_grid, tuple(from_all(self.comm, windows)))
-        return Pieces(partition, model.header.names, model.header.patches, model.header.source, self.comm), nodes
+        try:
+            judge = self.options["model"].judge(subdomain, self.comm, **settings)
+            with together(self.comm):
+                judge.require(self._asked(judge), self.options["cells"])
+        except InputError as error:
+            raise InputError(f"{self.msginfo}: {error}") from error
+        return judge
+
+    def _asked(self, judge: CellJudge) -> tuple[str, ...]:
+        """Names of the aggregates that are outputs."""
+        if self.options["aggregates"] is not None:
+            return tuple(self.options["aggregates"])
+        return tuple(name for name in judge.aggregates if AGGREGATES[name].is_default)
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Measure the cells."""
@@ -188,29 +184,25 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         nodes = inputs[GRID].reshape(-1, 3)
         values = self._values(nodes)
         if mode == "fwd":
-            change = self._quality.jvp(nodes, d_inputs[GRID].reshape(-1, 3), values)
+            change = self._judge.jvp(nodes, d_inputs[GRID].reshape(-1, 3), values)
             for name in d_outputs:
                 d_outputs[name] += change.q if name == CELL_QUALITY else change.aggregates[name]
         else:
             seeds = {name: d_outputs[name].item() for name in values.aggregates if name in d_outputs}
             q_bar = d_outputs[CELL_QUALITY] if CELL_QUALITY in d_outputs else None  # noqa: SIM401 - it has no `get`
-            d_inputs[GRID] += self._quality.vjp(nodes, values, GridValues(seeds, q_bar)).ravel()
+            d_inputs[GRID] += self._judge.vjp(nodes, values, GridValues(seeds, q_bar)).ravel()
 
-    def report(self) -> QualityReport:
+    def report(self) -> Any:
         """Report on the grid that the input holds: extremes, distribution of Q, inverted cells, heights at walls.
 
-        All processes call it.
+        All processes call it. Of cells without a Q there is no distribution, see `MixedReport`.
         """
-        return report_quality(self._quality, self.get_val(GRID).reshape(-1, 3), self.options["n_bins"])
+        return self._judge.report(self.get_val(GRID).reshape(-1, 3), self.options["n_bins"])
 
     def _values(self, nodes: np.ndarray) -> GridValues:
-        return self._quality.evaluate(nodes, self.options["aggregates"], self.options["cells"])
+        return self._judge.evaluate(nodes, self._names, self.options["cells"])
 
     def _refuse_inverted(self, nodes: np.ndarray) -> None:
-        inverted = inverted_cells(self._quality, self._quality.cells_in_turn(nodes), newly=True)
-        if inverted:
-            adjacent = ", ".join(f"'{name}'" for name in patches_of(inverted))
-            raise om.AnalysisError(
-                f"{self.msginfo}: {inverted[0]} is inverted, with corner triple product {inverted[0].corner:.2g}; "
-                f"{f'the worst of such cells lie on {adjacent}; ' if adjacent else ''}take a smaller step"
-            )
+        what = self._judge.newly_inverted(nodes)
+        if what:
+            raise om.AnalysisError(f"{self.msginfo}: {what}; take a smaller step")

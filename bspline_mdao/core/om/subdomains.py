@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...grids.topology.index_space import Window
 from ...grids.topology.partition import Partition, Subdomain
 from ..fit.fit_nodes import whole_blocks
-from ..model.model import Model
+from ..model.movable import Movable
 
 
 def declare_partition(component: om.ExplicitComponent) -> None:
@@ -34,7 +34,7 @@ def subdomain_of(
     if partition is None:
         if model.ownership is not None:
             return model.ownership
-        return None if n_ranks == 1 else Partition.of(model.topology, n_ranks).subdomain(component.comm.rank)
+        return None if n_ranks == 1 else model.partition(n_ranks).subdomain(component.comm.rank)
     if isinstance(partition, Subdomain):
         return partition
     if partition.n_ranks != n_ranks:
@@ -45,7 +45,7 @@ def subdomain_of(
     return partition.subdomain(component.comm.rank)
 
 
-def part_of_model(component: om.ExplicitComponent) -> Model:
+def part_of_model(component: om.ExplicitComponent) -> Movable:
     """Take what this process holds of the option ``model``: all of it where `subdomain_of` gives none."""
     model, subdomain = component.options["model"], subdomain_of(component)
     return model if subdomain is None else model.part(subdomain)

@@ -8,9 +8,9 @@ from ...names import SURFACE, SURFACE_CONTROL_POINTS
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap
-from ..model.model import Model
+from ..model.movable import Movable
 from .check_directions import check_along_directions
-from .checked_along_edges import check_along_edges, lines_among
+from .checked_along_edges import check_along_edges
 from .component import LINEAR_STEP, fails_together
 from .model_option import declare_model
 from .moved_points import MovedPoints
@@ -32,8 +32,8 @@ class SurfaceEvaluate(MovedPoints):
 
     Options
     -------
-    model : FittedModel or LocalModel
-        The fitted grid, or what one of several processes needs of it.
+    model : FittedModel, LocalModel or MeshModel
+        The fitted grid, or what one of several processes needs of it; or a mesh without structure.
     mesh : MovingMesh
         Its control mesh, which says what is the design surface.
     surface : SurfaceGrid
@@ -68,7 +68,7 @@ class SurfaceEvaluate(MovedPoints):
         def __init__(
             self,
             *,
-            model: Model,
+            model: Movable,
             mesh: MovingMesh,
             surface: SurfaceGrid,
             **options: Any,
@@ -83,8 +83,7 @@ class SurfaceEvaluate(MovedPoints):
     @property
     def is_linear(self) -> bool:
         """Whether the outputs depend linearly (affinely) on the inputs."""
-        model = self.options["model"]
-        return model.residual is None or not model.settings.wall_layer
+        return self.options["model"].is_linear_at_walls
 
     @fails_together
     def setup(self) -> None:
@@ -96,4 +95,4 @@ class SurfaceEvaluate(MovedPoints):
         if self.is_linear:
             check_along_directions(self, LINEAR_STEP)
         else:
-            check_along_edges(self, SURFACE_CONTROL_POINTS, lines_among(mesh.surface_ids, mesh.blocks))
+            check_along_edges(self, SURFACE_CONTROL_POINTS, mesh.surface_lines)

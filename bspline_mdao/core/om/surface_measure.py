@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -112,6 +113,6 @@ class SurfaceMeasure(SparseComponent):
     def _baseline(self) -> np.ndarray:
         return self.options["measure"].surface.points
 
-    def _lines(self) -> list[np.ndarray]:
+    def _lines(self) -> Sequence[np.ndarray]:
         """Numbers of the points in faces or lines, for checks."""
-        return self.options["measure"].surface.faces
+        return self.options["measure"].surface.lines

@@ -157,7 +157,7 @@ class EulerFlow(Copied, om.Group):
 
     def initialize(self) -> None:
         """Declare the options."""
-        declare_model(self)
+        declare_model(self, Model)
         declare_references(self.options)
         declare_partition(self)
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
@@ -273,6 +273,7 @@ class EulerFlow(Copied, om.Group):
     def _pieces(self) -> tuple[Partition, np.ndarray]:
         """Who has which pieces of the grid, and the baseline nodes of this process (m), shape (n_nodes, 3)."""
         part, partition = part_of_model(self), self.options["partition"]
+        assert isinstance(part, Model)  # the option takes nothing else
         if isinstance(partition, Subdomain):
             raise InputError(
                 f"{self.msginfo}: a Subdomain does not know which cells others have; give the Partition that it is of"

@@ -118,7 +118,7 @@ class LatticeFlow(Copied, om.Group):
 
     def initialize(self) -> None:
         """Declare the options."""
-        declare_model(self)
+        declare_model(self, Model)
         declare_references(self.options)
         self.options.declare("n_chord", types=int, default=N_CHORD, lower=2, desc="nodes along the chord")
         self.options.declare("n_span", types=int, default=N_SPAN, lower=3, desc="nodes along the span")

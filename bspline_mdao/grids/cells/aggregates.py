@@ -136,6 +136,9 @@ class Aggregate:
     # whether it bounds the largest number from above: minus the lower bound of the negative numbers
     is_upper: bool = False
     is_default: bool = False  # whether it is an output of the component unless others are asked for
+    # what it is of cells of mixed kinds (`bspline_mdao.grids.cells.mixed_quality`), which have no Q, no corners and no
+    # Jacobians; empty where they do not have it
+    of_mixed: str = ""
 
     @property
     def is_of_heights(self) -> bool:
@@ -156,10 +159,25 @@ AGGREGATES = {
     "certified_ks": Aggregate(
         "coefficients", "ks", "bound of the Jacobian everywhere in the cells, over the cell's volume in the baseline"
     ),
-    "volume_ks": Aggregate("volume", "ks", "bound of the cell volumes over those of the baseline", is_default=True),
-    "height_low_ks": Aggregate("height", "ks", "lower bound of the first cells' heights at walls over the baseline's"),
+    "volume_ks": Aggregate(
+        "volume",
+        "ks",
+        "bound of the cell volumes over those of the baseline",
+        is_default=True,
+        of_mixed="bound of the volumes of pyramids from the middles of cells to their faces over those of the baseline",
+    ),
+    "height_low_ks": Aggregate(
+        "height",
+        "ks",
+        "lower bound of the first cells' heights at walls over the baseline's",
+        of_mixed="lower bound of the heights of nodes next to walls over the baseline's",
+    ),
     "height_high_ks": Aggregate(
-        "height", "ks", "upper bound of the first cells' heights at walls over the baseline's", is_upper=True
+        "height",
+        "ks",
+        "upper bound of the first cells' heights at walls over the baseline's",
+        is_upper=True,
+        of_mixed="upper bound of the heights of nodes next to walls over the baseline's",
     ),
 }
-"""The aggregates that there are, by name."""
+"""The aggregates that there are, by name, and which of them cells of mixed kinds have."""

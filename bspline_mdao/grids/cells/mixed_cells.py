@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from ...base.checks import as_finite_points
 from ...base.display import OneLine
 from ...errors import InputError
 from .mesh_numbers import require_cells, require_corners
+from .pyramids import Pyramids
 from .quads import area_vectors
 
 __all__ = ["FACES", "CellQuality", "MixedMesh", "face_keys", "fans", "first_heights", "padded"]
@@ -233,10 +233,9 @@ class MixedMesh(OneLine):
 
 def pyramids(points: np.ndarray, faces: np.ndarray, cells: np.ndarray, n_cells: int) -> np.ndarray:
     """Sum and least of the volumes of the pyramids from the middle of each cell to its faces, shape (n_cells, 2)."""
-    sums, found = np.zeros((n_cells, 4)), np.zeros((n_cells, 2))
-    found[:, 1] = np.inf
-    _sum_middles(points, faces, cells, sums)
-    _sum_pyramids(points, faces, cells, sums, found)
+    volumes = Pyramids.of(points, faces, cells, n_cells).volumes
+    found = np.column_stack([np.bincount(cells, volumes, n_cells), np.full(n_cells, np.inf)])
+    np.minimum.at(found[:, 1], cells, volumes)
     return found
 
 
@@ -284,47 +283,3 @@ def wall_normals(points: np.ndarray, wall: np.ndarray, ids: np.ndarray) -> np.nd
     sums = np.stack([np.bincount(at.ravel(), np.repeat(part, 4), len(ids)) for part in parts.T], axis=1)
     lengths = np.linalg.norm(sums[:, :3], axis=1)
     return sums[:, :3] / np.where(lengths > CANCELLED * sums[:, 3], lengths, np.inf)[:, None]
-
-
-@njit(cache=True, error_model="numpy")
-def _face(x, face):
-    """Middle and area vector of a face; that of a triangle, which has two neighbouring corners alike, is of three."""
-    a, b, c, d = face[0], face[1], face[2], face[3]
-    last = 0.0 if c == d or a == b else 1.0
-    p, q, r, s = x[a], x[b], x[c], x[d]
-    if a == b:  # seen from the other cell, the corner that is there twice comes first
-        q, r, s = r, s, s
-    u0, u1, u2 = r[0] - p[0], r[1] - p[1], r[2] - p[2]
-    v0, v1, v2 = s[0] - q[0], s[1] - q[1], s[2] - q[2]
-    part = 1.0 / (3.0 + last)
-    middle = (
-        part * (p[0] + q[0] + r[0] + last * s[0]),
-        part * (p[1] + q[1] + r[1] + last * s[1]),
-        part * (p[2] + q[2] + r[2] + last * s[2]),
-    )
-    return middle, (0.5 * (u1 * v2 - u2 * v1), 0.5 * (u2 * v0 - u0 * v2), 0.5 * (u0 * v1 - u1 * v0))
-
-
-@njit(cache=True, error_model="numpy")
-def _sum_middles(x, faces, cells, sums):
-    """Sum areas times middles, and areas, of the faces of every cell, shape (n_cells, 4)."""
-    for f in range(len(faces)):
-        middle, normal = _face(x, faces[f])
-        area, at = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), cells[f]
-        for d in range(3):
-            sums[at, d] += area * middle[d]
-        sums[at, 3] += area
-
-
-@njit(cache=True, error_model="numpy")
-def _sum_pyramids(x, faces, cells, sums, found):
-    """Sum the volumes of the pyramids from the middles of cells to their faces, and find the least."""
-    for f in range(len(faces)):
-        (m0, m1, m2), (a0, a1, a2) = _face(x, faces[f])
-        at = cells[f]
-        area = max(sums[at, 3], 1e-300)  # 1e-300: of a cell that has shrunk to a point
-        volume = (
-            a0 * (m0 - sums[at, 0] / area) + a1 * (m1 - sums[at, 1] / area) + a2 * (m2 - sums[at, 2] / area)
-        ) / 3.0
-        found[at, 0] += volume
-        found[at, 1] = min(found[at, 1], volume)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["add_to_nodes", "area_vectors", "area_vectors_jvp", "area_vectors_vjp"]
+__all__ = ["add_to_nodes", "area_vectors", "area_vectors_jvp", "area_vectors_vjp", "rings"]
 
 
 def area_vectors(corners: np.ndarray) -> np.ndarray:
@@ -38,6 +38,16 @@ def add_to_nodes(quads: np.ndarray, bar: np.ndarray, n_points: int) -> np.ndarra
     """Sum vectors of the corners, shape (n, 4, 3), of quads, shape (n, 4), at the nodes: shape (n_points, 3)."""
     sums = [np.bincount(quads.ravel(), part.ravel(), n_points) for part in np.moveaxis(bar, -1, 0)]
     return np.stack(sums, axis=-1).astype(float, copy=False)  # NumPy counts nothing in integers
+
+
+def rings(quads: np.ndarray) -> np.ndarray:
+    """Corners around each quad, shape (n, 4), and back to the first, one after the other: -1 between them.
+
+    Corners that are there twice, as in triangles, are there once.
+    """
+    around = np.column_stack([quads[:, [0, 1, 2, 3, 0]], np.full(len(quads), -1)])
+    is_new = np.column_stack([np.ones(len(quads), dtype=bool), around[:, 1:] != around[:, :-1]])
+    return around[is_new]
 
 
 def _diagonals(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -115,17 +115,16 @@ def _file_of(model_file: Path, model: MeshModel) -> MeshFile:
 def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     """Make the move and measure it."""
     start = time.process_time()
-    numbers = model.design(options.design)
-    deformation = parse_deformation(options.deform, model, model.design_mesh(numbers))
-    asked = model.deformed_walls(deformation, numbers)
-    movement = model.mover.move(model.control_points, asked)
+    mesh = model.design_mesh(options.design or None)
+    surface = model.deformed(parse_deformation(options.deform, model, mesh))
+    movement = model.mover_of(mesh).move(model.control_points, surface)
     state = model.node_map.at(movement.points)
     seconds = time.process_time() - start
-    mesh, walls = model.mesh, model.node_map.embedded.walls
+    walls = model.node_map.embedded.walls
     assert walls is not None
-    ratios = walls.heights(state.nodes) / walls.heights(mesh.points)
+    ratios = walls.heights(state.nodes) / walls.heights(model.mesh.points)
     splines = certify_splines(model.lattice.mesh, movement.points[len(model.wall_rows) :], ("the lattice",))
-    quality = mesh.quality(), mesh.quality(state.nodes)
+    quality = model.mesh.quality(), model.mesh.quality(state.nodes)
     return _Moved(model, movement, state, *quality, ratios, Certificate((), splines), seconds)
 
 

@@ -2,53 +2,13 @@
 
 import numpy as np
 import pytest
+from mesh_cases import mesh_around_a_body, smooth_change
 
 from bspline_mdao.core.background.background_lattice import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.background.thin_plate import bending_energy
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
-
-TETRAHEDRA = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
-
-
-def mesh_around_a_body(turn: np.ndarray | None = None) -> tuple[MixedMesh, dict[str, str]]:
-    """Tetrahedra around a block that stands on a plane of symmetry, y = 0, in a box of unequal sides."""
-    x, y, z = np.linspace(-3.0, 4.0, 14) ** 3 / 16.0, np.linspace(0.0, 2.0, 9), np.linspace(-1.5, 1.2, 10)
-    nodes = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
-    ids = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
-    middle = 0.5 * (nodes[:-1, :-1, :-1] + nodes[1:, 1:, 1:])
-    is_body = (np.abs(middle[..., 0]) < 0.2) & (middle[..., 1] < 0.8) & (np.abs(middle[..., 2]) < 0.4)
-    a, b = slice(None, -1), slice(1, None)
-    ring = [(a, a), (b, a), (b, b), (a, b)]
-    hexahedra = np.stack([ids[i, j, k] for k in (a, b) for i, j in ring], axis=-1)[~is_body]
-    corners = hexahedra[:, TETRAHEDRA].reshape(-1, 4)
-    points = nodes.reshape(-1, 3)
-    skin = MixedMesh(points, {"tetra": corners}).skin
-    box = points.min(axis=0), points.max(axis=0)
-    on = {
-        name: np.isclose(points[skin][..., axis], box[end][axis]).all(axis=1)
-        for name, axis, end in (("symmetry", 1, 0), *((f"far_{d}{e}", d, e) for d in range(3) for e in range(2)))
-        if name != "far_10"
-    }
-    is_wall = ~np.any(list(on.values()), axis=0)
-    used, numbers = np.unique(corners, return_inverse=True)
-    place = np.full(len(points), -1)
-    place[used] = np.arange(len(used))
-    markers = {"body": place[skin[is_wall]], **{name: place[skin[rows]] for name, rows in on.items()}}
-    kinds = {"body": "wall", "symmetry": "symmetry"} | {name: "farfield" for name in on if name != "symmetry"}
-    points = points[used] if turn is None else points[used] @ turn.T
-    return MixedMesh(points, {"tetra": numbers.reshape(corners.shape)}, markers), kinds
-
-
-def smooth_change(model: MeshModel, rng: np.random.Generator, size: float) -> np.ndarray:
-    """Smooth displacements of the nodes of the walls, in planes where these are."""
-    points = model.mesh.points[model.wall_rows]
-    change = size * np.sin(points @ rng.normal(size=(3, 3)) + rng.normal(size=3))
-    for plane in model.planes:
-        ids = np.flatnonzero(np.isin(model.wall_rows, plane.rows))
-        change[ids] -= np.outer(change[ids] @ plane.normal, plane.normal)
-    return change
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import riding_cases
+from mesh_cases import body_model, section_model, smooth_change
 from scipy.spatial.transform import Rotation
 
 from bspline_mdao import InputError, fit_grid
@@ -111,6 +112,13 @@ def of_riding_mesh(is_asked, rng):
     return riding.at, {"control_points": points} | ({"wall": wall} if is_asked else {})
 
 
+def of_mesh(model, rng):
+    """A mesh without structure, whose lattice and walls moved, not quite together."""
+    walls = model.mesh.points[model.wall_rows] + smooth_change(model, rng, 0.02)
+    points = model.mover.move(model.control_points, walls).points
+    return model.node_map.at, {"control_points": points + 1e-3 * np.sin(points @ rng.standard_normal((3, 3)))}
+
+
 MAPS = {
     "grid": lambda rng: of_grid(wing(), rng),
     "grid without walls": lambda rng: of_grid(bare(), rng),
@@ -124,6 +132,8 @@ MAPS = {
     "live grid": lambda rng: of_live_grid(wing(), rng),
     "live grid without a residual": lambda rng: of_live_grid(plate(), rng),
     "live grid of the paper": lambda rng: of_live_grid(paper(), rng),
+    "mesh without structure": lambda rng: of_mesh(body_model(), rng),
+    "section without structure": lambda rng: of_mesh(section_model(), rng),
     "mesh that rides": lambda rng: of_riding_mesh(False, rng),
     "mesh that rides, walls are given": lambda rng: of_riding_mesh(True, rng),
 }

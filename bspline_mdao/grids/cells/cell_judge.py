@@ -1,0 +1,114 @@
+"""What judges the cells of a mesh, whatever their kinds: bounds with derivatives, reports, cells that are inverted.
+
+Of grids of blocks that is `GridQuality` with its reports (`BlocksJudge`), of meshes of mixed cells
+`.mixed_quality.MixedQuality`.
+
+Theory: ``docs/theory/quality.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...base.display import OneLine
+from ..topology.block_layout import BlockLayout
+from .grid_quality import GridQuality, GridValues
+from .report import QualityReport, inverted_cells, patches_of, report_quality
+
+__all__ = ["BlocksJudge", "CellJudge"]
+
+
+class CellJudge(Protocol):
+    """Quality of cells as a function of nodes; the baseline has decided what is discrete."""
+
+    @property
+    def baseline(self) -> np.ndarray:
+        """Nodes of this process on the baseline (m), shape (n_nodes, 3)."""
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells of this process."""
+
+    @property
+    def lines(self) -> Sequence[np.ndarray]:
+        """Numbers of the nodes in blocks or lines, neighbours joined by edges, for checks of derivatives."""
+
+    @property
+    def aggregates(self) -> tuple[str, ...]:
+        """Names of the aggregates that there are."""
+
+    def require(self, names: Sequence[str], cells: bool = False) -> None:
+        """Refuse names of aggregates that there are not, or Q of every cell where cells have none."""
+
+    def evaluate(self, nodes: np.ndarray, names: Sequence[str] | None = None, cells: bool = False) -> GridValues:
+        """Aggregate the quality of the cells."""
+
+    def jvp(self, nodes: np.ndarray, d_nodes: np.ndarray, values: GridValues) -> GridValues:
+        """Change of the quality with the nodes."""
+
+    def vjp(self, nodes: np.ndarray, values: GridValues, bar: GridValues) -> np.ndarray:
+        """Adjoint of the nodes from that of the quality."""
+
+    def report(self, nodes: np.ndarray, n_bins: int) -> Any:
+        """Report for people."""
+
+    def newly_inverted(self, nodes: np.ndarray) -> str:
+        """Name the worst cell that is inverted and was not on the baseline, and what it is at; empty if none is."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlocksJudge(OneLine):
+    """The cells of a grid of blocks, or of the pieces of it that processes hold."""
+
+    quality: GridQuality
+    baseline: np.ndarray  # (n_nodes, 3), nodes of this process on the baseline (m)
+
+    @property
+    def n_cells(self) -> int:
+        """Cells of this process."""
+        return self.quality.n_cells
+
+    @property
+    def lines(self) -> Sequence[np.ndarray]:
+        """The pieces."""
+        return BlockLayout.of(piece.shape for piece in self.quality.pieces.local).numbers
+
+    @property
+    def aggregates(self) -> tuple[str, ...]:
+        """Names of the aggregates that the grid has."""
+        return self.quality.aggregates
+
+    def require(self, names: Sequence[str], cells: bool = False) -> None:
+        """Refuse names of aggregates that do not exist, or not on this grid."""
+        self.quality.require(names)
+
+    def evaluate(self, nodes: np.ndarray, names: Sequence[str] | None = None, cells: bool = False) -> GridValues:
+        """See `GridQuality.evaluate`."""
+        return self.quality.evaluate(nodes, names, cells)
+
+    def jvp(self, nodes: np.ndarray, d_nodes: np.ndarray, values: GridValues) -> GridValues:
+        """See `GridQuality.jvp`."""
+        return self.quality.jvp(nodes, d_nodes, values)
+
+    def vjp(self, nodes: np.ndarray, values: GridValues, bar: GridValues) -> np.ndarray:
+        """See `GridQuality.vjp`."""
+        return self.quality.vjp(nodes, values, bar)
+
+    def report(self, nodes: np.ndarray, n_bins: int) -> QualityReport:
+        """See `report_quality`."""
+        return report_quality(self.quality, nodes, n_bins)
+
+    def newly_inverted(self, nodes: np.ndarray) -> str:
+        """Name the worst cell, its corner, and the patches of such cells."""
+        inverted = inverted_cells(self.quality, self.quality.cells_in_turn(nodes), newly=True)
+        if not inverted:
+            return ""
+        adjacent = ", ".join(f"'{name}'" for name in patches_of(inverted))
+        return (
+            f"{inverted[0]} is inverted, with corner triple product {inverted[0].corner:.2g}"
+            f"{f'; the worst of such cells lie on {adjacent}' if adjacent else ''}"
+        )

@@ -1,0 +1,250 @@
+"""The ordinary chain with a mesh without structure: baseline, derivatives, sections, parts of walls, optimisation."""
+
+from functools import cache
+
+import numpy as np
+import openmdao.api as om
+import pytest
+from mesh_cases import body_model, mesh_around_a_body, section_model
+from openmdao.utils.assert_utils import assert_check_partials
+
+from bspline_mdao import DesignSurface, GridMovement
+from bspline_mdao.core.background.background_lattice import LatticeSettings
+from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.core.background.thin_plate import ThinPlate
+from bspline_mdao.core.movement.default_mover import default_mover
+from bspline_mdao.design import Chord, FreeForm, Lattice, Local, OnSideOfPlane, Sweep, Twist
+from bspline_mdao.errors import InputError
+from bspline_mdao.grids.cells.mixed_cells import MixedMesh
+from bspline_mdao.measures import Curvature, EnclosedVolume, ProjectedArea, SurfaceArea, SurfaceGrid, Thickness
+from bspline_mdao.movers import moving_mesh
+
+HEIGHTS = ("volume_ks", "height_low_ks", "height_high_ks")
+
+
+def problem_of(model: MeshModel, variables, measures=(), **options) -> om.Problem:
+    design = DesignSurface.of(model)
+    shape = design.parametrization(variables(design))
+    options = {"quality": HEIGHTS, **options}
+    group = GridMovement(model=model, parametrization=shape, measures=[make(design) for make in measures], **options)
+    problem = om.Problem(group, reports=False)
+    problem.setup(force_alloc_complex=True)
+    problem.run_model()
+    return problem
+
+
+def of_body(design):
+    box = Lattice.box(design.mesh, n=(3, 3, 2))
+    return [
+        Twist("twist", design.axis, stations=3),
+        Sweep("sweep", design.axis, stations=2),
+        FreeForm("shape", box, direction="z"),
+    ]
+
+
+def of_section(design):
+    upper = OnSideOfPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    box = Lattice.box(design.mesh, n=(3, 2, 3))
+    return [
+        Twist("pitch", design.axis, stations=1),
+        Chord("chord", design.axis, stations=1),
+        Local("bumps", upper, "z"),
+        FreeForm("shape", box, direction="z"),
+    ]
+
+
+MEASURES = {
+    "body": (
+        lambda design: EnclosedVolume.of(design.surface),
+        lambda design: SurfaceArea.of(design.surface),
+        lambda design: ProjectedArea.of(design.surface),
+        lambda design: Thickness.grid(design.surface, 3, 2),
+    ),
+    "section": (
+        lambda design: EnclosedVolume.of(design.surface),
+        lambda design: Thickness.at(design.surface, [[0.1, 0.15, 0.0]], (0.0, 0.0, 1.0)),
+    ),
+}
+
+
+@cache
+def moved(which: str) -> om.Problem:
+    """The chain at a design that is not the baseline."""
+    model, variables = (body_model(), of_body) if which == "body" else (section_model(), of_section)
+    problem, rng = problem_of(model, variables, MEASURES[which]), np.random.default_rng(4)
+    for variable in problem.model.control.options["parametrization"].variables:
+        values = problem.get_val(variable.name)
+        scale = {"deg": 2.0, "m": 0.003, None: 0.02}[variable.units]
+        problem.set_val(variable.name, values + scale * rng.standard_normal(values.shape))
+    problem.run_model()
+    return problem
+
+
+@pytest.mark.parametrize(("model", "variables"), [(body_model, of_body), (section_model, of_section)])
+def test_the_first_run_gives_the_baseline_to_the_last_bit(model, variables):
+    problem = problem_of(model(), variables)
+    np.testing.assert_array_equal(problem.get_val("grid").reshape(-1, 3), model().mesh.points)
+    assert 0.8 < problem.get_val("volume_ks").item() < 1.0
+    assert [system.name for system in problem.model.system_iter(recurse=False)][1:] == [
+        "control",
+        "move",
+        "evaluate",
+        "quality",
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["body", "section"])
+def test_partial_derivatives_of_the_whole_group_are_exact(which):
+    data = moved(which).check_partials(out_stream=None)
+    pairs = {(name, *pair) for name, found in data.items() for pair in found}
+    assert {(of, wrt) for _, of, wrt in pairs} >= {
+        ("grid", "control_points"),
+        ("control_points", "surface_control_points"),
+        ("control_corner_ks", "surface_control_points"),
+        ("surface", "surface_control_points"),
+        ("volume", "surface"),
+        *((name, "grid") for name in HEIGHTS),
+    }
+    for name, found in data.items():
+        for pair, errors in found.items():
+            assert errors["rel error"].reverse is not None, (name, pair)
+    assert_check_partials(data)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["body", "section"])
+def test_totals_are_differences_to_1e_6_in_both_directions(which):
+    problem = moved(which)
+    of = ["volume", "thickness", *HEIGHTS] + (["surface_area", "projected_area"] if which == "body" else [])
+    wrt = ["twist", "shape"] if which == "body" else ["pitch", "bumps"]
+    totals = problem.compute_totals(of, wrt)
+    problem.run_model()
+    rng, start = np.random.default_rng(7), {name: problem.get_val(name).copy() for name in wrt}
+    directions = {name: rng.standard_normal(values.shape) for name, values in start.items()}
+    step, at = 5e-5, {}
+    for k in (-2, -1, 1, 2):
+        for name in wrt:
+            problem.set_val(name, start[name] + k * step * directions[name])
+        problem.run_model()
+        at[k] = {name: problem.get_val(name).ravel().copy() for name in of}
+    for name in wrt:
+        problem.set_val(name, start[name])
+    problem.run_model()
+    for name in of:
+        found = sum(totals[name, variable] @ directions[variable] for variable in wrt)
+        slope = (8.0 * (at[1][name] - at[-1][name]) - (at[2][name] - at[-2][name])) / (12.0 * step)
+        np.testing.assert_allclose(slope, found, rtol=0, atol=1e-6 * np.abs(found).max())
+        assert np.abs(found).max() > 1e-6
+
+
+def test_both_planes_of_a_section_move_alike_and_stay_planes():
+    problem, n = moved("section"), section_model().mesh.n_stored
+    nodes, baseline = problem.get_val("grid").reshape(-1, 3), section_model().mesh.points
+    assert np.abs(nodes - baseline)[:, [0, 2]].max() > 0.005
+    np.testing.assert_array_equal(nodes[:n, [0, 2]], nodes[n:, [0, 2]])
+    np.testing.assert_array_equal(nodes[:, 1], baseline[:, 1])
+    # single points have one value for both planes
+    initial = problem.model.control.options["parametrization"].initial
+    assert initial["bumps"].size == 13
+
+
+@cache
+def two_walls() -> MeshModel:
+    """The mesh around a body whose upstream part is a wall of its own."""
+    mesh, kinds = mesh_around_a_body()
+    faces = mesh.markers["body"]
+    is_nose = (mesh.points[faces][..., 0] < 0.0).any(axis=1)
+    markers = {**mesh.markers, "body": faces[~is_nose], "nose": faces[is_nose]}
+    return MeshModel.of(MixedMesh(mesh.points, mesh.cells, markers), {**kinds, "nose": "wall"}, LatticeSettings(0.5))
+
+
+def test_a_part_of_the_walls_moves_and_the_others_stay():
+    model, rng = two_walls(), np.random.default_rng(5)
+    mesh = moving_mesh(model, "no*")
+    surface = SurfaceGrid.of(model, "nose")
+    np.testing.assert_array_equal(mesh.points[mesh.surface_ids], surface.points)
+    assert (surface.patches, len(SurfaceGrid.of(model).patches)) == (("nose",), 2)
+    mover = default_mover(model, mesh)
+    assert isinstance(mover, ThinPlate)
+    change = np.array([0.03, 0.0, 0.02])
+    movement = mover.move(model.control_points, mesh.points[mesh.surface_ids] + change)
+    nodes = model.node_map.at(movement.points).nodes
+    np.testing.assert_allclose(nodes[surface.rows], surface.points + change, rtol=0, atol=1e-15)
+    others = np.setdiff1d(model.wall_rows, surface.rows)
+    assert len(others) > 20
+    np.testing.assert_array_equal(nodes[others], model.mesh.points[others])
+    d_surface, d_initial = rng.standard_normal(surface.points.shape), rng.standard_normal(model.control_points.shape)
+    bar = rng.standard_normal(d_initial.shape)
+    initial_bar, surface_bar = movement.vjp(bar)
+    forward = np.vdot(bar, movement.jvp(d_initial, d_surface))
+    assert np.vdot(initial_bar, d_initial) + np.vdot(surface_bar, d_surface) == pytest.approx(forward, rel=1e-12)
+
+
+def test_nodes_of_walls_are_named_by_their_markers():
+    model = two_walls()
+    mesh = moving_mesh(model)
+    for marker, ids, numbers in mesh.markers:
+        assert mesh.place_of_point(int(ids[-1])).startswith(f"node {numbers[-1]} of marker '")
+        faces = np.concatenate([model.mesh.markers[name] for name in (marker,)])
+        assert numbers[-1] - 1 in faces
+    assert mesh.place_of_point(mesh.n_points - 1).endswith("of the lattice")
+
+
+@pytest.mark.slow
+def test_slsqp_finds_the_shortest_skin_of_a_section_of_fixed_area():
+    """Free-form points of a box within bounds; at the end no step within these shortens it any more."""
+    model = section_model()
+    design = DesignSurface.of(model)
+    box = Lattice.box(design.mesh, n=(3, 2, 3))
+    shape = design.parametrization([FreeForm("shape", box, direction="xz")])
+    volume, area = EnclosedVolume.of(design.surface, relative=True), SurfaceArea.of(design.surface, relative=True)
+    group = GridMovement(model=model, parametrization=shape, measures=[volume, area], quality=("volume_ks",))
+    problem = om.Problem(group, reports=False)
+    problem.driver = om.ScipyOptimizeDriver(optimizer="SLSQP", tol=1e-8, maxiter=60, disp=False)
+    problem.model.add_design_var("shape", lower=-0.03, upper=0.03)
+    problem.model.add_objective("surface_area")
+    problem.model.add_constraint("volume", equals=1.0)
+    problem.model.add_constraint("volume_ks", lower=0.05)
+    problem.setup()
+    assert problem.run_driver().success
+    assert problem.get_val("volume").item() == pytest.approx(1.0, abs=1e-7)
+    assert problem.get_val("surface_area").item() < 0.985
+    assert not model.mesh.quality(problem.get_val("grid").reshape(-1, 3)).is_inverted.any()
+    totals = problem.compute_totals(["surface_area", "volume", "volume_ks"], ["shape"])
+    values, gradient = problem.get_val("shape"), totals["surface_area", "shape"].ravel()
+    is_free, active = np.abs(values) < 0.03 - 1e-9, [totals["volume", "shape"].ravel()]
+    if problem.get_val("volume_ks").item() < 0.05 + 1e-6:
+        active.append(totals["volume_ks", "shape"].ravel())
+    rows = np.array(active)[:, is_free]
+    left = gradient[is_free] - rows.T @ np.linalg.lstsq(rows.T, gradient[is_free], rcond=None)[0]
+    assert np.abs(left).max() < 1e-4 * np.abs(gradient).max()
+
+
+def test_designs_that_invert_cells_are_refused():
+    problem = problem_of(section_model(), of_section)
+    problem.set_val("bumps", -0.3)
+    with pytest.raises(om.AnalysisError, match=r"wedge \d+ at .*, next to marker 'airfoil', is inverted, and \d+ more"):
+        problem.run_model()
+
+
+def test_splines_of_the_lattice_are_certified():
+    problem = problem_of(section_model(), of_section, certify=True)
+    problem.set_val("bumps", -0.3)
+    with pytest.raises(om.AnalysisError, match=r"splines fold in .*the lattice"):
+        problem.run_model()
+
+
+def test_what_a_mesh_has_not_is_refused_in_one_line():
+    model = body_model()
+    surface = SurfaceGrid.of(model)
+    with pytest.raises(InputError, match="curvature: follows the lines of structured faces, and marker body"):
+        Curvature.integral(surface)
+    with pytest.raises(InputError, match="a mesh without structure has no fit"):
+        om.Problem(GridMovement(model=model, fit=True), reports=False).setup()
+    with pytest.raises(InputError, match="the nodes of its walls are its surface control points"):
+        om.Problem(GridMovement(model=model, surface=surface), reports=False).setup()
+    with pytest.raises(InputError, match="'fixed' is of grids of blocks"):
+        moving_mesh(model, fixed="far_00")
+    with pytest.raises(InputError, match="no patch is called 'tail'; the patches are body"):
+        moving_mesh(model, "tail")

@@ -1,0 +1,84 @@
+"""Meshes without structure for tests: tetrahedra around a body, and a section of triangles in one layer of wedges."""
+
+from functools import cache
+
+import numpy as np
+
+from bspline_mdao.core.background.background_lattice import LatticeSettings
+from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.grids.cells.mixed_cells import MixedMesh
+
+TETRAHEDRA = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
+
+
+def mesh_around_a_body(turn: np.ndarray | None = None) -> tuple[MixedMesh, dict[str, str]]:
+    """Tetrahedra around a block that stands on a plane of symmetry, y = 0, in a box of unequal sides."""
+    x, y, z = np.linspace(-3.0, 4.0, 14) ** 3 / 16.0, np.linspace(0.0, 2.0, 9), np.linspace(-1.5, 1.2, 10)
+    nodes = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
+    ids = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
+    middle = 0.5 * (nodes[:-1, :-1, :-1] + nodes[1:, 1:, 1:])
+    is_body = (np.abs(middle[..., 0]) < 0.2) & (middle[..., 1] < 0.8) & (np.abs(middle[..., 2]) < 0.4)
+    a, b = slice(None, -1), slice(1, None)
+    ring = [(a, a), (b, a), (b, b), (a, b)]
+    hexahedra = np.stack([ids[i, j, k] for k in (a, b) for i, j in ring], axis=-1)[~is_body]
+    corners = hexahedra[:, TETRAHEDRA].reshape(-1, 4)
+    points = nodes.reshape(-1, 3)
+    skin = MixedMesh(points, {"tetra": corners}).skin
+    box = points.min(axis=0), points.max(axis=0)
+    on = {
+        name: np.isclose(points[skin][..., axis], box[end][axis]).all(axis=1)
+        for name, axis, end in (("symmetry", 1, 0), *((f"far_{d}{e}", d, e) for d in range(3) for e in range(2)))
+        if name != "far_10"
+    }
+    is_wall = ~np.any(list(on.values()), axis=0)
+    used, numbers = np.unique(corners, return_inverse=True)
+    place = np.full(len(points), -1)
+    place[used] = np.arange(len(used))
+    markers = {"body": place[skin[is_wall]], **{name: place[skin[rows]] for name, rows in on.items()}}
+    kinds = {"body": "wall", "symmetry": "symmetry"} | {name: "farfield" for name in on if name != "symmetry"}
+    points = points[used] if turn is None else points[used] @ turn.T
+    return MixedMesh(points, {"tetra": numbers.reshape(corners.shape)}, markers), kinds
+
+
+def smooth_change(model: MeshModel, rng: np.random.Generator, size: float) -> np.ndarray:
+    """Smooth displacements of the nodes of the walls, in planes where these are."""
+    points = model.mesh.points[model.wall_rows]
+    change = size * np.sin(points @ rng.normal(size=(3, 3)) + rng.normal(size=3))
+    for plane in model.planes:
+        ids = np.flatnonzero(np.isin(model.wall_rows, plane.rows))
+        change[ids] -= np.outer(change[ids] @ plane.normal, plane.normal)
+    return change
+
+
+def mesh_around_a_section(n_around: int = 24, n_off: int = 9) -> tuple[MixedMesh, dict[str, str]]:
+    """Triangles around an ellipse in a circle, in one layer of wedges across y: first all nodes of y = 0."""
+    angle = 2.0 * np.pi * np.arange(n_around) / n_around
+    ellipse = np.stack([0.5 * np.cos(angle), 0.08 * np.sin(angle)], axis=1)
+    circle = 4.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    part = np.linspace(0.0, 1.0, n_off)[:, None, None] ** 2
+    plane = ((1.0 - part) * ellipse + part * circle).reshape(-1, 2)
+    ids = np.arange(len(plane)).reshape(n_off, n_around)
+    ring = np.stack([ids[:-1], np.roll(ids[:-1], -1, axis=1), np.roll(ids[1:], -1, axis=1), ids[1:]], axis=-1)
+    triangles = np.concatenate([ring[..., [0, 1, 2]].reshape(-1, 3), ring[..., [0, 2, 3]].reshape(-1, 3)])
+    n, zeros = len(plane), np.zeros(len(plane))
+    points = np.concatenate([np.stack([plane[:, 0], zeros + y, plane[:, 1]], axis=1) for y in (0.0, 0.3)])
+
+    def side(row: np.ndarray) -> np.ndarray:
+        ends = np.roll(row, -1)
+        return np.stack([row, ends, ends + n, row + n], axis=1)
+
+    cells = {"wedge": np.concatenate([triangles, triangles + n], axis=1)}
+    mesh = MixedMesh(points, cells, {"airfoil": side(ids[0]), "far": side(ids[-1])}, n_copies=2)
+    return mesh, {"airfoil": "wall", "far": "farfield"}
+
+
+@cache
+def body_model() -> MeshModel:
+    """The mesh around a body, with a lattice of few spans."""
+    return MeshModel.of(*mesh_around_a_body(), LatticeSettings(spacing=0.4))
+
+
+@cache
+def section_model() -> MeshModel:
+    """The mesh around a section."""
+    return MeshModel.of(*mesh_around_a_section())
