@@ -233,9 +233,9 @@ class Search:
         """Whether each node belongs to one of the cells."""
         is_node = np.zeros(len(self.nodes), dtype=bool)
         for block in self.quality.blocks:
-            marked = is_cell[block.cells].reshape([max(1, n - 1) for n in block.shape])
+            marked = is_cell[block.cells].reshape([max(1, n - 1) for n in block.window.shape])
             for d in range(3):
-                if block.shape[d] > 1:
+                if block.window.shape[d] > 1:
                     ends = ([(n, 1 - n) if e == d else (0, 0) for e in range(3)] for n in (0, 1))
                     before, after = (np.pad(marked, widths) for widths in ends)
                     marked = before | after
