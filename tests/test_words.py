@@ -78,8 +78,9 @@ def private_names(path: Path, private: Collection[str] = PRIVATE) -> list[str]:
 
 
 def messages(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines and texts of all strings that are no documentation of code."""
-    documentation = {id(node.value) for node in nodes_of(path) if isinstance(node, ast.Expr)}
+    """Lines and texts of all strings but the documentation of code, which of commands is what their help prints."""
+    is_help = path.name == "commands.py"
+    documentation = {id(node.value) for node in nodes_of(path) if isinstance(node, ast.Expr) and not is_help}
     for node in nodes_of(path):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documentation:
             yield node.lineno, node.value
@@ -109,6 +110,7 @@ def test_private_words_are_found_in_messages_and_pages_alone(tmp_path):
     module.write_text('"""What it tells."""\n\nraise ValueError(f"{name}: as told before")\n')
     page.write_text("A page\n======\n\nThe file Tells all.\n")
     assert private_texts(module) == ["module.py:3: told"]
+    assert private_texts(module.rename(tmp_path / "commands.py")) == ["commands.py:1: tells", "commands.py:3: told"]
     assert private_texts(page) == ["page.rst:4: Tells"]
 
 
