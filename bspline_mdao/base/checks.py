@@ -7,6 +7,7 @@ argument ``what`` is what a message calls it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ __all__ = [
 ]
 
 
-def as_array(values, what: str) -> np.ndarray:
+def as_array(values: Any, what: str) -> np.ndarray:
     """Turn numbers into an array of 8-byte reals in C order; complex ones, of complex steps, stay complex."""
     try:
         array = np.asarray(values)
@@ -33,7 +34,7 @@ def as_array(values, what: str) -> np.ndarray:
         raise InputError(f"{what}: no array of numbers ({error}); give an array") from error
 
 
-def as_numbers(values, what: str) -> np.ndarray:
+def as_numbers(values: Any, what: str) -> np.ndarray:
     """Return numbers as an array of floats of their own, which are not necessarily finite."""
     try:
         return np.array(values, dtype=float)
@@ -41,7 +42,7 @@ def as_numbers(values, what: str) -> np.ndarray:
         raise InputError(f"{what}: '{values}' are no numbers; give an array of them") from None
 
 
-def as_finite_points(values, n_points: int, what: str) -> np.ndarray:
+def as_finite_points(values: Any, n_points: int, what: str) -> np.ndarray:
     """Return points as an array of shape (n_points, 3) of finite numbers."""
     array = as_array(values, what)
     if array.shape != (n_points, 3):
@@ -53,7 +54,7 @@ def as_finite_points(values, n_points: int, what: str) -> np.ndarray:
     return array
 
 
-def as_vector(values, what: str) -> np.ndarray:
+def as_vector(values: Any, what: str) -> np.ndarray:
     """Return a finite vector, shape (3,)."""
     vector = as_numbers(values, what)
     if vector.shape != (3,) or not np.isfinite(vector).all():
@@ -61,7 +62,7 @@ def as_vector(values, what: str) -> np.ndarray:
     return vector
 
 
-def as_direction(values, what: str) -> np.ndarray:
+def as_direction(values: Any, what: str) -> np.ndarray:
     """Return the unit vector, shape (3,), along a vector of any length."""
     vector = as_vector(values, what)
     if not vector.any():
@@ -77,7 +78,7 @@ def as_axes(axes: str, what: str) -> np.ndarray:
 
 
 def require_kind(
-    value,  # the argument
+    value: Any,  # the argument
     kind: type,  # what it should be
     what: str,  # what, advice: what it is called, and what to do
     advice: str,
@@ -87,7 +88,7 @@ def require_kind(
         raise InputError(f"{what} is of type {type(value).__name__}; {advice}")
 
 
-def require_list(items, kind: str, members: Iterable[str], what: str) -> Sequence:
+def require_list(items: Any, kind: str, members: Iterable[str], what: str) -> Sequence:
     """Return a list of objects of one kind, which is recognised by the members that they need."""
     if not isinstance(items, Sequence) or isinstance(items, str):
         raise InputError(f"{what}: the {kind}s are one {type(items).__name__}; give a list of them")

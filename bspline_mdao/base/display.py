@@ -86,7 +86,7 @@ class InNotebook(OneLine):
 class Plottable(InNotebook):
     """What can be looked at: a grid, a fitted grid."""
 
-    def plot(self, show: bool | None = None, file: str | os.PathLike | None = None, **how: Any):
+    def plot(self, show: bool | None = None, file: str | os.PathLike | None = None, **how: Any) -> Any:
         """Look at it: in a window, in a notebook, or as a picture in a file.
 
         Parameters

@@ -10,6 +10,7 @@ arithmetic is left to the compiler.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 
 import llvmlite.binding
 from llvmlite import ir
@@ -39,7 +40,7 @@ class Emitter:
     def __init__(self, builder: ir.IRBuilder):
         self.builder = builder
 
-    def load(self, base: ir.Value, offset: ir.Value, width: int = LANES):
+    def load(self, base: ir.Value, offset: ir.Value, width: int = LANES) -> ir.Value:
         """Load the vector of ``width`` elements that starts at element ``offset``, of any alignment."""
         return self.builder.load(self._vector_pointer(base, offset, width), align=8)
 
@@ -52,7 +53,7 @@ class Emitter:
         """Store a vector from element ``offset`` on."""
         self.builder.store(vector, self._vector_pointer(base, offset, vector.type.count), align=8)
 
-    def broadcast(self, base: ir.Value, element: int):
+    def broadcast(self, base: ir.Value, element: int) -> ir.Value:
         """Copy one element to all lanes."""
         scalar = self.builder.load(self.builder.gep(base, [constant(element)]))
         first = self.builder.insert_element(ir.Constant(VECTOR, ir.Undefined), scalar, ir.Constant(_INDEX, 0))
@@ -66,7 +67,7 @@ class Emitter:
         """Lane by lane, ``a - b``."""
         return self.builder.fsub(a, b)
 
-    def lane(self, vector: ir.Value, lane: int):
+    def lane(self, vector: ir.Value, lane: int) -> ir.Value:
         """One lane of a vector."""
         return self.builder.extract_element(vector, ir.Constant(_INDEX, lane))
 
@@ -115,15 +116,15 @@ class Emitter:
             width *= 2
         return vectors
 
-    def loop(self, n: ir.Value, step: int):
+    def loop(self, n: ir.Value, step: int) -> AbstractContextManager:
         """Context of a loop over ``range(0, n, step)``; gives the index."""
         return cgutils.for_range_slice(self.builder, constant(0), n, constant(step), INT)
 
-    def variable(self):
+    def variable(self) -> ir.Value:
         """Return a vector variable, which LLVM keeps in a register."""
         return cgutils.alloca_once(self.builder, VECTOR)
 
-    def _fold(self, u, v, width: int):
+    def _fold(self, u: ir.Value, v: ir.Value, width: int) -> ir.Value:
         """Add neighbouring groups of ``width`` lanes: those of ``u`` end up in the even groups, those of ``v`` odd."""
         groups = range(0, LANES, 2 * width)
         low = [at + i for g in groups for at in (g, LANES + g) for i in range(width)]
@@ -133,7 +134,7 @@ class Emitter:
         """Vector of the given lanes of ``a`` followed by ``b``."""
         return self.builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_INDEX, len(lanes)), lanes))
 
-    def _vector_pointer(self, base: ir.Value, offset: ir.Value, width: int):
+    def _vector_pointer(self, base: ir.Value, offset: ir.Value, width: int) -> ir.Value:
         return self.builder.bitcast(self.builder.gep(base, [offset]), ir.VectorType(LANE, width).as_pointer())
 
 

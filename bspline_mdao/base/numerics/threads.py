@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from typing import Any, TypeVar
@@ -92,9 +92,9 @@ def _crew(n_threads: int, process: int) -> Crew:
 
 def map_tasks(
     task: Callable,  # callable, must not depend on the order of the calls
-    items,  # sequence, what it is called with
+    items: Sequence,  # what it is called with
     n_threads: int,  # number of threads; with one, the caller's does it all
-):
+) -> Iterator:
     """Yield ``task(item)`` of every item, in order; up to ``n_threads`` threads work ahead."""
     if min(n_threads, len(items)) < 2:
         yield from map(task, items)
@@ -143,7 +143,7 @@ def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def _in_a_thread(task: Callable):
+def _in_a_thread(task: Callable) -> Any:
     """Return what a function gives, or raise what it raises, called in a thread that has ended afterwards."""
     with ThreadPoolExecutor(1) as pool:
         return pool.submit(task).result()

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import DTypeLike
 
 from ...errors import InputError, MovementError
 from ..display import OneLine
@@ -89,10 +90,10 @@ class Memory:
         self._idle: dict[int, list[np.ndarray]] = {}
         self._has_served = False
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[type[Memory], tuple[()]]:
         return Memory, ()
 
-    def lend(self, size: int, dtype) -> np.ndarray:
+    def lend(self, size: int, dtype: DTypeLike) -> np.ndarray:
         """Array of shape (size,) that holds anything at all."""
         n_bytes = size * np.dtype(dtype).itemsize
         idle = self._idle.setdefault(n_bytes, [])
@@ -147,7 +148,7 @@ class CholeskyAnalysis(OneLine):
         return (self.fronts.n_kept + self.settings.threads * self.fronts.n_scratch) * self._itemsize
 
     @property
-    def _itemsize(self):
+    def _itemsize(self) -> int:
         return np.dtype(np.float32 if self.settings.single else np.float64).itemsize
 
     def factorize(self, matrix: BlockMatrix) -> CholeskyFactor:

@@ -125,7 +125,7 @@ def _children(parents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return starts - starts[0], order[starts[0] :]
 
 
-def _positions_in(fronts, places, supernodes: Supernodes):
+def _positions_in(fronts: np.ndarray, places: np.ndarray, supernodes: Supernodes) -> np.ndarray:
     """Position of places in fronts that hold them, in points: own points first, then the rows."""
     firsts, row_starts, n = supernodes.firsts.astype(np.int64), supernodes.row_starts, len(supernodes.order)
     owners = np.repeat(np.arange(len(firsts) - 1), np.diff(row_starts))
@@ -198,7 +198,9 @@ def _drop(alive, n_alive, done):
     return n_alive
 
 
-def _place_blocks(indptr: np.ndarray, indices: np.ndarray, supernodes: Supernodes, panel_starts):
+def _place_blocks(
+    indptr: np.ndarray, indices: np.ndarray, supernodes: Supernodes, panel_starts: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Blocks of the matrix sorted by supernode, and where each of them goes."""
     sizes, n_rows = np.diff(supernodes.firsts).astype(np.int64), np.diff(supernodes.row_starts)
     owner = np.repeat(np.arange(len(sizes)), sizes)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import DTypeLike
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
@@ -85,7 +86,7 @@ def incomplete_pattern(graph: Graph, order: np.ndarray, fill: int) -> Incomplete
 
 def fill_pattern(
     # the graph of the matrix: neighbours of every point, in compressed rows, without the point itself
-    neighbour_starts,
+    neighbour_starts: np.ndarray,
     neighbours: np.ndarray,
     order: np.ndarray,  # int (n,), points in the order of elimination
     fill: int,  # level of fill p; 0 keeps the pattern of the matrix
@@ -155,7 +156,7 @@ def _reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue)
 
 
 def incomplete_factor(
-    matrix: BlockMatrix, pattern: IncompletePattern, shift: float, dtype=np.float32
+    matrix: BlockMatrix, pattern: IncompletePattern, shift: float, dtype: DTypeLike = np.float32
 ) -> IncompleteFactor:
     """Factor a matrix incompletely on a pattern."""
     # The diagonal blocks are taken 1 + ``shift`` times. If a pivot is not positive in spite of that, all is done again

@@ -158,7 +158,7 @@ class _Factor:
         )
 
     @cached_property
-    def _exchange(self):
+    def _exchange(self) -> _Exchange:
         return _Exchange.of(self.distributed)
 
 
@@ -317,7 +317,7 @@ def has_petsc() -> bool:
     return find_spec("petsc4py") is not None
 
 
-def _petsc():
+def _petsc() -> Any:
     """Module PETSc of petsc4py; `InputError` where it is not installed."""
     return library("petsc4py.PETSc", "PETSc needs petsc4py", "mpi", "use Cholesky()")
 
@@ -334,7 +334,7 @@ def _clean_comm(comm: Any) -> Any:
     return comm
 
 
-def _preconditioner(operator, comm: Any, options: dict):
+def _preconditioner(operator: Any, comm: Any, options: dict) -> Any:
     """Preconditioner of PETSc of an operator; options of the user's come before those given."""
     preconditioner, database = _petsc().PC().create(comm), _petsc().Options(PREFIX)
     ours = {name: value for name, value in options.items() if not database.hasName(name)}
@@ -354,7 +354,7 @@ def _on(comm: Any) -> str:
     return "" if comm is None or comm.size == 1 else f" on {comm.size} processes"
 
 
-def _vector(distributed: DistributedPattern, values: np.ndarray):
+def _vector(distributed: DistributedPattern, values: np.ndarray) -> Any:
     """Vector of PETSc in the memory of own values, shape (n_owned, 3)."""
     return (
         _petsc()
@@ -363,7 +363,7 @@ def _vector(distributed: DistributedPattern, values: np.ndarray):
     )
 
 
-def _operator(full: FullRows, distributed: DistributedPattern, matrix: BlockMatrix, comm: Any):
+def _operator(full: FullRows, distributed: DistributedPattern, matrix: BlockMatrix, comm: Any) -> Any:
     """The couplings of each component with itself, as a matrix of hypre; nothing of it is there twice at the end."""
     petsc = _petsc()
     with together(distributed.comm):
@@ -378,7 +378,7 @@ def _operator(full: FullRows, distributed: DistributedPattern, matrix: BlockMatr
     return operator
 
 
-def _upper_rows_matrix(full: FullRows, distributed: DistributedPattern, matrix: BlockMatrix, comm: Any):
+def _upper_rows_matrix(full: FullRows, distributed: DistributedPattern, matrix: BlockMatrix, comm: Any) -> Any:
     """The upper triangle, by rows, as PETSc and MUMPS want it of a symmetric matrix."""
     petsc = _petsc()
     with together(distributed.comm):
@@ -391,7 +391,7 @@ def _upper_rows_matrix(full: FullRows, distributed: DistributedPattern, matrix: 
     return upper
 
 
-def _sizes(distributed: DistributedPattern):
+def _sizes(distributed: DistributedPattern) -> tuple[tuple[int, int | None], tuple[int, int | None]]:
     """Sizes of a matrix for PETSc: own rows and all, and the same of columns."""
     size = (3 * distributed.n_owned, 3 * int(distributed.starts[-1]))
     return size, size

@@ -44,7 +44,7 @@ class ScalarFactor:
 
     matrix: csc_array  # (n, n), what is factored
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[type[ScalarFactor], tuple[csc_array]]:
         """Leave the factors behind: SuperLU cannot be pickled."""
         return ScalarFactor, (self.matrix,)
 
