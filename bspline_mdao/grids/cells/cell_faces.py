@@ -10,7 +10,7 @@ Theory: ``docs/theory/euler.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +18,9 @@ import numpy as np
 from ...errors import InputError
 from ..topology.block_layout import BlockLayout
 from ..topology.boundary_surface import corners_in_turn
-from ..topology.index_space import Window
+from ..topology.index_space import Interface, Window
 from ..topology.sharing import node_sharing
-from ..topology.topology import Topology
+from ..topology.topology import BoundaryFace, Topology
 from .quads import area_vectors
 
 __all__ = ["BoundaryFaces", "CellFaces"]
@@ -168,7 +168,7 @@ class _Block:
         quads = quads if self.is_right_handed else quads[..., ::-1]
         return np.moveaxis(quads, (0, 1, 2), ((d + 1) % 3, (d + 2) % 3, d))
 
-    def inner(self):
+    def inner(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """Yield the faces inside the block by direction: corners, cells to the left and right and their slots."""
         for d in range(3):
             low, high, middle = ([slice(None)] * 3 for _ in range(3))
@@ -177,7 +177,7 @@ class _Block:
             quads = self.quads(d)[tuple(middle)].reshape(-1, 4)
             yield quads, left, np.full(left.shape, 2 * d + 1), right, np.full(right.shape, 2 * d)
 
-    def window(self, window: Window):
+    def window(self, window: Window) -> tuple[np.ndarray, np.ndarray, int]:
         """Return corners of the faces of a face window, pointing outwards, the cells behind them, and their slot."""
         d = next(d for d in range(3) if window.lo[d] == window.hi[d])
         side = int(window.lo[d] > 0)
@@ -196,7 +196,9 @@ class _Lines:
     entries: np.ndarray
 
     @classmethod
-    def of(cls, n_cells: int, left: np.ndarray, left_slot, right: np.ndarray, right_slot) -> _Lines:
+    def of(
+        cls, n_cells: int, left: np.ndarray, left_slot: np.ndarray, right: np.ndarray, right_slot: np.ndarray
+    ) -> _Lines:
         neighbours, entries = np.full((n_cells + 1, 6), NONE), np.zeros((n_cells + 1, 6), dtype=int)
         neighbours[left, left_slot], entries[left, left_slot] = right, right_slot
         neighbours[right, right_slot], entries[right, right_slot] = left, left_slot
@@ -229,7 +231,9 @@ def _signed_volume(x: np.ndarray) -> float:
     return float(np.sum(np.cross(a, b) * c))
 
 
-def _interface(blocks: Sequence[_Block], interface):
+def _interface(
+    blocks: Sequence[_Block], interface: Interface
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Faces of an interface, as `_Block.inner` gives those of a block."""
     quads, left, left_slot = blocks[interface.a.block].window(interface.a)
     _, right, right_slot = blocks[interface.b.block].window(interface.b)
@@ -238,7 +242,9 @@ def _interface(blocks: Sequence[_Block], interface):
     return quads.reshape(-1, 4), left.ravel(), slots[0], right, slots[1]
 
 
-def _boundary(blocks: Sequence[_Block], windows, start: int):
+def _boundary(
+    blocks: Sequence[_Block], windows: Sequence[BoundaryFace], start: int
+) -> tuple[list[np.ndarray], tuple[BoundaryFaces, ...]]:
     """Corners, cells and slots of the boundary faces patch after patch, and the patches."""
     names = dict.fromkeys((window.patch or "unassigned", window.kind) for window in windows)
     parts, patches = [(np.zeros((0, 4), int), np.zeros(0, int), np.zeros(0, int))], []

@@ -58,7 +58,7 @@ def patch_numbers(grid: Grid) -> list[np.ndarray]:
     return found
 
 
-def _windows(numbered: list[tuple[int, Patch]], kind: str):
+def _windows(numbered: list[tuple[int, Patch]], kind: str) -> list[tuple[int, Window]]:
     """Numbers and windows of the patches of a kind."""
     return [(number, window) for number, patch in numbered if patch.kind == kind for window in patch.windows]
 

@@ -247,7 +247,7 @@ class FirstCells(OneLine):
         return vectors
 
     @cached_property
-    def _shared(self):
+    def _shared(self) -> tuple[np.ndarray, np.ndarray]:
         """Points at which a window is cut, and their numbers among all such."""
         points = np.flatnonzero(np.isin(self.keys, self.cut_keys))
         return points, np.searchsorted(self.cut_keys, self.keys[points])

@@ -14,7 +14,7 @@ Theory: ``docs/theory/quality.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -165,7 +165,7 @@ class GridQuality(OneLine):
         q = np.empty(self.n_cells) if cells else None
         of_cells, is_certified = _of_cells(names), _needs_coefficients(names)
 
-        def work(chunk: Chunk):
+        def work(chunk: Chunk) -> list:
             measures = chunk_measures(chunk, nodes, is_certified)
             if q is not None:
                 q[chunk.in_grid] = measures.q
@@ -188,7 +188,7 @@ class GridQuality(OneLine):
         d_q = np.empty(self.n_cells) if values.q is not None else None
         of_cells, is_certified = _of_cells(values.aggregates), _needs_coefficients(values.aggregates)
 
-        def work(chunk: Chunk):
+        def work(chunk: Chunk) -> list:
             measures = chunk_measures(chunk, nodes, is_certified)
             change = chunk_jvp(chunk, nodes, d_nodes, measures)
             if d_q is not None:
@@ -276,7 +276,7 @@ class GridQuality(OneLine):
     def _weights(self, measures: Measures, values: GridValues, name: str) -> np.ndarray:
         return self._rule(name).weights(AGGREGATES[name].numbers(measures), values.aggregates[name])
 
-    def _over_chunks(self, work, parity: int | None = None) -> list:
+    def _over_chunks(self, work: Callable, parity: int | None = None) -> list:
         """Results of ``work`` for all chunks, or for every other one of each block, in order."""
         start, step = (0, 1) if parity is None else (parity, 2)
         chunks = [chunk for block in self.blocks for chunk in list(block.chunks())[start::step]]

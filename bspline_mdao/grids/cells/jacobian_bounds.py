@@ -42,7 +42,7 @@ SMALLEST = 1e-290
 """Added to that: products below it may have lost digits."""
 
 
-def _terms():
+def _terms() -> tuple[np.ndarray, np.ndarray]:
     """Coefficient ``i + 3 j + 9 k``, edges along xi, eta and zeta, and weight of each of the 64 triple products."""
     terms, weights = [], []
     for a_1, a_2, b_1, b_2, c_1, c_2 in np.ndindex(2, 2, 2, 2, 2, 2):

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..topology.index_space import Interface
+from ..topology.index_space import Interface, Window
 from ..topology.topology import Topology
 from .cell_faces import NONE
 
@@ -98,13 +98,13 @@ class LineNeighbours:
         return self.directions[cells, slot, d] * self.n_cells + self.cells[cells, slot], self.signs[cells, slot, d]
 
 
-def _across(blocks: list[np.ndarray], interface: Interface):
+def _across(blocks: list[np.ndarray], interface: Interface) -> tuple[np.ndarray, int, np.ndarray, int]:
     """Cells on side a of an interface, their slot, the cells that they meet, and the slot of these."""
     (here, slot), (others, entry) = (_behind(blocks[window.block], window) for window in (interface.a, interface.b))
     return here.ravel(), slot, interface.orientation.apply(others).ravel(), entry
 
 
-def _behind(cells: np.ndarray, window) -> tuple[np.ndarray, int]:
+def _behind(cells: np.ndarray, window: Window) -> tuple[np.ndarray, int]:
     """Cells behind a face window, and their slot there."""
     d = next(d for d in range(3) if window.lo[d] == window.hi[d])
     side = int(window.lo[d] > 0)

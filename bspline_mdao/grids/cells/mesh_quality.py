@@ -163,7 +163,9 @@ def _face_centres(x, corners, starts, centres, areas):
             centres[f, d] = centres[f, d] / whole if whole > 0.0 else mean[d]
 
 
-def _cell_centres(centres, areas, owner, neighbour, n_cells):
+def _cell_centres(
+    centres: np.ndarray, areas: np.ndarray, owner: np.ndarray, neighbour: np.ndarray, n_cells: int
+) -> np.ndarray:
     """Centres of cells, shape (n_cells, 3)."""
     means, weights, counts = np.zeros((n_cells, 3)), np.zeros((n_cells, 4)), np.zeros(n_cells)
     _add_means(centres, owner, neighbour, means, counts)

@@ -74,7 +74,7 @@ def faces_of_subdomain(
     return faces, cells, corners
 
 
-def _places(comm: Any, holders: Ownership, n_owned: int, lists) -> tuple[Halo, list[np.ndarray]]:
+def _places(comm: Any, holders: Ownership, n_owned: int, lists: Sequence[np.ndarray]) -> tuple[Halo, list[np.ndarray]]:
     """Exchange of all entries of some lists of numbers of the grid, and the lists with the places of these."""
     layout = BlockLayout.of(map(np.shape, lists))
     numbers = layout.join(lists)
@@ -117,12 +117,12 @@ class _SubdomainCells:
     def n_cells(self) -> int:
         return BlockLayout.of(piece.shape for piece in self.local).cells.size
 
-    def inside(self):
+    def inside(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """Faces inside the pieces: corners, cells to the left and right and their slots."""
         for piece in self.local:
             yield from self._block(piece).inner()
 
-    def cut_planes(self):
+    def cut_planes(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """Faces on the sides of the pieces that lie within their blocks, those between two own pieces once."""
         for piece in self.local:
             block, shape = self._block(piece), self.topology.shapes[piece.block]
@@ -139,7 +139,7 @@ class _SubdomainCells:
                     n = np.count_nonzero(chosen)
                     yield quads[chosen], left[chosen], np.full(n, 2 * d + 1), right[chosen], np.full(n, 2 * d)
 
-    def interfaces(self):
+    def interfaces(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """Faces of interfaces that have an own cell on one of their sides."""
         blocks = {piece.block for piece in self.local}
         for interface in self.topology.interfaces:
@@ -152,7 +152,7 @@ class _SubdomainCells:
                 n = np.count_nonzero(chosen)
                 yield quads[chosen], left[chosen], np.full(n, left_slot), right[chosen], np.full(n, right_slot)
 
-    def boundary(self, start: int):
+    def boundary(self, start: int) -> tuple:
         """Corners, cells and slots of the boundary faces of own cells patch after patch, their numbers, the patches."""
         # Numbers are those among the boundary faces of the grid, of all processes.
         blocks, windows = {piece.block for piece in self.local}, self.topology.boundary
@@ -177,7 +177,7 @@ class _SubdomainCells:
     def _is_local(self, cells: np.ndarray) -> np.ndarray:
         return self.cells.find(cells)[0] == self.rank
 
-    def _side(self, window: Window):
+    def _side(self, window: Window) -> tuple[np.ndarray, np.ndarray, int]:
         """Corners of the faces of a face window of a block, pointing outwards, the cells behind them, their slot."""
         layer = _layer(window)
         inside = Window(window.block, *(tuple(np.subtract(end, layer.lo).tolist()) for end in (window.lo, window.hi)))
@@ -199,7 +199,7 @@ def _layer(window: Window) -> Window:
     return Window(window.block, tuple(lo), tuple(hi))
 
 
-def _handedness(topology: Topology, pieces, comm: Any, nodes: np.ndarray) -> np.ndarray:
+def _handedness(topology: Topology, pieces: Sequence[Window], comm: Any, nodes: np.ndarray) -> np.ndarray:
     """Whether the index space of each block is right-handed, of the sum over the pieces that processes hold."""
     volumes = np.zeros(len(topology.shapes))
     for number, shape in enumerate(topology.shapes, start=1):

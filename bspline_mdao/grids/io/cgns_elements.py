@@ -86,7 +86,7 @@ def _numbers(lattices: np.ndarray, order: np.ndarray) -> np.ndarray:
     return lattices.reshape(len(lattices), -1)[:, order] + 1
 
 
-def _add_section(zone, name: str, kind: int, numbers: np.ndarray, last: int) -> tuple[int, int]:
+def _add_section(zone: h5py.Group, name: str, kind: int, numbers: np.ndarray, last: int) -> tuple[int, int]:
     """Write elements of one type behind element ``last``; return the numbers of the first and the last of them."""
     ends = last + 1, last + len(numbers)
     section = add_node(zone, name, "Elements_t", np.array([kind, 0], np.int32))

@@ -222,7 +222,7 @@ def _is_periodic(node: h5py.Group) -> bool:
     return property_ is not None and first_child(property_, "Periodic_t") is not None
 
 
-def _parse(node: h5py.Group, block: int, donor: int, shapes) -> Interface | None:
+def _parse(node: h5py.Group, block: int, donor: int, shapes: Sequence[tuple[int, ...]]) -> Interface | None:
     """Connection of a node; None where it does not fit the blocks."""
     ranges = dict(children(node, "IndexRange_t"))
     if not {"PointRange", "PointRangeDonor"} <= ranges.keys():

@@ -318,6 +318,6 @@ def _decompress(data: bytes, compression: Compression, path: str | os.PathLike) 
     return b"".join(pieces), len(rest)
 
 
-def _damaged(path: str | os.PathLike, compression: Compression, error) -> InputError:
+def _damaged(path: str | os.PathLike, compression: Compression, error: Exception | str) -> InputError:
     """Return the error of a compressed file that cannot be decompressed."""
     return InputError(f"{path}: damaged {compression.name} file ({error}); transfer or compress it again")

@@ -222,7 +222,9 @@ def split_records(
     return None if continues or not lengths else (BinaryNumbers(data, np.array(starts), np.cumsum(sizes)), lengths)
 
 
-def _subrecord(data: bytes | StoredBytes, start: int, byte_order: str, marker_bytes: int):
+def _subrecord(
+    data: bytes | StoredBytes, start: int, byte_order: str, marker_bytes: int
+) -> tuple[int, bool, bool] | None:
     """Bytes of the payload at ``start``, whether another follows, whether one came before; None where it is none."""
     before = _marker(data, start, byte_order, marker_bytes)
     if before is None or before == 0 or abs(before) > len(data):

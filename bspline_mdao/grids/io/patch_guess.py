@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import tomlkit
+from tomlkit.items import InlineTable
 
 from ..topology.detection import find_topology
 from ..topology.grid import Grid, Patch
@@ -238,7 +239,7 @@ def draft_patches(
     return tomlkit.dumps(document)
 
 
-def _draft_face(grid: Grid, window: Window):
+def _draft_face(grid: Grid, window: Window) -> InlineTable:
     """Write a window as an inline table: block, face, and ranges where it covers a part of the face."""
     block = grid.blocks[window.block]
     face = _face_of(window, block.shape)

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from itertools import combinations
@@ -309,7 +309,7 @@ COINCIDENCE = 1e-2
 """Two sides of a declared connection may differ by this part of the shortest edge on them."""
 
 
-def _lines(text: str):
+def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Yield number and content of the lines that hold something, without comments and backslashes at the end."""
     for number, line in enumerate(text.splitlines(), 1):
         content = line.split("#")[0].rstrip().rstrip("\\").strip()

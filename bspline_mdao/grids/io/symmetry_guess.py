@@ -34,10 +34,17 @@ class Places:
     guesses: Mapping[Window, FaceGuess]  # what each face looks like from its place and cells alone
 
     @classmethod
-    def of(cls, grid: Grid, planes: Sequence[BoundaryPlane], distances, cells, guesses) -> Places:
+    def of(
+        cls,
+        grid: Grid,
+        planes: Sequence[BoundaryPlane],
+        distances: Mapping[Window, float],
+        cells: Mapping[Window, float | None],
+        guesses: Mapping[Window, FaceGuess],
+    ) -> Places:
         """Gather distances and cells of windows by planes; declared walls and far fields count as sure guesses."""
         far = [min(distances[window] for window in plane.windows) for plane in planes]
-        known = [[cells[window] for window in plane.windows if cells[window] is not None] for plane in planes]
+        known = [[height for window in plane.windows if (height := cells[window]) is not None] for plane in planes]
         parts = [float(np.median(values)) if values else None for values in known]
         declared = (
             FaceGuess(window, patch.name, patch.kind, "sure", "declared")

@@ -11,6 +11,7 @@ import os
 from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -106,7 +107,7 @@ def _columns(array: np.ndarray) -> list[np.ndarray]:
     return [part.ravel(order="F") for part in parts]
 
 
-def _write_numbers(file, values: np.ndarray) -> None:
+def _write_numbers(file: IO, values: np.ndarray) -> None:
     """Write numbers, some in each line."""
     is_whole = values.dtype.kind in "iu"
     values = values if is_whole else np.where(np.isfinite(values), values, -1.0)

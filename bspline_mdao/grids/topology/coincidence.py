@@ -125,7 +125,7 @@ def _rounding(points: np.ndarray, round_off: float, unit: float) -> np.ndarray:
     return ROUND_OFF_UNITS * np.maximum(round_off * np.abs(points).max(axis=-1), unit)
 
 
-def _face_edges(shell: Shell, round_off: float):
+def _face_edges(shell: Shell, round_off: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Spacing at the face nodes of a block, and the pairs of nodes of its collapsed and of its real face edges."""
     spacing = np.full(len(shell.points), np.inf)
     shortest = COLLAPSED_EDGE * shell.extent

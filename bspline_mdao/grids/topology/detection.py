@@ -24,8 +24,8 @@ from .coincidence import SPACING_TOLERANCE, Coincidence, find_coincidence
 from .faces import TINY, Face, Rectangle, block_faces, collapsed_windows, decompose, inward_directions
 from .grid import Grid, Patch, require_grid
 from .index_space import Interface, Window, by_blocks
-from .matching import Meeting, Quads, find_interfaces, find_regions, match_quads
-from .segments import junction_links, segment_blocks
+from .matching import Matches, Meeting, Quads, find_interfaces, find_regions, match_quads
+from .segments import Segmentation, junction_links, segment_blocks
 from .shell import Shell
 from .stored_grid import StoredGrid
 from .topology import BoundaryFace, NearMiss, Topology, describe
@@ -172,7 +172,7 @@ def _check_patch(grid: Grid | StoredGrid, name: str, window: Window) -> None:
         )
 
 
-def _is_on_face(window: Window, shape) -> bool:
+def _is_on_face(window: Window, shape: Sequence[int]) -> bool:
     """Whether a window lies in a block on one of its faces; unlike `Window.is_on_face`, lines of a face count too."""
     is_inside = all(0 <= lo <= hi < n for lo, hi, n in zip(window.lo, window.hi, shape))
     return is_inside and any(lo == hi and lo in (0, n - 1) for lo, hi, n in zip(window.lo, window.hi, shape))
@@ -200,7 +200,11 @@ def _patch_ids(faces: Sequence[Face], patches: Sequence[Patch]) -> np.ndarray:
 
 
 def _boundary(
-    patches: Sequence[Patch], faces: Sequence[Face], is_joined: np.ndarray, is_closed: np.ndarray, is_declared
+    patches: Sequence[Patch],
+    faces: Sequence[Face],
+    is_joined: np.ndarray,
+    is_closed: np.ndarray,
+    is_declared: np.ndarray,
 ) -> tuple[BoundaryFace, ...]:
     """List declared face windows where no interface covers them, and rectangles of what is left over."""
     # All masks are over the quads of all faces: part of an interface; that, or collapsed, or of a patch of known kind;
@@ -311,8 +315,8 @@ def _warnings(
     coincidence: Coincidence,
     faces: Sequence[Face],
     quads: Quads,
-    matches,
-    segmentation,
+    matches: Matches,
+    segmentation: Segmentation,
     patch_ids: np.ndarray,
     is_closed: np.ndarray,
 ) -> list[str]:
@@ -392,7 +396,9 @@ def _disagreements(
     return lines
 
 
-def _met_windows(faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids: np.ndarray):
+def _met_windows(
+    faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids: np.ndarray
+) -> Iterator[tuple[tuple[int, int], tuple[Window, Window]]]:
     """Gather pairs of quads by their patches and faces: numbers of both patches, and windows around both sides."""
     labels = np.concatenate([patch_ids[pairs], quads.face[pairs]], axis=1)
     for label in np.unique(labels, axis=0):

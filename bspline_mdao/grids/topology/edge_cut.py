@@ -60,7 +60,9 @@ def with_short_cuts(topology: Topology, dealt: Sequence[Sequence[Window]]) -> li
     return [[piece for piece, at in zip(pieces, ranks) if at == k] for k in range(n)]
 
 
-def _after_a_pass(faces, sizes, ranks, n: int, most: float) -> tuple[np.ndarray, bool]:
+def _after_a_pass(
+    faces: np.ndarray, sizes: np.ndarray, ranks: np.ndarray, n: int, most: float
+) -> tuple[np.ndarray, bool]:
     """Processes of the pieces after a pass, and whether it gained anything."""
     best, now, gain, most_gained, n_tried = ranks, ranks.copy(), 0.0, 0.0, 0
     is_free = np.ones(len(ranks), bool)
@@ -76,7 +78,9 @@ def _after_a_pass(faces, sizes, ranks, n: int, most: float) -> tuple[np.ndarray,
     return best, most_gained > 0.0
 
 
-def _best_exchange(faces, sizes, ranks, n: int, most: float, is_free) -> tuple[int, int, int, float]:
+def _best_exchange(
+    faces: np.ndarray, sizes: np.ndarray, ranks: np.ndarray, n: int, most: float, is_free: np.ndarray
+) -> tuple[int, int, int, float]:
     """Piece that goes, the one that comes for it or the same one, process that it goes to, and what it gains."""
     loads, each = np.bincount(ranks, sizes, n), np.arange(len(ranks))
     shared = np.stack([faces[:, ranks == k].sum(axis=1) for k in range(n)], axis=1)  # of a piece with a process

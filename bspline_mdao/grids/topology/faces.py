@@ -5,8 +5,9 @@ Theory: ``docs/theory/topology.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -104,7 +105,7 @@ def collapsed_windows(faces: Sequence[Face]) -> dict[Window, tuple[int, ...]]:
     return found
 
 
-def _containment(windows: dict[Window, tuple[int, ...]]):
+def _containment(windows: dict[Window, tuple[int, ...]]) -> Callable[[Window, int], bool]:
     """Return a function that says whether an edge without extent along d lies in one of the windows without it."""
     ends: dict[tuple[int, int], list[tuple]] = {}
     for window, directions in windows.items():
@@ -186,9 +187,10 @@ def _breaks(mask: np.ndarray, axis: int) -> np.ndarray:
     return np.concatenate(([0], changes, [len(mask)]))
 
 
-def _largest(mask: np.ndarray, heights: np.ndarray, widths: np.ndarray):
+def _largest(mask: np.ndarray, heights: np.ndarray, widths: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
     """Corners (start, end) of the True rectangle of largest area; rows and columns have heights and widths."""
-    best, corners = 0, None
+    corners: Any = None
+    best = 0
     ends = np.concatenate(([0], np.cumsum(widths)))
     for p0 in range(len(mask)):
         is_open = np.logical_and.accumulate(mask[p0:], axis=0)

@@ -198,7 +198,7 @@ class Grid(Plottable):
         return replace(self, blocks=tuple(replace(block, nodes=x) for block, x in zip(self.blocks, parts)))
 
 
-def require_grid(grid) -> None:
+def require_grid(grid: Any) -> None:
     """Refuse what is no grid of real numbers."""
     require_kind(grid, Grid, "the grid", "read one with read_grid(path), or make a Grid of Blocks")
     if any(np.iscomplexobj(block.nodes) for block in grid.blocks):

@@ -64,7 +64,7 @@ class Window(OneLine):
         return tuple(slice(l, h + 1) for l, h in zip(self.lo, self.hi))
 
     @classmethod
-    def whole(cls, block: int, shape) -> Window:
+    def whole(cls, block: int, shape: Sequence[int]) -> Window:
         """The window that covers a block of ``shape`` nodes."""
         return cls(block, (0, 0, 0), tuple(int(n) - 1 for n in shape[:3]))
 

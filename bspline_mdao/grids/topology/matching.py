@@ -166,7 +166,7 @@ def _region(kind: np.ndarray, pairs: np.ndarray) -> Region:
     return Region(a, b, turn, tuple(shift), pairs)
 
 
-def _shifts(quads: Quads, a: np.ndarray, b: np.ndarray, turn: np.ndarray):
+def _shifts(quads: Quads, a: np.ndarray, b: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Shift of the indices of quads b along the p and q of quads a."""
     swap, flip0, flip1 = np.array(_TURNS)[turn].T
     along_p = np.where(swap, quads.q[b], quads.p[b])
@@ -356,7 +356,7 @@ class _Surface:
         return here[is_met], there[is_met]
 
 
-def _key(region: Region):
+def _key(region: Region) -> tuple:
     """Return the sort key of a region, which no other region has."""
     return region.a, region.b, region.turn, region.shift
 

@@ -9,7 +9,7 @@ Theory: ``docs/theory/topology.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -155,7 +155,9 @@ def _rows_of_points(topology: Topology, points: np.ndarray) -> np.ndarray:
     return topology.layout.ravel(blocks[number], lows[number] + index)
 
 
-def _by_segments(topology: Topology, rows: np.ndarray, numbers: np.ndarray):
+def _by_segments(
+    topology: Topology, rows: np.ndarray, numbers: np.ndarray
+) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
     """Sort nodes into the first segments that hold them: their numbers, and their places there."""
     layout = topology.layout
     of_block = layout.owner(rows)
@@ -188,7 +190,7 @@ def _segment_grids(topology: Topology) -> list[tuple[list[np.ndarray], np.ndarra
     return grids
 
 
-def _groups(keys: np.ndarray, values: np.ndarray):
+def _groups(keys: np.ndarray, values: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     """Yield every one of ascending keys with its values."""
     starts = np.flatnonzero(np.diff(keys, prepend=-1))
     for start, end in zip(starts, np.append(starts[1:], len(keys))):

@@ -43,7 +43,7 @@ class Segmentation:
 
 
 def segment_blocks(
-    shapes,  # number of nodes of each block
+    shapes: Sequence[tuple[int, ...]],  # number of nodes of each block
     interfaces: Sequence[Interface],  # interfaces, patches: face windows of blocks
     patches: Sequence[Window],
     collapsed: dict[Window, tuple[int, ...]],  # windows of zero extent and the directions in which they have none
@@ -58,8 +58,8 @@ def segment_blocks(
 
 
 def find_cuts(
-    shapes, interfaces: Sequence[Interface], windows: Sequence[Window]
-):  # cuts: for each block and direction, with both ends; uncut: what is not cut out
+    shapes: Sequence[tuple[int, ...]], interfaces: Sequence[Interface], windows: Sequence[Window]
+) -> tuple[list, list]:  # cuts: for each block and direction, with both ends; uncut: what is not cut out
     """Find the indices at which to cut every block, passed on through interfaces until nothing changes."""
     # Where a block would fall into more than `MAX_SEGMENTS`, the smallest of the interfaces and windows that do not
     # cover a whole face are not cut out, those at that block first, an eighth of them at a time.
@@ -99,7 +99,9 @@ def cut_links(segments: Sequence[Window]) -> list[Link]:
     return links
 
 
-def interface_links(shapes, segments: Sequence[Window], interfaces: Sequence[Interface]) -> list[Link]:
+def interface_links(
+    shapes: Sequence[tuple[int, ...]], segments: Sequence[Window], interfaces: Sequence[Interface]
+) -> list[Link]:
     """Links between the segment faces of every interface."""
     faces = {
         segment.face(face): (number, _end(face // 2, -(face % 2)))
@@ -155,19 +157,19 @@ def _windows(item: Interface | Window) -> tuple[Window, ...]:
     return (item.a, item.b) if isinstance(item, Interface) else (item,)
 
 
-def _cuts_block(shapes, window: Window) -> bool:
+def _cuts_block(shapes: Sequence[tuple[int, ...]], window: Window) -> bool:
     """Whether a window has an end inside its block."""
     ends = zip(window.lo, window.hi, shapes[window.block])
     return any(index not in (0, n - 1) for lo, hi, n in ends for index in (lo, hi))
 
 
-def _priority(item: Interface | Window, block: int):
+def _priority(item: Interface | Window, block: int) -> tuple:
     """Sort key of what is left uncut: what is at the block with too many segments first, small before large."""
     windows = _windows(item)
     return all(window.block != block for window in windows), np.prod(windows[0].shape), windows[0].block, windows[0].lo
 
 
-def _spread_cuts(shapes, wanted: Sequence[Interface | Window]):
+def _spread_cuts(shapes: Sequence[tuple[int, ...]], wanted: Sequence[Interface | Window]) -> tuple[list, int | None]:
     """Cuts that the wanted interfaces and windows need, and the first block with too many segments, if any."""
     cuts: Cuts = [tuple({0, n - 1} for n in shape) for shape in shapes]
     for window in (window for item in wanted for window in _windows(item)):
@@ -207,7 +209,7 @@ def _first_full_block(cuts: Cuts) -> int | None:
 
 
 def junction_links(
-    shapes,  # number of nodes of each block
+    shapes: Sequence[tuple[int, ...]],  # number of nodes of each block
     segmentation: Segmentation,  # segments, and the links between their faces
     # quads, separated: quads of all faces, and the pairs of them that coincide but are kept apart by declaration
     quads: Quads,
@@ -238,7 +240,7 @@ class Junction:
     is_reversed: bool  # whether an edge is listed from its high end, so that coincident edges list alike
 
 
-def _copies(shapes, segmentation: Segmentation, found: Sequence[Link]) -> np.ndarray:
+def _copies(shapes: Sequence[tuple[int, ...]], segmentation: Segmentation, found: Sequence[Link]) -> np.ndarray:
     """Rows that are copies, and the rows that they copy, by the links found so far: see `node_copies`."""
     links, nothing = (*segmentation.links, *found), ((),) * 4
     joined = Topology("grid", tuple(shapes), *nothing, segmentation.segments, links, segmentation.collapses)

@@ -105,14 +105,15 @@ class Topology(OneLine):
 
 def describe(window: Window, shape: tuple[int, ...] | None = None) -> str:
     """Name a window for a message: block and index ranges, from 1; its face where it is a whole one of that shape."""
-    for number, name in enumerate(FACE_NAMES if shape is not None else ()):
-        if window == Window.whole(window.block, shape).face(number):
+    faces = [] if shape is None else [Window.whole(window.block, shape).face(n) for n in range(len(FACE_NAMES))]
+    for face, name in zip(faces, FACE_NAMES):
+        if window == face:
             return f"block {window.block + 1} {name}"
     ranges = (f"{lo + 1}" if lo == hi else f"{lo + 1}-{hi + 1}" for lo, hi in zip(window.lo, window.hi))
     return f"block {window.block + 1} ({', '.join(ranges)})"
 
 
-def _segment_name(segment: Window, shape: tuple[int, ...] | None) -> str:
+def _segment_name(segment: Window, shape: tuple[int, ...]) -> str:
     """Name a segment for messages, as its block where it is one."""
     if segment == Window.whole(segment.block, shape):
         return f"block {segment.block + 1}"

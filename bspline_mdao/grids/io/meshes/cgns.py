@@ -8,7 +8,7 @@ Format: ``docs/theory/ride.rst``.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import h5py
@@ -325,7 +325,9 @@ def _require_nodes(corners: np.ndarray, n_points: int, what: str) -> None:
         raise InputError(f"{what}: has node {corners.max()} of {n_points:,}; write it again")
 
 
-def _by_kind(kind: int, stored: np.ndarray, low: int, high: int, what: str):
+def _by_kind(
+    kind: int, stored: np.ndarray, low: int, high: int, what: str
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Number, numbers in the zone and corners, from 1, of the elements of a section, kind after kind."""
     n = high - low + 1
     if kind in NODES:
