@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse
 from numba import njit
+from numpy.typing import ArrayLike
 
 from ...base.display import OneLine
 from ...base.numerics.threads import run_tasks, thread_count
@@ -234,7 +235,7 @@ def _check_rows(
     return _check_destinations(np.concatenate([*rows, copies[:, 0]]), n_rows)
 
 
-def _check_destinations(destinations, n_rows: int) -> bool:
+def _check_destinations(destinations: np.ndarray, n_rows: int) -> bool:
     """Check that every row is written once at most; return whether every row is written."""
     if n_rows >= 2**32:
         raise InputError(f"evaluation: {n_rows} rows; split the grid into pieces of fewer than {2**32}")
@@ -274,7 +275,7 @@ def _cut(nodes: Sequence[NodesBySpan]) -> tuple[_Chunk, ...]:
     return tuple(chunks)
 
 
-def _checked(array, n: int, name: str) -> np.ndarray:
+def _checked(array: ArrayLike, n: int, name: str) -> np.ndarray:
     array = np.asarray(array)
     if array.shape != (n, 3):
         raise InputError(f"evaluation: {name} of shape {array.shape}; give shape ({n}, 3)")

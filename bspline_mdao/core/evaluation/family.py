@@ -133,7 +133,7 @@ class IndexScaling:
         )
 
 
-def _scaled_planes(segments, d: int, factor: float) -> np.ndarray:
+def _scaled_planes(segments: Sequence[Window], d: int, factor: float) -> np.ndarray:
     """Index in the member of each node plane of a block in direction ``d``."""
     cuts = sorted({segment.lo[d] for segment in segments} | {segment.hi[d] for segment in segments})
     planes = np.zeros(cuts[-1] + 1, dtype=int)

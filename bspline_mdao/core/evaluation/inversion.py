@@ -15,7 +15,7 @@ Theory: ``docs/theory/inversion.rst``.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,12 +153,12 @@ class _Search:
     found: float
     n_threads: int
 
-    def descend(self, volume: int, points: np.ndarray, starts: np.ndarray):
+    def descend(self, volume: int, points: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Closest points of one volume."""
         return descend(self.mesh.volumes[volume], self.nets[volume], points, starts, self.target, self.n_threads)
 
 
-def _invert_chunk(search: _Search, nearest, points: np.ndarray):
+def _invert_chunk(search: _Search, nearest: Callable, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Search the volume of the nearest sample, then all others that may hold a point or be nearer."""
     volume, starts = nearest(points)  # step 1
     parameters, distance = np.empty_like(points), np.empty(len(points))
@@ -171,7 +171,9 @@ def _invert_chunk(search: _Search, nearest, points: np.ndarray):
     return volume, parameters, distance
 
 
-def _try_nearest_others(search: _Search, points: np.ndarray, volume, parameters: np.ndarray, distance) -> None:
+def _try_nearest_others(
+    search: _Search, points: np.ndarray, volume: np.ndarray, parameters: np.ndarray, distance: np.ndarray
+) -> None:
     """Search the volumes of the nearest samples but for the first one's; arrays are updated in place."""
     # Most points that are not in the first volume are in one of these, and need not be looked for in all before it.
     ids = np.flatnonzero(distance > search.found)
@@ -188,7 +190,9 @@ def _try_nearest_others(search: _Search, points: np.ndarray, volume, parameters:
             volume[rows], parameters[rows], distance[rows] = v, xi[is_nearer], found[is_nearer]
 
 
-def _try_volume(search: _Search, v: int, points: np.ndarray, volume, parameters: np.ndarray, distance) -> None:
+def _try_volume(
+    search: _Search, v: int, points: np.ndarray, volume: np.ndarray, parameters: np.ndarray, distance: np.ndarray
+) -> None:
     """Move the points that volume ``v`` holds, or comes nearer to, over to it; all arrays are updated in place."""
     ids = _candidates(search, v, points, volume, parameters, distance)
     xi, found = search.descend(v, points[ids], search.samples[v].starts(points[ids]))
@@ -198,7 +202,9 @@ def _try_volume(search: _Search, v: int, points: np.ndarray, volume, parameters:
     volume[ids], parameters[ids], distance[ids] = v, xi[moved], found[moved]
 
 
-def _candidates(search: _Search, v: int, points: np.ndarray, volume, parameters: np.ndarray, distance) -> np.ndarray:
+def _candidates(
+    search: _Search, v: int, points: np.ndarray, volume: np.ndarray, parameters: np.ndarray, distance: np.ndarray
+) -> np.ndarray:
     """Points not found so far that volume ``v`` may be nearer to, and those found in a higher one that it shares."""
     is_shared = search.is_shared[volume, section_codes(parameters), v]
     ids = np.flatnonzero(is_shared | (distance > search.found))
@@ -314,7 +320,7 @@ def sample_mesh(mesh: BSplineMesh, control_points: np.ndarray) -> list[VolumeSam
     return [_sample_volume(volume, net) for volume, net in zip(mesh.volumes, mesh.nets(control_points))]
 
 
-def nearest_samples(samples: Sequence[VolumeSamples]):
+def nearest_samples(samples: Sequence[VolumeSamples]) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Make a search over the samples of all volumes: points, shape (n, 3), to volumes (n,) and parameters (n, 3)."""
     tree = cKDTree(np.concatenate([s.tree.data for s in samples]))
     parameters = np.concatenate([s.parameters for s in samples])

@@ -14,7 +14,7 @@ Theory: ``docs/theory/evaluation.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -140,7 +140,7 @@ def _sort_copies(order: np.ndarray, copies: np.ndarray) -> tuple[np.ndarray, np.
 
 
 @cache
-def forward_kernel(p_0: int, p_1: int, p_2: int):
+def forward_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
     """Kernel that evaluates nodes, Eq. (3), for one triple of orders."""
     # returns callable, ``forward(first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows,
     # control_points, out)`` writes the nodes of the spans ``first_span <= span < last_span``, and their copies, to
@@ -167,7 +167,7 @@ def forward_kernel(p_0: int, p_1: int, p_2: int):
 
 
 @cache
-def turned_forward_kernel(p_0: int, p_1: int, p_2: int):
+def turned_forward_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
     """Kernel that evaluates nodes and adds turned vectors to them, for one triple of orders."""
     # returns callable, as `forward_kernel`, with ``fractions, vectors`` of the nodes, ``corners`` of each span, shape
     # (n_spans, 8), and ``matrices`` of the corners, shape (n_corners, 9), behind ``control_points``
@@ -198,7 +198,7 @@ def turned_forward_kernel(p_0: int, p_1: int, p_2: int):
 
 
 @cache
-def reverse_kernel(p_0: int, p_1: int, p_2: int):
+def reverse_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
     """Kernel that is the transpose of `forward_kernel`."""
     # returns callable, ``reverse(first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows,
     # bar, first_layer, out)`` adds to ``out``, the control points from layer ``first_layer`` of direction 0 on, the
@@ -229,7 +229,7 @@ def reverse_kernel(p_0: int, p_1: int, p_2: int):
 
 
 @cache
-def turned_reverse_kernel(p_0: int, p_1: int, p_2: int):
+def turned_reverse_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
     """Kernel that is the transpose of `turned_forward_kernel` in control points and matrices."""
     # returns callable, as `reverse_kernel`, with ``fractions, vectors, turns`` behind ``bar``: it writes the
     # derivatives in the rotations at the corners of each span to ``turns``, shape (n_spans, 8, 9)
@@ -335,7 +335,7 @@ def _add_copies(bar, copy_nodes, copy_rows, copy, first, n, points):
 
 def assemble(
     nodes: Sequence[NodesBySpan],  # the nodes of each volume
-    control_ids,  # sequence of ndarray of int each (N0 * N1 * N2,), number of each control point of each volume
+    control_ids: Sequence[np.ndarray],  # each (N0 * N1 * N2,), number of each control point of each volume
     # shape of the matrix
     n_rows: int,
     n_control_points: int,

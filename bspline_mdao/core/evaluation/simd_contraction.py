@@ -121,7 +121,14 @@ def add_net(typingctx, control_points, corner, steps, net, p_0, p_1, p_2):
 class _SubNet:
     """The lines of a sub-net in the control points of its volume, the anchor's first."""
 
-    def __init__(self, emit: Emitter, control_points, corner, steps, orders):
+    def __init__(
+        self,
+        emit: Emitter,
+        control_points: ir.Value,
+        corner: ir.Value,
+        steps: Sequence[ir.Value],
+        orders: Sequence[int],
+    ) -> None:
         builder = emit.builder
         self.emit, self.control_points, self.width = emit, control_points, 3 * orders[2]
         steps = [builder.extract_value(steps, d) for d in range(3)]
@@ -130,7 +137,7 @@ class _SubNet:
         back = builder.select(self.is_reversed, constant(self.width - 3), constant(0))
         self.first = builder.sub(corner, back)
 
-    def load(self, a: int, b: int):
+    def load(self, a: int, b: int) -> ir.Value:
         """Load line (a, b)."""
         return self._turn(self.emit.load(self.control_points, self._start(a, b), self.width))
 
@@ -140,7 +147,7 @@ class _SubNet:
         old = self.emit.load(self.control_points, start, self.width)
         self.emit.store(self.emit.add(old, self._turn(row)), self.control_points, start)
 
-    def _start(self, a: int, b: int):
+    def _start(self, a: int, b: int) -> ir.Value:
         builder = self.emit.builder
         steps = [builder.mul(constant(m), stride) for m, stride in zip((a, b), self.strides)]
         return builder.add(self.first, builder.add(*steps))
@@ -151,14 +158,14 @@ class _SubNet:
         return self.emit.builder.select(self.is_reversed, self.emit.shuffle(row, row, turned), row)
 
 
-def _line_differences(emit: Emitter, row: ir.Value):
+def _line_differences(emit: Emitter, row: ir.Value) -> ir.Value:
     """Subtract the first control point of a line from the others."""
     width = row.type.count
     anchors = [width] * 3 + [i % 3 for i in range(width - 3)]
     return emit.subtract(row, emit.shuffle(row, ir.Constant(row.type, [0.0] * width), anchors))
 
 
-def _line_differences_transposed(emit: Emitter, row: ir.Value):
+def _line_differences_transposed(emit: Emitter, row: ir.Value) -> ir.Value:
     """Subtract the other control points of a line from the first."""
     width = row.type.count
     zero = ir.Constant(row.type, [0.0] * width)
@@ -240,7 +247,9 @@ def sum_over_net_turned(
     return signature, codegen
 
 
-def _emit_functions(emit: Emitter, basis, n, rows: ir.Value, out, orders) -> list[list]:
+def _emit_functions(
+    emit: Emitter, basis: ir.Value, n: ir.Value, rows: ir.Value, out: ir.Value, orders: Sequence[int]
+) -> list[list]:
     """Emit the loads of the functions of a group, and requests for what later groups need."""
     n_functions = sum(orders) - 3
     for m in range(n_functions):
@@ -250,7 +259,14 @@ def _emit_functions(emit: Emitter, basis, n, rows: ir.Value, out, orders) -> lis
     return _split([emit.load(basis, o) for o in _multiples(emit.builder, n, n_functions)], orders)
 
 
-def _emit_turn_terms(emit: Emitter, fractions, vectors, stride, first_fraction, first_vector) -> tuple[list, list]:
+def _emit_turn_terms(
+    emit: Emitter,
+    fractions: ir.Value,
+    vectors: ir.Value,
+    stride: ir.Value,
+    first_fraction: ir.Value,
+    first_vector: ir.Value,
+) -> tuple[list, list]:
     """Emit 1 (as None), u, v, uv, w, uw, vw, uvw of a group, and the components of its vectors."""
     builder, offsets = emit.builder, _multiples(emit.builder, stride, 3)
     u, v, w = (emit.load_singles(fractions, builder.add(first_fraction, offset)) for offset in offsets)
@@ -259,9 +275,9 @@ def _emit_turn_terms(emit: Emitter, fractions, vectors, stride, first_fraction, 
     return [None, u, v, uv, w, emit.multiply(u, w), emit.multiply(v, w), emit.multiply(uv, w)], vector
 
 
-def _emit_sum_over_net(emit: Emitter, net, functions, orders):
+def _emit_sum_over_net(emit: Emitter, net: ir.Value, functions: list[list], orders: Sequence[int]) -> list:
     """Emit the nested sums of Eq. (3) and return the three components."""
-    total = None
+    total: Any = None
     for a in range(orders[0]):
         plane: Any = None
         for b in range(orders[1]):
@@ -275,7 +291,7 @@ def _emit_sum_over_net(emit: Emitter, net, functions, orders):
     return total
 
 
-def _emit_scatter(emit: Emitter, point, n, rows: ir.Value, out) -> None:
+def _emit_scatter(emit: Emitter, point: Sequence[ir.Value], n: ir.Value, rows: ir.Value, out: ir.Value) -> None:
     """Emit the stores of the first ``n`` lanes to their rows."""
     builder = emit.builder
     done = builder.append_basic_block("done")
@@ -397,7 +413,16 @@ def sum_turns(
 class _Nodes:
     """The nodes that `sum_over_nodes` sums over, group by group."""
 
-    def __init__(self, emit: Emitter, orders, basis, n, points: np.ndarray, rows: ir.Value, bar: np.ndarray):
+    def __init__(
+        self,
+        emit: Emitter,
+        orders: Sequence[int],
+        basis: ir.Value,
+        n: ir.Value,
+        points: np.ndarray,
+        rows: ir.Value,
+        bar: np.ndarray,
+    ) -> None:
         self.emit, self.builder = emit, emit.builder
         self.basis, self.n, self.points, self.rows, self.bar = basis, n, points, rows, bar
         self.orders, self.n_functions = orders, sum(orders) - 3
@@ -436,7 +461,7 @@ class _Nodes:
         offsets = _multiples(self.builder, stride, self.n_functions)
         first = self.builder.mul(i, constant(self.n_functions))
 
-        def load(d: int, a: int):
+        def load(d: int, a: int) -> ir.Value | None:
             m = self.functions[d][a]
             return None if m is None else self.emit.load(self.basis, self.builder.add(first, offsets[m]))
 
@@ -453,12 +478,12 @@ class _Nodes:
             self.emit.prefetch(self.bar, _first_component(builder, self.rows, builder.add(group, constant(lane))))
 
 
-def _point(builder: ir.IRBuilder, i: ir.Value, d: int):
+def _point(builder: ir.IRBuilder, i: ir.Value, d: int) -> ir.Value:
     """Element of `gather_points`' result at which component ``d`` of the group of node ``i`` starts."""
     return builder.add(builder.mul(i, constant(3)), constant(d * LANES))
 
 
-def _emit_add_sums(emit: Emitter, sums, net, first: int) -> None:
+def _emit_add_sums(emit: Emitter, sums: Sequence[ir.Value], net: ir.Value, first: int) -> None:
     """Emit the sums over the lanes, added to ``net`` from element ``first`` on (zeros beyond the last sum)."""
     for block, vector in enumerate(emit.lane_sums([emit.builder.load(variable) for variable in sums])):
         offset = constant(first + block * LANES)
@@ -471,7 +496,7 @@ def _first_component(builder: ir.IRBuilder, rows: ir.Value, i: ir.Value) -> ir.V
     return builder.mul(builder.zext(row, INT), constant(3))
 
 
-def _literal_values(*literals) -> list[int]:
+def _literal_values(*literals: Any) -> list[int]:
     """Values of compile-time constants; a NumPy integer in a closure is none."""
     if not all(isinstance(literal, types.IntegerLiteral) for literal in literals):
         raise RequireLiteralValue(f"orders of types {literals}; they must be Python integers of the kernel's closure")
@@ -488,12 +513,12 @@ def _arguments(context: BaseContext, builder: ir.IRBuilder, signature: Signature
     ]
 
 
-def _multiples(builder: ir.IRBuilder, stride, count: int) -> list:
+def _multiples(builder: ir.IRBuilder, stride: ir.Value, count: int) -> list:
     """``0, stride, 2 stride, ...``."""
     return [builder.mul(constant(m), stride) for m in range(count)]
 
 
-def _split(items: list, orders) -> list[list]:
+def _split(items: list, orders: Sequence[int]) -> list[list]:
     """Items of the functions 1 .. p-1 of each direction, None standing for function 0, which is one."""
     rest = iter(items)
     return [[None] + [next(rest) for _ in range(p - 1)] for p in orders]

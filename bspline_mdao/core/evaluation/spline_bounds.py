@@ -191,7 +191,13 @@ class Lanes:
         self.contracted, self.vectors = np.zeros((2, 2, *orders, 3, L)), np.zeros((3, 2, *orders, 3, L))
 
     def fill(
-        self, knots, is_left_out: np.ndarray, B: np.ndarray, shortest: float, status: np.ndarray, queue: Queue
+        self,
+        knots: tuple[np.ndarray, ...],
+        is_left_out: np.ndarray,
+        B: np.ndarray,
+        shortest: float,
+        status: np.ndarray,
+        queue: Queue,
     ) -> int:
         """Give lanes boxes that wait, or elements that nobody has asked yet; return how many have one."""
         return _fill(knots, self.orders, is_left_out, B, shortest, status, queue, self.boxes, *self.knots, self.edges)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.sparse import block_diag, csr_array, eye_array, hstack, kron, vstack
+from scipy.sparse import block_diag, csc_array, csr_array, eye_array, hstack, kron, vstack
 
 from ...base.display import OneLine
 from ...errors import InputError
@@ -276,7 +276,7 @@ def _product(factors: list[csr_array]) -> csr_array:
     return kron(factors[0], kron(factors[1], factors[2], format="csr"), format="csr")
 
 
-def _apply(matrix, values: np.ndarray) -> np.ndarray:
+def _apply(matrix: csr_array | csc_array, values: np.ndarray) -> np.ndarray:
     """Product of a matrix with values of any number for each row."""
     return (matrix @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
