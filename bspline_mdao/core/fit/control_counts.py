@@ -254,7 +254,9 @@ def _gram_bytes(n_control: np.ndarray, orders: np.ndarray) -> int:
     return 8 * n_unknown * (bandwidth + 1 if 3 * bandwidth < n_unknown else n_unknown)
 
 
-def _agree(topology: Topology, members: Sequence[tuple[int, int]], requests) -> tuple[int, int]:
+def _agree(
+    topology: Topology, members: Sequence[tuple[int, int]], requests: Sequence[Sequence[_Request]]
+) -> tuple[int, int]:
     """Agree on the number of control points and the order of a class: of the highest level, the largest."""
     found = {(s, d): requests[s][d] for s, d in members}
     level = max(request.level for request in found.values())
@@ -268,7 +270,9 @@ def _agree(topology: Topology, members: Sequence[tuple[int, int]], requests) -> 
     return max(w.count for w in highest.values()), max(w.order for w in highest.values())
 
 
-def _disagreement(topology: Topology, first, first_request: _Request, other, other_request: _Request) -> InputError:
+def _disagreement(
+    topology: Topology, first: tuple[int, int], first_request: _Request, other: tuple[int, int], other_request: _Request
+) -> InputError:
     """Name two blocks whose directions interfaces join and which ask for different numbers."""
     texts = []
     for (segment, d), request in ((first, first_request), (other, other_request)):

@@ -79,7 +79,12 @@ def _square(nodes: np.ndarray, solution: FitSolution) -> float:
 
 
 def _move(
-    problem: FitProblem, followers, parameters, nodes: np.ndarray, control_points, progress: Progress
+    problem: FitProblem,
+    followers: Sequence[_Follower],
+    parameters: Sequence[np.ndarray],
+    nodes: np.ndarray,
+    control_points: np.ndarray,
+    progress: Progress,
 ) -> list[np.ndarray]:
     """Move the parameters of all entities for fixed control points."""
     n_done, n_nodes = 0, problem.topology.n_nodes
@@ -98,10 +103,10 @@ def _move(
 
 def project(
     volume: Volume,  # orders and knots
-    control_points,  # (N0, N1, N2, 3), control points (m)
+    control_points: np.ndarray,  # (N0, N1, N2, 3), control points (m)
     # parameters of the nodes of a whole section, its boundary included; the boundary stays
-    parameters,  # (m0, m1, m2, 3)
-    is_free,  # sequence of three bool, directions in which the section extends
+    parameters: np.ndarray,  # (m0, m1, m2, 3)
+    is_free: Sequence[bool],  # directions in which the section extends
     nodes: np.ndarray,  # (n, 3), inner nodes of the section, in C order (m)
     n_steps: int,  # largest number of steps
     close: float = CLOSE,  # a node closer than this fraction of the initial RMS distance is left alone
@@ -164,7 +169,7 @@ def _step_limits(
 
 
 def _gauss_newton(
-    volume: Volume, control_points, parameters, free: np.ndarray, nodes: np.ndarray
+    volume: Volume, control_points: np.ndarray, parameters: np.ndarray, free: np.ndarray, nodes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of the mapping and Gauss-Newton steps of the free parameters, both of shape (n, 3)."""
     points, steps = np.empty_like(nodes), np.zeros_like(nodes)
@@ -242,7 +247,7 @@ class _Follower:
     orientation: Orientation
 
 
-def _take_over(follower: _Follower, parameters) -> None:
+def _take_over(follower: _Follower, parameters: Sequence[np.ndarray]) -> None:
     """Give a follower the parameters of its entity, turned to its own directions."""
     entity, orientation = follower.entity, follower.orientation
     source = parameters[entity.segment][entity.inner]

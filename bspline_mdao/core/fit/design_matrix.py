@@ -76,10 +76,10 @@ class DesignMatrix:
         _add_gram(self.n_control, self.orders, *self._basis_values(), columns, bandwidth is not None, gram)
         return gram
 
-    def _basis_values(self):
+    def _basis_values(self) -> tuple:
         return self.values, self.starts, self.firsts
 
-    def _kernel_arguments(self):
+    def _kernel_arguments(self) -> tuple:
         return self.n_control, self.orders, *self._basis_values(), self.node_order
 
 
@@ -87,7 +87,7 @@ def build_design_matrix(
     volume: Volume,  # orders and knots
     parameters: np.ndarray,  # (n, 3), parameters of the nodes
     # false across a face or edge, where all nodes have the parameter 0 or all have 1
-    is_free=(True, True, True),  # sequence of three bool
+    is_free: Sequence[bool] = (True, True, True),
 ) -> DesignMatrix:
     """Sort nodes by span and evaluate the basis functions of Eq. (4)."""
     section = Volume(tuple(knots if free else ACROSS for knots, free in zip(volume.knots, is_free)))
@@ -110,7 +110,7 @@ class LiveMatrix:
     free: tuple[int, ...]  # directions in which the section extends
 
     @classmethod
-    def of(cls, matrix: DesignMatrix, volume: Volume, parameters: np.ndarray, is_free) -> LiveMatrix:
+    def of(cls, matrix: DesignMatrix, volume: Volume, parameters: np.ndarray, is_free: Sequence[bool]) -> LiveMatrix:
         """Join a matrix with the parameters and knots that it was built from, see `build_design_matrix`."""
         corners = tuple(edge_corners(knots) for knots in volume.knots)
         return cls(matrix, parameters[matrix.node_order], corners, tuple(np.flatnonzero(is_free).tolist()))
@@ -118,7 +118,7 @@ class LiveMatrix:
     def jvp(
         self,
         d_parameters: np.ndarray,  # (n, 3), direction in the parameters, in the order in which the nodes were given
-        d_corners,  # sequence of three ndarray each (2, 2, N + p), direction in the edge knots
+        d_corners: Sequence[np.ndarray],  # each (2, 2, N + p), direction in the edge knots
     ) -> list[DesignMatrix]:
         """Differentiate the matrix; the result is a sum of design matrices: one for each free direction."""
         d_parameters, terms = d_parameters[self.matrix.node_order], []
@@ -133,9 +133,7 @@ class LiveMatrix:
     def vjp(
         self,
         # cotangents at the nodes and the control points that they multiply
-        pairs: Sequence[
-            tuple[np.ndarray, np.ndarray]
-        ],  # sequence of (ndarray of shape (n, 3), ndarray of shape (N0 N1 N2, 3))
+        pairs: Sequence[tuple[np.ndarray, np.ndarray]],  # (n, 3) and (N0 N1 N2, 3)
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Cotangents of parameters and edge knots of the sum of ``bar . (A b)`` over pairs of bar and b."""
         # returns parameters_bar (n, 3): in the order in which the nodes were given

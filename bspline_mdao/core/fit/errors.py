@@ -72,7 +72,9 @@ def report_errors(
     )
 
 
-def _compare(problem: FitProblem, nodes: np.ndarray, weights: np.ndarray | None, least_squares) -> Fallback | None:
+def _compare(
+    problem: FitProblem, nodes: np.ndarray, weights: np.ndarray | None, least_squares: FitSolution | None
+) -> Fallback | None:
     """Count what the control points are, and measure the least squares that they are not; None where they are."""
     if weights is None:
         return None
@@ -102,7 +104,7 @@ def _mean(comm: Any, values: np.ndarray) -> float:
 
 
 def mean_edge(
-    shapes,  # sequence of (ni, nj, nk), shapes of the blocks
+    shapes: Sequence[tuple[int, ...]],  # shapes of the blocks
     nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
     comm: Any = ONE,  # communicator, processes that have some blocks each
 ) -> float:  # 0 where no edge has a length
@@ -152,7 +154,7 @@ def count_invalid(problem: FitProblem, solution: FitSolution) -> int:
 
 
 def _find_invalid(
-    problem: FitProblem, parameters: Sequence[np.ndarray], nodes: np.ndarray, control_points
+    problem: FitProblem, parameters: Sequence[np.ndarray], nodes: np.ndarray, control_points: np.ndarray
 ) -> tuple[int, tuple[InvalidElement, ...]]:
     """Count the invalid elements of all control meshes and name the worst, and folded cells of the grid in them."""
     measures = corner_measures(problem.mesh.nets(control_points))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,11 +39,15 @@ from .requested_counts import RequestedCounts
 from .validity import make_valid
 
 
-def _solve_valid(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress = no_progress):
+def _solve_valid(
+    problem: FitProblem, parameters: Sequence[np.ndarray], nodes: np.ndarray, progress: Progress = no_progress
+) -> FitSolution:
     return make_valid(problem, parameters, nodes, solve_fit(problem, parameters, nodes, progress))
 
 
-def _interpolate(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress = no_progress):
+def _interpolate(
+    problem: FitProblem, parameters: Sequence[np.ndarray], nodes: np.ndarray, progress: Progress = no_progress
+) -> FitSolution:
     return make_valid(problem, parameters, nodes, None)
 
 
@@ -54,13 +58,13 @@ def fit_grid(
     grid: Grid | StoredGrid,
     *,
     topology: Topology | None = None,
-    n_control=None,
-    order=None,
-    knots="curved",
+    n_control: int | Sequence | Mapping | None = None,
+    order: int | Sequence | None = None,
+    knots: str | Sequence = "curved",
     corrections: int = 0,
     keep_residual: bool = True,
     wall_layer: bool = True,
-    parametrization="chord_length",
+    parametrization: str | Sequence[np.ndarray] = "chord_length",
     method: str = "valid",
     progress: Progress | bool | None = None,
 ) -> FittedModel:
@@ -131,7 +135,13 @@ def fit_grid(
     >>> [volume.n_control for volume in other.mesh.volumes[:3]]
     [(5, 7, 6), (7, 5, 6), (7, 5, 6)]
     """
-    options = {"n_control": n_control, "order": order, "knots": knots, "corrections": corrections, "method": method}
+    options: dict[str, Any] = {
+        "n_control": n_control,
+        "order": order,
+        "knots": knots,
+        "corrections": corrections,
+        "method": method,
+    }
     options |= {"wall_layer": wall_layer, "parametrization": parametrization}
     with progress_bar("fitting", progress) as report_progress:
         _, parameters, residual, whole = _fit(grid, ONE, topology, **options, progress=report_progress)
@@ -210,12 +220,12 @@ def _fit(
     grid: Grid | StoredGrid,
     comm: Any,
     topology: Topology | None = None,
-    n_control=None,
-    order=None,
-    knots="curved",
+    n_control: int | Sequence | Mapping | None = None,
+    order: int | Sequence | None = None,
+    knots: str | Sequence = "curved",
     corrections: int = 0,
     wall_layer: bool = True,
-    parametrization="chord_length",
+    parametrization: str | Sequence[np.ndarray] = "chord_length",
     method: str = "valid",
     *,
     progress: Progress,
@@ -284,7 +294,7 @@ def _joined(blocks: Sequence[np.ndarray], sharing: FitNodes) -> np.ndarray:
     return sharing.copy_shared(sharing.with_places(np.concatenate(local)))
 
 
-def _parameters_here(sharing: FitNodes, nodes: np.ndarray, parametrization) -> list[np.ndarray]:
+def _parameters_here(sharing: FitNodes, nodes: np.ndarray, parametrization: Any) -> list[np.ndarray]:
     """Parameters of the nodes of every segment of this process; none of the others."""
     shapes = sharing.topology.shapes
     blocks = {number: part.reshape(*shapes[number], 3) for number, part in sharing.by_blocks(nodes).items()}
@@ -301,7 +311,14 @@ class _Sized:
     factor_bytes: int | None
 
 
-def _size(topology: Topology, parameters, requested: RequestedCounts, order, knots, sharing: FitNodes) -> _Sized:
+def _size(
+    topology: Topology,
+    parameters: Sequence[np.ndarray],
+    requested: RequestedCounts,
+    order: Any,
+    knots: Any,
+    sharing: FitNodes,
+) -> _Sized:
     """Set up a fit with numbers of control points that are asked for, or chosen from the grid alone."""
     if isinstance(knots, str):
         counts, factor_bytes = choose_affordable_counts(topology, requested, order)
@@ -313,7 +330,13 @@ def _size(topology: Topology, parameters, requested: RequestedCounts, order, kno
 
 
 def _come_closer(
-    sized: _Sized, solution: FitSolution, solve, requested: RequestedCounts, knots, parameters, nodes: np.ndarray
+    sized: _Sized,
+    solution: FitSolution,
+    solve: Callable,
+    requested: RequestedCounts,
+    knots: Any,
+    parameters: Sequence[np.ndarray],
+    nodes: np.ndarray,
 ) -> tuple[_Sized, FitSolution, Raised | None]:
     """Fit again with more control points while cells are missed by several of their widths; keep what gains most."""
     if sized.counts is None:
@@ -356,7 +379,9 @@ def _kind(choice: Any) -> str:
     return choice if isinstance(choice, str) else "given"
 
 
-def _parameters_of_blocks(blocks: Mapping[int, np.ndarray], topology: Topology, parametrization) -> list[np.ndarray]:
+def _parameters_of_blocks(
+    blocks: Mapping[int, np.ndarray], topology: Topology, parametrization: Any
+) -> list[np.ndarray]:
     """Parameters of the nodes of every segment of some blocks; none, shape (0, 0, 0, 3), of the others."""
     if not isinstance(parametrization, str):
         return as_parameters(topology, parametrization)
@@ -374,11 +399,11 @@ def _parameters_of_blocks(blocks: Mapping[int, np.ndarray], topology: Topology, 
 
 def set_up_fit(
     topology: Topology,  # segments and links
-    parameters,  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
+    parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
     # control points and orders; not looked at where ``knots`` has them
-    n_control,  # int (n_segments, 3)
-    orders,  # int (n_segments, 3)
-    knots="curved",
+    n_control: Any,  # int (n_segments, 3)
+    orders: Any,  # int (n_segments, 3)
+    knots: Any = "curved",
     sharing: FitNodes | None = None,  # nodes of this process; all by default
 ) -> FitProblem:
     """Make volumes, shared control points and entities."""

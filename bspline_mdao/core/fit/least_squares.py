@@ -162,7 +162,7 @@ def build_step(
     volume: Volume,  # orders and knots of its segment
     parameters: np.ndarray,  # (L0, L1, L2, 3), parameters of the nodes of its segment
     rows: np.ndarray,  # int (L0, L1, L2), rows of these nodes in the grid vector
-    edge_places,  # sequence of three ndarray each (N_d,), for the reference, see `places_on_edges`
+    edge_places: Sequence[np.ndarray],  # three, each (N_d,), for the reference, see `places_on_edges`
     n_rows: int,  # length of the grid vector
     name: str = "entity",  # name of the entity for messages
 ) -> FitStep:
@@ -210,7 +210,7 @@ class ReferenceNet:
     def of(
         cls,
         # where each control point stands between the ends of its direction, from 0 to 1
-        places,  # sequence of three ndarray each (N_d,)
+        places: Sequence[np.ndarray],  # each (N_d,)
         sampling: csr_array | None = None,  # see the class
     ) -> ReferenceNet:
         """Set up the interpolation of a net whose control points stand at given places along its edges."""
@@ -301,7 +301,7 @@ def factorize(
     return GramFactor(factor, is_banded, shift)
 
 
-def _factor(gram: np.ndarray, is_banded: bool, shift: float, smallest=SMALLEST_PIVOT) -> np.ndarray | None:
+def _factor(gram: np.ndarray, is_banded: bool, shift: float, smallest: float = SMALLEST_PIVOT) -> np.ndarray | None:
     """Lower factor of the shifted matrix in LAPACK's column-major storage; None where it is singular."""
     lower = gram.T.copy(order="F")
     diagonal = lower[0] if is_banded else np.einsum("ii->i", lower)

@@ -25,8 +25,9 @@ Theory: ``docs/theory/fit.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -246,7 +247,9 @@ class LiveMapping:
         d_parameters = change.parameters[entity.segment][entity.inner].reshape(-1, 3)
         return self._live_matrix(entity, matrix).jvp(d_parameters, change.corners[entity.segment])
 
-    def add_matrix_vjp(self, entity: Entity, matrix: DesignMatrix, bars: Change, pairs) -> None:
+    def add_matrix_vjp(
+        self, entity: Entity, matrix: DesignMatrix, bars: Change, pairs: Sequence[tuple[np.ndarray, np.ndarray]]
+    ) -> None:
         """Add the cotangents of the sum of ``bar . (A b)`` over pairs of bar and b: transpose of `matrix_jvp`."""
         parameters_bar, corners_bar = self._live_matrix(entity, matrix).vjp(pairs)
         inner = bars.parameters[entity.segment][entity.inner]
@@ -272,7 +275,7 @@ class Change:
     corners: list[list[np.ndarray]]  # each (2, 2, N + p), edge knots of every segment
 
 
-def sum_apply(terms, net: np.ndarray):
+def sum_apply(terms: Sequence[DesignMatrix], net: np.ndarray) -> Any:
     """Apply a sum of design matrices; 0 for a corner, which has none."""
     return sum(term.apply(net) for term in terms)
 

@@ -14,7 +14,7 @@ Theory: ``docs/theory/fit.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,13 +60,13 @@ def flattest_cell(
     return flattest if sharing.comm.size == 1 else min(sharing.comm.allgather(flattest))
 
 
-def _off_wall(window: Window, shape) -> int:
+def _off_wall(window: Window, shape: Sequence[int]) -> int:
     """Direction that leaves a wall."""
     flat = (d for d in range(3) if window.lo[d] == window.hi[d] and shape[d] > 1)
     return next(flat, NO_DIRECTION)
 
 
-def _worst_of(arrays, window: Window, across: int, patch: str) -> Iterator[LocalError]:
+def _worst_of(arrays: Sequence[np.ndarray], window: Window, across: int, patch: str) -> Iterator[LocalError]:
     """The worst node of a window of a block, if cells have a width there."""
     square, width, i, j, k = find_worst(*arrays, np.array(window.lo), np.array(window.hi), across)
     if width > 0.0:

@@ -193,7 +193,9 @@ class Mixture:
     quasi: QuasiInterpolant | None = None  # the candidates; needed where there are weights
 
     @classmethod
-    def of(cls, weights: np.ndarray | None, mesh: BSplineMesh, sharing: FitNodes, parameters) -> Mixture:
+    def of(
+        cls, weights: np.ndarray | None, mesh: BSplineMesh, sharing: FitNodes, parameters: Sequence[np.ndarray]
+    ) -> Mixture:
         """Set up the candidates where there are weights; the other arguments are those of `QuasiInterpolant.of`."""
         return cls() if weights is None else cls(weights, QuasiInterpolant.of(mesh, sharing, parameters))
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class RequestedCounts:
         cls,
         # of all blocks; of each, where None leaves a block to be chosen; or by numbers from 1 or names of blocks, where
         # the key None stands for all others. None chooses all
-        n_control,  # None, int, triple of int, sequence of (triple or None), mapping, or RequestedCounts
+        n_control: Any,  # None, int, triple of int, sequence of (triple or None), mapping, or RequestedCounts
         topology: Topology,  # segments and links
         names: Sequence[str] = (),  # names of the blocks, if these may be used
     ) -> RequestedCounts:
@@ -65,7 +66,7 @@ class RequestedCounts:
         return cls(counts, is_named)
 
 
-def per_block(value, topology: Topology, name: str) -> np.ndarray:
+def per_block(value: Any, topology: Topology, name: str) -> np.ndarray:
     """Spread a number, a triple or one triple per block to an array of shape (n_blocks, 3)."""
     n_blocks = len(topology.shapes)
     try:
@@ -82,7 +83,7 @@ def per_block(value, topology: Topology, name: str) -> np.ndarray:
     return array
 
 
-def _block_of(key, topology: Topology, names: Sequence[str]) -> int:
+def _block_of(key: Any, topology: Topology, names: Sequence[str]) -> int:
     """Number, from 0, of a block by its name, or by its number from 1."""
     n_blocks = len(topology.shapes)
     if key in names:

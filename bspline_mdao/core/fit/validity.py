@@ -58,7 +58,7 @@ def corner_measures(
 
 def make_valid(
     problem: FitProblem,
-    parameters,  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
+    parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
     nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
     least_squares: FitSolution | None,  # the fit by least squares; None leaves them out
 ) -> FitSolution:  # the least squares themselves where they are valid
@@ -72,7 +72,7 @@ def make_valid(
     return FitSolution(mixed, _evaluated(problem, parameters, mixed), said, weights, least_squares)
 
 
-def _evaluated(problem: FitProblem, parameters, control_points: np.ndarray) -> np.ndarray:
+def _evaluated(problem: FitProblem, parameters: Sequence[np.ndarray], control_points: np.ndarray) -> np.ndarray:
     """Points of the spline at the nodes of this process, shape (n_rows, 3)."""
     sharing = problem.sharing
     local_parameters = [x[evaluated] for x, evaluated in zip(parameters, sharing.is_evaluated)]
