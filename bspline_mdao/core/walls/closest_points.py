@@ -124,7 +124,7 @@ class TriangleTree:
         return ClosestPoints(ids, np.concatenate([[0], np.cumsum(counts)]), triangles, barycentric, weights)
 
 
-def _halves(points: np.ndarray, quads: np.ndarray):
+def _halves(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     """Triangles of quads, those with area, shape (n_triangles, 3)."""
     x = points[quads]
     is_first_shorter = np.linalg.norm(x[:, 2] - x[:, 0], axis=1) <= np.linalg.norm(x[:, 3] - x[:, 1], axis=1)

@@ -123,7 +123,7 @@ class WallFrames:
         self.rotations.over_points(_sum_products, self.first_sides, self.weights, u, v, sums)
         return sums
 
-    def _solve(self, stiffness, right: np.ndarray) -> None:
+    def _solve(self, stiffness: np.ndarray, right: np.ndarray) -> None:
         """Solve for every node, in place of the right-hand sides."""
         self.rotations.over_points(_solve, stiffness, right)
 
@@ -246,13 +246,13 @@ class Frames:
         return STIFFNESS * bar, *bars
 
 
-def _group_starts(*keys) -> np.ndarray:
+def _group_starts(*keys: np.ndarray) -> np.ndarray:
     """First index of every group of equal neighbouring keys, and the end."""
     is_first = np.concatenate([[True], np.any([key[1:] != key[:-1] for key in keys], axis=0)])[: len(keys[0])]
     return np.append(np.flatnonzero(is_first), len(keys[0]))
 
 
-def _is_back(starts: np.ndarray, corners, areas: np.ndarray) -> np.ndarray:
+def _is_back(starts: np.ndarray, corners: np.ndarray, areas: np.ndarray) -> np.ndarray:
     """Whether the quad of each corner looks away from the first one of its group."""
     first = areas[corners[np.repeat(starts[:-1], np.diff(starts))] // 4]
     second = areas[corners // 4]

@@ -144,7 +144,7 @@ class WallLayer:
         self._follow(initial, _packed(frames.moved, frames.matrices, frames.initial), mapped)
         return Layered(self, initial, frames, mapped)
 
-    def _follow(self, initial: np.ndarray, frames, mapped: np.ndarray) -> None:
+    def _follow(self, initial: np.ndarray, frames: np.ndarray, mapped: np.ndarray) -> None:
         """Overwrite mapped points; linear in them and the frames after the move, and in all places before it."""
         self._over_pieces(lambda piece: _follow(*self._arrays(piece), initial, frames[piece.wall_ids], mapped))
         mapped[self.copies[:, 0]] = mapped[self.copies[:, 1]]
@@ -224,7 +224,7 @@ class Layered:
         """Places and rotations of the wall's nodes, shape (n, 15)."""
         return _packed(self.frames.moved, self.frames.matrices, self.frames.initial)
 
-    def _frames_vjp(self, bar: np.ndarray):
+    def _frames_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives with respect to places and rotations of the wall; ``bar`` becomes that of the mapped points."""
         layer, frames = self.layer, self._motion
         sums = layer._over_pieces(
@@ -235,12 +235,12 @@ class Layered:
         return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)
 
 
-def _packed(places, matrices: np.ndarray, initial: np.ndarray) -> np.ndarray:
+def _packed(places: np.ndarray, matrices: np.ndarray, initial: np.ndarray) -> np.ndarray:
     """Places and rotations after a move and places before it side by side, shape (n, 15)."""
     return np.concatenate([places, matrices.reshape(-1, 9), initial], axis=1)
 
 
-def _projectors(planes: Sequence[tuple[np.ndarray, np.ndarray]], n):
+def _projectors(planes: Sequence[tuple[np.ndarray, np.ndarray]], n: int) -> tuple[np.ndarray, np.ndarray]:
     """Different projectors onto planes, shape (m, 3, 3), the first one the identity; which one each point has."""
     plane_of, found = np.zeros(n, dtype=np.int16), [np.eye(3)]
     for ids, normal in planes:
@@ -251,7 +251,9 @@ def _projectors(planes: Sequence[tuple[np.ndarray, np.ndarray]], n):
     return np.array(found), plane_of
 
 
-def _with_wall_nodes(tree: TriangleTree, closest: ClosestPoints, n_wall: int):
+def _with_wall_nodes(
+    tree: TriangleTree, closest: ClosestPoints, n_wall: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Corners, coordinates and weights of all closest points, the wall's nodes first; each point's nearest triangle."""
     corners = np.concatenate(
         [np.repeat(np.arange(n_wall, dtype=np.int32)[:, None], 3, axis=1), tree.triangles[closest.triangles]]
@@ -275,7 +277,15 @@ def _by_corners(barycentric: np.ndarray) -> np.ndarray:
     return (smooth / smooth.sum(axis=1, keepdims=True))[:, :2]
 
 
-def _cut(rows, counts, places, planes: np.ndarray, corners, barycentric, weights) -> tuple[_Piece, ...]:
+def _cut(
+    rows: np.ndarray,
+    counts: np.ndarray,
+    places: np.ndarray,
+    planes: np.ndarray,
+    corners: np.ndarray,
+    barycentric: np.ndarray,
+    weights: np.ndarray,
+) -> tuple[_Piece, ...]:
     """Cut the nodes of a layer into pieces, each over a part of the wall."""
     starts = np.concatenate([[0], np.cumsum(counts)])
     order = np.argsort(places, kind="stable")

@@ -105,7 +105,13 @@ class FaceNodes:
         return out
 
     def jvp(
-        self, matrices: np.ndarray, normals: np.ndarray, vectors: np.ndarray, d_matrices, d_normals, d_vectors
+        self,
+        matrices: np.ndarray,
+        normals: np.ndarray,
+        vectors: np.ndarray,
+        d_matrices: np.ndarray,
+        d_normals: np.ndarray,
+        d_vectors: np.ndarray | None,
     ) -> np.ndarray:
         """Change of the turned vectors."""
         turned, change = np.zeros_like(vectors), np.zeros_like(vectors)
@@ -116,7 +122,9 @@ class FaceNodes:
         _put_along_jvp(self.planes, normals, vectors, turned, d_normals, d_vectors, change)
         return change
 
-    def vjp(self, matrices: np.ndarray, normals: np.ndarray, vectors: np.ndarray, bar: np.ndarray, matrices_bar):
+    def vjp(
+        self, matrices: np.ndarray, normals: np.ndarray, vectors: np.ndarray, bar: np.ndarray, matrices_bar: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `jvp`: adds to ``matrices_bar``; returns derivatives with respect to normals and vectors."""
         turned, bar = np.zeros_like(vectors), bar.copy()
         vectors_bar, normals_bar = np.zeros_like(vectors), np.zeros_like(normals)

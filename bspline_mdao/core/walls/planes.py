@@ -102,7 +102,9 @@ class MirrorMeans:
     seen: tuple[np.ndarray, ...]  # tuple of ndarray, each of shape (n, 3, 3), M of the points of each plane, before
 
     @classmethod
-    def of(cls, planes, normals: np.ndarray | None, matrices: np.ndarray) -> MirrorMeans:
+    def of(
+        cls, planes: Sequence[tuple[np.ndarray, np.ndarray]], normals: np.ndarray | None, matrices: np.ndarray
+    ) -> MirrorMeans:
         """Replace matrices, shape (n, 3, 3), by the means with their mirror images, in place."""
         normals = np.reshape([n for _, n in planes], (-1, 3)) if normals is None else np.asarray(normals)
         if normals.shape != (len(planes), 3):
@@ -111,7 +113,7 @@ class MirrorMeans:
         for (ids, at_rest), normal in zip(planes, normals):
             seen.append(matrices[ids])
             matrices[ids] = 0.5 * (seen[-1] + _mirror(normal) @ seen[-1] @ _mirror(at_rest))
-        return cls(planes, normals, tuple(seen))
+        return cls(tuple(planes), normals, tuple(seen))
 
     def jvp(self, change: np.ndarray, d_normals: np.ndarray | None) -> None:
         """Turn the change of the matrices before into that of the means, in place."""

@@ -77,7 +77,7 @@ class RotationFilter:
         ids, given = used[free[used]], used[~free[used]]
         return cls(ids, given, csr_array(differences[:, ids]), csr_array(differences[:, given]), weights[chosen])
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple:
         """Leave the factor behind: SuperLU cannot be pickled."""
         return RotationFilter, (self.free, self.given, self.of_free, self.of_given, self.weights)
 

@@ -271,7 +271,14 @@ class CornerGroup:
 
     @classmethod
     def of(
-        cls, points: np.ndarray, lengths: np.ndarray, ids, belongs, is_apart: bool, edges=None, quads=None
+        cls,
+        points: np.ndarray,
+        lengths: np.ndarray,
+        ids: np.ndarray,
+        belongs: np.ndarray,
+        is_apart: bool,
+        edges: np.ndarray | None = None,
+        quads: np.ndarray | None = None,
     ) -> CornerGroup:
         """Gather a group; one that is apart is not smoothed towards the corners of others."""
         place = np.full(len(points), -1)
@@ -336,7 +343,9 @@ class CornerGroup:
         return self.ids[self.in_sight[np.flatnonzero(wanted)].indices]
 
 
-def _corner_evaluator(mesh: BSplineMesh, places, ids, n_threads) -> Evaluator:
+def _corner_evaluator(
+    mesh: BSplineMesh, places: Sequence[np.ndarray], ids: Sequence[np.ndarray], n_threads: int | None
+) -> Evaluator:
     """Evaluation of the corners of all spans, each in the first volume that has it."""
     layout = BlockLayout.of(map(np.shape, ids))
     flat = layout.join(ids)
@@ -359,7 +368,7 @@ class _BoundaryFace:
     plane: int | None
 
 
-def _boundary_faces(numbering: NodeNumbering, ids, points: np.ndarray) -> list[_BoundaryFace]:
+def _boundary_faces(numbering: NodeNumbering, ids: Sequence[np.ndarray], points: np.ndarray) -> list[_BoundaryFace]:
     """Gather the boundary faces; those of one plane have quads whose areas point to one side."""
     numbers: dict[tuple, int] = {}
     topology, faces = numbering.topology, []
@@ -411,7 +420,7 @@ def _face_nodes(
 
 
 def _groups(
-    faces: list[_BoundaryFace], ids, points: np.ndarray, lengths: np.ndarray
+    faces: list[_BoundaryFace], ids: Sequence[np.ndarray], points: np.ndarray, lengths: np.ndarray
 ) -> tuple[tuple[CornerGroup, ...], np.ndarray]:
     """Corners on walls, on other boundary faces, in planes that slide, and all; and the plane that each sees alone."""
     pairs = [
@@ -438,7 +447,11 @@ def _groups(
 
 
 def _cells(
-    mesh: BSplineMesh, ids, evaluator: Evaluator, parameters: Sequence[np.ndarray], numbering: NodeNumbering
+    mesh: BSplineMesh,
+    ids: Sequence[np.ndarray],
+    evaluator: Evaluator,
+    parameters: Sequence[np.ndarray],
+    numbering: NodeNumbering,
 ) -> tuple[SpanNodes, ...]:
     """Place the nodes of all volumes in their spans."""
     cells, place = [], np.empty(evaluator.n_rows, dtype=np.int64)

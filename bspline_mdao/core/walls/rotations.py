@@ -215,7 +215,7 @@ class LocalRotations:
         return out
 
     @staticmethod
-    def _with_neighbours(matrices: np.ndarray, mix) -> np.ndarray:
+    def _with_neighbours(matrices: np.ndarray, mix: csr_array | None) -> np.ndarray:
         """Add the matrices of neighbours for the points that need them."""
         return matrices if mix is None else matrices + (mix @ matrices.reshape(-1, 9)).reshape(-1, 3, 3)
 
@@ -319,7 +319,7 @@ class Rotations:
         return bar, self.mirrored.vjp(bar)
 
 
-def _numbers(ids, n_columns: int, n: int, what: str) -> np.ndarray:
+def _numbers(ids: np.ndarray | None, n_columns: int, n: int, what: str) -> np.ndarray:
     """Numbers of points, shape (m, n_columns)."""
     ids = np.empty((0, n_columns), dtype=np.int64) if ids is None else np.asarray(ids)
     if ids.ndim != 2 or ids.shape[1] != n_columns or not np.issubdtype(ids.dtype, np.integer):

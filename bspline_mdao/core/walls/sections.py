@@ -11,6 +11,7 @@ Theory: ``docs/theory/asked_walls.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,7 +35,9 @@ class Sections(OneLine):
     blends: np.ndarray  # places of its points between the two ends of each direction, from 0 to 1
 
     @classmethod
-    def of(cls, pieces, n_free: int, is_done: np.ndarray, is_moving: np.ndarray) -> Sections:
+    def of(
+        cls, pieces: Sequence[tuple[np.ndarray, np.ndarray]], n_free: int, is_done: np.ndarray, is_moving: np.ndarray
+    ) -> Sections:
         """Gather the sections of some free directions."""
         # Sections without a point that is not done are skipped, and so are those with nothing that moves at their ends.
         # What is gathered is marked as done, and as moving.

@@ -86,7 +86,7 @@ def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray) -> np.nda
     return reach * _viscosity(spacing, heights)
 
 
-def _viscosity(spacing, heights: np.ndarray) -> float:
+def _viscosity(spacing: np.ndarray, heights: np.ndarray) -> float:
     """Fraction of its reach that a wall has: where cells are as high as wide, a layer is useless and costs quality."""
     has_height = heights > 0.0
     if not has_height.any():
@@ -95,7 +95,7 @@ def _viscosity(spacing, heights: np.ndarray) -> float:
     return 1.0 - fade(np.log(max(flatness, 1.0) / VISCOUS[0]) / np.log(VISCOUS[1] / VISCOUS[0]))
 
 
-def _mean_of(rows, columns, n_rows: int, n_columns: int) -> csr_array:
+def _mean_of(rows: np.ndarray, columns: np.ndarray, n_rows: int, n_columns: int) -> csr_array:
     """Matrix of the means of the values at the columns that go with each row."""
     sums = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_rows, n_columns)).tocsr()
     return diags_array(1.0 / np.maximum(sums @ np.ones(n_columns), 1.0)) @ sums

@@ -15,7 +15,7 @@ Theory: ``docs/theory/asked_walls.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
@@ -240,7 +240,7 @@ def _fixed_rows(topology: Topology, source: np.ndarray) -> np.ndarray:
     return np.unique(np.concatenate([np.zeros(0, int), *(source[whole[w.block][w.slices]].ravel() for w in windows)]))
 
 
-def _edge_lengths(pieces, corners: np.ndarray) -> dict[tuple[int, int], float]:
+def _edge_lengths(pieces: Sequence[tuple[np.ndarray, np.ndarray]], corners: np.ndarray) -> dict[tuple[int, int], float]:
     """Lengths of the edges of all pieces (m) by their ends, numbers of corners."""
     lengths = {}
     for ids, points in pieces:
@@ -253,7 +253,7 @@ def _edge_lengths(pieces, corners: np.ndarray) -> dict[tuple[int, int], float]:
     return lengths
 
 
-def _directions(ids: np.ndarray, planes) -> sparse.csr_array:
+def _directions(ids: np.ndarray, planes: Sequence[tuple[np.ndarray, np.ndarray]]) -> sparse.csr_array:
     """Directions in which corners may move as orthonormal columns: all, or those of the planes that they are in."""
     blocks = [sparse.csr_array(_complement([normal for is_in, normal in planes if is_in[n]])) for n in ids]
     return sparse.csr_array(sparse.block_diag(blocks, format="csr")) if blocks else sparse.csr_array((0, 0))
