@@ -262,7 +262,7 @@ def force(
     elements: np.ndarray,
     signs: np.ndarray,  # (n_elements,) of int, handedness
     modulus: np.ndarray,  # (n_elements,), young's modulus, positive
-    lame,  # from `lame_constants`
+    lame: tuple[float, float],  # from `lame_constants`
     # (n_parts, n_points, 3), the field u as a sum of parts (m). Two are what an element needs whose corners lie closer
     # together than the digits of one can tell: the second holds what rounding left of the first.
     displacement: np.ndarray,
@@ -307,14 +307,14 @@ def force_jvp(points, elements, signs, modulus, lame, displacement, d_points, d_
 
 @njit(cache=True)
 def force_vjp(
-    points,  # points, elements, signs, modulus, lame, displacement: as for `force`
-    elements,
-    signs,
-    modulus,
-    lame,
-    displacement,
+    points: np.ndarray,  # points, elements, signs, modulus, lame, displacement: as for `force`
+    elements: np.ndarray,
+    signs: np.ndarray,
+    modulus: np.ndarray,
+    lame: tuple[float, float],
+    displacement: np.ndarray,
     bar: np.ndarray,  # (n_parts, n_points, 3), derivative of a scalar with respect to the force, as a sum of parts
-):
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Transpose of `force_jvp` and of `force`."""
     # Returns points_bar: (n_points, 3), derivative with respect to the points; modulus_bar: (n_elements,), the same for
     # the modulus; displacement_bar: (n_points, 3), the same for the displacement: the force of ``bar``.
@@ -389,16 +389,16 @@ def _pair_block(products, a, b, lame, block):
 
 @njit(cache=True)
 def add_stiffness(
-    points,  # points, elements, signs, modulus, lame: as for `force`
-    elements,
-    signs,
-    modulus,
-    lame,
+    points: np.ndarray,  # points, elements, signs, modulus, lame: as for `force`
+    elements: np.ndarray,
+    signs: np.ndarray,
+    modulus: np.ndarray,
+    lame: tuple[float, float],
     rows: np.ndarray,  # (n_elements, 8) of int, block row of every corner, -1 where it has none
     # (n_elements, 36) of int, place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`
     slots: np.ndarray,
     data: np.ndarray,  # (n_blocks, 3, 3), blocks of the lower triangle, added to
-):
+) -> None:
     """Add the stiffness K of Eq. (7) of all elements to the blocks of a symmetric matrix."""
     # The products S of the gradients of all corners are sums over the Gauss points of products of two vectors of 24,
     # and the block of two corners follows from their nine by the law.

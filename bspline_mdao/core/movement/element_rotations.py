@@ -86,7 +86,7 @@ class ElementRotations:
         return _mean_gradients_vjp(*_arguments(self.elements), self.parts, back)
 
 
-def _arguments(elements: TargetGradientElements):
+def _arguments(elements: TargetGradientElements) -> tuple:
     return elements.points, elements.mesh.elements, elements.mesh.handedness
 
 

@@ -208,7 +208,7 @@ class EquilibriumStep:
         before_bar[surface_ids] -= surface_bar
         return initial_bar, before_bar, surface_bar
 
-    def _balance(self, prescribed: np.ndarray, load: np.ndarray):
+    def _balance(self, prescribed: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Parts of the displacement that is prescribed on the surface and balances a load on the free points."""
         factor = self.factor or self.equilibrium.factorized(self.elements)
         return self.equilibrium.balance(self.elements, factor, prescribed, load, REFINE_PRODUCTS_ABOVE).parts

@@ -102,7 +102,7 @@ class _Means:
     sums: np.ndarray
 
     @classmethod
-    def of(cls, targets: np.ndarray, centres, displacement: np.ndarray, weights) -> _Means:
+    def of(cls, targets: np.ndarray, centres: np.ndarray, displacement: np.ndarray, weights: tuple) -> _Means:
         return cls(targets, centres, displacement, weights, *_means(targets, centres, displacement, *weights))
 
     def jvp(self, d_targets: np.ndarray, d_centres: np.ndarray, d_displacement: np.ndarray) -> np.ndarray:

@@ -270,7 +270,14 @@ def _factorized(matrix: np.ndarray, terms: np.ndarray, kernel: str) -> RadialSys
     return RadialSystem(factor, sign, border, reflectors, scales)
 
 
-def _apply_q(reflectors, scales, matrix: np.ndarray, side="L", transposed=False, overwrites=False) -> np.ndarray:
+def _apply_q(
+    reflectors: np.ndarray,
+    scales: np.ndarray,
+    matrix: np.ndarray,
+    side: str = "L",
+    transposed: bool = False,
+    overwrites: bool = False,
+) -> np.ndarray:
     """Product of an orthogonal matrix, as LAPACK holds it, with another matrix on the side given."""
     work = 64 * max(matrix.shape)
     return dormqr(side, "T" if transposed else "N", reflectors, scales, matrix, work, overwrite_c=overwrites)[0]

@@ -107,7 +107,7 @@ def _followed(vectors: np.ndarray, q: np.ndarray, half: float) -> np.ndarray:
     return q + half * once + c[:, None] * np.cross(vectors, once)
 
 
-def _factors(t: np.ndarray):
+def _factors(t: np.ndarray) -> tuple:
     """Numbers a and b of squared angles t, and their derivatives with respect to these."""
     values, slopes = [], []
     large = np.maximum(t, SERIES_BELOW)
@@ -139,7 +139,7 @@ def _axial(matrices: np.ndarray) -> np.ndarray:
     return np.stack([matrices[:, k, j] - matrices[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
 
 
-def _directions_and_angles(matrices: np.ndarray):
+def _directions_and_angles(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors, or zero where nothing turns, and angles up to half a turn."""
     products = _attitudes(matrices) + np.eye(4)  # four times those of the components of the quaternion
     largest = np.argmax(np.einsum("nii->ni", products), axis=1)

@@ -20,6 +20,7 @@ Theory: ``docs/theory/rotations.rst``.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Integral
@@ -160,7 +161,7 @@ class Rotations(OneLine):
             vectors, extension, of_elements, tuple(displacements), tuple(repetitions), points, report, start
         )
 
-    def _report(self, fields, points: np.ndarray, began) -> MovementReport:
+    def _report(self, fields: Sequence[TargetGradientField], points: np.ndarray, began: float) -> MovementReport:
         """Report of a move that began at a time."""
         balances, seconds = [field.balance for field in fields], time.perf_counter() - began
         solve = SolveReport(

@@ -125,7 +125,7 @@ class SharedMovement:
         """Transpose of `jvp`: collective."""
         return self._product("vjp", bar)
 
-    def _product(self, name: str, *vectors: np.ndarray):
+    def _product(self, name: str, *vectors: np.ndarray) -> Any:
         """Product for the vectors of the first process, by whoever moved."""
         if self.way == FIRST_PROCESS:
             return on_first(self.comm, lambda: getattr(self.movement, name)(*vectors))

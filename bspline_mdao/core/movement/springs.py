@@ -206,7 +206,7 @@ def force(
     torsion: float,  # factor of dQ of the torsional springs
     # (n_parts, n_points, 3), the field u as a sum of parts (m), see `bspline_mdao.core.movement.elasticity.force`
     displacement: np.ndarray,
-):  # (n_parts, n_points, 3), as a sum of as many parts
+) -> np.ndarray:  # (n_parts, n_points, 3), as a sum of as many parts
     """Compute the force K u on every point."""
     total, n_parts = np.zeros_like(displacement), len(displacement)
     x, u, f, g = np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3)), np.empty((4, 3))

@@ -72,7 +72,9 @@ class TargetGradientElements:
     target: np.ndarray  # (n_elements, 3, 3), the matrices G that the gradients are to be near to
 
     @classmethod
-    def of(cls, mesh: MovingMesh, stiffness: InverseVolumeLaw, law, points: np.ndarray) -> TargetGradientElements:
+    def of(
+        cls, mesh: MovingMesh, stiffness: InverseVolumeLaw, law: tuple[float, float, float], points: np.ndarray
+    ) -> TargetGradientElements:
         """Elements with a target of zero."""
         modulus = stiffness.modulus(mesh, points, points)
         return cls(mesh, stiffness, law, points, modulus, np.zeros((len(mesh.elements), 3, 3)))
@@ -116,7 +118,9 @@ class TargetGradientSystem(OneLine):
     factor: Any
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, stiffness: InverseVolumeLaw, law, points: np.ndarray) -> TargetGradientSystem:
+    def of(
+        cls, equilibrium: Equilibrium, stiffness: InverseVolumeLaw, law: tuple[float, float, float], points: np.ndarray
+    ) -> TargetGradientSystem:
         """Factorise the stiffness at points, shape (n_points, 3)."""
         elements = TargetGradientElements.of(equilibrium.mesh, stiffness, law, points)
         return cls(equilibrium, elements, equilibrium.factorized(elements))

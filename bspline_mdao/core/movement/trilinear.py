@@ -315,7 +315,7 @@ def add_element(
     rows: np.ndarray,  # (8,) of int, block row of every corner, -1 where it has none
     slots: np.ndarray,  # (36,) of int, place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`
     data: np.ndarray,  # (n_blocks, 3, 3), blocks of the lower triangle, added to
-):
+) -> None:
     """Add the stiffness of an element to the blocks of a symmetric matrix."""
     for a in range(8):
         for b in range(a + 1):

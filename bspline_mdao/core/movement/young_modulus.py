@@ -80,7 +80,7 @@ class _CornerLaw(OneLine):
 
     def modulus_jvp(
         self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray
-    ):
+    ) -> np.ndarray:
         """Change of the modulus."""
         changes = zip(self._log_gradients(mesh, initial, points), (d_initial, d_points))
         change = sum(
@@ -88,15 +88,18 @@ class _CornerLaw(OneLine):
         )
         return self.modulus(mesh, initial, points) * change
 
-    def modulus_vjp(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, bar: np.ndarray):
+    def modulus_vjp(
+        self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, bar: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `modulus_jvp`."""
         log_bar = (bar * self.modulus(mesh, initial, points))[:, None, None]
-        return tuple(
+        initial_bar, points_bar = (
             np.zeros_like(points)
             if gradient is None
             else add_at_corners(mesh.elements, log_bar * gradient, len(points))
             for gradient in self._log_gradients(mesh, initial, points)
         )
+        return initial_bar, points_bar
 
 
 @dataclass(frozen=True)
@@ -115,12 +118,14 @@ class OrthogonalityLaw(_CornerLaw):
     OrthogonalityLaw()
     """
 
-    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
+    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Modulus of every element, see `StiffnessLaw.modulus`."""
         at_start, now = RegularisedMeasures.at(mesh, initial), RegularisedMeasures.at(mesh, points)
         return np.exp(2.0 * (at_start.log_orthogonality - now.log_orthogonality) - now.log_volume)
 
-    def _log_gradients(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
+    def _log_gradients(
+        self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         at_start, now = RegularisedMeasures.at(mesh, initial), RegularisedMeasures.at(mesh, points)
         return at_start.gradient(2.0, 0.0), now.gradient(-2.0, -1.0)
 
@@ -149,12 +154,12 @@ class InverseVolumeLaw(_CornerLaw):
     power: float = 1.0
     shape: float = 0.0
 
-    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
+    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Modulus of every element, see `StiffnessLaw.modulus`."""
         measures = RegularisedMeasures.at(mesh, points)
         return np.exp(-self.power * measures.log_volume - self.shape * measures.log_orthogonality)
 
-    def _log_gradients(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
+    def _log_gradients(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray) -> tuple[None, np.ndarray]:
         return None, RegularisedMeasures.at(mesh, points).gradient(-self.shape, -self.power)
 
 
@@ -173,17 +178,19 @@ class ConstantLaw(OneLine):
     0.0
     """
 
-    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
+    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Modulus of every element, see `StiffnessLaw.modulus`."""
         return np.ones(len(mesh.elements))
 
     def modulus_jvp(
         self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray
-    ):
+    ) -> np.ndarray:
         """No change: zeros, shape (n_elements,)."""
         return np.zeros(len(mesh.elements))
 
-    def modulus_vjp(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, bar: np.ndarray):
+    def modulus_vjp(
+        self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, bar: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of a constant: zeros, shape (n_points, 3) each."""
         return np.zeros_like(points), np.zeros_like(points)
 
@@ -213,20 +220,22 @@ class WallDistanceLaw(OneLine):
 
     power: float = 1.0
 
-    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray):
+    def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Modulus of every element, see `StiffnessLaw.modulus`."""
         _, square = self._distance(mesh, points)
         return square ** (-0.5 * self.power)
 
     def modulus_jvp(
         self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray
-    ):
+    ) -> np.ndarray:
         """Change of the modulus."""
         arm, square = self._distance(mesh, points)
         d_arm = d_points[mesh.elements].mean(axis=1) - d_points[_nearest(mesh)]
         return -self.power * square ** (-0.5 * self.power - 1.0) * (arm * d_arm).sum(axis=1)
 
-    def modulus_vjp(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, bar: np.ndarray):
+    def modulus_vjp(
+        self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, bar: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `modulus_jvp`."""
         arm, square = self._distance(mesh, points)
         arm_bar = (-self.power * bar * square ** (-0.5 * self.power - 1.0))[:, None] * arm
@@ -235,7 +244,7 @@ class WallDistanceLaw(OneLine):
         np.subtract.at(points_bar, _nearest(mesh), arm_bar)
         return np.zeros_like(points), points_bar
 
-    def _distance(self, mesh: MovingMesh, points: np.ndarray):
+    def _distance(self, mesh: MovingMesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Vector from the nearest surface point, and its squared length."""
         arm = points[mesh.elements].mean(axis=1) - points[_nearest(mesh)]
         return arm, (arm * arm).sum(axis=1) + (NEAR * mesh.size) ** 2
@@ -296,7 +305,7 @@ class RegularisedMeasures:
             _add_length_gradients(self.corners, lengths_bar[:, None] / (4.0 * self.squares), total)
         return total
 
-    def _orthogonality_slopes(self):
+    def _orthogonality_slopes(self) -> np.ndarray:
         """Derivatives of the logarithm of Q with respect to the corner triple products."""
         factors, triple_slopes = regularised_array(self.measures.triples, FLAT_CORNER)
         product = factors.prod(axis=1)
