@@ -74,13 +74,13 @@ class WorstCells:
             bar[ids] = slope - self.mean / len(ids)
         return bar
 
-    def _gains(self, q: np.ndarray):
+    def _gains(self, q: np.ndarray) -> list[float]:
         """What every block has gained."""
         parts = (self.rule.value(self.rule.part(stretched(q[ids]))) for ids in self.groups)
         return [value - start for value, start in zip(parts, self.start)]
 
 
-def price(gain: float):
+def price(gain: float) -> float:
     """Price of what a gain lacks to be positive, zero from some `WIDTH` on; complex-safe, and it does not overflow."""
     low = min(0.0, np.real(gain))
     return PRICE * (WIDTH * np.log(np.exp(low / WIDTH) + np.exp((low - gain) / WIDTH)) - low)

@@ -80,7 +80,7 @@ class CadShape(OneLine):
         return np.array(found)
 
 
-def check_cad_name(path, units: str = "m") -> str:
+def check_cad_name(path: str | os.PathLike, units: str = "m") -> str:
     """Return the format that the name of a file asks for, ``"STEP"`` or ``"IGES"``."""
     form = SUFFIXES.get(Path(path).suffix.lower())
     if form is None:
@@ -91,7 +91,7 @@ def check_cad_name(path, units: str = "m") -> str:
 
 
 def write_shape(
-    path,  # file to make
+    path: str | os.PathLike,  # file to make
     form: str,  # its format
     shape: Any,  # the shape (mm)
     faces: Sequence[Any],  # faces of it
@@ -208,7 +208,7 @@ def read_cad(path: str | os.PathLike) -> CadShape:
     return read_shape(path, form)
 
 
-def read_shape(path, form: str) -> CadShape:
+def read_shape(path: str | os.PathLike, form: str) -> CadShape:
     """Read a file of a format, ``"STEP"`` or ``"IGES"``, whatever it is called; see `read_cad`."""
     reader, document = _reader(form), _document()
     with _quiet():

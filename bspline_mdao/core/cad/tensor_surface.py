@@ -149,7 +149,9 @@ class _Samples:
         spans = np.repeat(np.arange(len(breaks) - 1), n)
         return np.concatenate([[0.0], x, [1.0]]), np.concatenate([[0], spans, [len(breaks) - 2]])
 
-    def too_coarse(self, knots, distances: np.ndarray, tolerance: float) -> list[np.ndarray]:
+    def too_coarse(
+        self, knots: tuple[ConstantKnots, ConstantKnots], distances: np.ndarray, tolerance: float
+    ) -> list[np.ndarray]:
         """Mark the spans of either direction that splines of this direction alone miss by too much."""
         marks = []
         for axis, (k, x) in enumerate(zip(knots, (self.u, self.v))):

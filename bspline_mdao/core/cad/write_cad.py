@@ -5,6 +5,7 @@ Theory: ``docs/theory/cad.rst``.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -114,7 +115,7 @@ class CadReport(OneLine):
 
 
 def write_cad(
-    path,
+    path: str | os.PathLike,
     model: FittedModel,
     control_points: np.ndarray | None = None,
     patches: str | Sequence[str] | None = None,

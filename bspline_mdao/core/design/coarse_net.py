@@ -435,7 +435,14 @@ class CoarseNet(OneLine):
             found.append(numbers)
         return found, n
 
-    def _matrix(self, columns, rows, knots: tuple[ConstantKnots, ...], n_rows: int, n_columns=None) -> csr_array:
+    def _matrix(
+        self,
+        columns: Sequence[np.ndarray],
+        rows: Sequence[np.ndarray],
+        knots: tuple[ConstantKnots, ...],
+        n_rows: int,
+        n_columns: int | None = None,
+    ) -> csr_array:
         """Weights of the net's points, numbered by ``columns`` on each face, on finer knots, numbered by ``rows``."""
         n_columns = len(self._order) if n_columns is None else n_columns
         along = [insertion_matrix(old, new) for old, new in zip(self._knots, knots)]

@@ -220,7 +220,7 @@ def _along(net: np.ndarray, direction: int) -> np.ndarray:
     return across * np.divide(nearer, size, out=np.zeros_like(size), where=size > 0.0)[..., None]
 
 
-def _independent(projectors, lines, directions, short: float) -> np.ndarray:
+def _independent(projectors: np.ndarray, lines: np.ndarray, directions: np.ndarray, short: float) -> np.ndarray:
     """Which directions of each point count, shape (n, 3): as many as its projector leaves, the least turned first."""
     lengths = np.linalg.norm(lines, axis=2)
     left = np.linalg.norm(directions, axis=2) / np.maximum(lengths, np.finfo(float).tiny)

@@ -395,7 +395,7 @@ class ExtendedMap:
         return identity, -(self.transfer @ identity[self._coordinates])
 
 
-def _weights_of(lattice: Lattice, item) -> csr_array:
+def _weights_of(lattice: Lattice, item: Any) -> csr_array:
     """Weights for the points of an auxiliary object: the lattice, a child of it, an axis, or another lattice."""
     if item is lattice:
         return eye_array(len(lattice.points), format="csr")

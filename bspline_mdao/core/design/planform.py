@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -321,12 +321,14 @@ class Camber(AtStations):
 class _Shifting(AtStations):
     """A variable that shifts sections as wholes along one coordinate."""
 
-    def _shift(self, attached: AttachedRows, coordinate: int, paths, slopes) -> ShiftMap:
+    def _shift(
+        self, attached: AttachedRows, coordinate: int, paths: np.ndarray, slopes: Callable[[Any], Any]
+    ) -> ShiftMap:
         """Shift along the stream (0), the normal (1) or the span (2) by slopes along paths."""
         return ShiftMap(self.neutral, attached, attached.frame.axes[coordinate], paths, self.spline, slopes)
 
     @staticmethod
-    def _along_span(attached: AttachedRows):
+    def _along_span(attached: AttachedRows) -> np.ndarray:
         return np.broadcast_to(attached.frame.axes[2], attached.directions.shape)
 
 

@@ -336,7 +336,7 @@ class StationSpline(OneLine):
         return self._antiderivative(inside) + (at - inside)[..., None] * self._pieces(inside)
 
     @property
-    def _ends(self):
+    def _ends(self) -> tuple:
         return self.stations[0], self.stations[-1]
 
     @cached_property

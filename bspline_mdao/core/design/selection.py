@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from ...base.checks import as_direction, as_numbers, as_vector
@@ -395,7 +396,7 @@ def _surface(mesh: MovingMesh) -> np.ndarray:
     return mesh.points[mesh.surface_ids]
 
 
-def _limits(ends, without: float) -> np.ndarray:
+def _limits(ends: Sequence[float | None], without: float) -> np.ndarray:
     """Ends of a box, None replaced."""
     return np.array([without if end is None else end for end in ends], dtype=float)
 
@@ -410,7 +411,7 @@ def _indices(part: Any) -> str:
     return ":".join(ends if ends[2] else ends[:2])
 
 
-def _vectors(values, what: str) -> np.ndarray:
+def _vectors(values: ArrayLike, what: str) -> np.ndarray:
     """Finite vectors, shape (n, 3)."""
     vectors = np.atleast_2d(as_numbers(values, f"selection: {what}"))
     if vectors.ndim != 2 or vectors.shape[1] != 3 or not np.isfinite(vectors).all():
@@ -418,7 +419,7 @@ def _vectors(values, what: str) -> np.ndarray:
     return vectors
 
 
-def _heights(mesh: MovingMesh, point, normal) -> np.ndarray:
+def _heights(mesh: MovingMesh, point: ArrayLike, normal: ArrayLike) -> np.ndarray:
     """Distance of every surface control point from a plane, along its normal."""
     point = as_vector(point, "selection: the point of a plane")
     return (_surface(mesh) - point) @ as_direction(normal, "selection: the normal of a plane")

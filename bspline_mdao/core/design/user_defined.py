@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import block_diag, coo_array, csr_array, eye_array, issparse, vstack
@@ -131,7 +131,7 @@ class _UserMap(OneLine):
             vstack([d_values, csr_array((n_rest, values.size))], format="csr"),
         )
 
-    def _matrix(self, what: str, given, shape: tuple[int, int], blocks: tuple[int, int, int]) -> csr_array:
+    def _matrix(self, what: str, given: Any, shape: tuple[int, int], blocks: tuple[int, int, int]) -> csr_array:
         """One derivative as a sparse matrix, every entry of a dense one kept."""
         array = given if issparse(given) else np.asarray(given, dtype=float)
         if array.shape not in (shape, blocks):

@@ -164,7 +164,7 @@ class BlendedWingBody(OneLine):
         return np.stack([x, spine[:, :1] + height * np.cos(cant), spine[:, 1:] - height * np.sin(cant)], axis=-1)
 
     @cached_property
-    def _spine(self):
+    def _spine(self) -> np.ndarray:
         """Coordinates y and z of the spine at the stations."""
         at = np.linspace(0.0, self.developed_span, _SPINE_SAMPLES)
         cant = self._cant(at)

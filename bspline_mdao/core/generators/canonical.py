@@ -10,6 +10,8 @@ Report 138, 1979, report B1: section (the symmetric ONERA D, given by its upper 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...grids.topology.grid import Grid
@@ -44,7 +46,9 @@ _NOSE_RADIUS = 0.0145
 """Of the section, in chords: z^2 / 2 x of the first published points."""
 
 
-def onera_m6_grid(shape=(45, 65, 33), spacing: Spacing | None = None, far_field: FarField | None = None) -> Grid:
+def onera_m6_grid(
+    shape: Sequence[int] = (45, 65, 33), spacing: Spacing | None = None, far_field: FarField | None = None
+) -> Grid:
     """Make the H-H grid of section IV.A about the ONERA M6 wing of unit root chord.
 
     Parameters
@@ -72,7 +76,9 @@ def onera_m6_grid(shape=(45, 65, 33), spacing: Spacing | None = None, far_field:
     return hh_wing_grid(wing, shape, spacing, far_field)
 
 
-def flat_plate_grid(shape=(45, 45, 45), spacing: Spacing | None = None, far_field: FarField | None = None) -> Grid:
+def flat_plate_grid(
+    shape: Sequence[int] = (45, 45, 45), spacing: Spacing | None = None, far_field: FarField | None = None
+) -> Grid:
     """Make the H-H grid of section IV.B about a flat plate of unit chord and semi-span 2.
 
     Parameters

@@ -291,7 +291,7 @@ def _between_planes(nodes: np.ndarray) -> np.ndarray:
     return np.stack([nodes * [1.0, 1.0, 0.0] + [0.0, 0.0, z] for z in (0.0, 1.0)], axis=2)
 
 
-def _one_deep(windows, kind: str) -> tuple[Window, ...]:
+def _one_deep(windows: Sequence[Window], kind: str) -> tuple[Window, ...]:
     """Faces of the inboard blocks; of symmetry planes both."""
     ends = ((0, 0), (1, 1)) if kind == "symmetry" else ((0, 1),)
     return tuple(

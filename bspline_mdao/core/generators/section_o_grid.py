@@ -97,7 +97,7 @@ def section_o_grid(section: Section, n_around: int = 64, far: float = 150.0, n_a
     return Grid((block,), patches, source="O-grid about a section")
 
 
-def _outline(section: Section):
+def _outline(section: Section) -> tuple[np.ndarray, float]:
     """Points from the trailing edge along the upper and back along the lower side, and the angle between both (rad)."""
     fractions = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _SAMPLES)))
     upper, lower = (section.points(side, fractions[None], np.ones(1))[0] @ [1.0, 1.0j] for side in (1, -1))

@@ -16,7 +16,7 @@ Theory: ``docs/theory/generators.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -29,7 +29,7 @@ _I_MIN, _J_MIN, _K_MIN, _K_MAX = 0, 2, 4, 5
 
 
 def ball_grid(
-    shape=(17, 17, 17, 17),
+    shape: Sequence[int] = (17, 17, 17, 17),
     radius: float = 1.0,
     far: float = 10.0,
     off_wall: float | None = None,
@@ -71,8 +71,8 @@ def ball_grid(
 
 
 def brick_grid(
-    shape=(17, 17, 17, 17),
-    size=(1.0, 1.0, 1.0),
+    shape: Sequence[int] = (17, 17, 17, 17),
+    size: Sequence[float] = (1.0, 1.0, 1.0),
     far: float = 10.0,
     off_wall: float | None = None,
     octant: bool = False,
@@ -115,7 +115,14 @@ def brick_grid(
     return _shell(shape, lambda s: half * s, far, away, octant, "grid about a brick")
 
 
-def _shell(shape, body: Callable[[np.ndarray], np.ndarray], far: float, away, octant: bool, source: str) -> Grid:
+def _shell(
+    shape: Sequence[int],
+    body: Callable[[np.ndarray], np.ndarray],
+    far: float,
+    away: np.ndarray,
+    octant: bool,
+    source: str,
+) -> Grid:
     """Fill the blocks: ``body`` maps the cube, shape (..., 3), to the body, ``away`` are fractions along the lines."""
     sides = [(axis, 1) for axis in range(3)] if octant else [(axis, sign) for axis in range(3) for sign in (1, -1)]
     blocks = []
@@ -137,7 +144,7 @@ def _patches(blocks: list[Block], octant: bool) -> tuple[Patch, ...]:
     return tuple(patches)
 
 
-def _fractions(shape, far: float, reach: float, off_wall: float | None, source: str) -> np.ndarray:
+def _fractions(shape: Sequence[int], far: float, reach: float, off_wall: float | None, source: str) -> np.ndarray:
     """Nodes along a line from 0 to 1, shape (n, 1); ``reach`` is how far the body goes."""
     if len(shape) != 4 or min(shape) < 3:
         raise InputError(f"{source}: shape {tuple(shape)}; give four counts of 3 nodes at least")
@@ -148,7 +155,7 @@ def _fractions(shape, far: float, reach: float, off_wall: float | None, source: 
     return stretch_from(shape[3], off_wall / (far - reach))[:, None]
 
 
-def _cube_side(shape, axis: int, sign: int, low: float) -> np.ndarray:
+def _cube_side(shape: Sequence[int], axis: int, sign: int, low: float) -> np.ndarray:
     """Equidistant points of one side of the cube, shape (ni, nj, 3), from ``low`` to 1."""
     first, second = ((axis + 1) % 3, (axis + 2) % 3)[::sign]
     points = np.empty((shape[first], shape[second], 3))

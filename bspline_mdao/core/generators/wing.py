@@ -173,7 +173,7 @@ class Section(OneLine):
         return _arcs(self._curves[side], thickness)[1][:, -1]
 
     @cached_property
-    def _curves(self):
+    def _curves(self) -> dict[int, CubicSpline]:
         return {1: _spline(self.upper, self.nose_radius, 1.0), -1: _spline(self.lower, self.nose_radius, -1.0)}
 
 
@@ -391,8 +391,8 @@ def surface_grid(
     # spacings on the surface at the four edges, in arc length (m)
     leading: float,
     trailing: float,
-    root,
-    tip,
+    root: float,
+    tip: float,
 ) -> np.ndarray:
     """Divide one side of a wing into a surface grid."""
     # returns (n_chord, n_span, 3), nodes. Those of the leading edge, the trailing edge and the tip have y = 0, those of

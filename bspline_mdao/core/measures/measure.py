@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
@@ -53,9 +53,9 @@ class Measure(Protocol):
 
 
 def relative_to_baseline(
-    measure,  # dataclass, measure with a field ``scale`` that it is divided by
+    measure: Any,  # dataclass, measure with a field ``scale`` that it is divided by
     least: float,  # value up to which, either side of zero, there is nothing to divide by
-):
+) -> Any:
     """Return a measure divided by its value on the baseline."""
     value = float(measure.evaluate(measure.surface.points)[0])
     if not abs(value) > least:

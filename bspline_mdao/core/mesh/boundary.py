@@ -29,6 +29,7 @@ from ..model.fitted_model import FittedModel
 from ..model.model import Model
 from ..model.movable import Movable
 from ..splines.greville import greville_abscissae
+from ..splines.volume import Volume
 from .allowed_directions import AllowedDirections, required_planes, sliding_planes
 from .following_faces import following_sides
 from .moving_mesh import MovingMesh
@@ -219,8 +220,8 @@ def _mesh(
     blocks: Sequence[np.ndarray],
     points: np.ndarray,
     asked: _Requests,
-    parameters=None,
-    volumes=None,
+    parameters: tuple[np.ndarray, ...] | None = None,
+    volumes: tuple[Volume, ...] | None = None,
 ) -> MovingMesh:
     """Sort the boundary faces of all blocks by what is asked of them."""
     allowed = AllowedDirections.of(len(points))
@@ -266,7 +267,9 @@ class _Side(NamedTuple):
     number: int
 
 
-def _asked_planes(others, points: np.ndarray, asked: _Requests, source: str) -> Iterator[tuple[np.ndarray, MeanPlane]]:
+def _asked_planes(
+    others: Sequence[_Side], points: np.ndarray, asked: _Requests, source: str
+) -> Iterator[tuple[np.ndarray, MeanPlane]]:
     """Yield the points of the faces that have to slide, and the mean plane of each."""
     for is_wanted, reason in ((_is_asked_to_slide, ("is to slide", "fix or release it")), (_is_symmetry, ())):
         found = [side for side in others if is_wanted(side.face, asked)]

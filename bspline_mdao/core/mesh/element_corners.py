@@ -76,5 +76,5 @@ class ElementCorners(OneLine):
         ids = self.elements.ravel()
         return np.stack([np.bincount(ids, bars[:, c], minlength=self.n_points) for c in range(3)], axis=1)
 
-    def _triples(self, points: np.ndarray):
+    def _triples(self, points: np.ndarray) -> np.ndarray:
         return element_measures(points[self.elements], self.handedness, self.degenerate_corners).triples

@@ -41,7 +41,7 @@ def following_sides(
     return met - _periodic_sides(sides, blocks, points) if is_periodic else met
 
 
-def _periodic_sides(sides, blocks: Sequence[np.ndarray], points: np.ndarray) -> set[int]:
+def _periodic_sides(sides: Sequence[tuple], blocks: Sequence[np.ndarray], points: np.ndarray) -> set[int]:
     """Numbers of the sides that a rotation or a translation lays onto others; a far field is none of them."""
     mesh = Grid(tuple(Block(points[ids], f"segment {n}") for n, ids in enumerate(blocks, start=1)))
     windows = {

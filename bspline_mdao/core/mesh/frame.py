@@ -143,7 +143,7 @@ def mesh_planes(mesh: MovingMesh) -> tuple[Plane, ...]:
     return tuple(planes)
 
 
-def _span_axis(points: np.ndarray, planes: tuple[Plane, ...]):
+def _span_axis(points: np.ndarray, planes: tuple[Plane, ...]) -> tuple[np.ndarray, float]:
     """Direction of the span, away from the plane it starts on, and where it starts."""
     if not planes:
         axis = int(np.argmax(np.ptp(points, axis=0)))
@@ -164,7 +164,7 @@ def _across(axis: np.ndarray) -> np.ndarray:
     return np.array(rows)
 
 
-def _middle_line(local: np.ndarray):
+def _middle_line(local: np.ndarray) -> np.ndarray:
     """Straight line through the middles of slices of the span."""
     span = local[:, 2]
     number = np.minimum((_BINS * span / span.max()).astype(int), _BINS - 1)

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ...base.display import OneLine
 from ...errors import InputError
-from ...grids.cells.hexahedron import cell_quality, collapsed_corners
+from ...grids.cells.hexahedron import CellQuality, cell_quality, collapsed_corners
 from ...grids.cells.quads import rings
 from ...grids.topology.block_layout import BlockLayout
 from ..splines.volume import Volume
@@ -265,11 +265,11 @@ class MovingMesh(OneLine):
         return f" on {nearby[0]}, which is fixed where the surface ends on it" if nearby else ""
 
     @cached_property
-    def _degenerate_corners(self):
+    def _degenerate_corners(self) -> list:
         return [collapsed_corners(self.points[ids]) for ids in self.blocks]
 
     @cached_property
-    def _baseline_quality(self):
+    def _baseline_quality(self) -> list[CellQuality]:
         pairs = zip(self.blocks, self._degenerate_corners)
         return [cell_quality(self.points[ids], degenerate_corners) for ids, degenerate_corners in pairs]
 
@@ -285,7 +285,7 @@ def _place(what: str, index: Iterable[Any], name: str) -> str:
     return f"{what} ({i}, {j}, {k}) of {name}"
 
 
-def require_mesh(mesh, what: str) -> MovingMesh:
+def require_mesh(mesh: Any, what: str) -> MovingMesh:
     """A control mesh that is ready to move."""
     if not isinstance(mesh, MovingMesh):
         raise InputError(f"{what}: the mesh is of type {type(mesh).__name__}; make it with moving_mesh(model)")

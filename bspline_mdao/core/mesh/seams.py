@@ -16,7 +16,7 @@ import numpy as np
 
 from ...base.display import OneLine
 from ..splines.basis import basis_gradients
-from ..splines.knots import ConstantKnots
+from ..splines.knots import ConstantKnots, Knots
 from ..splines.side import VolumeSide
 from ..splines.volume import Volume
 from .frame import mesh_planes
@@ -95,7 +95,7 @@ class SideEdge(OneLine):
         return (inner[:, ::-1], on_edge[:, ::-1], tangent[:, ::-1]) if self.is_reversed else (inner, on_edge, tangent)
 
 
-def _dense(knots, direction: int, parameters: np.ndarray) -> np.ndarray:
+def _dense(knots: Knots, direction: int, parameters: np.ndarray) -> np.ndarray:
     """All basis functions of a direction and their derivatives in three parameters, shape (n, N, 4)."""
     spans, values = basis_gradients(knots, direction, parameters)
     found = np.zeros((len(parameters), knots.n_control, 4))

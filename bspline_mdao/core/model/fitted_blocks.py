@@ -8,6 +8,7 @@ Theory: ``docs/parallel.rst``.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -90,7 +91,7 @@ class FittedBlocks(OneLine):
 
     def save(
         self,
-        path,  # the file, on a disk that all processes see
+        path: str | os.PathLike,  # the file, on a disk that all processes see
         compress: bool = True,  # compress the arrays
     ) -> None:
         """Write the model to one HDF5 file, the same as `FittedModel.save`; all processes call this."""

@@ -273,7 +273,7 @@ class FittedModel(Plottable, Model):
         header = _scaled_header(self.header, IndexScaling.of(self.topology, factor))
         return replace(self, topology=member.topology, parameters=member.parameters, residual=residual, header=header)
 
-    def save(self, path, compress: bool = True) -> None:
+    def save(self, path: str | os.PathLike, compress: bool = True) -> None:
         """Write the model to one HDF5 file, see `bspline_mdao.core.model.model_file.write_model`."""
         write_model(self._fields(), path, compress)
         self._note_file(path)

@@ -76,7 +76,7 @@ class LocalModel(OneLine, Model):
         parameters_at: Callable[[int, np.ndarray], np.ndarray],
         # takes ascending rows of the grid vector and returns their residual (m), shape (n, 3)
         residual_at: Callable[[np.ndarray], np.ndarray] | None,
-        **others,  # the other arguments of the class: ``mesh``, ``control_points``, ``header``, ..
+        **others: Any,  # the other arguments of the class: ``mesh``, ``control_points``, ``header``, ..
     ) -> LocalModel:
         """Gather what a process needs, segment by segment."""
         if subdomain.n_nodes_of_grid != topology.n_nodes:

@@ -21,7 +21,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
 from itertools import combinations
@@ -202,7 +202,7 @@ def datasets_of(path: str | os.PathLike, file: h5py.File) -> dict[str, h5py.Data
     found: dict[str, h5py.Dataset] = {}
     limit = _LARGEST_RATIO * os.path.getsize(path)
 
-    def take(name: str, item) -> None:
+    def take(name: str, item: h5py.Dataset | h5py.Group) -> None:
         if isinstance(item, h5py.Dataset):
             if item.nbytes > limit:
                 raise ValueError(name)
@@ -253,7 +253,14 @@ def dataset_options(compress: bool) -> dict[str, object]:
 
 
 def arrays_of(
-    mesh, parameters, control_points, residual, header: GridHeader, candidate_weights, residual_lengths, **_
+    mesh: BSplineMesh,
+    parameters: Sequence[np.ndarray],
+    control_points: np.ndarray,
+    residual: np.ndarray | None,
+    header: GridHeader,
+    candidate_weights: np.ndarray | None,
+    residual_lengths: np.ndarray | None,
+    **_: Any,
 ) -> dict[str, np.ndarray]:
     """Arrays of a model's fields by their names in the file."""
     arrays = {"control_points": control_points, "residual": residual, "shares": candidate_weights}
@@ -270,7 +277,9 @@ def attributes_of(report: FitReport, **_: Any) -> dict[str, object]:
     return {"format": MODEL_FORMAT, "version": VERSION, "seconds": report.seconds}
 
 
-def document_of(topology: Topology, mesh, header: GridHeader, report, settings, **_) -> bytes:
+def document_of(
+    topology: Topology, mesh: BSplineMesh, header: GridHeader, report: FitReport, settings: FitSettings, **_: Any
+) -> bytes:
     """All of a model's fields that are no arrays, as JSON; without the time of the fit: equal fits are equal."""
     fields_of_document = {
         "topology": topology,
@@ -368,7 +377,7 @@ def _check_topology(topology: Topology, header: GridHeader) -> None:
         _check_orientation(link.orientation, *(_section_shape(topology, *end) for end in ends))
 
 
-def _check_window(window: Window, shapes) -> None:
+def _check_window(window: Window, shapes: Sequence[Sequence[int]]) -> None:
     _check_numbers((window.block,), 0, len(shapes) - 1)
     if len(window.lo) != 3 or len(window.hi) != 3:
         raise ValueError("window")
@@ -377,7 +386,7 @@ def _check_window(window: Window, shapes) -> None:
         _check_numbers((hi,), lo, n - 1)
 
 
-def _section_shape(topology: Topology, number: int, section) -> list[int]:
+def _section_shape(topology: Topology, number: int, section: Sequence[int | None]) -> list[int]:
     """Number of nodes in each direction of a section of a segment."""
     _check_numbers((number,), 0, len(topology.segments) - 1)
     if len(section) != 3 or any(end not in (0, -1, None) for end in section):
@@ -385,20 +394,20 @@ def _section_shape(topology: Topology, number: int, section) -> list[int]:
     return [n if end is None else 1 for n, end in zip(topology.segments[number].shape, section)]
 
 
-def _check_orientation(orientation: Orientation, shape, other) -> None:
+def _check_orientation(orientation: Orientation, shape: Sequence[int], other: Sequence[int]) -> None:
     """Raise ValueError unless it turns one shape into the other."""
     is_permutation = sorted(orientation.perm) == [0, 1, 2] and len(orientation.flip) == 3
     if not is_permutation or any(n != other[p] for n, p in zip(shape, orientation.perm)):
         raise ValueError("orientation")
 
 
-def _check_numbers(numbers, least: int, most: int) -> None:
+def _check_numbers(numbers: Sequence[int], least: int, most: int) -> None:
     """Raise ValueError unless these are whole numbers within limits."""
     if any(type(number) is not int or not least <= number <= most for number in numbers):
         raise ValueError("index")
 
 
-def check_parameters(topology: Topology, number: int, shape, values: np.ndarray | None = None) -> None:
+def check_parameters(topology: Topology, number: int, shape: Sequence[int], values: np.ndarray | None = None) -> None:
     """Raise ValueError unless parameters are those of the nodes of a segment, and values of them from 0 to 1."""
     if tuple(shape) != (*topology.segments[number].shape, 3):
         raise ValueError("parameters")

@@ -6,6 +6,7 @@ They are stored in the model's file by the names of their classes and fields
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +48,7 @@ class GridHeader(OneLine):
         names, iblanks = tuple(b.name for b in grid.blocks), tuple(b.iblank for b in grid.blocks)
         return cls(names, grid.patches, grid.source, grid.dialect, iblanks, grid.unit)
 
-    def grid(self, shapes, nodes: np.ndarray) -> Grid:
+    def grid(self, shapes: Sequence[tuple[int, ...]], nodes: np.ndarray) -> Grid:
         """Grid with these nodes, shape (n_nodes, 3), in blocks of these shapes."""
         blocks = map(Block, BlockLayout.of(shapes).split(nodes), self.names, self.iblanks)
         return Grid(tuple(blocks), self.patches, self.source, self.dialect, unit=self.unit)

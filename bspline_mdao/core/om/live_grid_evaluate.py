@@ -131,7 +131,7 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
 
         names = [name for name in state.inputs if name in d_inputs]
 
-        def jvp(*directions) -> np.ndarray:
+        def jvp(*directions: np.ndarray) -> np.ndarray:
             changes = dict(zip(names, directions))
             if GRID_INITIAL in changes:
                 changes[GRID_INITIAL] = whole.gather(changes[GRID_INITIAL])

@@ -252,7 +252,7 @@ def _jets_at_points(T, order, xi, spans, jets):
         basis_jets_at(T[q], order, spans[q], xi[q], jets[q], work)
 
 
-def _as_points(*parameters) -> list[np.ndarray]:
+def _as_points(*parameters: ArrayLike) -> list[np.ndarray]:
     """Return the parameters as contiguous float arrays of one common length."""
     arrays = np.broadcast_arrays(*[np.atleast_1d(np.asarray(p, dtype=float)) for p in parameters])
     return [np.ascontiguousarray(a) for a in arrays]

@@ -46,7 +46,7 @@ class Curve(OneLine):
         object.__setattr__(self, "control_points", points)
 
     @classmethod
-    def uniform(cls, control_points, order: int = 4) -> Curve:
+    def uniform(cls, control_points: np.ndarray, order: int = 4) -> Curve:
         """Make a curve with evenly spaced inner knots."""
         return cls(control_points, ConstantKnots.uniform(len(control_points), order))
 

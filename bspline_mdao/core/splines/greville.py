@@ -5,6 +5,8 @@ Theory: ``docs/theory/fit.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from .knots import ConstantKnots, Knots
@@ -51,7 +53,9 @@ def span_corners(
     return _fixed_point(volume, shape, _knot_breaks)
 
 
-def _fixed_point(volume: Volume, shape: tuple[int, ...], rule) -> np.ndarray:
+def _fixed_point(
+    volume: Volume, shape: tuple[int, ...], rule: Callable[[Knots, np.ndarray, np.ndarray], np.ndarray]
+) -> np.ndarray:
     """Parameters of points, each of which is what ``rule`` makes of the knots there and of the point's index."""
     axes = (np.linspace(0.0, 1.0, n) if n > 1 else np.zeros(1) for n in shape)
     parameters, indices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3), np.indices(shape)

@@ -40,7 +40,9 @@ def insert_knots(
     # values to add, repeated for a higher multiplicity. Into bilinear knots also curved ones, by their values on the
     # four edges, numbered as those of `BilinearKnots`
     new_knots: ArrayLike,  # array_like (m,) or (2, 2, m)
-):  # volume Volume: the volume with ``m`` more knots; control_points: its control points, ``m`` more in this direction
+) -> tuple[
+    Volume, np.ndarray
+]:  # volume Volume: the volume with ``m`` more knots; control_points: its control points, ``m`` more in this direction
     """Insert knots in one direction of a volume, whose geometry does not change.
 
     Examples
@@ -63,7 +65,7 @@ def insert_knots(
     return _on_new_knots(volume, control_points, direction, new, insertion_matrix(old, new))
 
 
-def elevate_order(volume: Volume, control_points: np.ndarray, direction: int):
+def elevate_order(volume: Volume, control_points: np.ndarray, direction: int) -> tuple[Volume, np.ndarray]:
     """Raise the order in one direction of a volume by one; geometry and continuity do not change.
 
     Examples
@@ -119,7 +121,9 @@ def _on_edges(new_knots: ArrayLike) -> np.ndarray:
     return new
 
 
-def _insert_curved(volume: Volume, control_points: np.ndarray, direction: int, new_knot: np.ndarray):
+def _insert_curved(
+    volume: Volume, control_points: np.ndarray, direction: int, new_knot: np.ndarray
+) -> tuple[Volume, np.ndarray]:
     """Insert one knot, given on the four edges, shape (2, 2), into bilinear knots."""
     old = volume.knots[direction]
     assert isinstance(old, BilinearKnots)
@@ -158,7 +162,9 @@ def _constant_knots(volume: Volume, direction: int) -> ConstantKnots:
     return knots
 
 
-def _on_new_knots(volume: Volume, control_points: np.ndarray, direction: int, new: Knots, matrix: np.ndarray):
+def _on_new_knots(
+    volume: Volume, control_points: np.ndarray, direction: int, new: Knots, matrix: np.ndarray
+) -> tuple[Volume, np.ndarray]:
     knots = volume.knots[:direction] + (new,) + volume.knots[direction + 1 :]
     moved = np.moveaxis(np.tensordot(matrix, control_points, axes=(1, direction)), 0, direction)
     return replace(volume, knots=knots), moved
