@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,12 @@ class FlowTangent:
 
     @classmethod
     def of(
-        cls, discretization: Discretization, states: np.ndarray, areas: np.ndarray, stream, pattern: FactorPattern
+        cls,
+        discretization: Discretization,
+        states: np.ndarray,
+        areas: np.ndarray,
+        stream: np.ndarray,
+        pattern: FactorPattern,
     ) -> FlowTangent:
         """Linearise at states, shape (n_cells, 5), for area vectors, shape (n_faces, 3), and a stream, shape (5,)."""
         linearization = discretization.linearize(states, areas, stream)
@@ -61,7 +67,7 @@ class FlowTangent:
         return other.into_transposed()
 
     @property
-    def comm(self):
+    def comm(self) -> Any:
         """The processes."""
         return self.linearization.discretization.halo.comm
 

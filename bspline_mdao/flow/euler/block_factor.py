@@ -198,7 +198,7 @@ class BlockFactor:
     is_transposed: bool = False  # whether it is the factor of the transpose
 
     @classmethod
-    def of(cls, pattern: Pattern, lower, upper, diagonal: np.ndarray) -> BlockFactor:
+    def of(cls, pattern: Pattern, lower: np.ndarray, upper: np.ndarray, diagonal: np.ndarray) -> BlockFactor:
         """Factor a matrix, whose blocks off the diagonal are halves, at their entries, the others by rank."""
         # They are written over.
         schedule = pattern.schedule
@@ -235,7 +235,7 @@ class BlockFactor:
         self._sweep(self.pattern.schedule.downwards, 0, x, x, out)
         return out
 
-    def _sweep(self, levels: np.ndarray, turn: int, right: np.ndarray, x: np.ndarray, out) -> None:
+    def _sweep(self, levels: np.ndarray, turn: int, right: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
         """Do the chunks of some levels, from ``turn`` on downwards."""
         kernel, schedule = (_solve_transposed if self.is_transposed else _solve), self.pattern.schedule
         rows, chunks = factor_rows(self.pattern), schedule.chunks(levels, turn)

@@ -25,6 +25,7 @@ Theory: ``docs/theory/far_field.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,7 @@ class EntropyDrag:
         ends = faces.corners[first:], far - first, faces.left[far], slip - first
         return cls(*ends, *pressures, discretization.halo, vortex, axes)
 
-    def evaluate(self, states: np.ndarray, areas: np.ndarray, alpha: float, mach: float):
+    def evaluate(self, states: np.ndarray, areas: np.ndarray, alpha: float, mach: float) -> float:
         """Drag of states, shape (n_cells, 5), and boundary faces with area vectors (m^2), shape (n_boundary, 3)."""
         stream, seen = free_stream(mach, alpha, self.axes), self.halo.extend(states)
         _, *at = self._at_far_field(seen, areas, stream)
@@ -96,9 +97,9 @@ class EntropyDrag:
         mach: float,
         d_states: np.ndarray,
         d_areas: np.ndarray,
-        d_alpha,
-        d_mach,
-    ):
+        d_alpha: float,
+        d_mach: float,
+    ) -> float:
         """Change of the drag with the states, the area vectors, the angle (rad) and the Mach number."""
         stream, seen, d_seen = free_stream(mach, alpha, self.axes), self.halo.extend(states), self.halo.extend(d_states)
         by_mach, by_alpha = free_stream_partials(mach, alpha, self.axes)
@@ -148,7 +149,7 @@ class EntropyDrag:
         mach_bar = by_mach @ stream_bar - 3.0 / mach * bar * self.evaluate(states, areas, alpha, mach)
         return states_bar, areas_bar, by_alpha @ stream_bar, mach_bar
 
-    def _at_far_field(self, seen, areas: np.ndarray, stream):
+    def _at_far_field(self, seen: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> tuple:
         """Which faces of the far field have an area, and what `far_terms` takes of them."""
         outside = stream[None] if self.vortex is None else self.vortex.outside(seen, areas, stream)
         far = np.flatnonzero((areas[self.far] != 0.0).any(axis=1))
@@ -175,7 +176,7 @@ class EntropyCoefficient:
         """Take the far field of a grid."""
         return cls(EntropyDrag.of(flow.discretization, flow.axes), flow.corners, area)
 
-    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach: float) -> dict[str, np.ndarray]:
+    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha: float, mach: float) -> dict[str, Any]:
         """Coefficient by its name; real or complex."""
         boundary = area_vectors(self.nodes.extend(nodes), self.drag.corners)
         return {"CD_entropy": self.drag.evaluate(states, boundary, alpha, mach) / self.area}
@@ -188,9 +189,9 @@ class EntropyCoefficient:
         mach: float,
         d_states: np.ndarray,
         d_nodes: np.ndarray,
-        d_alpha,
-        d_mach,
-    ) -> dict[str, np.ndarray]:
+        d_alpha: float,
+        d_mach: float,
+    ) -> dict[str, Any]:
         """Derivative along a direction in all arguments."""
         seen, d_seen = self.nodes.extend(nodes), self.nodes.extend(d_nodes)
         boundary = area_vectors(seen, self.drag.corners)

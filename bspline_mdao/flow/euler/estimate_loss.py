@@ -38,7 +38,7 @@ class EstimateLoss:
     adjoints: Sequence[WeightedAdjoint]  # one of each functional
     stream: np.ndarray  # (5,), the free stream
 
-    def value(self, states: np.ndarray, nodes: np.ndarray):
+    def value(self, states: np.ndarray, nodes: np.ndarray) -> float:
         """Loss of states, shape (n_cells, 5), on nodes, shape (n_nodes, 3), in metres; real or complex."""
         w, x = self._finer(states, nodes)
         residual = self.member.flow.at(x).residual(w, self.member.flow.areas(x), self.stream)
@@ -60,11 +60,11 @@ class EstimateLoss:
         nodes_bar = member.nodes.prolong_transposed(member.flow.nodes_vjp(x, tangent, bar))
         return float(total), states_bar, nodes_bar
 
-    def _finer(self, states: np.ndarray, nodes: np.ndarray):
+    def _finer(self, states: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """States and nodes of the finer member."""
         return self.member.cells.prolong(states), self.member.nodes_at(nodes)
 
-    def _count(self, adjoint: WeightedAdjoint, residual):
+    def _count(self, adjoint: WeightedAdjoint, residual: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """What a functional counts, its derivatives by the contributions, and its adjoint on the finer member."""
         psi = self.member.cells.prolong(adjoint.psi)
         contributions = self.member.cells.restrict_sums(dots(psi, residual))

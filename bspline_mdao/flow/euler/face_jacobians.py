@@ -99,7 +99,7 @@ class FaceJacobians:
         out = discretization.halo.fold(discretization.sums.of_stencils(contributions, len(bar)))
         return self._with_circulation(out, self.circulation, self.of_circulation, local)
 
-    def _with_circulation(self, out, column: np.ndarray, row: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    def _with_circulation(self, out: np.ndarray, column: np.ndarray, row: np.ndarray, vector: np.ndarray) -> np.ndarray:
         """Add the part of a product that goes through the circulation of a section, if there is one."""
         if self.discretization.vortex:
             out += column * np.float32(summed_number(self.discretization.halo.comm, float(np.vdot(row, vector))))

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
 
+from ...base.numerics.halo import Halo
 from ...base.numerics.processes import summed_number
 from ...base.sparse.blocks import Graph
 from ...base.sparse.incomplete import IncompletePattern, narrow_order
@@ -131,7 +132,7 @@ class FactorPattern(IncompletePattern):
         couplings: np.ndarray,
         diagonal: np.ndarray,
         cut: np.ndarray,  # of int, pairs of an own cell and one of another process at a face
-        halo,  # exchange of cells
+        halo: Halo,  # exchange of cells
         smallest: float,  # see `of`
     ) -> FactorPattern:
         """Find the pattern for the cells of one process, its border cells last: all processes call it together."""
@@ -160,7 +161,7 @@ class FactorPattern(IncompletePattern):
         is_last: np.ndarray,
         has_turn: bool,
         smallest: float,
-    ):
+    ) -> tuple:
         """Pattern with some cells as its last rows, between which it has no entries."""
         # Returns pattern: pairs of two of these cells have places behind its entries; pairs: of int, which pairs of
         # them these are, by the numbers of the rows among the last ones, the later one first; couplings, diagonal: what
@@ -229,7 +230,7 @@ def _ranks(order: np.ndarray) -> np.ndarray:
     return rank
 
 
-def _lower_rows(left: np.ndarray, right: np.ndarray, values, n: int) -> csr_array:
+def _lower_rows(left: np.ndarray, right: np.ndarray, values: np.ndarray, n: int) -> csr_array:
     """Lower triangle of a symmetric matrix by rows, columns ascending."""
     rows = csr_array((values, (np.maximum(left, right), np.minimum(left, right))), shape=(n, n))
     rows.sum_duplicates()

@@ -109,17 +109,17 @@ class FarVortex:
             self, np.stack(columns, axis=2), self.halo.fold(by_state), rise[:, None] * push / impulse, by_stream
         )
 
-    def _pressures(self, states: np.ndarray):
+    def _pressures(self, states: np.ndarray) -> np.ndarray:
         """Pressures on the walls, shape (n_wall,)."""
         return np.sum(self.weights * states[self.cells, 4], axis=1)
 
-    def _circulation(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray):
+    def _circulation(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> float:
         """Lift per span divided by density and speed of the stream; pressures count from that of the stream."""
         force = (self._pressures(states) - stream[4]) @ areas[self.walls]
         lift = summed_number(self.halo.comm, force @ (self.turn @ stream[1:4]))
         return lift / (stream[0] * (stream[1:4] @ stream[1:4]) * self.depth)
 
-    def _disturbed(self, stream: np.ndarray, circulation):
+    def _disturbed(self, stream: np.ndarray, circulation: float) -> np.ndarray:
         """States of the stream with a vortex. Faster than sound nothing of it comes upstream."""
         rho, u, p = stream[0], stream[1:4], stream[4]
         speed, sound = u @ u, GAMMA * p / rho
@@ -132,7 +132,9 @@ class FarVortex:
         heat = 1.0 + 0.5 * (GAMMA - 1.0) * (speed - np.sum(v * v, axis=1)) / sound
         return np.column_stack([rho * heat ** (1.0 / (GAMMA - 1.0)), v, p * heat ** (GAMMA / (GAMMA - 1.0))])
 
-    def _disturbed_jvp(self, stream: np.ndarray, circulation, d_stream: np.ndarray, d_circulation):
+    def _disturbed_jvp(
+        self, stream: np.ndarray, circulation: float, d_stream: np.ndarray, d_circulation: float
+    ) -> np.ndarray:
         """Change of these states with the stream and the circulation."""
         rho, u, p = stream[0], stream[1:4], stream[4]
         d_rho, du, dp = d_stream[0], d_stream[1:4], d_stream[4]

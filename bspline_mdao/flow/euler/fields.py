@@ -8,6 +8,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,14 @@ def wall_path(path: str | os.PathLike) -> Path:
     return path.with_name(f"{path.stem}_walls{path.suffix}")
 
 
-def _write_walls(path: str | os.PathLike, topology: Topology, grid: Grid, on_nodes, fields, pressures) -> None:
+def _write_walls(
+    path: str | os.PathLike,
+    topology: Topology,
+    grid: Grid,
+    on_nodes: Mapping[str, np.ndarray],
+    fields: Mapping[str, Sequence[np.ndarray]],
+    pressures: np.ndarray,
+) -> None:
     """Write the faces of the walls, with the pressures that act on them, in the order of these: patch after patch."""
     walls = [face for face in topology.boundary if face.kind == "wall"]
     walls = [face for name in dict.fromkeys(face.patch for face in walls) for face in walls if face.patch == name]

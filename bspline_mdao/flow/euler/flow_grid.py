@@ -88,7 +88,7 @@ class FlowGrid:
         return f"<flow grid of {self.faces.n_cells} cells>"
 
     @property
-    def comm(self):
+    def comm(self) -> Any:
         """The processes."""
         return self.corners.comm
 

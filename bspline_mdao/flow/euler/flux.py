@@ -49,11 +49,11 @@ CV = 1.0 / (GAMMA - 1.0)
 
 @njit(cache=True, error_model="numpy")
 def face_flux(
-    w,  # w, j: mean state and jump
-    j,
-    s,  # area vector, not zero
+    w: tuple,  # w, j: mean state and jump
+    j: tuple,
+    s: tuple,  # area vector, not zero
     shock: float = 0.0,  # sensor of shocks, from 0 to 1, by which f is blended into one
-):
+) -> tuple:
     """Flux of mass, momentum and energy through a face, as in the docstring of this module, with its names."""
     r, u, p = w[0], (w[1], w[2], w[3]), w[4]
     jr, ju, jp = j[0], (j[1], j[2], j[3]), j[4]

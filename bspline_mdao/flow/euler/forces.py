@@ -56,8 +56,8 @@ class StateKernel(Protocol):
         mach: float,
         d_states: np.ndarray,
         d_nodes: np.ndarray,
-        d_alpha,
-        d_mach,
+        d_alpha: float,
+        d_mach: float,
     ) -> dict[str, Any]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
 
@@ -87,7 +87,7 @@ class FlowForces:
         nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
         area: float,  # area, chord: reference area (m^2) of what the grid shows, and chord (m)
         chord: float = 1.0,
-        reference=(0.0, 0.0, 0.0),  # point that moments are taken about (m)
+        reference: Sequence[float] = (0.0, 0.0, 0.0),  # point that moments are taken about (m)
         # of bool, hinge moments, and which wall faces belong to the patches of each
         hinges: Sequence[tuple[HingeMoment, np.ndarray]] = (),
     ) -> FlowForces:
@@ -133,8 +133,8 @@ class FlowForces:
         mach: float,
         d_states: np.ndarray,
         d_nodes: np.ndarray,
-        d_alpha,
-        d_mach,
+        d_alpha: float,
+        d_mach: float,
     ) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         on_walls, d_on_walls, wall = self.walls.nodes(nodes), self.walls.nodes(d_nodes), self.walls.corners
@@ -199,7 +199,7 @@ class WallPressure:
         pressures = self._extrapolated(states)
         return (pressures - 1.0 / GAMMA) / (0.5 * mach**2)
 
-    def jvp(self, states: np.ndarray, mach: float, d_states: np.ndarray, d_mach) -> np.ndarray:
+    def jvp(self, states: np.ndarray, mach: float, d_states: np.ndarray, d_mach: float) -> np.ndarray:
         """Change of the coefficients with the states and the Mach number."""
         d_pressures = self._extrapolated(d_states)
         return d_pressures / (0.5 * mach**2) - 2.0 * d_mach / mach * self.evaluate(states, mach)

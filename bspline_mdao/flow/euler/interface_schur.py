@@ -109,7 +109,7 @@ class BorderedFactor:
         cls,
         pattern: Pattern,  # of the own cells
         border: Border,
-        outer_pattern,  # of the border cells that this process sees, made of the pairs of the border
+        outer_pattern: Any,  # of the border cells that this process sees, made of the pairs of the border
         # lower, upper: (n_entries + n_own_pairs, 5, 5), blocks at the entries of the pattern, then of the own pairs of
         # border cells: of the rows of their left cells in ``lower``, of the right ones in ``upper``
         lower: np.ndarray,

@@ -114,16 +114,16 @@ class IrregularFaces:
         return face_centres_vjp(nodes, self.faces.corners, middles_bar, areas_bar)
 
     @property
-    def _index(self):
+    def _index(self) -> tuple[np.ndarray, np.ndarray]:
         """Cells and plain weights of the faces."""
         return self.plain.cells[self.ids], self.plain.means[self.plain.classes[self.ids]]
 
     @property
-    def _sides(self):
+    def _sides(self) -> tuple[np.ndarray, np.ndarray, int]:
         """Cells of all faces, and the number of cells."""
         return self.faces.left, self.faces.right, self.faces.n_cells + self.faces.n_ghosts
 
-    def _shapes(self, nodes: np.ndarray):
+    def _shapes(self, nodes: np.ndarray) -> tuple:
         """Centres and area vectors of the faces, and centres and squares of edges of the cells."""
         middles, areas = face_centres(nodes, self.faces.corners)
         return middles, areas, *self._seen(cell_shapes(middles, areas, *self._sides))
@@ -142,7 +142,7 @@ def weight_changes(
     # cells
     centres: np.ndarray,
     spreads: np.ndarray,
-):
+) -> np.ndarray:
     """Changes of the weights of the four cells in the mean states of faces, shape (n, 4); real or complex."""
     out = np.zeros((len(cells), 4), centres.dtype)
     for f in range(len(cells)):

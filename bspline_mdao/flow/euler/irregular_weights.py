@@ -28,12 +28,12 @@ ROUNDED = 1e-12
 def free_changes(
     # centre of the face, those of the four cells (m), and the sum of the squares of the edges of the middle two (m^2),
     # as rows
-    face,
-    weights,  # weights of smooth lines
+    face: tuple,
+    weights: tuple,  # weights of smooth lines
     # has_first, has_last: 1.0 where the first and the last cell are no stand-ins for missing ones, else 0.0
     has_first: float,
     has_last: float,
-):
+) -> tuple:
     """Changes of the four weights with no bound on them, and the determinant of the matrix of the face."""
     # They are there where the determinant is positive.
     middle, a, b, c, d, spread = face

@@ -88,7 +88,7 @@ def solve_system(
       the Gram-Schmidt QR factorization", Math. Comp. 30 (1976), 772-795.
     """
 
-    def apply(vector: np.ndarray):
+    def apply(vector: np.ndarray) -> np.ndarray:
         return product(precondition(vector.reshape(right.shape))).ravel()
 
     size, n_products = norm(right, comm), 0
@@ -114,7 +114,14 @@ def solve_system(
     return KrylovSolution(x, n_products, left <= target, part)
 
 
-def _cycle(apply, basis: np.ndarray, rest, beta, target, comm: Any) -> tuple[np.ndarray, float]:
+def _cycle(
+    apply: Callable[[np.ndarray], np.ndarray],
+    basis: np.ndarray,
+    rest: np.ndarray,
+    beta: float,
+    target: float,
+    comm: Any,
+) -> tuple[np.ndarray, float]:
     """Weights of the vectors that reduce the residual most, steps 1 to 4, and what they leave of it."""
     most = len(basis) - 1
     triangle, rotations, reduced = np.zeros((most, most)), np.zeros((most, 2)), np.zeros(most + 1)
@@ -252,7 +259,7 @@ def solve_refined(
     right: np.ndarray,  # right, tolerance, max_products, comm: see `solve_system`; products are those of both kinds
     tolerance: float,
     max_products: int = 4000,
-    comm=ONE,
+    comm: Any = ONE,
     scale: np.ndarray | float = 1.0,
 ) -> KrylovSolution:
     """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.

@@ -103,7 +103,7 @@ class Linearization:
         d_far = self.vortex.outside_jvp(d_states, d_areas, d_stream) if self.vortex else d_stream
         return self._sum_changes(d_states, d_areas, self.discretization.at_far_field(d_far))
 
-    def _sum_changes(self, d_states: np.ndarray, d_areas: np.ndarray, d_outside) -> np.ndarray:
+    def _sum_changes(self, d_states: np.ndarray, d_areas: np.ndarray, d_outside: np.ndarray) -> np.ndarray:
         """Change of the residual with states, area vectors and the states outside."""
         dtype = np.result_type(d_states, d_areas, d_outside)
         d_states, d_areas = (np.ascontiguousarray(d, dtype) for d in (d_states, d_areas))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -219,7 +220,7 @@ class _StepSystem:
 
     @classmethod
     def of(
-        cls, field: Field, pattern: FactorPattern, states: np.ndarray, cfl: float, is_long: bool, factor=None
+        cls, field: Field, pattern: FactorPattern, states: np.ndarray, cfl: float, is_long: bool, factor: Any = None
     ) -> _StepSystem:
         """Linearise, add time terms to the diagonal, and factor a compact neighbour, unless there is a factor."""
         discretization = field.discretization
@@ -227,7 +228,9 @@ class _StepSystem:
         diagonal = (time_terms(discretization, states, field.areas, is_long) / cfl).astype(np.float32)
         return cls(field, linearization, diagonal, factor or compact_factor(linearization, pattern, diagonal))
 
-    def solve(self, settings: NewtonSettings, residual, part, is_rough) -> tuple[np.ndarray | None, int]:
+    def solve(
+        self, settings: NewtonSettings, residual: np.ndarray, part: float, is_rough: bool
+    ) -> tuple[np.ndarray | None, int]:
         """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
         product, comm = self.linearization.jacobians.product, self.field.discretization.halo.comm
         system = by_surface(product, self.factor.solve, self.field.sizes, self.diagonal)
@@ -245,7 +248,9 @@ class _StepSystem:
         return course_of(update, last, residual, scaled, self.field.discretization.halo.comm)
 
 
-def advance(settings: NewtonSettings, field: Field, states, residual, update):
+def advance(
+    settings: NewtonSettings, field: Field, states: np.ndarray, residual: np.ndarray, update: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Take as much of a step as keeps the states physical and the residual bounded."""
     if update is None:
         return states, residual, 0.0
@@ -260,7 +265,7 @@ def advance(settings: NewtonSettings, field: Field, states, residual, update):
     return states, residual, 0.0
 
 
-def _physical_length(settings: NewtonSettings, states: np.ndarray, update: np.ndarray, comm) -> float:
+def _physical_length(settings: NewtonSettings, states: np.ndarray, update: np.ndarray, comm: Any) -> float:
     """Largest part of a step, up to all of it, at which no density or pressure falls by more than is allowed."""
     fall = largest(comm, np.max(-update[:, [0, 4]] / states[:, [0, 4]], initial=-np.inf))
     return min(1.0, settings.largest_fall / max(fall, np.finfo(float).tiny))

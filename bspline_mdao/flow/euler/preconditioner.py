@@ -222,7 +222,7 @@ def by_surface(
     single = sizes.ravel().astype(np.float32)
     inverse = 1.0 / single
 
-    def divided(x: np.ndarray):
+    def divided(x: np.ndarray) -> np.ndarray:
         change = product(x)
         return _scaled_rows(inverse, change, change) if blocks is None else add_blocks(blocks, x, inverse, change)
 

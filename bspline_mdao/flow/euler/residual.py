@@ -83,7 +83,7 @@ class Discretization:
         outside = self.outside(states, areas, stream)
         flux = np.zeros((self.faces.n_faces, N_STATES), dtype)
 
-        def fill(part) -> None:
+        def fill(part: slice) -> None:
             fluxes(scheme.part(part), areas[part], states, outside[part], flux[part])
 
         visit(len(flux), fill)

@@ -61,7 +61,7 @@ def coarse_levels(
     partition: Partition | None = None,
     comm: Any = ONE,
     **settings: Any,  # of the `Discretization`
-):  # the finest first
+) -> list[CoarseLevel]:  # the finest first
     """Make coarser members of a grid, each of the one before: once per grid."""
     levels = []
     for _ in range(n_levels):
@@ -175,7 +175,9 @@ def _parents(
     return np.concatenate(parents)
 
 
-def _coarse_partition(fine: Partition, shapes, planes) -> Partition:
+def _coarse_partition(
+    fine: Partition, shapes: Sequence[tuple[int, ...]], planes: Sequence[Sequence[np.ndarray]]
+) -> Partition:
     """Give every cell of a member to the process that has its first cell of the finer grid."""
     pieces = []
     for subdomain in fine.pieces:
@@ -192,7 +194,9 @@ def _first_at(kept: np.ndarray, index: int) -> int:
     return int(np.searchsorted(kept, index))
 
 
-def _shared(fine: Partition, coarse: Partition, planes, comm: Any) -> tuple[np.ndarray, np.ndarray, tuple[Halo, Halo]]:
+def _shared(
+    fine: Partition, coarse: Partition, planes: Sequence[Sequence[np.ndarray]], comm: Any
+) -> tuple[np.ndarray, np.ndarray, tuple[Halo, Halo]]:
     """Places of the nodes and parents of one process in extended arrays of the finer grid and the member."""
     rows, parents = [np.zeros(0, int)], [np.zeros(0, int)]
     starts = fine.layout.starts

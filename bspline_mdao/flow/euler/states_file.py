@@ -125,7 +125,7 @@ def read_states(
     return CellTransfer.of(member, topology).spread(file.states), file.alpha
 
 
-def _member(topology: Topology, shapes) -> Topology | None:
+def _member(topology: Topology, shapes: Sequence[tuple[int, ...]]) -> Topology | None:
     """Topology of the member of the family that has these shapes, if there is one."""
     if len(shapes) != len(topology.shapes):
         return None

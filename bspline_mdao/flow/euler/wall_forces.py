@@ -68,8 +68,8 @@ class WallForces:
         dynamic_pressure: float,
         d_states: np.ndarray,
         d_nodes: np.ndarray,
-        d_mach,
-        d_dynamic_pressure,
+        d_mach: float,
+        d_dynamic_pressure: float,
     ) -> np.ndarray:
         """Change of the forces along a direction in all arguments."""
         walls = self.pressure.walls
@@ -94,7 +94,7 @@ class WallForces:
         nodes_bar = self.pressure.walls.nodes_vjp(walls_bar)
         return states_bar, nodes_bar, mach_bar, np.sum(forces_bar * areas * pressure[:, None])
 
-    def _reduced(self, states: np.ndarray, nodes: np.ndarray, mach: float):
+    def _reduced(self, states: np.ndarray, nodes: np.ndarray, mach: float) -> np.ndarray:
         """Forces divided by the dynamic pressure (m^2)."""
         areas = area_vectors(self.pressure.walls.nodes(nodes), self._corners)
         return self.weights @ (self.pressure.evaluate(states, mach)[self.faces, None] * areas)
