@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from ...base.display import OneLine
@@ -41,7 +42,7 @@ class AxisMoment(OneLine):
         points: csr_array,  # (n_forces, n_nodes), see above
         nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), which tell the side that a force is on
         axes: np.ndarray,  # (3, 3), rows are the directions downstream, along the span, and up
-        reference,  # the reference point (m)
+        reference: ArrayLike,  # the reference point (m)
         volume: float,  # see above
     ) -> AxisMoment:
         """Take the moment that bends a wing upwards about its plane of symmetry."""
@@ -51,14 +52,14 @@ class AxisMoment(OneLine):
         sides = np.sign(points @ nodes @ axes[1])
         return cls.about_fixed(points, sides, [middle, middle + np.linalg.det(axes) * axes[0]], volume)
 
-    def evaluate(self, forces: np.ndarray, nodes: np.ndarray):
+    def evaluate(self, forces: np.ndarray, nodes: np.ndarray) -> float:
         """Coefficient of forces divided by the dynamic pressure (m^2), shape (n_forces, 3); real or complex."""
         # Nodes are those of the grid (m), shape (n_nodes, 3).
         start, direction, _ = self._axis(nodes)
         arms = self.points @ nodes - start
         return self.weights @ np.cross(arms, forces) @ direction / self.volume
 
-    def jvp(self, forces: np.ndarray, nodes: np.ndarray, d_forces, d_nodes: np.ndarray):
+    def jvp(self, forces: np.ndarray, nodes: np.ndarray, d_forces: np.ndarray, d_nodes: np.ndarray) -> float:
         """Derivative of `evaluate` along a direction in both arguments."""
         start, direction, length = self._axis(nodes)
         d_ends = self.ends @ d_nodes
@@ -78,7 +79,7 @@ class AxisMoment(OneLine):
         ends_bar = np.stack([-line_bar - arms_bar.sum(axis=0), line_bar])
         return parts * np.cross(direction, arms), self.points.T @ arms_bar + self.ends.T @ ends_bar
 
-    def _axis(self, nodes: np.ndarray):
+    def _axis(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """First point, direction, and length of what is between the points."""
         start, end = self.ends @ nodes + self.offsets
         length = np.sqrt(np.sum((end - start) ** 2))

@@ -49,7 +49,13 @@ class ForceCoefficients:
         return self._coefficients(self._directions(alpha) @ forces.sum(axis=0), moment)
 
     def jvp(
-        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+        self,
+        forces: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        d_forces: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha: float,
     ) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         d_moment = np.cross(self._arms(nodes), d_forces) + np.cross(self.points @ d_nodes, forces)
@@ -68,17 +74,17 @@ class ForceCoefficients:
         nodes_bar = self.points.T @ np.cross(forces, moment_bar)
         return forces_bar, nodes_bar, force_bar @ self._slopes(alpha) @ forces.sum(axis=0)
 
-    def _arms(self, nodes: np.ndarray):
+    def _arms(self, nodes: np.ndarray) -> np.ndarray:
         return self.points @ nodes - np.asarray(self.reference)
 
-    def _directions(self, alpha: float):
+    def _directions(self, alpha: float) -> np.ndarray:
         """Directions of lift and of drag, shape (2, 3)."""
         return stream_axes(alpha, self.axes)[::-1]
 
-    def _slopes(self, alpha: float):
+    def _slopes(self, alpha: float) -> np.ndarray:
         """Derivatives of the directions with respect to the angle."""
         drag, lift = stream_axes(alpha, self.axes)
         return np.stack([-drag, lift])
 
-    def _coefficients(self, force: np.ndarray, moment):
+    def _coefficients(self, force: np.ndarray, moment: np.ndarray) -> dict[str, np.ndarray]:
         return {"CL": force[0] / self.area, "CD": force[1] / self.area, "CM": moment / self.chord / self.area}

@@ -108,7 +108,13 @@ class InducedDrag:
         return load, self._factor * self._wake(trace, load).drag
 
     def jvp(
-        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+        self,
+        forces: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        d_forces: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha: float,
     ) -> tuple[np.ndarray, float]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         trace, turn = _trace(self.strips, nodes, alpha)
@@ -122,7 +128,7 @@ class InducedDrag:
         return d_load, np.sum(trace_bar * d_trace) + load_bar @ d_load
 
     def vjp(
-        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, load_bar, drag_bar
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, load_bar: np.ndarray, drag_bar: float
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """Apply the transpose of `jvp` to derivatives with respect to the span load, shape (n,), and to the drag."""
         # Returns derivatives with respect to the forces, shape (n_faces, 3), the nodes, shape (n_nodes, 3), and the
@@ -156,11 +162,11 @@ class InducedDrag:
         """Drag divided by the dynamic pressure, relative to that of the whole wake at unit speed and density."""
         return 1.0 if self.strips.is_symmetric else 2.0
 
-    def _wake(self, trace, load: np.ndarray) -> Wake:
+    def _wake(self, trace: np.ndarray, load: np.ndarray) -> Wake:
         """The wake at unit speed."""
         return Wake(self.points @ trace, 0.5 * (self.loads @ load), self.strips.is_symmetric, self.places)
 
-    def _drag_gradients(self, trace, load: np.ndarray):
+    def _drag_gradients(self, trace: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the drag with respect to the trace, shape (n + 1, 2), and to the load, shape (n,)."""
         points_bar, circulations_bar = self._wake(trace, load).drag_gradients()
         return self._factor * self.points.T @ points_bar, 0.5 * self._factor * circulations_bar @ self.loads
@@ -258,12 +264,12 @@ class Wake(OneLine):
     places: float | np.ndarray = 0.5
 
     @property
-    def lift(self):
+    def lift(self) -> float:
         """Lift divided by density and speed (m^3/s)."""
         return self._halves * (self.circulations @ self._traces[:, 0])
 
     @property
-    def drag(self):
+    def drag(self) -> float:
         """Induced drag divided by density (m^4/s^2)."""
         return self.circulations @ self.influence @ self.circulations
 

@@ -22,7 +22,7 @@ def panel_pressures(
     return _dot(forces, normals) / _dot(normals, normals)
 
 
-def panel_pressures_jvp(forces: np.ndarray, nodes: np.ndarray, d_forces, d_nodes: np.ndarray) -> np.ndarray:
+def panel_pressures_jvp(forces: np.ndarray, nodes: np.ndarray, d_forces: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
     """Derivative of `panel_pressures` along a direction in both arguments, shape (n - 1, m - 1)."""
     normals, d_normals = _area_vectors(nodes), _area_vectors_jvp(nodes, d_nodes)
     square = _dot(normals, normals)

@@ -112,7 +112,9 @@ class RigidLinks(OneLine):
         t, theta = u[:, :3], u[:, 3:]
         return self.weights @ (t - np.cross(theta, beam)) + np.cross(self.weights @ theta, x)
 
-    def displacements_jvp(self, x: np.ndarray, beam: np.ndarray, u: np.ndarray, d_x, d_beam, d_u) -> np.ndarray:
+    def displacements_jvp(
+        self, x: np.ndarray, beam: np.ndarray, u: np.ndarray, d_x: np.ndarray, d_beam: np.ndarray, d_u: np.ndarray
+    ) -> np.ndarray:
         """Change of the displacements along a direction in all arguments."""
         turned = self.weights @ -np.cross(u[:, 3:], d_beam) + np.cross(self.weights @ u[:, 3:], d_x)
         return self.displacements(x, beam, d_u) + turned
@@ -139,7 +141,15 @@ class RigidLinks(OneLine):
         sums = self.weights.T @ forces
         return np.hstack([sums, self.weights.T @ np.cross(x, forces) - np.cross(beam, sums)])
 
-    def loads_jvp(self, x: np.ndarray, beam: np.ndarray, forces: np.ndarray, d_x, d_beam, d_forces) -> np.ndarray:
+    def loads_jvp(
+        self,
+        x: np.ndarray,
+        beam: np.ndarray,
+        forces: np.ndarray,
+        d_x: np.ndarray,
+        d_beam: np.ndarray,
+        d_forces: np.ndarray,
+    ) -> np.ndarray:
         """Change of the loads along a direction in all arguments."""
         change = self.loads(x, beam, d_forces)
         change[:, 3:] += self.weights.T @ np.cross(d_x, forces) - np.cross(d_beam, self.weights.T @ forces)

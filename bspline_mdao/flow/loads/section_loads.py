@@ -47,7 +47,13 @@ class SectionLoads:
         return self._named(_Strip(self._numbers(forces, nodes, alpha)).values)
 
     def jvp(
-        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+        self,
+        forces: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        d_forces: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha: float,
     ) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         weights = self.strips.face_weights
@@ -86,7 +92,7 @@ class SectionLoads:
         weights = self.strips.face_weights
         return self._joined(weights @ forces, weights @ np.cross(self.points @ nodes, forces), nodes, alpha)
 
-    def _joined(self, on_strips, moments, nodes: np.ndarray, alpha: float) -> np.ndarray:
+    def _joined(self, on_strips: np.ndarray, moments: np.ndarray, nodes: np.ndarray, alpha: float) -> np.ndarray:
         leading, trailing = self.strips.leading @ nodes, self.strips.trailing @ nodes
         angle = np.full((len(on_strips), 1), alpha)
         return np.hstack([on_strips, moments, leading[:-1], leading[1:], trailing[:-1], trailing[1:], angle])
@@ -164,12 +170,12 @@ class _Strip:
         return np.stack([x * self.cosine + z * self.sine, y, z * self.cosine - x * self.sine], axis=1)
 
     @staticmethod
-    def _reduced(vectors: np.ndarray):
+    def _reduced(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Force, moment, and middles of the edges, each of shape (3, ..., n)."""
         return vectors[0], vectors[1], 0.5 * (vectors[2] + vectors[3]), 0.5 * (vectors[4] + vectors[5])
 
     @staticmethod
-    def _across(point, force: np.ndarray, moment):
+    def _across(point: np.ndarray, force: np.ndarray, moment: np.ndarray) -> np.ndarray:
         """Moment about a point, along the span and up, shape (2, ..., n)."""
         about_span = moment[1] - (point[2] * force[0] - point[0] * force[2])
         return np.stack([about_span, moment[2] - (point[0] * force[1] - point[1] * force[0])])

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, vstack
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from ...core.measures.edge_cuts import cut_edges, edges_of_quads
+from ...core.measures.edge_cuts import EdgeCuts, cut_edges, edges_of_quads
 from ...errors import InputError
 
 __all__ = ["SpanStrips"]
@@ -156,7 +156,7 @@ def _of_equal_width(corners: np.ndarray, nodes: np.ndarray, axes: np.ndarray, n_
     return csr_array(np.diff(passed, axis=0)), *ends
 
 
-def _last_cut(cuts, downstream: np.ndarray) -> csr_array:
+def _last_cut(cuts: EdgeCuts, downstream: np.ndarray) -> csr_array:
     """Weights of the nodes in the last one downstream of some points on edges."""
     points = cuts.matrix(len(downstream))
     return points[[np.argmax(points @ downstream)]]

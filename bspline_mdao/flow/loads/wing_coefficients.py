@@ -40,7 +40,13 @@ class WingKernel(Protocol):
         """Values by name; real or complex."""
 
     def jvp(
-        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+        self,
+        forces: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        d_forces: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha: float,
     ) -> dict[str, Any]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
 
@@ -78,7 +84,13 @@ class InducedCoefficients:
         return self._named(*self.induced.evaluate(forces, nodes, alpha))
 
     def jvp(
-        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+        self,
+        forces: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        d_forces: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha: float,
     ) -> dict[str, Any]:
         return self._named(*self.induced.jvp(forces, nodes, alpha, d_forces, d_nodes, d_alpha))
 
@@ -88,7 +100,7 @@ class InducedCoefficients:
         drag_bar = bars.get("CD_induced", 0.0) / self.area
         return self.induced.vjp(forces, nodes, alpha, bars.get("span_load", 0.0), drag_bar)
 
-    def _named(self, load: np.ndarray, drag):
+    def _named(self, load: np.ndarray, drag: float) -> dict[str, Any]:
         return {"CD_induced": drag / self.area, "span_load": load}
 
 
@@ -107,7 +119,13 @@ class MomentCoefficient:
         return {self.name: self.moment.evaluate(forces, nodes)}
 
     def jvp(
-        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+        self,
+        forces: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        d_forces: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha: float,
     ) -> dict[str, Any]:
         return {self.name: self.moment.jvp(forces, nodes, d_forces, d_nodes)}
 
@@ -169,7 +187,13 @@ class WingCoefficients:
         return _merged(kernel.evaluate(forces, nodes, alpha) for kernel in self.kernels)
 
     def jvp(
-        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, d_forces, d_nodes: np.ndarray, d_alpha
+        self,
+        forces: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        d_forces: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha: float,
     ) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         at = forces, nodes, alpha, d_forces, d_nodes, d_alpha

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def adapt_grid(
     rounds: int = ROUNDS,
     iterations: int = ITERATIONS,
     progress: Callable[[float, str], None] | None = None,
-    **flow,
+    **flow: Any,
 ) -> Adaptation:
     """Move interior control points so that the adjoint's estimate of the error of lift or drag falls.
 

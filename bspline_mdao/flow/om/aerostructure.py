@@ -167,7 +167,7 @@ class Aerostructure(Copied, om.Group):
         self.promotes("point", inputs=["camber_surface"], outputs=["failure", ("Cl", "strip_lift")])
         self.point.coupled.nonlinear_solver.options.update({"atol": 1e-9, "rtol": 1e-14, "iprint": -1})
 
-    def _add_spar(self, surface) -> None:
+    def _add_spar(self, surface: dict[str, Any]) -> None:
         """From the mesh to the stiffness and the mass of the spar."""
         section = ["A", "Iy", "Iz", "J"]
         self.add_subsystem(
@@ -183,7 +183,7 @@ class Aerostructure(Copied, om.Group):
             promotes_outputs=["structural_mass"],
         )
 
-    def _add_point(self, surface) -> None:
+    def _add_point(self, surface: dict[str, Any]) -> None:
         """Steady flight of the wing that bends."""
         self.add_subsystem(
             "point",

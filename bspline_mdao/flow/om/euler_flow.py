@@ -368,13 +368,13 @@ _UNITS = (1.0, 1.0, RADIAN, 1.0)
 """Inputs in the order of the kernel's arguments, and their units in those of the kernel."""
 
 
-def _at(inputs: Vector):
+def _at(inputs: Vector) -> tuple[np.ndarray, np.ndarray, float, float]:
     """States, nodes, angle (rad) and Mach number."""
     states, nodes = inputs["states"].reshape(-1, N_STATES), inputs[GRID].reshape(-1, 3)
     return states, nodes, RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
 
 
-def _directions(inputs: Vector, d_inputs: Vector):
+def _directions(inputs: Vector, d_inputs: Vector) -> tuple[np.ndarray, Any, float, float]:
     """Directions in all of these, zero where OpenMDAO leaves one out."""
     states = d_inputs["states"] if "states" in d_inputs else np.zeros_like(inputs["states"])
     d_alpha, d_mach = (d_inputs[name].item() if name in d_inputs else 0.0 for name in _INPUTS[2:])

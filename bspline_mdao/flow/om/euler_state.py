@@ -5,6 +5,7 @@ Theory: ``docs/theory/euler.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -36,8 +37,10 @@ from ..euler.flow_grid import FlowGrid
 from ..euler.forces import FlowForces
 from ..euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
 from ..euler.krylov import KrylovSolution
+from ..euler.linearization import Linearization
 from ..euler.modified_newton import solve_nearby
 from ..euler.newton import FlowSolution, relative_residual, solve_flow
+from ..euler.newton_step import NewtonStep
 from ..euler.residual import Discretization
 from ..loads.stream import RADIAN
 from .derivative_mode import warn_of_derivative_mode
@@ -252,7 +255,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             tangent = self._tangent_at_solution(self._inputs_of_flow(), self._outputs)
         return self._accepted(tangent.solve_transposed(bar, tolerance), tolerance)
 
-    def _inputs_of_flow(self):
+    def _inputs_of_flow(self) -> Any:
         """Grid, angle and Mach number, by name."""
         return self._inputs
 
@@ -261,7 +264,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """The last solution, with its history; None before the first run."""
         return self._solution
 
-    def _forward(self, linearization, inputs: Vector, d_inputs: Vector, d_outputs: Vector, d_residuals: Vector) -> None:
+    def _forward(
+        self, linearization: Linearization, inputs: Vector, d_inputs: Vector, d_outputs: Vector, d_residuals: Vector
+    ) -> None:
         change = np.zeros((self._discretization.faces.n_cells, N_STATES))
         if "states" in d_outputs:
             change += linearization.state_jvp(d_outputs["states"].reshape(-1, N_STATES))
@@ -273,7 +278,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                 change += linearization.stream_jvp(d_stream * d_inputs[name])
         d_residuals["states"] += change.ravel()
 
-    def _reverse(self, linearization, inputs: Vector, d_inputs: Vector, d_outputs: Vector, d_residuals: Vector) -> None:
+    def _reverse(
+        self, linearization: Linearization, inputs: Vector, d_inputs: Vector, d_outputs: Vector, d_residuals: Vector
+    ) -> None:
         bar = d_residuals["states"].reshape(-1, N_STATES)
         if "states" in d_outputs:
             d_outputs["states"] += linearization.state_vjp(bar).ravel()
@@ -307,7 +314,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         return self._tangent
 
     @property
-    def _discretization(self):
+    def _discretization(self) -> Discretization:
         return self.options["flow"].discretization
 
     def _scheme(self, inputs: Vector) -> Discretization:
@@ -320,7 +327,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             self._last_scheme = nodes.copy(), flow.at(nodes)
         return self._last_scheme[1]
 
-    def _at(self, inputs: Vector):
+    def _at(self, inputs: Vector) -> tuple[np.ndarray, np.ndarray]:
         """Area vectors and free stream."""
         flow = self.options["flow"]
         stream = free_stream(inputs["Mach_number"][0], RADIAN * inputs["alpha"][0], flow.axes)
@@ -346,7 +353,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         if not 0.0 < inputs["Mach_number"][0] < np.inf:
             raise om.AnalysisError(f"{self.msginfo}: Mach_number is {inputs['Mach_number'][0]}; it has to be positive")
 
-    def _worst_cell(self, discretization, areas: np.ndarray, stream) -> str:
+    def _worst_cell(self, discretization: Discretization, areas: np.ndarray, stream: np.ndarray) -> str:
         """Name the cell with the largest residual by its surface, and its Mach number: the same on all processes."""
         states = self._solution.states
         rows = discretization.residual(states, areas, stream) / discretization.sizes(areas)
@@ -368,7 +375,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         is_missing = n_supersonic and not self._discretization.shock_threshold
         return f"; it is supersonic in {n_supersonic} cells, set shock_threshold" if is_missing else ""
 
-    def _last_states(self, outputs: Vector, stream) -> np.ndarray:
+    def _last_states(self, outputs: Vector, stream: np.ndarray) -> np.ndarray:
         """States that are there, with the change of the free stream since they were solved for, if they were."""
         states, last = outputs["states"].reshape(-1, N_STATES), self._converged
         is_solved = last is not None and self._everywhere(np.array_equal(states, last.states))
@@ -382,7 +389,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         )
         return {"Mach_number": d_stream_d_mach, "alpha": RADIAN * d_stream_d_alpha}
 
-    def _attempts(self, inputs: Vector, outputs: Vector, areas: np.ndarray, stream, tolerance, report: Progress):
+    def _attempts(
+        self, inputs: Vector, outputs: Vector, areas: np.ndarray, stream: np.ndarray, tolerance: float, report: Progress
+    ) -> Iterator[FlowSolution]:
         """Yield solutions, each by a surer way than the last."""
         flow, levels = (self.options[name] for name in ("flow", "levels"))
         settings = {"tolerance": tolerance, "max_steps": self.options["max_steps"]}
@@ -404,7 +413,14 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         is_so = given is not None and np.array_equal(outputs["states"].reshape(-1, N_STATES), given[0])
         return given is not None and self._everywhere(is_so)
 
-    def _from_nearby(self, inputs: Vector, outputs: Vector, field, start, settings) -> FlowSolution:
+    def _from_nearby(
+        self,
+        inputs: Vector,
+        outputs: Vector,
+        field: tuple[Discretization, np.ndarray, np.ndarray],
+        start: np.ndarray,
+        settings: dict[str, Any],
+    ) -> FlowSolution:
         """Solve with the last Jacobian while that does, and then by steps with their own."""
         tangent = self._tangent or self._tangent_at(inputs, outputs)
         how = {name: value for name, value in settings.items() if name != "pattern"}
@@ -416,12 +432,12 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         solution = solve_flow(*field, states=nearby.states, **settings)
         return replace(solution, history=nearby.history[:-1] + solution.history)
 
-    def _progress(self, inputs: Vector, tolerance: float, report: Progress):
+    def _progress(self, inputs: Vector, tolerance: float, report: Progress) -> Callable:
         """What Newton's method calls with every step: it moves a bar, and prints a line where that is asked for."""
         nodes, alpha, mach = inputs[GRID].reshape(-1, 3), RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
         is_printed = self.options["iprint"] > 1
 
-        def message(step, states: np.ndarray) -> None:
+        def message(step: NewtonStep, states: np.ndarray) -> None:
             digits = np.log(max(step.residual, tolerance)) / np.log(tolerance)
             report(float(np.clip(digits, 0.0, 1.0)), f"residual {step.residual:.1e}")
             if is_printed:

@@ -5,6 +5,8 @@ Theory: ``docs/theory/aerostructure.rst``.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import openmdao.api as om
 from openmdao.vectors.vector import Vector
@@ -104,7 +106,7 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
         states, nodes, mach, pressure = (inputs[name] for name in INPUTS)
         return states.reshape(-1, N_STATES), nodes.reshape(-1, 3), mach[0], pressure[0]
 
-    def _along(self, inputs: Vector, d_inputs: Vector):
+    def _along(self, inputs: Vector, d_inputs: Vector) -> tuple[np.ndarray, Any, float, float]:
         """Directions in all of these, zero where OpenMDAO leaves one out."""
         states = d_inputs["states"] if "states" in d_inputs else np.zeros_like(inputs["states"])
         d_mach, d_pressure = (d_inputs[name].item() if name in d_inputs else 0.0 for name in INPUTS[2:])

@@ -179,7 +179,11 @@ class UnfoldedLattice(SurfaceMeasure):
 
 
 def lattice_camber(
-    surface: SurfaceGrid, axes: str, n_chord: int = N_CHORD, n_span: int = N_SPAN, ends=None
+    surface: SurfaceGrid,
+    axes: str,
+    n_chord: int = N_CHORD,
+    n_span: int = N_SPAN,
+    ends: tuple[float, float] | None = None,
 ) -> CamberSurface:
     """The lattice that a `LatticeFlow` with these options lays into walls."""
     if ends is None:  # the root, and a place a quarter of a strip short of the tip

@@ -144,7 +144,7 @@ class Snapshot(OneLine):
         return written
 
 
-def _of_group(group, title: str) -> Snapshot:
+def _of_group(group: om.Group, title: str) -> Snapshot:
     """What a group of a problem holds now; several processes gather what each of them has."""
     systems = list(group.system_iter(include_self=True, recurse=True))
     model = next((found for system in systems if (found := _model_of(system)) is not None), None)
@@ -197,7 +197,7 @@ def _values(systems: Iterable[om.System]) -> dict[str, np.ndarray]:
     return found
 
 
-def _gathered(systems, system, name: str, value: np.ndarray) -> np.ndarray:
+def _gathered(systems: Iterable[om.System], system: om.System, name: str, value: np.ndarray) -> np.ndarray:
     """All of a variable of which each process has a part: nodes by their rows, states by their cells."""
     if name not in (GRID, "states"):
         return value
@@ -210,7 +210,7 @@ def _gathered(systems, system, name: str, value: np.ndarray) -> np.ndarray:
     return whole.ravel()
 
 
-def _subdomain(systems, comm: Any) -> Subdomain:
+def _subdomain(systems: Iterable[om.System], comm: Any) -> Subdomain:
     """Nodes and cells of this process, as the components say that have parts of the grid."""
     for system in systems:
         given = "partition" in system.options and system.options["partition"]

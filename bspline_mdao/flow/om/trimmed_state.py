@@ -16,6 +16,7 @@ from openmdao.vectors.vector import Vector
 
 from ...core.om.component import add_bar, direction_in, finite_values
 from ...names import GRID
+from ..euler.adjoint import FlowTangent
 from ..euler.gas import N_STATES
 from ..euler.newton_step import NewtonStep
 from ..loads.stream import RADIAN
@@ -153,7 +154,7 @@ class TrimmedState(EulerState):
         out["states"] = (plain - angle * border).ravel()
         out["alpha"] = angle
 
-    def _inputs_of_flow(self):
+    def _inputs_of_flow(self) -> Any:
         return _merged(self._inputs, self._outputs)
 
     def _declare_angle(self) -> None:
@@ -214,23 +215,25 @@ class TrimmedState(EulerState):
             outputs["states"] = moved.ravel()
         outputs["alpha"] = alpha + change
 
-    def _solved(self, tangent, right: np.ndarray, mode: str, tolerance=None) -> np.ndarray:
+    def _solved(self, tangent: FlowTangent, right: np.ndarray, mode: str, tolerance: float | None = None) -> np.ndarray:
         """Solve with the Jacobian of the states, or its transpose."""
         solve = tangent.solve if mode == "fwd" else tangent.solve_transposed
         return self._accepted(solve(right, tolerance or self.options["linear_tolerance"]))
 
-    def _lift(self, inputs: Vector, outputs: Vector):
+    def _lift(self, inputs: Vector, outputs: Vector) -> float:
         """Lift coefficient; real or complex."""
         return self.options["forces"].evaluate(*_arguments(_merged(inputs, outputs), outputs))["CL"]
 
-    def _lift_jvp(self, at, outputs: Vector, d_at, d_outputs: Vector) -> float:
+    def _lift_jvp(
+        self, at: Mapping[str, np.ndarray], outputs: Vector, d_at: Mapping[str, np.ndarray], d_outputs: Vector
+    ) -> float:
         """Change of the lift coefficient with states, nodes, angle and Mach number, zero where there is none."""
         states = np.asarray(d_outputs["states"]) if "states" in d_outputs else np.zeros_like(outputs["states"])
         alpha, mach = (np.asarray(d_at[name]).item() if name in d_at else 0.0 for name in ("alpha", "Mach_number"))
         along = states.reshape(-1, N_STATES), direction_in(d_at, at, GRID), RADIAN * alpha, mach
         return float(self.options["forces"].jvp(*_arguments(at, outputs), *along)["CL"])
 
-    def _lift_vjp(self, at, outputs: Vector, bar: float) -> dict[str, np.ndarray]:
+    def _lift_vjp(self, at: Mapping[str, np.ndarray], outputs: Vector, bar: float) -> dict[str, np.ndarray]:
         """Derivatives of the lift coefficient times a number, by name of the input or output."""
         states, nodes, alpha, mach = self.options["forces"].vjp(*_arguments(at, outputs), {"CL": np.array(bar)})
         return {"states": states, GRID: nodes, "alpha": np.asarray(RADIAN * alpha), "Mach_number": np.asarray(mach)}
@@ -241,7 +244,7 @@ def _merged(inputs: Vector, outputs: Vector) -> Mapping[str, np.ndarray]:
     return {GRID: inputs[GRID], "alpha": outputs["alpha"], "Mach_number": inputs["Mach_number"]}
 
 
-def _arguments(at, outputs: Vector):
+def _arguments(at: Mapping[str, np.ndarray], outputs: Vector) -> tuple[np.ndarray, np.ndarray, float, float]:
     """States, nodes, angle (rad) and Mach number."""
     states, nodes = outputs["states"].reshape(-1, N_STATES), at[GRID].reshape(-1, 3)
     return states, nodes, RADIAN * at["alpha"].item(), at["Mach_number"].item()

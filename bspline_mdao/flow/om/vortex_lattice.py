@@ -7,6 +7,7 @@ Theory: ``docs/theory/vortex_lattice.rst``.
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -305,7 +306,14 @@ class WakeForces(Copied, om.ExplicitComponent):
         partials["span_load", "velocity"] = -2.0 * wake.circulations / speed**2
 
     def _force_partials(
-        self, inputs: Vector, partials: Jacobian, name: str, power, force: np.ndarray, bars, factor
+        self,
+        inputs: Vector,
+        partials: Jacobian,
+        name: str,
+        power: int,
+        force: float,
+        bars: tuple[np.ndarray, np.ndarray],
+        factor: np.ndarray,
     ) -> None:
         """Differentiate a coefficient whose force goes with a power of the circulations, and its factor."""
         points_bar, circulations_bar = bars
@@ -322,17 +330,17 @@ class WakeForces(Copied, om.ExplicitComponent):
         return Wake(trailing @ turn.T, self._circulation_per_ring(inputs) * rings, self.options["symmetry"])
 
     @staticmethod
-    def _circulation_per_ring(inputs: Vector):
+    def _circulation_per_ring(inputs: Vector) -> np.ndarray:
         """Circulation in physical space divided by that of a ring, which is negative where it lifts."""
         return -1.0 / (1.0 - inputs["Mach_number"] ** 2)
 
     @staticmethod
-    def _relative_mach_slope(inputs: Vector):
+    def _relative_mach_slope(inputs: Vector) -> np.ndarray:
         """Relative change of the circulations with the Mach number, the rings being fixed."""
         return 2.0 * inputs["Mach_number"] / (1.0 - inputs["Mach_number"] ** 2)
 
     @staticmethod
-    def _alpha_bar(inputs: Vector, points_bar):
+    def _alpha_bar(inputs: Vector, points_bar: np.ndarray) -> np.ndarray:
         """Derivative with respect to alpha (1/deg), from those with respect to the trace."""
         alpha, trailing = np.radians(inputs["alpha"][0]), inputs["camber_surface"][-1]
         return np.radians(points_bar[:, 1] @ -(np.cos(alpha) * trailing[:, 0] + np.sin(alpha) * trailing[:, 2]))
@@ -345,7 +353,7 @@ class WakeForces(Copied, om.ExplicitComponent):
         return np.array([[zero, zero + 1.0, zero], [-np.sin(alpha), zero, np.cos(alpha)]])
 
 
-def openaerostruct(module: str):
+def openaerostruct(module: str) -> ModuleType:
     """Import a module of OpenAeroStruct, which is wanted by flow components alone."""
     return library(f"openaerostruct.{module}", "the vortex lattice needs OpenAeroStruct", "vlm")
 

@@ -84,7 +84,7 @@ class FlowBuilder(Builder):
         results: Mapping[str, str | None] | None = None,
         generation: int | None = None,
         scenario: str = "aerodynamic",
-        **movement,
+        **movement: Any,
     ):
         if scenario not in SCENARIOS:
             raise InputError(f"{type(self).__name__}: there is no scenario {scenario!r}; give one of {SCENARIOS}")
@@ -183,7 +183,7 @@ class EulerBuilder(FlowBuilder):
         if scenario == "aerostructural":
             options["loaded"] = surface
 
-        def flow():
+        def flow() -> EulerFlow:
             return EulerFlow(model=model, **options)
 
         results = {**EULER_RESULTS, **{hinge.output: None for hinge in options.get("hinges", ())}}

@@ -69,12 +69,12 @@ class _Linked(CheckedOnProcesses, om.ExplicitComponent):
         check_along_directions(self, SMOOTH_STEP)
 
     @fails_together
-    def _at(self, inputs: Vector, name: str, width):
+    def _at(self, inputs: Vector, name: str, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points, beam, and what is transferred."""
         x, beam = (finite_points(inputs[known], known, self.msginfo) for known in (X_JIG, X_STRUCT))
         return x, beam, inputs[name].reshape(-1, width)
 
-    def _along(self, inputs: Vector, d_inputs: Vector, name: str, width):
+    def _along(self, inputs: Vector, d_inputs: Vector, name: str, width: int) -> list[np.ndarray]:
         """Directions in all of these, zero where OpenMDAO leaves one out."""
         names = (X_JIG, 3), (X_STRUCT, 3), (name, width)
         return [(d_inputs[n] if n in d_inputs else 0.0 * inputs[n]).reshape(-1, size) for n, size in names]
