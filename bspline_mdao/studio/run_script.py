@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import json
+import os
 import re
 import sys
 import typing
@@ -93,7 +94,7 @@ def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
     return numbers
 
 
-def pick_size(sizes: Mapping, paper: bool = False, quick: bool = False):
+def pick_size(sizes: Mapping, paper: bool = False, quick: bool = False) -> Any:
     """Pick one of the sizes of a problem.
 
     Parameters
@@ -125,7 +126,7 @@ def pick_size(sizes: Mapping, paper: bool = False, quick: bool = False):
 
 
 def write_numbers(
-    path,  # file to write
+    path: str | os.PathLike,  # file to write
     numbers: dict,  # numbers, text, arrays, and lists and dicts of them
 ) -> None:
     """Write the numbers of a run script as JSON."""

@@ -148,7 +148,7 @@ def total_difference(
     return {name: richardson([each[name] for each in table]) for name in of}
 
 
-def perturb_design(problem: om.Problem, size: float = 0.1, seed: int = 4):
+def perturb_design(problem: om.Problem, size: float = 0.1, seed: int = 4) -> om.Problem:
     """Run a problem with every design variable off its present value, away from where derivatives happen to vanish.
 
     Parameters
@@ -208,7 +208,7 @@ def assert_partials(problem: om.Problem, **tolerances: float) -> None:
 
 
 def _total_differences(
-    problem: om.Problem, of, direction: Mapping, step: float, levels: int
+    problem: om.Problem, of: Sequence[str], direction: Mapping, step: float, levels: int
 ) -> list[dict[str, np.ndarray]]:
     """Central differences at halved steps along a direction, by output; the problem is where it was afterwards."""
     start = {name: problem.get_val(name).copy() for name in direction}

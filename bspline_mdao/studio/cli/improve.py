@@ -6,7 +6,7 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...base.numerics.progress import progress_bar
+from ...base.numerics.progress import Progress, progress_bar
 from ...core.adaptation.improve import ITERATIONS, improve_grid
 from ...core.adaptation.improvement import BlockChange, Improvement
 from ...core.fit.fitting import fit_grid
@@ -71,7 +71,7 @@ def improve(
     print_warnings(model.topology.warnings)
 
 
-def _model(grid_name: str, options: ImproveOptions, progress) -> FittedModel:
+def _model(grid_name: str, options: ImproveOptions, progress: Progress) -> FittedModel:
     """The fitted model of a file, or that of a grid."""
     if Path(grid_name).suffix != MODEL:
         with warnings.catch_warnings():

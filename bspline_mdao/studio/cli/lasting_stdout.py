@@ -31,7 +31,7 @@ def drop_stdout() -> None:
 class _Lasting:
     """A stream whose errors are no errors of what is printed to it."""
 
-    def __init__(self, stream):
+    def __init__(self, stream: Any) -> None:
         self._stream = stream
 
     def __getattr__(self, name: str) -> Any:

@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from io import TextIOWrapper
+from typing import Any
 
 import click
 
@@ -62,7 +63,7 @@ def run(
     return from_first(processes, _run(arguments, processes))
 
 
-def _run(arguments: Sequence[str], processes) -> int:
+def _run(arguments: Sequence[str], processes: Any) -> int:
     """Run a command on this process and return its exit status."""
     try:
         bspline_mdao.main(args=list(arguments), prog_name=PROGRAM, standalone_mode=False)

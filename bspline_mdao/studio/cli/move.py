@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.numerics.progress import progress_bar, within
+from ...base.numerics.progress import Progress, progress_bar, within
 from ...base.text import counted
 from ...core.background.mesh_file import is_mesh_model
 from ...core.cad.files import SUFFIXES
@@ -136,7 +136,7 @@ def move_model(
             raise MovementError(complaint(model, moved, _trials(model, model_file, moved, options)))
         progress(0.9, "writing")
         with written_json(json, move_numbers(model_file, output, moved, options)):
-            if is_cad:
+            if options.surface is not None and is_cad:
                 cad = write_cad(options.surface, model, moved.movement.points, options.design or None)
             elif options.surface:
                 _write_points(options.surface, moved.surface)
@@ -182,7 +182,7 @@ def _is_given(deformation: Deformation) -> bool:
     return any(isinstance(point_map, PrescribedPoints) for point_map in deformation.maps)
 
 
-def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) -> Moved:
+def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: Progress) -> Moved:
     """Make the move and measure it."""
     mesh, deformation, surface, movement = moved_control_mesh(model, model_file, options)
     progress(0.7, "evaluating")

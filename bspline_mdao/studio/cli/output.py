@@ -79,7 +79,7 @@ def written_json(
             stack.close()
 
 
-def _plain(value: object):
+def _plain(value: object) -> Any:
     """Turn numbers of NumPy into those of Python, and those that are not finite into None."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +26,7 @@ NEAR_TIP = 0.9
 """Part of the span outside of which the grid surface through the tip is looked for."""
 
 
-def draw_wall_cells(folder, name: str, grid: Grid, moved: Mapping[str, np.ndarray]) -> None:
+def draw_wall_cells(folder: str | os.PathLike, name: str, grid: Grid, moved: Mapping[str, np.ndarray]) -> None:
     """Draw the cells at half the span about both edges of a wing, and at half the chord about its tip.
 
     Parameters
@@ -70,7 +72,7 @@ def draw_wall_cells(folder, name: str, grid: Grid, moved: Mapping[str, np.ndarra
     )  # thin lines make large files otherwise
 
 
-def draw_first_heights(folder, name: str, ratios: Mapping[str, Mapping[str, np.ndarray]]) -> None:
+def draw_first_heights(folder: str | os.PathLike, name: str, ratios: Mapping[str, Mapping[str, np.ndarray]]) -> None:
     """Draw how the heights of first cells, relative to those before the move, are distributed.
 
     Parameters
@@ -100,7 +102,9 @@ def draw_first_heights(folder, name: str, ratios: Mapping[str, Mapping[str, np.n
         panels[0].legend()
 
 
-def _surfaces(grid: Grid, walls: Sequence[Window], axis: int, value: float, outside: float, span: int = 1):
+def _surfaces(
+    grid: Grid, walls: Sequence[Window], axis: int, value: float, outside: float, span: int = 1
+) -> list[tuple[Window, tuple[int, int]]]:
     """Windows that have a grid surface off the wall at a value of a coordinate, with its direction and index."""
     found = []
     for window in walls:
@@ -128,7 +132,7 @@ def _surface(nodes: np.ndarray, window: Window, direction: int, index: int) -> n
     return surface if flat > 3 - flat - along else surface.swapaxes(0, 1)
 
 
-def _draw(axes, surfaces: Sequence[np.ndarray], side: float, reach: float) -> None:
+def _draw(axes: Any, surfaces: Sequence[np.ndarray], side: float, reach: float) -> None:
     """Draw cells of grid surfaces, shape (n, m, 2), within reach of the wall's outermost point to one side."""
     wall = np.concatenate([surface[:, 0] for surface in surfaces])
     centre = wall[np.argmax(side * wall[:, 0])]

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +34,7 @@ NEED = {"pictures": "pictures need", "report": "a report needs"}
 """How messages begin that name what is missing, by the extra that has it."""
 
 
-def require(name: str = "matplotlib", extra: str = "pictures"):
+def require(name: str = "matplotlib", extra: str = "pictures") -> Any:
     """Import a module that draws, or makes pages.
 
     Parameters
@@ -54,7 +57,9 @@ def require(name: str = "matplotlib", extra: str = "pictures"):
 
 
 @contextlib.contextmanager
-def figure(folder, name: str, size: tuple[float, float], n_colours: int | None = None):
+def figure(
+    folder: str | os.PathLike, name: str, size: tuple[float, float], n_colours: int | None = None
+) -> Iterator[Any]:
     """Yield an empty figure in the common style, and save it as a PNG file of 200 dots per inch.
 
     Parameters
@@ -91,7 +96,7 @@ def figure(folder, name: str, size: tuple[float, float], n_colours: int | None =
             few.save(file, optimize=True)
 
 
-def draw_net(axes, points: np.ndarray, **style) -> None:
+def draw_net(axes: Any, points: np.ndarray, **style: Any) -> None:
     """Draw the lines of both directions of a net of points.
 
     Parameters

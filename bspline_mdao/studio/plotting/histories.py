@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,7 +35,7 @@ def driver_colors(names: Iterable[str]) -> dict[str, str]:
 
 
 def draw_history(
-    axes,
+    axes: Any,
     runs: Mapping[str, RecordedRun],
     response: str,
     label: str,
@@ -66,7 +66,7 @@ def draw_history(
     axes.legend()
 
 
-def draw_optimality(axes, runs: Mapping[str, RecordedRun]) -> None:
+def draw_optimality(axes: Any, runs: Mapping[str, RecordedRun]) -> None:
     """Draw the optimality of every driver, relative to that of its first gradient, and the violations of constraints.
 
     Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import importlib.util
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from ...core.model.fitted_model import FittedModel
 from ...flow.om.snapshots import Snapshot
 from ...grids.cells.report import QualityReport
-from ...grids.topology.grid import Grid
+from ...grids.topology.grid import Grid, Patch
 from .figures import BLUE, STYLE, require
 from .panels import Panel, camera_of
 from .plot import draw_panel
@@ -78,7 +78,9 @@ def _rows(what: Any) -> Iterable[tuple[str, Any]]:
             yield f"first cells at {heights.patch}", f"{heights.height_min:.2e} to {heights.height_max:.2e} m"
 
 
-def _grid_rows(source: str, shapes, n_nodes: int, patches) -> Iterable[tuple[str, Any]]:
+def _grid_rows(
+    source: str, shapes: Sequence[tuple[int, ...]], n_nodes: int, patches: Sequence[Patch]
+) -> Iterable[tuple[str, Any]]:
     """What is known of every grid."""
     yield "grid", source
     yield "blocks", f"{len(shapes)}"

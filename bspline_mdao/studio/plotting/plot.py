@@ -6,6 +6,7 @@ notebooks show beside a table.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,7 +32,7 @@ MOST_MARKED = 10
 def plot(
     what: Any,
     show: str | Sequence[str] | None = None,
-    file=None,
+    file: str | os.PathLike | None = None,
     *,
     before: Any = None,
     direction: Sequence[float] | None = None,
@@ -40,7 +41,7 @@ def plot(
     size: tuple[int, int] = (1200, 800),
     lines: bool = True,
     worst: int = MOST_MARKED,
-):
+) -> Any:
     """Look at a grid, a fitted grid, or a problem that has run.
 
     Parameters
@@ -210,7 +211,12 @@ def _in_notebook() -> bool:
 
 
 def _draw(
-    path: Path, panels: Sequence[Panel], camera: Camera, look: FieldStyle | None, limits, size: tuple[int, int]
+    path: Path,
+    panels: Sequence[Panel],
+    camera: Camera,
+    look: FieldStyle | None,
+    limits: tuple[float, float],
+    size: tuple[int, int],
 ) -> None:
     """Draw panels by matplotlib, where PyVista does not render."""
     inches = (size[0] / 200, size[1] / 200)
@@ -222,7 +228,14 @@ def _draw(
                 axes.set_title(panel.title)
 
 
-def draw_panel(axes, panel, camera: Camera, look: FieldStyle | None, limits, inches) -> None:
+def draw_panel(
+    axes: Any,
+    panel: Panel,
+    camera: Camera,
+    look: FieldStyle | None,
+    limits: tuple[float, float],
+    inches: tuple[float, float],
+) -> None:
     """Draw the sheets of a panel into empty axes by matplotlib's polygons."""
     painted = [sheet for sheet in panel.sheets if look is not None and look.field in sheet.values]
     rest = [sheet for sheet in panel.sheets if not any(sheet is other for other in painted)]
@@ -237,7 +250,7 @@ def draw_panel(axes, panel, camera: Camera, look: FieldStyle | None, limits, inc
         axes.figure.colorbar(paint.mappable(), ax=axes, label=look.label, shrink=0.7)
 
 
-def _paint(sheets: Sequence[Sheet], look: FieldStyle, limits) -> Paint:
+def _paint(sheets: Sequence[Sheet], look: FieldStyle, limits: tuple[float, float]) -> Paint:
     """Faces of sheets in the colours of a field."""
     values = np.concatenate([np.ravel(sheet.values[look.field]) for sheet in sheets]).astype(float)
     return Paint(*joined_sheets(sheets), values, limits, look.colors)

@@ -30,7 +30,7 @@ def make_plotter(
     *,
     lines: bool = True,
     off_screen: bool = True,
-):
+) -> Any:
     """Put sheets into a plotter of PyVista.
 
     Parameters
@@ -83,7 +83,7 @@ def make_plotter(
 
 
 def add_sheets(
-    plotter,
+    plotter: Any,
     sheets: Sequence[Sheet],
     look: FieldStyle | None = None,
     limits: tuple[float, float] = (0.0, 1.0),
@@ -140,7 +140,7 @@ def add_sheets(
             )
 
 
-def _add_patches(plotter, sheets: Sequence[Sheet], style: dict) -> None:
+def _add_patches(plotter: Any, sheets: Sequence[Sheet], style: dict) -> None:
     """Add every patch in a colour of its own, and a legend."""
     colors = require("matplotlib").colormaps["tab20"]
     for name in dict.fromkeys(sheet.name for sheet in sheets):
@@ -150,7 +150,7 @@ def _add_patches(plotter, sheets: Sequence[Sheet], style: dict) -> None:
     plotter.add_legend(bcolor="white", border=True, size=(0.22, 0.2), face="rectangle")
 
 
-def as_polydata(sheets: Sequence[Sheet], field: str | None = None):
+def as_polydata(sheets: Sequence[Sheet], field: str | None = None) -> Any:
     """Join sheets to one mesh of PyVista, with the values of a field on its faces."""
     points, quads = joined_sheets(sheets)
     mesh = require("pyvista").PolyData(points, np.insert(quads, 0, 4, axis=1).ravel())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ...core.model.fitted_model import FittedModel
@@ -53,7 +55,7 @@ def faces_around(quads: np.ndarray, place: float) -> np.ndarray:
     return np.concatenate([upper[np.argsort(-order[is_upper])], lower[np.argsort(order[~is_upper])]])
 
 
-def draw_pressures(axes, quads: np.ndarray, pressures: np.ndarray, place: float, **style) -> None:
+def draw_pressures(axes: Any, quads: np.ndarray, pressures: np.ndarray, place: float, **style: Any) -> None:
     """Draw the pressure coefficients around a place along the span over the chord there.
 
     Parameters

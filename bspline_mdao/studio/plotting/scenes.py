@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from ...base.extras import INSTALL
 from ...core.model.fitted_model import FittedModel
+from ...grids.topology.index_space import Window
 from .figures import RED, net_quads, require
 
 __all__ = ["Camera", "Paint", "Scene", "draw_scene", "has_renderer", "patch_faces"]
@@ -56,7 +58,7 @@ class Paint:
     limits: tuple[float, float]
     colors: str = "RdYlBu_r"
 
-    def mappable(self):
+    def mappable(self) -> Any:
         """Make what matplotlib's ``colorbar`` takes."""
         return require("matplotlib.cm").ScalarMappable(
             require("matplotlib.colors").Normalize(*self.limits), self.colors
@@ -119,7 +121,7 @@ class Camera:
         return (points - np.array(self.focus)) @ self.axes().T
 
 
-def patch_faces(model: FittedModel, name: str, arrays) -> list[np.ndarray]:
+def patch_faces(model: FittedModel, name: str, arrays: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Cut the faces of patches out of one array per block.
 
     Parameters
@@ -140,7 +142,7 @@ def patch_faces(model: FittedModel, name: str, arrays) -> list[np.ndarray]:
     return [_cut_face(arrays[window.block], window) for window in windows]
 
 
-def draw_scene(axes, scene: Scene, camera: Camera, size: tuple[float, float], by_matplotlib: bool = False) -> str:
+def draw_scene(axes: Any, scene: Scene, camera: Camera, size: tuple[float, float], by_matplotlib: bool = False) -> str:
     """Draw a scene into empty axes of a figure.
 
     Parameters
@@ -228,12 +230,12 @@ def _rendered(scene: Scene, camera: Camera, size: tuple[float, float]) -> np.nda
     return image
 
 
-def _surface(net: np.ndarray):
+def _surface(net: np.ndarray) -> Any:
     """Turn a net into what PyVista takes."""
     return require("pyvista").StructuredGrid(*np.moveaxis(net[:, :, None], -1, 0))
 
 
-def _add_paint(plotter, paint: Paint) -> None:
+def _add_paint(plotter: Any, paint: Paint) -> None:
     """Add faces in colours that change smoothly from one to the next."""
     faces = np.insert(paint.quads, 0, 4, axis=1)
     mesh = require("pyvista").PolyData(paint.points, faces.ravel())
@@ -273,7 +275,7 @@ def _quads(net: np.ndarray, camera: Camera, face: str, edge: str, lit: float) ->
     return flat[..., :2], flat[..., 2].mean(axis=1), faces, np.broadcast_to(to_rgb(edge), faces.shape)
 
 
-def _painted(paint: Paint, camera: Camera):
+def _painted(paint: Paint, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Faces on the picture, their depths and their colours, which are those of their edges too."""
     flat = camera.project(paint.points[paint.quads])
     colors = paint.mappable().to_rgba(paint.values)[:, :3]
@@ -288,7 +290,7 @@ def _discs(marks: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
     return polygons, flat[:, 2] + 3.0 * radius, faces, 0.6 * faces
 
 
-def _cut_face(array: np.ndarray, window) -> np.ndarray:
+def _cut_face(array: np.ndarray, window: Window) -> np.ndarray:
     """Cut the face on which a window of the grid lies out of an array of any resolution."""
     flat = next(d for d in range(3) if window.lo[d] == window.hi[d])
     return np.take(array, 0 if window.lo[flat] == 0 else -1, axis=flat)

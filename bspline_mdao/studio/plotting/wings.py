@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import openmdao.api as om
 
 from ...core.model.fitted_model import FittedModel
 from ...flow.loads.span_strips import SpanStrips
@@ -84,7 +85,7 @@ def wing_section(model: FittedModel, nodes: np.ndarray, part: float = 0.5) -> np
     return np.concatenate([upper[:, nearest], lower[::-1, nearest]])
 
 
-def draw_planform(axes, model: FittedModel, nodes: np.ndarray, **style) -> None:
+def draw_planform(axes: Any, model: FittedModel, nodes: np.ndarray, **style: Any) -> None:
     """Draw the outline of a wing from above.
 
     Parameters
@@ -106,7 +107,9 @@ def draw_planform(axes, model: FittedModel, nodes: np.ndarray, **style) -> None:
         axes.invert_yaxis()
 
 
-def draw_sections(axes, model: FittedModel, nodes: np.ndarray, parts: Sequence[float] = PARTS, **style) -> None:
+def draw_sections(
+    axes: Any, model: FittedModel, nodes: np.ndarray, parts: Sequence[float] = PARTS, **style: Any
+) -> None:
     """Draw sections at parts of the half span one below the other, in chords from their leading edges.
 
     Parameters
@@ -130,7 +133,7 @@ def draw_sections(axes, model: FittedModel, nodes: np.ndarray, parts: Sequence[f
     axes.set(xlabel="$x / c$", ylabel="$y / c$", aspect="equal")
 
 
-def draw_twist(axes, model: FittedModel, nodes: np.ndarray, **style) -> None:
+def draw_twist(axes: Any, model: FittedModel, nodes: np.ndarray, **style: Any) -> None:
     """Draw the angles of the chord lines along the half span.
 
     Parameters
@@ -150,7 +153,7 @@ def draw_twist(axes, model: FittedModel, nodes: np.ndarray, **style) -> None:
     axes.set(xlabel="$2 y / b$", ylabel="twist (deg)")
 
 
-def span_load_edges(model: FittedModel, problem) -> np.ndarray:
+def span_load_edges(model: FittedModel, problem: om.Problem) -> np.ndarray:
     """Find where the strips of ``span_load`` begin and end along the half span, of `EulerFlow` or `LatticeFlow`.
 
     Parameters
@@ -173,7 +176,7 @@ def span_load_edges(model: FittedModel, problem) -> np.ndarray:
     return np.abs(strips.trailing @ problem.get_val(GRID).reshape(-1, 3) @ strips.axes[1])
 
 
-def draw_span_load(axes, edges: np.ndarray, load: np.ndarray, **style) -> None:
+def draw_span_load(axes: Any, edges: np.ndarray, load: np.ndarray, **style: Any) -> None:
     """Draw the load of strips along the half span, relative to its mean, in the middles of the strips.
 
     Parameters
@@ -209,9 +212,9 @@ def draw_ellipse(axes: Any, **style: Any) -> None:
 
 
 def draw_designs(
-    canvas,
+    canvas: Any,
     model: FittedModel,
-    start,
+    start: om.Problem,
     runs: Mapping[str, RecordedRun],
     response: str,
     label: str,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.om.drivers.case_history import CaseHistory, Quantity
 from ...grids.cells.first_cells import FirstCells
@@ -284,7 +285,7 @@ def _named(row: int, text: str) -> dict[str, Any]:
     return {"text": text, "showarrow": False, **at, "font": {"size": 12}}
 
 
-def _line(name: str, x: np.ndarray, y, style: Mapping[str, Any]) -> dict[str, Any]:
+def _line(name: str, x: np.ndarray, y: ArrayLike, style: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "lines",

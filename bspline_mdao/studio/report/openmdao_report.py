@@ -8,6 +8,8 @@ OpenMDAO imports this module with the first problem of any kind: what makes page
 
 from __future__ import annotations
 
+from typing import Any
+
 import openmdao.api as om
 from openmdao.utils.reports_system import register_report_hook
 
@@ -62,7 +64,7 @@ def _write(problem: om.Problem) -> None:
         om.issue_warning(f"the report {NAME} is not written: {error}")
 
 
-def _model(problem: om.Problem):
+def _model(problem: om.Problem) -> Any:
     """Model of the first system that has one; None where there is none."""
     for system in problem.model.system_iter(include_self=True, recurse=True):
         if "model" in system.options and hasattr(system.options["model"], "control_points"):
@@ -70,7 +72,7 @@ def _model(problem: om.Problem):
     return None
 
 
-def _case_file(problem: om.Problem):
+def _case_file(problem: om.Problem) -> str:
     """File of the first recorder of the driver that writes one."""
     recorders = (recorder for recorder in problem.driver._rec_mgr if isinstance(recorder, om.SqliteRecorder))
     files = [recorder._filepath for recorder in recorders]

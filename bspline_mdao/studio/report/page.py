@@ -86,8 +86,8 @@ class Section:
 
 
 def write_report(
-    path,
-    source,
+    path: str | os.PathLike,
+    source: Any,
     model: FittedModel | str | os.PathLike | None = None,
     *,
     title: str | None = None,
@@ -150,7 +150,7 @@ def write_report(
     return write_contents(path, contents, most_triangles)
 
 
-def _contents(source, model, title: str | None) -> Contents:
+def _contents(source: Any, model: FittedModel | str | os.PathLike | None, title: str | None) -> Contents:
     """What a report on a source is about."""
     if isinstance(source, FittedModel):
         return of_model(source, title)
@@ -180,7 +180,7 @@ def with_model(contents: Contents, model: FittedModel) -> Contents:
     return replace(contents.without(*missing), model=model, shapes=shapes)
 
 
-def write_contents(path, contents: Contents, most_triangles: int = MOST_TRIANGLES) -> dict[str, Any]:
+def write_contents(path: str | os.PathLike, contents: Contents, most_triangles: int = MOST_TRIANGLES) -> dict[str, Any]:
     """Write a page, see `write_report`."""
     graph_objects, jinja2 = require("plotly.graph_objects", EXTRA), require("jinja2", EXTRA)
     markup = require("markupsafe", EXTRA).Markup
@@ -219,7 +219,7 @@ def write_contents(path, contents: Contents, most_triangles: int = MOST_TRIANGLE
     }
 
 
-def _sections(contents: Contents, most_triangles: int):
+def _sections(contents: Contents, most_triangles: int) -> tuple:
     """Sections of the page, the drawing in space, and numbers about both."""
     sections: list[Section] = []
     space, numbers, of_grid = None, {}, []
@@ -237,7 +237,7 @@ def _sections(contents: Contents, most_triangles: int):
     return sections, space, numbers
 
 
-def _of_grid(contents: Contents, model: FittedModel, most_triangles: int):
+def _of_grid(contents: Contents, model: FittedModel, most_triangles: int) -> tuple:
     """Drawing in space, numbers about it, and sections on the shapes of a grid, that in space first."""
     shapes = contents.shapes
     quality = GridQuality.of_baseline(model.regenerate())
@@ -395,7 +395,7 @@ def diagram_of(source: om.Problem | str | os.PathLike) -> str:
         return file.read_text(encoding="utf-8")
 
 
-def _json(graph_objects, data: list[dict], layout: dict) -> str:
+def _json(graph_objects: Any, data: list[dict], layout: dict) -> str:
     """Figure of plotly as JSON; arrays are packed, and the page gives it its colours."""
     return graph_objects.Figure(data=data, layout={"template": "none", **layout}).to_json()
 
