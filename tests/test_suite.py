@@ -17,6 +17,7 @@ import pytest
 import bspline_mdao
 
 ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "bspline_mdao"
 FRAMEWORKS = ("core.om", "flow.om", "studio", "testing", "__main__")
 MODULES = [module.name for module in pkgutil.walk_packages(bspline_mdao.__path__, "bspline_mdao.")]
 
@@ -309,3 +310,44 @@ def test_the_commands_of_the_readme_exist():
 def test_no_two_files_of_tests_have_one_name():
     names = [path.name for path in Path(__file__).parent.rglob("test_*.py")]
     assert [name for name in set(names) if names.count(name) > 1] == []  # pytest would not collect the second
+
+
+def is_compiled(function: ast.FunctionDef) -> bool:
+    """Whether a function is a kernel, or one of those that tell numba what to compile."""
+    words = {name for decorator in function.decorator_list for name in re.findall(r"\w+", ast.unparse(decorator))}
+    return not words.isdisjoint({"njit", "intrinsic", "overload", "vectorize", "guvectorize"})
+
+
+def unannotated(tree: ast.AST) -> list[str]:
+    """Functions of a module, other than kernels, that leave out an annotation of an argument or of the result."""
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and not is_compiled(node):
+            names = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs, node.args.vararg, node.args.kwarg]
+            given = [name for name in names if name and name.arg not in ("self", "cls")]
+            is_known = node.returns is not None or (node.name == "__init__" and given)
+            if not is_known or any(name.annotation is None for name in given):
+                found.append(node.name)
+    return found
+
+
+@pytest.mark.slow
+def test_functions_that_are_no_kernels_are_annotated():
+    found = {str(path.relative_to(ROOT)): unannotated(ast.parse(path.read_text())) for path in PACKAGE.rglob("*.py")}
+    assert {name: functions for name, functions in found.items() if functions} == {}
+
+
+def test_functions_that_leave_out_an_annotation_are_found():
+    source = """
+@njit(cache=True)
+def kernel(x, y): ...
+class Part:
+    def __init__(self, a: int): ...
+    def whole(self, *, b: int = 1) -> int: ...
+    @staticmethod
+    def bare(c) -> int: ...
+    def rest(self, *d, e: int) -> int:
+        def inner(): ...
+def nothing() -> None: ...
+"""
+    assert sorted(unannotated(ast.parse(source))) == ["bare", "inner", "rest"]
