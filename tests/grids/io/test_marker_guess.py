@@ -106,6 +106,14 @@ def test_a_declared_wall_tells_which_sides_are_symmetry(tmp_path):
     assert guesses["f"].kind != "symmetry"
 
 
+def test_a_wall_that_ends_in_a_side_at_another_angle_tells_nothing_of_it(tmp_path):
+    path, brick = tmp_path / "kinds.toml", box()
+    path.write_text('[kinds]\n"e" = "wall"\n')
+    leaning = brick.points + np.outer(brick.points[:, 2], [0.7, 0.0, 0.0])
+    guesses = marker_kinds(MixedMesh(leaning, brick.cells, brick.markers), path)
+    assert [name for name, guess in guesses.items() if guess.kind == "symmetry"] == ["c", "d"]
+
+
 def test_faces_with_cells_on_both_sides_are_inner_whatever_they_are_called():
     brick = box((4, 3, 2))
     middle = np.array([[0, 1, 4, 3]]) + 1 * 12  # any faces between cells

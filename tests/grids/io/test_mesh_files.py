@@ -11,6 +11,7 @@ from riding_cases import BOX, binary_folder, corners_of, mesh, su2_text, write_b
 from bspline_mdao import InputError, fit_grid
 from bspline_mdao.files import read_mesh, write_curved_grid, write_polymesh
 from bspline_mdao.generators import brick_grid
+from bspline_mdao.grids.cells.mesh_quality import mesh_quality
 from bspline_mdao.grids.io.cgns import write_base
 from bspline_mdao.grids.io.cgns_nodes import add_node
 from bspline_mdao.grids.io.meshes.foam_lists import FoamFile
@@ -294,6 +295,9 @@ def test_polygons_of_cgns_are_the_mesh_of_openfoam(folder, tmp_path, version, ha
     path, mesh = polygons_file(folder, tmp_path / "polygons.cgns", version, has_cells), read_mesh(folder).mesh
     read = read_mesh(path)
     np.testing.assert_allclose(read.mesh.quality().volumes, mesh.quality().volumes, rtol=1e-14)
+    assert read.mesh.stated["body"] == "BCWall"
+    judged = [np.sort(mesh_quality(found).skewness) for found in (read.mesh, mesh)]
+    np.testing.assert_allclose(*judged, rtol=1e-9, atol=1e-12)
     walls = (part.into_fluid(part.markers["body"]) for part in (read.mesh, mesh))
     assert {tuple(face) for face in next(walls).tolist()} == {tuple(face) for face in next(walls).tolist()}
     read.write(tmp_path / "moved.cgns", 2.0 * mesh.points)
