@@ -75,13 +75,10 @@ class FaceJacobians:
         """Change of the residual with the states, both of float32 and shape (n_cells, 5)."""
         discretization, scheme, local = self.discretization, self.discretization.scheme, d_states
         d_states = discretization.halo.extend(np.ascontiguousarray(d_states, np.float32))
-        flux, rest = np.empty((len(self.values), N_STATES), np.float32), (self.shocks, d_states)
+        flux = np.empty((len(self.values), N_STATES), np.float32)
+        rest = self.jump_weights, self.values, self.shock_rows, self.shocks, d_states
 
-        def fill(part: slice) -> None:
-            derivatives = self.values[part], self.shock_rows[part]
-            multiply(scheme.part(part), self.jump_weights, *derivatives, *rest, flux[part])
-
-        visit(len(flux), fill)
+        visit(len(flux), lambda part: multiply(scheme, part.start, part.stop, *rest, flux))
         out = discretization.sums.of_faces(flux, discretization.faces.n_cells)
         return self._with_circulation(out, self.of_circulation, self.circulation, local)
 
@@ -89,13 +86,10 @@ class FaceJacobians:
         """Transposed product of `product`."""
         discretization, scheme, local = self.discretization, self.discretization.scheme, bar
         bar = discretization.halo.pad(np.ascontiguousarray(bar, np.float32))
-        contributions, rest = np.empty((len(self.values), 4, N_STATES), np.float32), (self.shocks, bar)
+        contributions = np.empty((len(self.values), 4, N_STATES), np.float32)
+        rest = self.jump_weights, self.values, self.shock_rows, self.shocks, bar
 
-        def fill(part: slice) -> None:
-            derivatives = self.values[part], self.shock_rows[part]
-            multiply_transposed(scheme.part(part), self.jump_weights, *derivatives, *rest, contributions[part])
-
-        visit(len(contributions), fill)
+        visit(len(contributions), lambda part: multiply_transposed(scheme, part.start, part.stop, *rest, contributions))
         out = discretization.halo.fold(discretization.sums.of_stencils(contributions, len(bar)))
         return self._with_circulation(out, self.circulation, self.of_circulation, local)
 
@@ -147,10 +141,11 @@ def face_jacobians(scheme, areas, states, outside, values, shock_rows, shocks):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def multiply(scheme, jumps, values, shock_rows, shocks, d_states, out):
-    """Change of the fluxes of all faces with the states, shape (n_faces, 5)."""
+def multiply(scheme, first, end, jumps, values, shock_rows, shocks, d_states, out):
+    """Change of the fluxes of a range of faces with the states, in an array of all, shape (n_faces, 5)."""
+    # On a small grid it takes a tenth of the time of a product to cut a record for every range.
     cells, means, classes, lines = scheme.cells, scheme.means, scheme.classes, scheme.lines
-    for f in range(len(out)):
+    for f in range(first, end):
         at = shock_rows[f] if len(shock_rows) > 0 else -1
         mean = jump = nothing = zeros()
         for k in range(4):
@@ -180,10 +175,10 @@ def multiply(scheme, jumps, values, shock_rows, shocks, d_states, out):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def multiply_transposed(scheme, jumps, values, shock_rows, shocks, bar, out):
-    """What the four cells at each face, shape (n_faces, 4, 5), get of rows of the residual."""
+def multiply_transposed(scheme, first, end, jumps, values, shock_rows, shocks, bar, out):
+    """What the four cells at a range of faces get of rows of the residual, in an array of shape (n_faces, 4, 5)."""
     cells, means, classes, lines = scheme.cells, scheme.means, scheme.classes, scheme.lines
-    for f in range(len(out)):
+    for f in range(first, end):
         b, c, one = cells[f, 1], cells[f, 2], np.float32(1.0 if scheme.roles[f] == INNER else 0.0)
         at = shock_rows[f] if len(shock_rows) > 0 else -1
         mean = jump = zeros()

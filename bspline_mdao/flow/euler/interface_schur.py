@@ -123,7 +123,7 @@ class BorderedFactor:
         rows = pattern.starts[n_first:], pattern.columns, lower, upper
         visit(len(rest[2]), lambda part: _eliminate_diagonal(*rows, part.start, part.stop, rest[2]))
         ends = border.left, border.right
-        visit(border.n_inside, lambda part: _eliminate(*rows, *(array[part] for array in (*ends, *rest[:2]))))
+        visit(border.n_inside, lambda part: _eliminate(*rows, *ends, part.start, part.stop, *rest[:2]))
         diagonal[n_first:] = np.eye(BLOCK)
         at_left, at_right = (border.pairs.extend(blocks) for blocks in rest[:2])
         placed = np.empty((len(outer_pattern.rank), BLOCK, BLOCK), np.float32)
@@ -159,10 +159,10 @@ def _eliminate_diagonal(starts, columns, lower, upper, first, end, diagonal):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _eliminate(starts, columns, lower, upper, left, right, at_left, at_right):
+def _eliminate(starts, columns, lower, upper, left, right, first, end, at_left, at_right):
     """Take from the blocks of pairs of border rows what elimination of the inner cells takes."""
     # ``A_ij - L_ik U_kj`` and ``A_ji - L_jk U_ki`` over the inner cells k that both rows have.
-    for pair in range(len(left)):
+    for pair in range(first, end):
         i, j = left[pair], right[pair]
         low, up = load_half_block(at_left, 25 * pair), load_half_block(at_right, 25 * pair)
         place = starts[i]
