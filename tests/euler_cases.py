@@ -22,8 +22,9 @@ from bspline_mdao.flow.euler.far_field import FarVortex
 from bspline_mdao.flow.euler.flow_grid import area_vectors
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
-from bspline_mdao.flow.euler.reconstruction import FARFIELD, FIRST, OPEN, SHUT, SLIP
+from bspline_mdao.flow.euler.reconstruction import FARFIELD, FIRST, SLIP
 from bspline_mdao.flow.euler.residual import Discretization
+from bspline_mdao.flow.euler.sensor import OPEN, SHUT
 from bspline_mdao.generators import FarField, Spacing, ball_grid, infinite_wing_grid, naca_section
 from bspline_mdao.grids.cells.cell_faces import CellFaces
 from bspline_mdao.grids.io.patch_guess import guess_patches

@@ -43,6 +43,14 @@ FILES: dict[str, tuple[tuple[str, str, dict, tuple[str, ...]], ...]] = {
     "bspline_mdao/flow/euler/flux_derivatives.py": (
         ("bspline_mdao.flow.euler.flux", "face_flux", {"w": 5, "j": 5, "s": 3, "shock": 0}, BOTH),
     ),
+    "bspline_mdao/flow/euler/sensor_derivatives.py": (
+        (
+            "bspline_mdao.flow.euler.sensor",
+            "stencil_sensor",
+            {"first": 5, "left": 0, "right": 0, "last": 5},
+            BOTH,
+        ),
+    ),
     "bspline_mdao/flow/euler/face_centre_derivatives.py": (
         ("bspline_mdao.flow.euler.face_centre", "face_centre", {"a": 3, "b": 3, "c": 3, "d": 3}, BOTH),
     ),

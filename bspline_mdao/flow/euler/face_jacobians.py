@@ -21,14 +21,23 @@ from .cell_sums import visit
 from .flux import STILL
 from .flux_derivatives import face_flux_jvp
 from .gas import N_STATES
-from .reconstruction import INNER, area_of, face_state, face_weights, has_area, has_sensor, shock_sensor
+from .reconstruction import (
+    INNER,
+    area_of,
+    face_state,
+    face_weights,
+    has_area,
+    has_sensor,
+    shock_sensor,
+    shock_sensor_vjp,
+)
 from .wall_boundary import state_jacobian
 
 __all__ = ["FaceJacobians"]
 
-N_SHOCK = 28
-"""Numbers of a face at a shock: the sensor, weights of mean and jump, derivatives of the sensor by the four pressures
-and the two outer states, and of the flux by the sensor."""
+N_SHOCK = 26
+"""Numbers of a face at a shock: the sensor, weights of mean and jump, derivatives of the sensor by the two pressures in
+the middle and the two outer states, and of the flux by the sensor."""
 
 AHEAD = 16
 """Faces ahead of the one in work whose Jacobians are asked for from memory."""
@@ -109,7 +118,7 @@ class FaceJacobians:
 def find_shocks(scheme, states, out):
     """Write a zero for each face where the sensor is not shut."""
     for f in range(len(out)):
-        if has_sensor(scheme, f) and shock_sensor(states, scheme.cells[f], scheme.threshold)[0] > 0.0:
+        if has_sensor(scheme, f) and shock_sensor(states, scheme.cells[f], scheme.threshold) > 0.0:
             out[f] = 0
 
 
@@ -126,18 +135,19 @@ def face_jacobians(scheme, areas, states, outside, values, shock_rows, shocks):
                 shocks[at, 1:9] = face_weight.ravel()
             continue
         if at >= 0:
-            sigma, by_pressure, by_first, by_last = shock_sensor(states, scheme.cells[f], scheme.threshold)
+            sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)
         mean, jump, mean_slope, jump_slope = face_state(scheme, f, states, outside[f], sigma)
         state_jacobian(role, mean, jump, s, sigma, values[f])
         if at >= 0:
             face_weights(scheme, f, sigma, face_weight)
             column = face_flux_jvp(mean, jump, s, sigma, mean_slope, jump_slope, STILL, 1.0)
+            by_first, by_left, by_right, by_last = shock_sensor_vjp(states, scheme.cells[f], scheme.threshold, 1.0)
             row = shocks[at]
-            row[0] = sigma
+            row[0], row[9], row[10] = sigma, by_left, by_right
             for k in range(4):
-                row[1 + k], row[5 + k], row[9 + k] = face_weight[0, k], face_weight[1, k], by_pressure[k]
+                row[1 + k], row[5 + k] = face_weight[0, k], face_weight[1, k]
             for n in range(5):
-                row[13 + n], row[18 + n], row[23 + n] = by_first[n], by_last[n], column[n]
+                row[11 + n], row[16 + n], row[21 + n] = by_first[n], by_last[n], column[n]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -165,12 +175,10 @@ def multiply(scheme, first, end, jumps, values, shock_rows, shocks, d_states, ou
             add_product(add_product(nothing, load(values, row + 40), mean), load(values, row + 45), jump),
         )
         if at >= 0:
-            change = np.float32(0.0)
-            for k in range(4):
-                change += shocks[at, 9 + k] * d_states[cells[f, k], 4]
+            change = shocks[at, 9] * d_states[cells[f, 1], 4] + shocks[at, 10] * d_states[cells[f, 2], 4]
             for n in range(5):
-                change += shocks[at, 13 + n] * d_states[cells[f, 0], n] + shocks[at, 18 + n] * d_states[cells[f, 3], n]
-            flux = add_scaled(flux, change, load(shocks, N_SHOCK * at + 23))
+                change += shocks[at, 11 + n] * d_states[cells[f, 0], n] + shocks[at, 16 + n] * d_states[cells[f, 3], n]
+            flux = add_scaled(flux, change, load(shocks, N_SHOCK * at + 21))
         store(out, 5 * f, flux)
 
 
@@ -192,15 +200,15 @@ def multiply_transposed(scheme, first, end, jumps, values, shock_rows, shocks, b
                 add_scaled(jump, through, load(values, row + 5)),
             )
             if at >= 0:
-                sense += shocks[at, 23 + n] * through
+                sense += shocks[at, 21 + n] * through
         for k in range(4):
             by_mean, by_jump = np.float32(means[classes[f], k]), jumps[lines[f], k]
             if at >= 0:
                 by_mean, by_jump = shocks[at, 1 + k], shocks[at, 5 + k]
             store(out, 20 * f + 5 * k, add_scaled(add_scaled(zeros(), by_mean, mean), by_jump, jump))
         if at >= 0:
-            for k in range(4):
-                out[f, k, 4] += shocks[at, 9 + k] * sense
+            out[f, 1, 4] += shocks[at, 9] * sense
+            out[f, 2, 4] += shocks[at, 10] * sense
             for n in range(5):
-                out[f, 0, n] += shocks[at, 13 + n] * sense
-                out[f, 3, n] += shocks[at, 18 + n] * sense
+                out[f, 0, n] += shocks[at, 11 + n] * sense
+                out[f, 3, n] += shocks[at, 16 + n] * sense

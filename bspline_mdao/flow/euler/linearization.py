@@ -30,6 +30,8 @@ from .reconstruction import (
     has_area,
     has_sensor,
     shock_sensor,
+    shock_sensor_jvp,
+    shock_sensor_vjp,
 )
 from .wall_boundary import flux_through_jvp, flux_through_vjp
 
@@ -142,11 +144,8 @@ def flux_changes(scheme, areas, states, outside, d_areas, d_states, d_outside, o
         sigma, change = 0.0, 0.0 * d_states[0, 0]
         if has_sensor(scheme, f):
             near = scheme.cells[f]
-            sigma, by_pressure, by_first, by_last = shock_sensor(states, near, scheme.threshold)
-            for k in range(4):
-                change += by_pressure[k] * d_states[near[k], 4]
-            for n in range(5):
-                change += by_first[n] * d_states[near[0], n] + by_last[n] * d_states[near[3], n]
+            sigma = shock_sensor(states, near, scheme.threshold)
+            change += shock_sensor_jvp(states, near, scheme.threshold, d_states)
         mean, jump, mean_slope, jump_slope = face_state(scheme, f, states, outside[f], sigma)
         d_mean, d_jump, _, _ = face_state(scheme, f, d_states, d_outside[f], sigma)
         d_mean, d_jump = _moved(d_mean, change, mean_slope), _moved(d_jump, change, jump_slope)
@@ -189,7 +188,7 @@ def state_contributions(scheme, areas, states, outside, bar, out):
             continue
         through, sigma = through_face(scheme, f, bar), 0.0
         if has_sensor(scheme, f):
-            sigma, by_pressure, by_first, by_last = shock_sensor(states, scheme.cells[f], scheme.threshold)
+            sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)
         face_weights(scheme, f, sigma, face_weight)
         mean, jump, mean_slope, jump_slope = face_state(scheme, f, states, outside[f], sigma)
         mean_bar, jump_bar, _, sense = flux_through_vjp(role, mean, jump, s, sigma, through)
@@ -199,11 +198,12 @@ def state_contributions(scheme, areas, states, outside, bar, out):
         if has_sensor(scheme, f):
             for n in range(5):
                 sense += mean_bar[n] * mean_slope[n] + jump_bar[n] * jump_slope[n]
-            for k in range(4):
-                out[f, k, 4] += by_pressure[k] * sense
+            first, left, right, last = shock_sensor_vjp(states, scheme.cells[f], scheme.threshold, sense)
+            out[f, 1, 4] += left
+            out[f, 2, 4] += right
             for n in range(5):
-                out[f, 0, n] += by_first[n] * sense
-                out[f, 3, n] += by_last[n] * sense
+                out[f, 0, n] += first[n]
+                out[f, 3, n] += last[n]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -215,7 +215,7 @@ def area_bars(scheme, areas, states, outside, bar, out):
             continue
         through, sigma = through_face(scheme, f, bar), 0.0
         if has_sensor(scheme, f):
-            sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)[0]
+            sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)
         mean, jump, _, _ = face_state(scheme, f, states, outside[f], sigma)
         _, _, area_bar, _ = flux_through_vjp(role, mean, jump, s, sigma, through)
         for n in range(3):

@@ -80,7 +80,7 @@ def mean_bars(scheme, areas, states, bar):
 @njit(cache=True, error_model="numpy")
 def _states(scheme, f, states):
     """Mean state, jump and sensor of an inner face."""
-    sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)[0] if scheme.threshold > 0.0 else 0.0
+    sigma = shock_sensor(states, scheme.cells[f], scheme.threshold) if scheme.threshold > 0.0 else 0.0
     mean, jump, _, _ = face_state(scheme, f, states, ZERO, sigma)
     return mean, jump, sigma
 

@@ -24,7 +24,8 @@ from numpy.typing import DTypeLike
 from ...errors import InputError
 from ...grids.cells.cell_faces import NONE, CellFaces
 from .cell_sums import CellSums
-from .gas import GAMMA
+from .sensor import stencil_sensor
+from .sensor_derivatives import stencil_sensor_jvp, stencil_sensor_vjp
 
 FIRST, THIRD = 0, 1
 """Rows of the weights in the differences of a face: the first and the third."""
@@ -37,9 +38,6 @@ KINDS = {"wall": SLIP, "symmetry": SLIP, "farfield": FARFIELD}
 
 COMPACT_MEAN = (0.0, 0.5, 0.5, 0.0)
 """Weights of the four cells in the mean state at shocks."""
-
-SHUT, OPEN = 0.7, 1.0
-"""Squares of the Mach number below which the sensor is zero, since there are no shocks, and above which it is free."""
 
 _FULL = np.array([[-1, 7, 7, -1], [0, -12, 12, 0], [12, -36, 36, -12]]) / 12.0
 
@@ -203,48 +201,37 @@ def face_weights(scheme, f, sigma, out):
 @njit(cache=True, error_model="numpy")
 def shock_sensor(states, cells, threshold):
     """Sensor of shocks at an inner face, from 0 in smooth flow to 1."""
-    # Also its derivatives with respect to the pressures of the four cells, and to the states of the first and the last.
-    sensor, pressure_gradient = _pressure_sensor(states, cells, threshold)
-    gate, first_gradient, last_gradient = _gate(states, cells)
-    return gate * sensor, _scale(gate, pressure_gradient), _scale(sensor, first_gradient), _scale(sensor, last_gradient)
+    return stencil_sensor(*_around(states, cells), *_constants(cells, threshold))
 
 
 @njit(cache=True, error_model="numpy")
-def _pressure_sensor(states, cells, threshold):
-    """Sensor by second differences of the pressure, and its derivatives with respect to the four pressures."""
-    a, b, c, d = states[cells[0], 4], states[cells[1], 4], states[cells[2], 4], states[cells[3], 4]
-    has_a, has_d = (1.0 if cells[0] != cells[1] else 0.0), (1.0 if cells[3] != cells[2] else 0.0)
-    sum_l, sum_r = a + 2.0 * b + c, b + 2.0 * c + d
-    n_l, n_r = has_a * (a - 2.0 * b + c) / sum_l, has_d * (b - 2.0 * c + d) / sum_r
-    q, level = n_l * n_l + n_r * n_r, threshold**4
-    slope = 4.0 * q * level / (q * q + level) ** 2
-    l, r = slope * n_l * has_a / sum_l, slope * n_r * has_d / sum_r
-    ratio_l, ratio_r = l * n_l, r * n_r
-    gradient = (l - ratio_l, r - 2.0 * l - 2.0 * ratio_l - ratio_r, l - 2.0 * r - ratio_l - 2.0 * ratio_r, r - ratio_r)
-    return q * q / (q * q + level), (*gradient, 0.0 * q)
+def shock_sensor_jvp(states, cells, threshold, d_states):
+    """Change of `shock_sensor` with the states."""
+    return stencil_sensor_jvp(*_around(states, cells), *_constants(cells, threshold), *_around(d_states, cells))
 
 
 @njit(cache=True, error_model="numpy")
-def _gate(states, cells):
-    """Smooth step from 0 in slow flow to 1 at the speed of sound, and its derivatives with respect to two states."""
-    # It is of the mean square of the Mach numbers of the outer cells: one next to a shock still sees what is ahead.
-    first, first_gradient = _mach_squared(states, cells[0])
-    last, last_gradient = _mach_squared(states, cells[3])
-    t = (0.5 * (first + last) - SHUT) / (OPEN - SHUT)
-    if t.real <= 0.0 or t.real >= 1.0:
-        still = (0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t)
-        return (0.0 if t.real <= 0.0 else 1.0) + 0.0 * t, still, still
-    slope = 3.0 * t * (1.0 - t) / (OPEN - SHUT)
-    return t * t * (3.0 - 2.0 * t), _scale(slope, first_gradient), _scale(slope, last_gradient)
+def shock_sensor_vjp(states, cells, threshold, bar):
+    """Transpose of `shock_sensor_jvp`: what the first state, the two pressures in the middle and the last state get."""
+    return stencil_sensor_vjp(*_around(states, cells), *_constants(cells, threshold), bar)
 
 
-@njit(cache=True, error_model="numpy")
-def _mach_squared(states, cell):
-    """Square of the Mach number of a cell, and its derivatives with respect to the state."""
-    r, u, v, w, p = states[cell, 0], states[cell, 1], states[cell, 2], states[cell, 3], states[cell, 4]
-    inverse = 1.0 / (GAMMA * p)
-    q, by_speed = (u * u + v * v + w * w) * inverse, 2.0 * r * inverse
-    return r * q, (q, by_speed * u, by_speed * v, by_speed * w, -r * q / p)
+@njit(cache=True, error_model="numpy", inline="always")
+def _around(states, cells):
+    """What the sensor depends on."""
+    return _state(states, cells[0]), states[cells[1], 4], states[cells[2], 4], _state(states, cells[3])
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _constants(cells, threshold):
+    """Whether there are a first and a last cell, as numbers, and the level of the sensor."""
+    has_first, has_last = 1.0 if cells[0] != cells[1] else 0.0, 1.0 if cells[3] != cells[2] else 0.0
+    return has_first, has_last, threshold * threshold * threshold * threshold
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _state(states, cell):
+    return states[cell, 0], states[cell, 1], states[cell, 2], states[cell, 3], states[cell, 4]
 
 
 @njit(cache=True, error_model="numpy", inline="always")

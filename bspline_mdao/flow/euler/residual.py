@@ -130,7 +130,7 @@ def fluxes(scheme, areas, states, outside, out):
             continue
         sigma = 0.0 * states[0, 4]
         if has_sensor(scheme, f):
-            sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)[0]
+            sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)
         mean, jump, _, _ = face_state(scheme, f, states, outside[f], sigma)
         flux = flux_through(role, mean, jump, s, sigma)
         for n in range(5):
