@@ -134,6 +134,12 @@ class BackgroundLattice(OneLine):
             parameters[ids, axis] = -end
         return Evaluator.build(self.mesh, [parameters], [np.arange(len(points))], len(points))
 
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """Distances of points, shape (n, 3), from the box of the lattice, 0 within (m)."""
+        local = points @ self.axes.T
+        ends = np.array([[line.breaks[0], line.breaks[-1]] for line in self.lines])
+        return np.linalg.norm(local - np.clip(local, ends[:, 0], ends[:, 1]), axis=1)
+
     def elements(self, points: np.ndarray) -> np.ndarray:
         """Number of the element of the lattice that each point, shape (n, 3), is in."""
         spans = [line.spans(x) for line, x in zip(self.lines, (points @ self.axes.T).T)]

@@ -21,6 +21,7 @@ from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.mixed_quality import MixedQuality
 from ...grids.topology.partition import Subdomain
 from ..design.deformation import Deformation
+from ..fit.surface_fit import follower_of
 from ..mesh.boundary import Selection, matching_names, moving_mesh
 from ..mesh.frame import Plane
 from ..mesh.moving_mesh import MovingMesh
@@ -32,12 +33,15 @@ from ..movement.default_mover import default_mover
 from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
 from ..riding.wall_faces import WallFaces
 from ..splines.mesh import BSplineMesh
+from ..walls.body_points import Body
 from ..walls.embedded_points import ON_PLANE
 from .background_lattice import DEFAULTS, BackgroundLattice, LatticeSettings
 from .end_planes import INNER, WALL, EndPlane, find_end_planes, lattice_axes
 from .mesh_file import arrays_of, document_of, read_mesh_model, write_mesh_model
 from .mesh_map import MeshMap
+from .mesh_points import MeshPoints
 from .thin_plate import ThinPlate
+from .wall_follower import WallFollower
 
 __all__ = ["MeshModel"]
 
@@ -383,7 +387,7 @@ class MeshModel(OneLine, Movable):
     @property
     def why_no_fit(self) -> str:
         """Say what is there instead."""
-        return "a mesh without structure has no fit, and the nodes of its walls are its surface control points"
+        return "a mesh without structure has no fit: the nodes of its walls are its surface control points"
 
     @property
     def ownership(self) -> None:
@@ -391,15 +395,33 @@ class MeshModel(OneLine, Movable):
 
     def part(self, subdomain: Subdomain) -> NoReturn:
         """Refuse: every process has all nodes."""
-        raise InputError(f"{self.source}: a mesh without structure is not dealt out to processes; take one process")
+        raise InputError(
+            f"{self.source}: a mesh without structure has all its nodes on one process, in the order of its file; "
+            f"leave out 'partition' and 'rows'"
+        )
 
     def partition(self, n_ranks: int) -> NoReturn:
         """Refuse: every process has all nodes."""
         raise InputError(f"{self.source}: a mesh without structure is not dealt out to {n_ranks} processes; take one")
 
-    def corrected_map(self, rows: np.ndarray, whole: Any) -> NoReturn:
-        """Refuse: walls are met exactly without a correction."""
-        raise InputError(f"{self.source}: {self.why_no_fit}; leave 'surface' out")
+    def map_meeting(self, rows: np.ndarray, whole: Any) -> MeshMap:
+        """Walls are met by their control points as they are."""
+        return self.node_map
+
+    def follower(self, mesh: MovingMesh, surface: SurfaceGrid, numbers: np.ndarray) -> WallFollower:
+        """Surface control points from some nodes of a surface."""
+        ids = np.full(self.n_nodes, -1)
+        ids[self.wall_rows] = np.arange(len(self.wall_rows))
+        return WallFollower.of(mesh, ids[surface.rows[numbers]], surface.points[numbers])
+
+    def embed_points(self, points: np.ndarray, tolerance: float | None = None) -> MeshPoints:
+        """Find what moves points that are no nodes: the lattice, or inside the body its walls, see `MeshPoints`.
+
+        Up to ``tolerance`` (m), 1e-9 of the mesh's size by default, a point counts as inside the mesh.
+        """
+        walls, rows = self.mesh.points[self.wall_rows], self.wall_rows
+        near = 1e-9 * float(np.linalg.norm(np.ptp(self.mesh.points, axis=0))) if tolerance is None else tolerance
+        return MeshPoints.of(self.lattice, Body(walls, np.searchsorted(rows, self.walls.faces)), rows, points, near)
 
     def nodes_on_planes(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Nodes of the planes that the mesh ends in."""
@@ -451,3 +473,4 @@ moving_mesh.register(MeshModel, MeshModel.design_mesh)
 surface_of.register(MeshModel, MeshModel.surface)
 surface_map_of.register(MeshModel, MeshModel.surface_map)
 default_mover.register(MeshModel, MeshModel.mover_of)
+follower_of.register(MeshModel, MeshModel.follower)

@@ -21,6 +21,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import singledispatch
+from typing import Protocol
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array
@@ -35,6 +37,7 @@ from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap
 from ..model.fitted_model import FittedModel
+from ..model.movable import Movable
 from ..walls.rigid_part import RigidMotion, RigidPart
 from .least_squares import FitOperator
 from .problem import problem_of_mesh
@@ -202,6 +205,8 @@ class SurfaceFollower(OneLine):
     rigid: RigidPart  # the rigid motion nearest to that of the nodes
     # control points less what the quasi-interpolant makes of the nodes, on the baseline (m)
     offsets: np.ndarray  # (n_surface, 3)
+    # topology, row that stands for each row of the grid vector, and rows of the nodes that are given
+    places: tuple[Topology, np.ndarray, np.ndarray]
 
     @classmethod
     def of(
@@ -233,7 +238,9 @@ class SurfaceFollower(OneLine):
         whole = QuasiInterpolant.of(model.mesh, sharing, model.parameters)
         quasi = SurfaceQuasiInterpolant.of(whole, mesh.surface_ids, node_of_row, N_ITERATIONS)
         offsets = model.control_points[mesh.surface_ids] - quasi.forward(surface.points)
-        return cls(quasi, mesh, surface.points[numbers], means, springs, RigidPart(mesh.plane_normals), offsets)
+        places = model.topology, sharing.source_rows(), surface.rows[numbers]
+        given = surface.points[numbers]
+        return cls(quasi, mesh, given, means, springs, RigidPart(mesh.plane_normals), offsets, places)
 
     def at(self, nodes: np.ndarray) -> FollowedSurface:
         """Control points at nodes, shape (n, 3), in metres, and their derivative."""
@@ -242,6 +249,10 @@ class SurfaceFollower(OneLine):
         turned = self.offsets @ (motion.rotation - np.eye(3)).T
         moves = self._slide(self._forward(nodes - self.baseline) + turned)
         return FollowedSurface(self, motion, self.mesh.points[self.mesh.surface_ids] + moves)
+
+    def miss(self, nodes: np.ndarray, target: np.ndarray) -> SurfaceMiss:
+        """Compare nodes, shape (n, 3), with where they were to be."""
+        return SurfaceMiss.of(*self.places, nodes, target)
 
     def _forward(self, moves: np.ndarray) -> np.ndarray:
         """Quasi-interpolant of moves of the nodes, shape (n, 3): (n_surface, 3)."""
@@ -264,6 +275,43 @@ class SurfaceFollower(OneLine):
         rows, normals, slid = self.mesh.in_plane_rows, self.mesh.in_plane_normals, change.copy()
         np.subtract.at(slid, rows, np.sum(change[rows] * normals, axis=1)[:, None] * normals)
         return slid
+
+
+class Followed(Protocol):
+    """Surface control points that followed nodes, and their derivative."""
+
+    @property
+    def control_points(self) -> np.ndarray:
+        """The surface control points (m), shape (n_surface, 3)."""
+
+    def jvp(self, change: np.ndarray) -> np.ndarray:
+        """Change of the control points, shape (n_surface, 3), with that of the nodes, shape (n, 3)."""
+
+    def vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `jvp`."""
+
+
+class Follower(Protocol):
+    """Surface control points as a function of given nodes."""
+
+    @property
+    def baseline(self) -> np.ndarray:
+        """The nodes that are given, on the baseline (m), shape (n, 3)."""
+
+    def at(self, nodes: np.ndarray) -> Followed:
+        """Control points at nodes, shape (n, 3), and their derivative."""
+
+    def miss(self, nodes: np.ndarray, target: np.ndarray) -> SurfaceMiss | None:
+        """Compare nodes of the control points with where they were to be; None where nothing is missed."""
+
+
+@singledispatch
+def follower_of(model: Movable, mesh: MovingMesh, surface: SurfaceGrid, numbers: np.ndarray) -> Follower:
+    """Prepare control points that follow some nodes of a surface of a model."""
+    raise InputError(f"surface: nodes of a {type(model).__name__} cannot be given; give the whole fitted model")
+
+
+follower_of.register(FittedModel, SurfaceFollower.of)
 
 
 @dataclass(frozen=True, eq=False)

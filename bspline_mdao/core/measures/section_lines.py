@@ -63,7 +63,10 @@ class SectionLines:
         sides = _sides(GridLines.of(wing.quads, surface.n_points), local, level)
         span = local[sides[0][:, 0], 2]
         if len(span) == 0:
-            raise InputError("leading edge: no grid line of the surface turns round it; name the patches of the wing")
+            cure = "; triangles have no lines, take Thickness or SectionThickness" if surface.cells else ""
+            raise InputError(
+                f"leading edge: no grid line of the surface turns round it; name the patches of the wing{cure}"
+            )
         if np.diff(span).min(initial=np.inf) <= level:
             raise InputError("leading edge: there are two at the same place of the span; name the patches of one wing")
         return cls(frame, surface.points, sides)

@@ -129,6 +129,11 @@ class Model(Movable):
     ) -> tuple[GridMap, WallCorrection]:
         """Map to the nodes of the process for walls that are met exactly, and what of the correction it needs."""
 
+    def map_meeting(self, rows: np.ndarray, whole: Model) -> GridMap:
+        """Correct the map: ``surface`` is one more input."""
+        grid_map, correction = self.corrected_map(rows, whole)
+        return grid_map.meeting(correction)
+
     def partition(self, n_ranks: int) -> Partition:
         """Deal the blocks out, see `Partition.of`."""
         return Partition.of(self.topology, n_ranks)

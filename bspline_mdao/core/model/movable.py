@@ -9,18 +9,20 @@ mover (`default_mover`), each of which has one way for each kind of model.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from ...errors import InputError
 from ...grids.cells.cell_judge import CellJudge
 from ...grids.topology.partition import Partition, Subdomain
 from ..evaluation.node_map import NodeState
 from ..splines.mesh import BSplineMesh
+from ..walls.body_points import BodyPoints
 
-__all__ = ["ControlPointMap", "Movable"]
+__all__ = ["ControlPointMap", "EmbeddedMap", "Movable"]
 
 
 class ControlPointMap(Protocol):
@@ -31,6 +33,10 @@ class ControlPointMap(Protocol):
         """Names of the inputs, the control points first."""
 
     @property
+    def nodes(self) -> np.ndarray:
+        """Nodes of the baseline (m), shape (n_nodes, 3)."""
+
+    @property
     def n_asked(self) -> int:
         """Number of nodes that are the process's own: they come first."""
 
@@ -39,6 +45,38 @@ class ControlPointMap(Protocol):
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
         """Derivatives by all nodes of those by the nodes that are the process's own."""
+
+
+class EmbeddedMap(Protocol):
+    """A map to points that are no nodes, some of which may ride on the walls around a body."""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+
+    @property
+    def points(self) -> np.ndarray:
+        """The points on the baseline (m), shape (n, 3)."""
+
+    @property
+    def in_volume(self) -> np.ndarray:
+        """Numbers of those that are not in the body."""
+
+    @property
+    def body(self) -> BodyPoints | None:
+        """What those in the body ride on."""
+
+    @property
+    def wall_rows(self) -> np.ndarray:
+        """Rows of the nodes of walls that this is made of."""
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the map is linear (affine)."""
+
+    @property
+    def at(self) -> Callable[..., NodeState]:
+        """Points and their derivative."""
 
 
 class Movable(ABC):
@@ -109,8 +147,13 @@ class Movable(ABC):
         """Deal its nodes out to processes."""
 
     @abstractmethod
-    def corrected_map(self, rows: np.ndarray, whole: Any) -> tuple[Any, Any]:
-        """Map to the nodes of the process for walls that are met exactly, and what of the correction it needs."""
+    def map_meeting(self, rows: np.ndarray, whole: Any) -> ControlPointMap:
+        """Map to the nodes of the process that puts nodes of walls, by their rows, exactly where they are given."""
+        # `whole` is the model of all nodes
+
+    def embed_points(self, points: np.ndarray, tolerance: float | None = None) -> EmbeddedMap:
+        """Find what moves points that are no nodes; `InputError` where nothing does, or of a part of a model."""
+        raise InputError(f"{self.source}: points may be in any part of the grid; give the whole model, of one process")
 
     @abstractmethod
     def nodes_on_planes(self) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -134,7 +134,7 @@ class GridEvaluate(SparseComponent):
         self.matrix_free = not self.options["assembled"]
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
         self._map = self._map_of(model)
-        if surface is not None:
+        if surface is not None and SURFACE in self._map.inputs:
             self.add_input(SURFACE, val=surface.points[self._numbers(surface)].ravel(), units="m")
             check_along_edges(self, SURFACE, lines_among(self._numbers(surface), surface.lines), digits=300.0)
         self.add_output(GRID, shape=3 * self._map.n_asked, units="m", distributed=self.comm.size > 1)
@@ -182,8 +182,7 @@ class GridEvaluate(SparseComponent):
         surface = self.options["surface"]
         if surface is None:
             return model.node_map
-        grid_map, correction = model.corrected_map(surface.rows[self._numbers(surface)], self.options["model"])
-        return grid_map.meeting(correction)
+        return model.map_meeting(surface.rows[self._numbers(surface)], self.options["model"])
 
     def _numbers(self, surface: SurfaceGrid) -> np.ndarray:
         """Numbers of the nodes of the surface that are given."""

@@ -61,8 +61,7 @@ class GridMovement(Copied, om.Group):
     -------
     model : FittedModel, LocalModel or MeshModel
         The fitted grid, or what one of several processes needs of it: that goes without a fit, and without nodes of a
-        surface that are given. Or a mesh without structure: the nodes of its walls are its surface control points, so
-        that it goes without both, too.
+        surface that are given. Or a mesh without structure, which goes without a fit, too.
     parametrization : Parametrization, optional
         Design variables of the surface and the linear constraints among its control points.
     measures : sequence of Measure
@@ -170,7 +169,8 @@ class GridMovement(Copied, om.Group):
         is_fitted = self.options["fit"]
         if is_fitted is None:
             is_fitted = is_live or (self.comm.size == 1 and not model.why_no_fit)
-        if model.why_no_fit and (is_fitted or surface is not None):
+        is_local = model.ownership is not None
+        if model.why_no_fit and (is_fitted or (is_local and surface is not None)):
             raise InputError(
                 f"{self.msginfo}: {model.why_no_fit}; leave out 'fit', 'live' and 'surface', or give the whole model"
             )

@@ -11,7 +11,6 @@ import numpy as np
 
 from ...errors import InputError
 from ...names import CONTROL_POINTS, GRID, SURFACE
-from ..model.fitted_model import FittedModel
 from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges, numbered_blocks
 from .component import LINEAR_STEP, fails_together
@@ -31,7 +30,8 @@ class PointSet(MovedPoints):
     ``points``       output  (3 n)         m      the points, under the name ``name``, xyz interleaved
     ===============  ======  ============  =====  ======================================================================
 
-    Where some are in the volumes, it takes in the place of ``surface``
+    Where some are in the volumes, it takes in the place of ``surface``, of a mesh without structure ``control_points``
+    alone,
 
     ==================  ======  ============  =====  ===================================================================
     name                role    shape         units  meaning
@@ -42,8 +42,8 @@ class PointSet(MovedPoints):
 
     Options
     -------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid, or a mesh without structure, whose lattice carries points in the flow.
     points : ndarray, shape (n, 3)
         The points on the baseline (m).
     name : str
@@ -81,7 +81,7 @@ class PointSet(MovedPoints):
         def __init__(
             self,
             *,
-            model: FittedModel,
+            model: Movable,
             points: np.ndarray,
             name: str = "points",
             tolerance: float | None = None,
@@ -90,7 +90,7 @@ class PointSet(MovedPoints):
 
     def initialize(self) -> None:
         """Declare the options."""
-        declare_model(self, FittedModel)
+        declare_model(self)
         self.options.declare("points", types=np.ndarray, recordable=False, desc="the points on the baseline, m")
         self.options.declare("name", types=str, default="points", desc="name of the output")
         self.options.declare("tolerance", default=None, desc="distance up to which a point counts as inside, m")
@@ -98,30 +98,28 @@ class PointSet(MovedPoints):
     @property
     def is_linear(self) -> bool:
         """Whether the outputs depend linearly (affinely) on the inputs: known after ``setup``."""
-        return self._embedded.following is None
+        return self._embedded.is_linear
 
     @fails_together
     def setup(self) -> None:
         """Find what the points are embedded in, and declare the variables."""
         model = self.options["model"]
-        self._embedded = model.embed_points(self.options["points"], self.options["tolerance"])
-        n_in_volume, n_points = len(self._embedded.in_volume), len(self._embedded.points)
+        embedded = self._embedded = model.embed_points(self.options["points"], self.options["tolerance"])
+        n_in_volume, n_points = len(embedded.in_volume), len(embedded.points)
         if n_in_volume and self.comm.size > 1:
             raise InputError(
                 f"{self.msginfo}: {n_in_volume} of {n_points} points are in the volumes, the first is point "
-                f"{self._embedded.in_volume[0] + 1}, and {self.comm.size} processes share the grid there; give points "
+                f"{embedded.in_volume[0] + 1}, and {self.comm.size} processes share the grid there; give points "
                 f"inside the body, or take one process"
             )
-        nodes = self._embedded.grid_map.nodes
-        if n_in_volume:
-            self._moves_by(self._embedded, self.options["name"], CONTROL_POINTS, GRID)
-            self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
-            self.add_input(GRID, val=nodes.ravel(), units="m")
-        else:
-            self._moves_by(self._embedded.body, self.options["name"], SURFACE)
-            self.add_input(SURFACE, val=nodes[self._embedded.wall_rows].ravel(), units="m")
-        self.add_output(self.options["name"], val=self._embedded.points.ravel(), units="m")
+        nodes = model.node_map.nodes
+        values = {CONTROL_POINTS: model.control_points, GRID: nodes, SURFACE: nodes[embedded.wall_rows]}
+        names = embedded.inputs if n_in_volume else (SURFACE,)
+        self._moves_by(embedded if n_in_volume else embedded.body, self.options["name"], *names)
+        for name in names:
+            self.add_input(name, val=values[name].ravel(), units="m")
+        self.add_output(self.options["name"], val=embedded.points.ravel(), units="m")
         check_along_directions(self, LINEAR_STEP)
         if not self.is_linear:  # of points in the volumes, some follow walls
-            check_along_edges(self, CONTROL_POINTS, model.mesh.control_ids)
+            check_along_edges(self, CONTROL_POINTS, model.control_lines)
             check_along_edges(self, GRID, numbered_blocks(model.topology.shapes))

@@ -10,13 +10,11 @@ import numpy as np
 import openmdao.api as om
 from openmdao.vectors.vector import Vector
 
-from ...grids.topology.sharing import node_sharing
 from ...names import SURFACE, SURFACE_CONTROL_POINTS
-from ..fit.surface_fit import LOGGER, FollowedSurface, SurfaceFollower, SurfaceMiss
+from ..fit.surface_fit import LOGGER, Followed, SurfaceMiss, follower_of
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap
-from ..model.fitted_model import FittedModel
 from ..movement.mover import PLANE_TOLERANCE
 from .checked_along_edges import CheckedAlongEdges, check_along_edges, lines_among
 from .component import (
@@ -48,8 +46,8 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
 
     Options
     -------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid; or a mesh without structure, whose surface control points are the nodes themselves.
     mesh : MovingMesh
         Its control mesh, which says what is the design surface.
     surface : SurfaceGrid
@@ -91,7 +89,7 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
         def __init__(
             self,
             *,
-            model: FittedModel,
+            model: Movable,
             mesh: MovingMesh,
             surface: SurfaceGrid,
             numbers: Sequence[int] | np.ndarray | None = None,
@@ -100,7 +98,7 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
 
     def initialize(self) -> None:
         """Declare the options."""
-        declare_model(self, FittedModel)
+        declare_model(self)
         self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
         self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="which nodes")
         self.options.declare("numbers", default=None, recordable=False, desc="which of them are given")
@@ -108,12 +106,15 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
 
     @property
     def miss(self) -> SurfaceMiss | None:
-        """Distances of the nodes of the last run from those of the control points alone; None before any."""
+        """Distances of the nodes of the last run from those of the control points alone; None before any.
+
+        Also None where control points are nodes, and nothing is missed.
+        """
         if self._last.points is None:
             return None
-        (nodes,), (topology, source, rows) = self._last.points, self._places
+        (nodes,) = self._last.points
         fitted = self._map.apply(self._last.state.control_points)[self._numbers]
-        return SurfaceMiss.of(topology, source, rows, fitted, nodes)
+        return self._follower.miss(fitted, nodes)
 
     @fails_together
     def setup(self) -> None:
@@ -121,13 +122,12 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
         model, mesh, surface = (self.options[name] for name in ("model", "mesh", "surface"))
         self._numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
         self._last, self._map = LastState(), SurfaceMap.of(model, mesh, surface)
-        self._follower = SurfaceFollower.of(model, mesh, surface, self._numbers)
+        self._follower = follower_of(model, mesh, surface, self._numbers)
         on_planes = surface.on_planes(model)
         self._planes = [(np.isin(self._numbers, ids), normal) for ids, normal in on_planes]
-        self._places = model.topology, node_sharing(model.topology).source_rows(), surface.rows[self._numbers]
         self.add_input(SURFACE, val=self._follower.baseline.ravel(), units="m")
         self.add_output(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
-        check_along_edges(self, SURFACE, lines_among(self._numbers, surface.faces))
+        check_along_edges(self, SURFACE, lines_among(self._numbers, surface.lines))
 
     @fails_together
     def compute(self, inputs: Vector, outputs: Vector) -> None:
@@ -146,12 +146,12 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
         products = {"jvp": followed.jvp, "vjp": followed.vjp}
         add_product(inputs, d_inputs, d_outputs, mode, **products, of=SURFACE_CONTROL_POINTS, wrt=SURFACE)
 
-    def _followed(self, inputs: Vector) -> FollowedSurface:
+    def _followed(self, inputs: Vector) -> Followed:
         nodes = finite_points(inputs[SURFACE], SURFACE, self.msginfo).real
         with failures_as_analysis_errors(self):
             return self._last.at([nodes], self._follow)
 
-    def _follow(self, nodes: np.ndarray) -> FollowedSurface:
+    def _follow(self, nodes: np.ndarray) -> Followed:
         self._require_in_planes(nodes)
         return self._follower.at(nodes)
 

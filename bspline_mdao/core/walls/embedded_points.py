@@ -53,6 +53,13 @@ class EmbeddedPoints(OneLine):
     body: BodyPoints | None  # what these ride on
     wall_rows: np.ndarray  # (n_wall,) of int, rows of the nodes of the walls in the grid
 
+    inputs = (CONTROL_POINTS, GRID)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether none follows walls: all are linear in the control points and nodes."""
+        return self.following is None
+
     @classmethod
     def of(
         cls,
@@ -113,7 +120,7 @@ class EmbeddedState:
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
-        return CONTROL_POINTS, GRID
+        return self.of.inputs
 
     def jvp(
         self,

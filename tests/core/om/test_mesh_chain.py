@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 import openmdao.api as om
 import pytest
-from mesh_cases import body_model, mesh_around_a_body, section_model
+from mesh_cases import body_model, mesh_around_a_body, section_model, smooth_change
 from openmdao.utils.assert_utils import assert_check_partials
 
-from bspline_mdao import DesignSurface, GridMovement
+from bspline_mdao import DesignSurface, GridMovement, PointSet
 from bspline_mdao.core.background.background_lattice import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.background.thin_plate import ThinPlate
@@ -16,8 +16,20 @@ from bspline_mdao.core.movement.default_mover import default_mover
 from bspline_mdao.design import Chord, FreeForm, Lattice, Local, OnSideOfPlane, Sweep, Twist
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
-from bspline_mdao.measures import Curvature, EnclosedVolume, ProjectedArea, SurfaceArea, SurfaceGrid, Thickness
+from bspline_mdao.measures import (
+    Clearance,
+    Curvature,
+    EnclosedVolume,
+    LeadingEdgeRadius,
+    PlaneClearance,
+    ProjectedArea,
+    SectionThickness,
+    SurfaceArea,
+    SurfaceGrid,
+    Thickness,
+)
 from bspline_mdao.movers import moving_mesh
+from bspline_mdao.mphys import SurfaceGeometry, VolumeWarper
 
 HEIGHTS = ("volume_ks", "height_low_ks", "height_high_ks")
 
@@ -192,6 +204,89 @@ def test_nodes_of_walls_are_named_by_their_markers():
 
 
 @pytest.mark.slow
+def test_a_solver_gives_the_walls_in_any_order_and_some_twice():
+    """The warper of MPhys: every node of the walls is met to the last bit, and derivatives are exact."""
+    model, rng = body_model(), np.random.default_rng(3)
+    surface = SurfaceGrid.of(model)
+    numbers = np.concatenate([rng.permutation(surface.n_points), [3, 4]])
+    problem = om.Problem(VolumeWarper(model=model, numbers=numbers), reports=False)
+    problem.setup()
+    asked = (surface.points + smooth_change(model, rng, 0.02))[numbers]
+    problem.set_val("x_aero", asked.ravel())
+    problem.run_model()
+    nodes = problem.get_val("aero_vol_coords").reshape(-1, 3)
+    np.testing.assert_array_equal(nodes[surface.rows][numbers], asked)
+    assert problem.model.miss is None
+    data = problem.check_partials(out_stream=None)
+    assert ("surface_control_points", "surface") in data["movement.fit_surface"]
+    assert ("grid", "surface") not in data["movement.evaluate"]
+    assert_check_partials(data)
+
+
+@pytest.mark.slow
+def test_a_solver_gets_its_surface_by_the_variables():
+    design = DesignSurface.of(body_model())
+    shape = design.parametrization([Twist("twist", design.axis, stations=2)])
+    measures = [EnclosedVolume.of(design.surface)]
+    geometry = SurfaceGeometry(model=design.model, parametrization=shape, measures=measures, generation=2)
+    problem = om.Problem(geometry, reports=False)
+    problem.setup()
+    problem.set_val("x_aero0_geometry_input", design.surface.points.ravel())
+    problem.set_val("twist", [0.0, 3.0], units="deg")
+    problem.run_model()
+    found = problem.get_val("x_aero0_geometry_output").reshape(-1, 3)
+    np.testing.assert_array_equal(found, problem.get_val("surface").reshape(-1, 3))
+    assert 0.01 < np.abs(found - design.surface.points).max() < 0.05
+
+
+def test_points_in_the_body_ride_on_walls_and_others_on_the_lattice():
+    model, inside = body_model(), np.array([[0.0, 0.3, 0.1], [-0.1, 0.5, -0.2]])
+    for points, wrt in ((inside, "surface"), (np.concatenate([inside, [[1.0, 0.5, 0.5]]]), "control_points")):
+        problem = om.Problem(reports=False)
+        problem.model.add_subsystem("points", PointSet(model=model, points=points), promotes=["*"])
+        problem.setup()
+        problem.run_model()
+        np.testing.assert_allclose(problem.get_val("points").reshape(-1, 3), points, rtol=0, atol=1e-15)
+        moved = problem.get_val(wrt).reshape(-1, 3) * [1.1, 1.0, 1.0]
+        problem.set_val(wrt, moved.ravel())
+        problem.run_model()
+        stretched = points * [1.1, 1.0, 1.0]
+        np.testing.assert_allclose(problem.get_val("points").reshape(-1, 3), stretched, rtol=0, atol=1e-13)
+        assert_check_partials(problem.check_partials(out_stream=None))
+
+
+def test_measures_of_triangles_and_quads_are_those_of_the_shapes():
+    """A block of 0.45 x 0.75 x ... by its own planes, and an ellipse of 24 points; derivatives by complex steps."""
+    body, section = SurfaceGrid.of(body_model()), SurfaceGrid.of(section_model())
+    sides = np.ptp(body.points, axis=0)
+    ellipse = section.points[: len(section.points) // 2, ::2]
+    across = np.roll(ellipse, -1, axis=0)
+    inside = 0.5 * abs(np.sum(ellipse[:, 0] * across[:, 1] - ellipse[:, 1] * across[:, 0]))
+    skin = np.sum(np.linalg.norm(across - ellipse, axis=1))
+    wanted = {
+        EnclosedVolume.of(body): np.prod(sides),
+        SurfaceArea.of(body): 2.0 * sides[1] * (sides[0] + sides[2]) + sides[0] * sides[2],
+        ProjectedArea.of(body, (0.0, 0.0, 1.0)): sides[0] * sides[1],
+        Thickness.at(body, [[0.0, 0.3, 0.0]], (0.0, 0.0, 1.0)): sides[2],
+        Clearance.from_points(body, "body", np.array([[0.0, 3.0, 0.0]]), rho=1e5): 3.0 - sides[1],
+        PlaneClearance.of(body, "body", (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), rho=1e5): 1.0,
+        EnclosedVolume.of(section): 0.3 * inside,
+        SurfaceArea.of(section): 0.3 * skin,
+        SectionThickness.at(section, [0.5], [0.5]): 0.16,
+        LeadingEdgeRadius.at(section): 0.08**2 / 0.5,
+    }
+    rng = np.random.default_rng(8)
+    for measure, value in wanted.items():
+        points = measure.surface.points
+        rel = 0.01 if isinstance(measure, LeadingEdgeRadius | Clearance | PlaneClearance) else 1e-9
+        np.testing.assert_allclose(measure.evaluate(points), value, rtol=rel)
+        direction = np.sin(points @ rng.standard_normal((3, 3)))
+        step = measure.evaluate(points + 1e-30j * direction).imag.ravel() / 1e-30
+        assert np.abs(step).max() > 1e-3
+        np.testing.assert_allclose(measure.partials(points) @ direction.ravel(), step, rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.slow
 def test_slsqp_finds_the_shortest_skin_of_a_section_of_fixed_area():
     """Free-form points of a box within bounds; at the end no step within these shortens it any more."""
     model = section_model()
@@ -242,8 +337,14 @@ def test_what_a_mesh_has_not_is_refused_in_one_line():
         Curvature.integral(surface)
     with pytest.raises(InputError, match="a mesh without structure has no fit"):
         om.Problem(GridMovement(model=model, fit=True), reports=False).setup()
-    with pytest.raises(InputError, match="the nodes of its walls are its surface control points"):
-        om.Problem(GridMovement(model=model, surface=surface), reports=False).setup()
+    with pytest.raises(InputError, match="node 306 of marker 'body' is not given, nor are 49 others"):
+        om.Problem(GridMovement(model=model, surface=surface, numbers=np.arange(10)), reports=False).setup()
+    with pytest.raises(InputError, match="leave out 'partition' and 'rows'"):
+        om.Problem(VolumeWarper(model=model, rows=np.arange(10)), reports=False).setup()
+    with pytest.raises(InputError, match=r"1 of 2 points lie outside the mesh .* the first is point 2 at distance 6"):
+        model.embed_points(np.array([[0.0, 0.3, 0.0], [10.0, 0.0, 0.0]]))
+    with pytest.raises(InputError, match="triangles have no lines, take Thickness or SectionThickness"):
+        LeadingEdgeRadius.at(surface)
     with pytest.raises(InputError, match="'fixed' is of grids of blocks"):
         moving_mesh(model, fixed="far_00")
     with pytest.raises(InputError, match="no patch is called 'tail'; the patches are body"):

@@ -15,7 +15,6 @@ from ....names import SURFACE
 from ...design.parametrization import Parametrization
 from ...measures.measure import Measure
 from ...mesh.surface import SurfaceGrid
-from ...model.fitted_model import FittedModel
 from ..check_directions import check_along_directions
 from ..component import LINEAR_STEP, CheckedOnProcesses
 from ..model_option import Copied, declare_model
@@ -48,8 +47,8 @@ class SurfaceGeometry(Copied, om.Group):
 
     Options
     -------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid, or a mesh without structure.
     parametrization : Parametrization
         The variables and the linear constraints.
     surface : SurfaceGrid, optional
@@ -95,7 +94,7 @@ class SurfaceGeometry(Copied, om.Group):
         def __init__(
             self,
             *,
-            model: FittedModel,
+            model: Movable,
             parametrization: Parametrization,
             surface: SurfaceGrid | None = None,
             numbers: Sequence[int] | np.ndarray | None = None,
@@ -107,7 +106,7 @@ class SurfaceGeometry(Copied, om.Group):
 
     def initialize(self) -> None:
         """Declare the options."""
-        declare_model(self, FittedModel)
+        declare_model(self)
         self.options.declare(
             "parametrization", types=Parametrization, recordable=False, desc="variables and constraints"
         )

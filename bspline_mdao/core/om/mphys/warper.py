@@ -10,11 +10,11 @@ import openmdao.api as om
 from openmdao.vectors.vector import Vector
 
 from ....base.numerics.processes import summed, together
-from ....grids.topology.partition import Partition, Subdomain
+from ....grids.topology.partition import Subdomain
 from ....names import GRID, SURFACE
 from ...fit.surface_fit import SurfaceMiss
 from ...mesh.surface import SurfaceGrid
-from ...model.fitted_model import FittedModel
+from ...model.movable import Movable
 from ...movement.mover import Mover
 from ..check_directions import check_along_directions
 from ..component import LINEAR_STEP, CheckedOnProcesses, finite_points
@@ -54,10 +54,10 @@ class VolumeWarper(Copied, om.Group):
 
     Options
     -------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid; or a mesh without structure, on one process.
     mover : Mover, optional
-        Moves its control mesh; by default `Rotations` with all walls as the design surface.
+        Moves its control mesh; by default that of `GridMovement`, with all walls as the design surface.
     surface : SurfaceGrid, optional
         The design surface; all walls by default.
     numbers : sequence of int, optional
@@ -109,7 +109,7 @@ class VolumeWarper(Copied, om.Group):
         def __init__(
             self,
             *,
-            model: FittedModel,
+            model: Movable,
             mover: Mover | None = None,
             surface: SurfaceGrid | None = None,
             numbers: Sequence[int] | np.ndarray | None = None,
@@ -122,7 +122,7 @@ class VolumeWarper(Copied, om.Group):
 
     def initialize(self) -> None:
         """Declare the options."""
-        declare_model(self, FittedModel)
+        declare_model(self)
         self.options.declare("mover", default=None, recordable=False, desc="moves the control mesh of the model")
         self.options.declare("surface", default=None, recordable=False, desc="the design surface")
         self.options.declare("numbers", default=None, recordable=False, desc="surface nodes that the solver has")
@@ -150,12 +150,12 @@ class VolumeWarper(Copied, om.Group):
         handed = Renaming(GRID, self.options["volume_name"], {**nodes, "units": "m"}, {**nodes, "tags": COUPLING})
         self.add_subsystem("nodes", Renamed(pairs=[handed]), promotes=["*"])
 
-    def _subdomain(self, model: FittedModel) -> Subdomain | None:
+    def _subdomain(self, model: Movable) -> Subdomain | None:
         """Nodes of the grid that this process evaluates, in the solver's order; None for all of them on one process."""
         rows, comm = self.options["rows"], self.comm
         if rows is not None:
             return Subdomain.of_rows(nodes_of_rank(rows, model.n_nodes, "rows", comm, self.msginfo), model.n_nodes)
-        return None if comm.size == 1 else Partition.of(model.topology, comm.size).subdomain(comm.rank)
+        return None if comm.size == 1 else model.partition(comm.size).subdomain(comm.rank)
 
     @property
     def miss(self) -> SurfaceMiss | None:
