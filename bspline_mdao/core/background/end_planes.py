@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
+from ...grids.cells.quads import area_vectors
 
 __all__ = ["INNER", "SYMMETRY", "WALL", "EndPlane", "find_end_planes", "lattice_axes"]
 
@@ -21,6 +22,9 @@ FLAT = 1e-6
 
 WALL, SYMMETRY, INNER = "wall", "symmetry", "inner"
 """Kinds of markers: bodies, planes of symmetry, and faces inside the mesh, whose nodes move along. Others are outer."""
+
+PLANE_DIGITS = 4
+"""Decimals of the unit normal of a face, and of its place by the size of the mesh, which tell planes apart."""
 
 ALIGNED = 1e-9
 """Components of unit normals that are rounding."""
@@ -49,25 +53,45 @@ def find_end_planes(mesh: MixedMesh, kinds: Mapping[str, str], wall_rows: np.nda
             continue
         if kind != SYMMETRY and not np.isin(rows, wall_rows).any():
             continue
-        normal, off = _plane_of(mesh.points[rows])
-        if off > FLAT * size:
-            if kind == SYMMETRY:
-                raise InputError(f"{mesh.source}: symmetry marker '{name}' is not plane, by {off:.3g} m; mend the mesh")
-            continue
-        heights = mesh.points @ normal
-        level = float(np.median(heights[rows]))
-        low, high = level - heights.min(), heights.max() - level
-        if min(low, high) > FLAT * size:
-            if kind == SYMMETRY:
-                raise InputError(
-                    f"{mesh.source}: symmetry marker '{name}' is not at an end of the mesh; give it another kind"
-                )
-            continue
-        outwards = -1.0 if low <= high else 1.0
-        found.append(EndPlane((name,), rows, outwards * normal, -1, -1))
+        parts = [rows]
+        if _plane_of(mesh.points[rows])[1] > FLAT * size:
+            if kind != SYMMETRY:
+                continue
+            parts = _parts_in_planes(mesh.points, faces, size)
+        found += [plane for rows in parts if (plane := _end_plane(mesh, name, rows, kind == SYMMETRY, size))]
     if mesh.n_copies == 2:
         found += _sides_of_layer(mesh)
     return tuple(_merged(found))
+
+
+def _end_plane(mesh: MixedMesh, name: str, rows: np.ndarray, is_symmetry: bool, size: float) -> EndPlane | None:
+    """The plane of nodes of a marker at an end of the mesh; None of one that need not be at an end and is not."""
+    normal, off = _plane_of(mesh.points[rows])
+    if off > FLAT * size:
+        raise InputError(f"{mesh.source}: symmetry marker '{name}' is not plane, by {off:.3g} m; mend the mesh")
+    heights = mesh.points @ normal
+    level = float(np.median(heights[rows]))
+    low, high = level - heights.min(), heights.max() - level
+    if min(low, high) > FLAT * size:
+        if is_symmetry:
+            raise InputError(
+                f"{mesh.source}: symmetry marker '{name}' is not at an end of the mesh; give it another kind"
+            )
+        return None
+    return EndPlane((name,), rows, (-1.0 if low <= high else 1.0) * normal, -1, -1)
+
+
+def _parts_in_planes(points: np.ndarray, faces: np.ndarray, size: float) -> list[np.ndarray]:
+    """Nodes of the faces of a marker that lie in the same plane: both sides of a section may be one marker."""
+    areas = area_vectors(points[faces])
+    lengths = np.linalg.norm(areas, axis=1)
+    faces, normals = faces[lengths > 0.0], areas[lengths > 0.0] / lengths[lengths > 0.0][:, None]
+    largest = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
+    normals *= np.sign(largest)
+    levels = np.einsum("nd,nd->n", points[faces].mean(axis=1), normals) / size
+    keys = np.round(np.column_stack([normals, levels]), PLANE_DIGITS) + 0.0
+    _, number = np.unique(keys, axis=0, return_inverse=True)
+    return [np.unique(faces[number.ravel() == k]) for k in range(number.max() + 1)]
 
 
 def _sides_of_layer(mesh: MixedMesh) -> list[EndPlane]:

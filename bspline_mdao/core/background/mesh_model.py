@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
+from scipy.spatial import cKDTree
 
 from ...base.display import OneLine
 from ...errors import InputError
@@ -260,10 +261,16 @@ class MeshModel(OneLine, Movable):
     @property
     def _copies(self) -> np.ndarray:
         """Places among the nodes of walls of those of the file, and of their copies in the other plane of a section."""
-        if self.mesh.n_copies == 1:
+        axis = next((axis for axis, line in enumerate(self.lattice.lines) if line.is_tied), None)
+        if axis is None:
             return np.zeros((0, 2), dtype=int)
-        first = np.flatnonzero(self.wall_rows < self.mesh.n_stored)
-        return np.stack([first, np.searchsorted(self.wall_rows, self.wall_rows[first] + self.mesh.n_stored)], axis=1)
+        places = self.mesh.points[self.wall_rows] @ self.lattice.axes.T
+        is_low = places[:, axis] < self.lattice.lines[axis].breaks.mean()
+        first, second = np.flatnonzero(is_low), np.flatnonzero(~is_low)
+        in_plane = np.delete(places, axis, axis=1)
+        distances, nearest = cKDTree(in_plane[second]).query(in_plane[first])
+        is_copied = distances <= ON_PLANE * np.linalg.norm(np.ptp(self.mesh.points, axis=0))
+        return np.stack([first[is_copied], second[nearest[is_copied]]], axis=1)
 
     def design_mesh(
         self,

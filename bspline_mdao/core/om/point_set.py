@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...names import CONTROL_POINTS, GRID, SURFACE
+from ..model.movable import Movable
 from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges, numbered_blocks
 from .component import LINEAR_STEP, fails_together

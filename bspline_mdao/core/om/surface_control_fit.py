@@ -15,6 +15,7 @@ from ..fit.surface_fit import LOGGER, Followed, SurfaceMiss, follower_of
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap
+from ..model.movable import Movable
 from ..movement.mover import PLANE_TOLERANCE
 from .checked_along_edges import CheckedAlongEdges, check_along_edges, lines_among
 from .component import (

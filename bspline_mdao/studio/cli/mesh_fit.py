@@ -11,6 +11,7 @@ from ...base.text import counted
 from ...core.background.background_lattice import LatticeSettings
 from ...core.background.mesh_model import MeshModel
 from ...errors import InputError
+from ...grids.cells.skin_parts import with_markers
 from ...grids.io.marker_guess import MarkerGuess
 from ...grids.io.marker_kinds import marker_kinds, undecided
 from ...grids.io.meshes.files import read_mesh
@@ -30,7 +31,7 @@ def fit_mesh(
     """Lay a lattice around a mesh, write the model and show what it is."""
     with progress_bar() as progress:
         progress(0.0, "reading")
-        mesh = read_mesh(mesh_name).mesh
+        mesh = with_markers(read_mesh(mesh_name).mesh)
         progress(0.4, "markers")
         kinds = marker_kinds(mesh, patches)
         complaint = undecided(mesh, kinds)

@@ -112,5 +112,32 @@ def test_what_cannot_be_moved_is_refused_in_one_line():
         MeshModel.of(mesh, {"symmetry": "symmetry"})
     with pytest.raises(InputError, match="no marker is 'wing'; its markers are body"):
         MeshModel.of(mesh, {"wing": "wall"})
-    with pytest.raises(InputError, match="symmetry marker 'body' is not plane"):
+    with pytest.raises(InputError, match="symmetry marker 'body' is not at an end of the mesh"):
         MeshModel.of(mesh, {**kinds, "body": "symmetry", "far_00": "wall"})
+
+
+def test_both_sides_of_a_section_may_be_one_marker_and_their_walls_move_alike():
+    x, y = np.linspace(-2.0, 3.0, 12), np.linspace(-1.5, 2.0, 9)
+    points = np.array([[a, b, c] for c in (0.0, 0.3) for a in x for b in y])
+    ids = np.arange(len(points)).reshape(2, len(x), len(y))
+    middle = np.stack(np.meshgrid(0.5 * (x[:-1] + x[1:]), 0.5 * (y[:-1] + y[1:]), indexing="ij"), axis=-1)
+    is_cell = ~(np.abs(middle) < 0.6).all(axis=-1)
+    ring = [ids[:, :-1, :-1], ids[:, 1:, :-1], ids[:, 1:, 1:], ids[:, :-1, 1:]]
+    corners = np.stack([each[k] for k in (0, 1) for each in ring], axis=-1)[is_cell]
+    used, numbers = np.unique(corners, return_inverse=True)
+    points = points[used]
+    bare = MixedMesh(points, {"hexahedron": numbers.reshape(corners.shape)})
+    skin = bare.skin
+    is_side, ends = np.ptp(points[skin][..., 2], axis=1) == 0.0, ((0, -2.0), (0, 3.0), (1, -1.5), (1, 2.0))
+    is_far = np.any([np.isclose(points[skin][..., d], end).all(axis=1) for d, end in ends], axis=0)
+    markers = {"sides": skin[is_side], "far": skin[is_far], "body": skin[~is_side & ~is_far]}
+    mesh = MixedMesh(points, bare.cells, markers)
+    model = MeshModel.of(mesh, {"sides": "symmetry", "far": "farfield", "body": "wall"})
+    assert sorted((plane.axis, plane.end) for plane in model.planes) == [(2, -1), (2, 0)]
+    walls, pairs = points[model.wall_rows], model.moving_mesh.copies
+    assert 2 * len(pairs) == len(walls)
+    assert np.array_equal(walls[pairs[:, 0], :2], walls[pairs[:, 1], :2])
+    change = 0.05 * np.sin(walls @ [[1.0, 2.0, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    nodes = moved(model, change)[1].nodes
+    low, high = (nodes[points[:, 2] == z] for z in (0.0, 0.3))
+    np.testing.assert_allclose(low[:, :2], high[:, :2], rtol=0, atol=1e-14)

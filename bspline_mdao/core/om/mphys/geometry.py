@@ -15,6 +15,7 @@ from ....names import SURFACE
 from ...design.parametrization import Parametrization
 from ...measures.measure import Measure
 from ...mesh.surface import SurfaceGrid
+from ...model.movable import Movable
 from ..check_directions import check_along_directions
 from ..component import LINEAR_STEP, CheckedOnProcesses
 from ..model_option import Copied, declare_model
