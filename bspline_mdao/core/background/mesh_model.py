@@ -46,8 +46,9 @@ from .wall_follower import WallFollower
 
 __all__ = ["MeshModel"]
 
-FADE = 8.0, 0.03
-"""As that of meshes that ride along in a fitted grid: lattices miss less of the walls, so that less reach serves."""
+FADE = 4.0, 0.02
+"""As that of meshes that ride along in a fitted grid: lattices miss less of the walls, so that less reach serves.
+Smallest volumes of pyHyp's M6 are those of 8 and 0.03 to three digits; with 2 and 0.01 they are 7 to 12 % less."""
 
 
 @dataclass(frozen=True, eq=False)
