@@ -176,12 +176,12 @@ class MixedQuality(OneLine):
         ratios = np.where(is_new[cells[self.counted]], ratios, np.inf)
         cell = int(cells[self.counted[np.argmin(ratios)]]) if np.isfinite(ratios).any() else int(np.argmax(is_new))
         middle = self.mesh.points[np.unique(faces[cells == cell])].mean(axis=0)
-        beside = self._marker_at(middle)
+        marker = self._marker_at(middle)
         n = int(np.count_nonzero(is_new))
         others = f", and {n - 1:,} more are" if n > 1 else ""
         return (
             f"{self._name(cell)} at ({', '.join(f'{x:.4g}' for x in middle)})"
-            f"{f', next to marker {beside!r},' if beside else ''} is inverted{others}"
+            f"{f', next to marker {marker!r},' if marker else ''} is inverted{others}"
         )
 
     def _name(self, cell: int) -> str:

@@ -1,9 +1,9 @@
 """Heights of the nodes next to walls of a mesh of mixed cells, and their ratios to those of the baseline.
 
-The height at a node of a wall is the distance of the node beside it (`.mixed_cells.first_heights`) along the wall's
+The height at a node of a wall is the distance of the node next to it (`.mixed_cells.first_heights`) along the wall's
 unit normal there::
 
-    h = (x_beside - x) . N / |N| ,    N: area vectors of the wall's faces around the node, summed.
+    h = (x_next - x) . N / |N| ,    N: area vectors of the wall's faces around the node, summed.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -24,27 +24,27 @@ __all__ = ["NodeHeights"]
 
 @dataclass(frozen=True, eq=False)
 class NodeHeights(OneLine):
-    """Nodes of walls that have a node beside them; made by `of`."""
+    """Nodes of walls that have a node next to them; made by `of`."""
 
     faces: np.ndarray  # int (n_faces, 4), faces of the walls, around the normal into the mesh
     around: csr_array  # (n, n_faces), one for the faces around each node
     rows: np.ndarray  # int (n,), the nodes
-    beside: np.ndarray  # int (n,), the nodes beside them
+    next_rows: np.ndarray  # int (n,), the nodes next to them
     baseline: np.ndarray  # (n,), heights on the baseline (m)
 
     @classmethod
     def of(cls, mesh: MixedMesh, faces: np.ndarray) -> NodeHeights:
         """Find them; those whose height is not positive on the baseline are left out."""
         ids = np.unique(faces)
-        at, beside = first_heights(mesh, faces, ids)
+        at, next_rows = first_heights(mesh, faces, ids)
         corners = np.searchsorted(ids, faces)
         places = np.unique(np.stack([corners.ravel(), np.repeat(np.arange(len(faces)), 4)], axis=1), axis=0)
         shape = (len(ids), len(faces))
         around = csr_array((np.ones(len(places)), (places[:, 0], places[:, 1])), shape=shape)
-        found = cls(faces, csr_array(around[at]), ids[at], beside, np.ones(len(at)))
+        found = cls(faces, csr_array(around[at]), ids[at], next_rows, np.ones(len(at)))
         heights = found.ratios(mesh.points)
         kept = np.flatnonzero(heights > 0.0)
-        return cls(faces, csr_array(found.around[kept]), found.rows[kept], beside[kept], heights[kept])
+        return cls(faces, csr_array(found.around[kept]), found.rows[kept], next_rows[kept], heights[kept])
 
     def ratios(self, nodes: np.ndarray) -> np.ndarray:
         """Heights over those of the baseline, shape (n,), of nodes of the mesh, shape (n_points, 3)."""
@@ -66,12 +66,12 @@ class NodeHeights(OneLine):
         sums_bar = (units_bar - np.sum(units_bar * units, axis=1)[:, None] * units) / lengths[:, None]
         corners_bar = area_vectors_vjp(nodes[self.faces], self.around.T @ sums_bar)
         nodes_bar = add_to_nodes(self.faces, corners_bar, len(nodes))
-        np.add.at(nodes_bar, self.beside, off_bar)
+        np.add.at(nodes_bar, self.next_rows, off_bar)
         np.subtract.at(nodes_bar, self.rows, off_bar)
         return nodes_bar
 
     def _off(self, nodes: np.ndarray) -> np.ndarray:
-        return nodes[self.beside] - nodes[self.rows]
+        return nodes[self.next_rows] - nodes[self.rows]
 
     def _normals(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit normals, and the lengths of the sums that they are made of."""

@@ -102,7 +102,7 @@ def test_a_cell_that_is_inverted_is_named_with_the_marker_next_to_it():
     quality, nodes = model.judge(None, None, rho=100.0, p=8, rho_height=100.0), model.mesh.points.copy()
     assert quality.newly_inverted(nodes) == ""
     row = quality.heights.rows[0]
-    nodes[quality.heights.beside[0]] = nodes[row] - 0.2 * (nodes[quality.heights.beside[0]] - nodes[row])
+    nodes[quality.heights.next_rows[0]] = nodes[row] - 0.2 * (nodes[quality.heights.next_rows[0]] - nodes[row])
     message = quality.newly_inverted(nodes)
     assert message.startswith("tetra ")
     assert "next to marker 'body'" in message
