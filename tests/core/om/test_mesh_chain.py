@@ -13,6 +13,7 @@ from bspline_mdao.core.background.background_lattice import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.background.thin_plate import ThinPlate
 from bspline_mdao.core.movement.default_mover import default_mover
+from bspline_mdao.core.om.model_option import named_model
 from bspline_mdao.design import Chord, FreeForm, Lattice, Local, OnSideOfPlane, Sweep, Twist
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
@@ -328,6 +329,16 @@ def test_splines_of_the_lattice_are_certified():
     problem.set_val("bumps", -0.3)
     with pytest.raises(om.AnalysisError, match=r"splines fold in .*the lattice"):
         problem.run_model()
+
+
+def test_case_files_name_the_mesh_by_its_checksum_and_file(tmp_path):
+    model, problem = section_model(), om.Problem(reports=False)
+    problem.model.add_subsystem("movement", GridMovement(model=model, quality=False), promotes=["*"])
+    problem.setup()
+    model.save(tmp_path / "section.h5")
+    options = {"movement": dict(problem.model.movement.options.items())}
+    again = MeshModel.load(tmp_path / "section.h5")
+    assert named_model(options) == (again.checksum, str(tmp_path / "section.h5"))
 
 
 def test_what_a_mesh_has_not_is_refused_in_one_line():
