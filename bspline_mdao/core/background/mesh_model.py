@@ -393,6 +393,11 @@ class MeshModel(OneLine, Movable):
         return True
 
     @property
+    def carries_all(self) -> bool:
+        """No: nodes of the far field stay, where there is one."""
+        return not len(self.rows_at_rest)
+
+    @property
     def why_no_fit(self) -> str:
         """Say what is there instead."""
         return "a mesh without structure has no fit: the nodes of its walls are its surface control points"

@@ -92,6 +92,11 @@ class Model(Movable):
         return self.residual is None or not self.settings.wall_layer
 
     @property
+    def carries_all(self) -> bool:
+        """Yes: the far field is made of control points as all else."""
+        return True
+
+    @property
     def why_no_fit(self) -> str:
         """Say so where the process has not all nodes of the grid."""
         return "" if self.ownership is None else "a local model has neither a fit nor nodes of a surface that are given"

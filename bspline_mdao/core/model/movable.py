@@ -130,6 +130,11 @@ class Movable(ABC):
 
     @property
     @abstractmethod
+    def carries_all(self) -> bool:
+        """Whether all nodes go where control points take them; if not, some of the boundary stay, whatever they do."""
+
+    @property
+    @abstractmethod
     def why_no_fit(self) -> str:
         """Why control points cannot be fitted to other nodes, as `Fit` does; empty where they can."""
 

@@ -77,7 +77,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     rho : float
         Sharpness of ``control_corner_ks``: it is below the smallest corner triple product of n elements by at most
         ln(8 n) / rho.
-    certified : FittedModel or LocalModel, optional
+    certified : FittedModel, LocalModel or MeshModel, optional
         Model that the mesh belongs to: refuse moves with which more elements of its splines are proved invalid, between
         their control points as well, see `bspline_mdao.certify`.
     processes : {"auto", "first", "all"}

@@ -244,7 +244,12 @@ class GridMovement(Copied, om.Group):
 
     def _mover(self) -> Mover:
         """The user's mover, or rotations, in a frame that goes along if that is asked for."""
-        mover = self._mover_of_options()
+        mover, model = self._mover_of_options(), self.options["model"]
+        if self.options["comoving"] and not model.carries_all:
+            raise InputError(
+                f"{self.msginfo}: comoving=True takes the outer boundary along, and that of {model.source} stays; "
+                f"leave it out"
+            )
         return ComovingFrame(mover) if self.options["comoving"] else mover
 
     def _mover_of_options(self) -> Mover:
