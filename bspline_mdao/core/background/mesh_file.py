@@ -26,13 +26,11 @@ import numpy as np
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.io.disk import deferred_interrupts, replaced_hdf5_file
+from ...grids.io.formats import MESH_MODEL_FORMAT
 from ..model.model_file import checksum_of, dataset_options, datasets_of
 from .background_lattice import LatticeSettings
 
-__all__ = ["MESH_MODEL_FORMAT", "is_mesh_model", "read_mesh_model", "write_mesh_model"]
-
-MESH_MODEL_FORMAT = "bspline_mdao mesh"
-"""Attribute ``format`` of the files."""
+__all__ = ["is_mesh_model", "read_mesh_model", "write_mesh_model"]
 
 VERSION = 1
 

@@ -34,7 +34,7 @@ import numpy as np
 from ...errors import InputError
 from ...grids.io.cgns import CgnsDialect
 from ...grids.io.disk import deferred_interrupts, replaced_hdf5_file
-from ...grids.io.formats import MODEL, MODEL_FORMAT
+from ...grids.io.formats import MESH_MODEL_FORMAT, MODEL, MODEL_FORMAT
 from ...grids.io.plane_grids import PlaneDialect
 from ...grids.io.plot3d_dialect import Plot3dDialect
 from ...grids.topology.grid import Patch
@@ -187,6 +187,8 @@ def opened_model(path: str | os.PathLike) -> Iterator[h5py.File]:
     with deferred_interrupts(), h5py.File(path, "r") as file:
         if "CGNSLibraryVersion" in file:
             raise InputError(f"{path}: is a CGNS grid, and {MODEL} is a fitted model; name it .cgns, or fit it first")
+        if file.attrs.get("format") == MESH_MODEL_FORMAT:
+            raise InputError(f"{path}: is the model of a mesh without structure, and a fitted grid is needed here")
         if file.attrs.get("format") != MODEL_FORMAT:
             raise InputError(f"{path}: is an HDF5 file, but not a fitted model; make one with the command fit")
         if file.attrs["version"] > VERSION:

@@ -13,6 +13,7 @@ from pathlib import Path
 __all__ = [
     "CURVED_FORMATS",
     "FORMATS",
+    "MESH_MODEL_FORMAT",
     "MODEL",
     "MODEL_FORMAT",
     "POLYMESH",
@@ -29,6 +30,9 @@ POLYMESH = "polyMesh"
 
 MODEL, MODEL_FORMAT = ".h5", "bspline_mdao fitted model"
 """Suffix of fitted models, and the attribute ``format`` of their HDF5 files."""
+
+MESH_MODEL_FORMAT = "bspline_mdao mesh"
+"""That attribute of the models of meshes without structure."""
 
 COMPRESSED = (".gz", ".bz2", ".xz")
 """Suffixes behind that of a format which may be compressed."""

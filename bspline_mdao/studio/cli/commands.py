@@ -239,10 +239,13 @@ def move(model: Path, output: Path, json: Path | None, **options: Any) -> None:
 
     {definitions}
     """
+    from ...core.background.mesh_file import is_mesh_model
+    from .mesh_move import move_mesh
     from .move import MoveOptions, move_model
 
     mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
-    move_model(model, output, json, MoveOptions(mover=mover, **options))
+    move_it = move_mesh if is_mesh_model(model) else move_model
+    move_it(model, output, json, MoveOptions(mover=mover, **options))
 
 
 @command(

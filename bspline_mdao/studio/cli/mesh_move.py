@@ -14,6 +14,7 @@ from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.background.mesh_map import MeshState
 from ...core.background.mesh_model import MeshModel
+from ...core.cad.files import SUFFIXES
 from ...core.design.named_deformations import parse_deformation
 from ...core.evaluation.spline_validity import certify_splines
 from ...core.movement.mover import Movement
@@ -24,10 +25,11 @@ from ...grids.cells.wall_heights import KEPT
 from ...grids.io.meshes.files import MeshFile, check_same_format, read_mesh
 from .cures import Trial, verdict
 from .mesh_fit import lattice_numbers, show_lattice
-from .move import MoveOptions
+from .move import MoveOptions, write_points
 from .movers import MoverOptions
 from .output import (
     certificate_numbers,
+    check_outputs,
     print_lines,
     print_table,
     print_title,
@@ -47,6 +49,7 @@ class _Moved:
     """A mesh that was moved, its cells before and after, and the heights at its walls relative to those before."""
 
     model: MeshModel
+    surface: np.ndarray
     movement: Movement
     state: MeshState
     before: CellQuality
@@ -72,6 +75,8 @@ def move_mesh(
     with progress_bar() as progress:
         progress(0.0, "reading")
         model = MeshModel.load(model_file)
+        files: list[Path | str] = [model_file, Path(model.mesh_file), *filter(os.path.isfile, options.deform)]
+        check_outputs([output, json, options.surface], files)
         file = _file_of(model_file, model)
         check_same_format(model.mesh_file, output)
         progress(0.4, "moving")
@@ -82,7 +87,7 @@ def move_mesh(
         progress(0.9, "writing")
         with written_json(json, _numbers(model_file, output, moved, options)):
             if options.surface:
-                np.savetxt(options.surface, moved.state.nodes[model.wall_rows], delimiter=",", header="x,y,z")
+                write_points(options.surface, moved.surface)
             file.write(output, moved.state.nodes)
     _show(output, moved)
 
@@ -92,6 +97,8 @@ def _refuse_others(model_file: Path, options: MoveOptions) -> None:
     given = [f"--{name}" for name in ("slide", "fix", "release") if getattr(options, name)]
     if options.mover != MoverOptions():
         given.append("--mover and its settings")
+    if options.surface is not None and options.surface.suffix.lower() in SUFFIXES:
+        given.append(f"--surface {options.surface}")
     if given:
         raise InputError(
             f"{model_file}: is the model of a mesh without structure, whose lattice moves it; leave out "
@@ -125,7 +132,7 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     ratios = walls.heights(state.nodes) / walls.heights(model.mesh.points)
     splines = certify_splines(model.lattice.mesh, movement.points[len(model.wall_rows) :], ("the lattice",))
     quality = model.mesh.quality(), model.mesh.quality(state.nodes)
-    return _Moved(model, movement, state, *quality, ratios, Certificate((), splines), seconds)
+    return _Moved(model, surface, movement, state, *quality, ratios, Certificate((), splines), seconds)
 
 
 def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:

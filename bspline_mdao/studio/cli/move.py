@@ -16,7 +16,6 @@ import numpy as np
 
 from ...base.numerics.progress import Progress, progress_bar, within
 from ...base.text import counted
-from ...core.background.mesh_file import is_mesh_model
 from ...core.cad.files import SUFFIXES
 from ...core.cad.opencascade import require_opencascade
 from ...core.cad.write_cad import write_cad
@@ -118,11 +117,6 @@ def move_model(
 ) -> None:
     """Deform the design surface of a model, move the control mesh behind it and write the grid."""
     check_outputs([output, json, options.surface], [model_file, *filter(os.path.isfile, options.deform)])
-    if is_mesh_model(model_file):
-        from .mesh_move import move_mesh  # it takes the options of this command
-
-        move_mesh(model_file, output, json, options)
-        return
     is_cad = options.surface is not None and options.surface.suffix.lower() in SUFFIXES
     if is_cad:
         require_opencascade()
@@ -139,7 +133,7 @@ def move_model(
             if options.surface is not None and is_cad:
                 cad = write_cad(options.surface, model, moved.movement.points, options.design or None)
             elif options.surface:
-                _write_points(options.surface, moved.surface)
+                write_points(options.surface, moved.surface)
             write_grid(output, moved.grid, model.topology)
     show_move(model_file, output, moved, options)
     if is_cad:
@@ -220,7 +214,7 @@ def _compared(baseline: Grid, grid: Grid) -> tuple[QualityReport, QualityReport,
     return report_quality(quality, before), report_quality(quality, after), newly_inverted, certificate
 
 
-def _write_points(path: Path, points: np.ndarray) -> None:
+def write_points(path: Path, points: np.ndarray) -> None:
     """Write points (n, 3) as ``--deform`` reads them back."""
     with replaced_file(path) as part:
         np.savetxt(part, points, fmt="%.17g", delimiter=",", header="x,y,z")

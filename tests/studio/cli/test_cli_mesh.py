@@ -44,6 +44,10 @@ def test_two_commands_lead_from_a_mesh_to_a_moved_mesh(workplace, capsys):
     shift = np.linalg.norm(read_mesh("moved.su2").mesh.points - mesh().points, axis=1)
     assert shift.max() == pytest.approx(moved["largest_displacement"], rel=1e-12)
     assert shift.max() > 0.01
+    again = ["move", "wing.h5", "--deform", "surface.csv", "-o", "again.su2"]
+    assert run(["move", "wing.h5", "--deform", "twist=5deg", "-o", "b.su2", "--surface", "surface.csv"]) == 0
+    assert run(again) == 0
+    np.testing.assert_allclose(read_mesh("again.su2").mesh.points, read_mesh("moved.su2").mesh.points, atol=1e-12)
 
 
 def test_a_model_comes_back_from_its_file_with_the_same_bits(workplace):
@@ -75,6 +79,9 @@ def test_what_cannot_be_fitted_or_moved_ends_in_one_line(workplace, capsys):
     move = ["move", "wing.h5", "--deform", "twist=5deg", "-o"]
     fails_as_expected([*move, "moved.vtu"], capsys, "written as it is read")
     fails_as_expected([*move, "moved.su2", "--mover", "elasticity"], capsys, "leave out --mover")
+    fails_as_expected(["refine", "wing.h5", "-o", "fine.xyz"], capsys, "model of a mesh without structure")
+    fails_as_expected([*move, "wing.su2"], capsys, "wing.su2")
+    fails_as_expected([*move, "moved.su2", "--surface", "wing.step"], capsys, "leave out --surface wing.step")
     fails_as_expected([*move, "moved.su2", "--design", "tail"], capsys, "no patch is called 'tail'")
     fails_as_expected(["fit", "@onera_m6", "--spacing", "1", "-o", "b.h5"], capsys, "--spacing")
     changed = su2_text(replace(mesh(), points=1.01 * mesh().points))
