@@ -1,6 +1,7 @@
 """The run scripts of the README picture and of the tables of real grids and of grids with boundary layers."""
 
 import importlib
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ from adaptation_cases import skewed_grid
 from component_cases import two_blocks
 
 from bspline_mdao import InputError, write_grid
+from bspline_mdao.drivers import scipy_slsqp
+from bspline_mdao.files import read_mesh
 
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 
@@ -139,6 +142,45 @@ def test_ride_section_takes_layers_of_two_dimensions_along_and_changes_nodes_alo
         assert moved["products"] < 1e-11
     np.testing.assert_allclose(numbers["pitch"]["heights"], 1.0, rtol=1e-6)  # at the trailing edge as well
     assert (tmp_path / "ride_section.png").stat().st_size > 50_000
+
+
+@pytest.mark.slow
+def test_wing_body_su2_moves_and_optimises_tetrahedra_from_their_file(script, tmp_path):
+    pytest.importorskip("gmsh", reason='needs pip install "bspline_mdao[gmsh]"', exc_type=ImportError)
+    wing_body = script("wing_body_su2")
+    numbers = wing_body.main(quick=True, figures=tmp_path, output=tmp_path, drivers={"SciPy SLSQP": scipy_slsqp})
+    assert numbers["n_cells"] > 5000
+    baseline = read_mesh(tmp_path / "wing_body.su2").mesh
+    assert list(baseline.markers) == ["symmetry", "fuselage", "wing", "farfield"]
+    in_plane, on_fuselage = (np.unique(baseline.markers[name]) for name in ("symmetry", "fuselage"))
+    assert set(numbers["moves"]) == {*wing_body.MOVES, "fuselage=1.3", "optimum"}
+    for text, judged in numbers["moves"].items():
+        assert judged["n_inverted"] == 0, text
+        assert judged["smallest_ratio"] > 0.1, text
+        nodes = read_mesh(tmp_path / f"{text}.su2").mesh.points
+        np.testing.assert_allclose(nodes[in_plane, 2], 0.0, rtol=0, atol=1e-15)
+        moved = np.linalg.norm(nodes - baseline.points, axis=1)
+        assert moved.max() == pytest.approx(judged["displacement"], rel=1e-12)
+        if text == "fuselage=1.3":
+            width = np.ptp(nodes[on_fuselage, 2]) / np.ptp(baseline.points[on_fuselage, 2])
+            assert width == pytest.approx(1.3, rel=1e-12)
+        else:  # of the fuselage only the nodes that the wing has as well may move
+            assert set(on_fuselage[moved[on_fuselage] > 0.0]) <= set(baseline.markers["wing"].ravel())
+    best = numbers["best"]
+    assert best["volume"].item() > 1.015 * numbers["volume"]
+    assert best["surface_area"].item() < 1.0 + 1e-4
+    assert best["projected_area"].item() == pytest.approx(1.0, abs=1e-4)
+    assert 0.8 - 1e-4 < best["thickness"].min() <= best["thickness"].max() < 1.25 + 1e-4
+    assert best["volume_ks"].item() > 0.4 - 1e-4
+    assert numbers["totals"]["transposed"] < 1e-12
+    assert numbers["totals"]["differences"] < 1e-8
+    assert (tmp_path / "wing_body_su2.png").stat().st_size > 50_000
+
+
+def test_wing_body_su2_says_in_one_line_that_gmsh_is_missing(script, monkeypatch):
+    monkeypatch.setitem(sys.modules, "gmsh", None)
+    with pytest.raises(InputError, match=r"the mesh is made by Gmsh \(.*\): pip install 'bspline_mdao\[gmsh\]'"):
+        script("wing_body_su2").main(quick=True)
 
 
 @pytest.mark.slow
