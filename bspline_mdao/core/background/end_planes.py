@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.quads import area_vectors
@@ -31,7 +32,7 @@ ALIGNED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class EndPlane:
+class EndPlane(OneLine):
     """A plane that the mesh ends in."""
 
     markers: tuple[str, ...]  # markers that lie in it; none where the mesh has no marker there

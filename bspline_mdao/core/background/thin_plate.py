@@ -184,7 +184,7 @@ class ThinPlate(OneLine):
 
 
 @dataclass(frozen=True, eq=False)
-class ThinPlateMovement:
+class ThinPlateMovement(OneLine):
     """A move of a background lattice, with its derivative."""
 
     mover: ThinPlate

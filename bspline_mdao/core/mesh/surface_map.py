@@ -12,6 +12,7 @@ from functools import partial, singledispatch
 import numpy as np
 from scipy.sparse import csr_array
 
+from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.topology.node_numbering import NodeNumbering
 from ...names import CONTROL_POINTS, SURFACE_CONTROL_POINTS
@@ -29,7 +30,7 @@ __all__ = ["SurfaceMap", "SurfaceState", "surface_map_of"]
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceMap:
+class SurfaceMap(OneLine):
     """Nodes of a surface from the control points of the design surface, ``x = A s + c + T(s) r``."""
 
     # They are those of the whole map from control points to the grid, `bspline_mdao.core.walls.grid_map`: nodes on

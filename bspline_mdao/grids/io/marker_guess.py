@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...base.display import OneLine
 from ..cells.mixed_cells import MixedMesh, face_keys
 from ..cells.quads import area_vectors
 from .boundary_planes import OBLIQUE
@@ -71,7 +72,7 @@ _KIND_OF_WORD = dict.fromkeys(_WALL_WORDS.split(), "wall") | {
 
 
 @dataclass(frozen=True)
-class MarkerGuess:
+class MarkerGuess(OneLine):
     """What a marker is taken for.
 
     Parameters

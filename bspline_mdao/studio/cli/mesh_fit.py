@@ -9,12 +9,9 @@ from pathlib import Path
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.background.background_lattice import LatticeSettings
+from ...core.background.fit_mesh import read_marked_mesh
 from ...core.background.mesh_model import MeshModel
-from ...errors import InputError
-from ...grids.cells.skin_parts import with_markers
 from ...grids.io.marker_guess import MarkerGuess
-from ...grids.io.marker_kinds import marker_kinds, undecided
-from ...grids.io.meshes.files import read_mesh
 from .output import counts_text, print_lines, print_table, print_title, print_warnings, written_json
 
 __all__ = ["fit_mesh", "lattice_numbers", "show_lattice"]
@@ -31,12 +28,7 @@ def fit_mesh(
     """Lay a lattice around a mesh, write the model and show what it is."""
     with progress_bar() as progress:
         progress(0.0, "reading")
-        mesh = with_markers(read_mesh(mesh_name).mesh)
-        progress(0.4, "markers")
-        kinds = marker_kinds(mesh, patches)
-        complaint = undecided(mesh, kinds)
-        if complaint:
-            raise InputError(complaint)
+        mesh, kinds = read_marked_mesh(mesh_name, patches)
         start = time.process_time()
         progress(0.5, "lattice")
         settings = LatticeSettings(spacing=spacing)

@@ -93,7 +93,7 @@ def test_knots_of_a_folded_face_come_in_pairs_and_its_halves_agree():
     folded = Strip(ConstantKnots(np.concatenate([np.zeros(4), inner, np.ones(4)]), 4), np.eye(3)[0], True)
     plain = Strip(ConstantKnots.uniform(5, 4), np.eye(3)[1], False)
     surface = SurfaceStrips((Face(rows, (0, 1), (False, False)),), (folded, plain), rows.max() + 1)
-    mesh = SimpleNamespace(surface_ids=np.arange(rows.max() + 1))
+    mesh = SimpleNamespace(surface_ids=np.arange(rows.max() + 1), once=lambda rows: rows)
     coarse = CoarseNet(Local("bump", direction="y"), surface, mesh, (np.zeros(5, bool), np.zeros(1, bool)))
     assert coarse.missing() == [(0, 0), (0, 1), (0, 2), (1, 0)]
     for net in (coarse, coarse.refine([(0, 0)]), coarse.refine(coarse.missing())):

@@ -1,0 +1,72 @@
+"""From the file of a mesh to what moves it: the twin of `fit_grid` for meshes without structure.
+
+Theory: ``docs/theory/background_lattice.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ...errors import InputError
+from ...grids.cells.mixed_cells import MixedMesh
+from ...grids.cells.skin_parts import with_markers
+from ...grids.io.marker_guess import MarkerGuess
+from ...grids.io.marker_kinds import marker_kinds, undecided
+from ...grids.io.meshes.files import read_mesh
+from .background_lattice import DEFAULTS, LatticeSettings
+from .mesh_model import MeshModel
+
+__all__ = ["fit_mesh", "read_marked_mesh"]
+
+
+def fit_mesh(
+    path: str | os.PathLike, patches: str | os.PathLike | None = None, settings: LatticeSettings = DEFAULTS
+) -> MeshModel:
+    r"""Lay a lattice around the mesh of a file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, or OpenFOAM's folder ``polyMesh``, see `read_mesh`.
+    patches : path-like, optional
+        TOML file with the kinds of its markers, see `read_kinds`; what it leaves out is guessed, see `guess_kinds`.
+    settings : LatticeSettings
+        What the lattice is like.
+
+    Returns
+    -------
+    MeshModel
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, no marker seems to be a wall, or as for `MeshModel.of`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from bspline_mdao.meshes import fit_mesh
+    >>> nodes = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "cell.su2")
+    ...     marker = "NMARK= 1\nMARKER_TAG= wing\nMARKER_ELEMS= 1\n5 0 1 2\n"
+    ...     _ = path.write_text(f"NDIME= 3\nNELEM= 1\n10 0 1 2 3\nNPOIN= 4\n{nodes}{marker}")
+    ...     fit_mesh(path).kinds
+    {'wing': 'wall'}
+    """
+    mesh, kinds = read_marked_mesh(path, patches)
+    return MeshModel.of(mesh, {name: guess.kind for name, guess in kinds.items()}, settings, Path(path).absolute())
+
+
+def read_marked_mesh(
+    path: str | os.PathLike, patches: str | os.PathLike | None
+) -> tuple[MixedMesh, dict[str, MarkerGuess]]:
+    """Read a mesh and what its markers are; `InputError` if that does not say what moves."""
+    mesh = with_markers(read_mesh(path).mesh)
+    kinds = marker_kinds(mesh, patches)
+    complaint = undecided(mesh, kinds)
+    if complaint:
+        raise InputError(complaint)
+    return mesh, kinds
