@@ -19,6 +19,7 @@ from ...base.display import OneLine
 from ..evaluation.evaluator import Evaluator
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
+from ..walls.embedded_points import ON_PLANE
 from .lattice_line import LatticeLine
 
 __all__ = ["DEFAULTS", "BackgroundLattice", "LatticeSettings"]
@@ -139,6 +140,16 @@ class BackgroundLattice(OneLine):
         local = points @ self.axes.T
         ends = np.array([[line.breaks[0], line.breaks[-1]] for line in self.lines])
         return np.linalg.norm(local - np.clip(local, ends[:, 0], ends[:, 1]), axis=1)
+
+    def sides_at(self, points: np.ndarray) -> set[tuple[int, int]]:
+        """Sides of the lattice that points, shape (n, 3), reach: the direction across, and its end, 0 or -1."""
+        local, found = points @ self.axes.T, set()
+        for axis, line in enumerate(self.lines):
+            if local[:, axis].min() - line.breaks[0] <= ON_PLANE * line.length:
+                found.add((axis, 0))
+            if line.breaks[-1] - local[:, axis].max() <= ON_PLANE * line.length:
+                found.add((axis, -1))
+        return found
 
     def elements(self, points: np.ndarray) -> np.ndarray:
         """Number of the element of the lattice that each point, shape (n, 3), is in."""

@@ -225,12 +225,13 @@ class MeshModel(OneLine, Movable):
         n, lattice = len(self.wall_rows), self.lattice
         is_free = np.ones((*lattice.shape, 3), dtype=bool)
         closed = {(plane.axis, plane.end) for plane in self.planes}
+        at_walls = lattice.sides_at(self.mesh.points[self.wall_rows])  # held there, points would oppose the walls
         for axis in range(3):
             for end in (0, -1):
                 side = np.moveaxis(is_free, axis, 0)[end]
                 if (axis, end) in closed:
                     side[..., axis] = False
-                else:
+                elif (axis, end) not in at_walls:
                     side[...] = False
         all_free = np.concatenate([np.zeros((n, 3), dtype=bool), is_free.reshape(-1, 3)])
         frames = None

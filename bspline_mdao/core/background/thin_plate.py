@@ -9,7 +9,8 @@ The displacement d of the lattice makes least
 with the bending energy K of a thin plate [1], made of the integrals of `.lattice_line`, and the nodes w of the walls.
 Nodes that stay, such as those of a far field, are among them, with no displacement. All nodes in one element of the
 lattice share the weight ``stiffness``: neither the number of nodes nor any length matters. Control points on the
-outside stay, and those on planes slide. The system is that of the baseline: one factor for all designs, both ways.
+outside stay, those on planes slide, and those on sides that walls reach are free. The system is that of the baseline:
+one factor for all designs, both ways.
 
 [1] J. Duchon, "Splines minimizing rotation-invariant semi-norms in Sobolev spaces", in Constructive Theory of Functions
 of Several Variables, Lecture Notes in Mathematics 571, Springer, 1977, pp. 85-100.

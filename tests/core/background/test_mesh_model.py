@@ -141,3 +141,20 @@ def test_both_sides_of_a_section_may_be_one_marker_and_their_walls_move_alike():
     nodes = moved(model, change)[1].nodes
     low, high = (nodes[points[:, 2] == z] for z in (0.0, 0.3))
     np.testing.assert_allclose(low[:, :2], high[:, :2], rtol=0, atol=1e-14)
+
+
+def test_walls_that_are_sides_of_the_box_take_the_nodes_between_along():
+    nodes = np.stack(np.meshgrid(np.linspace(0.0, 4.0, 9), *[np.linspace(0.0, 1.0, 6)] * 2, indexing="ij"), axis=-1)
+    ids = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
+    a, b = slice(None, -1), slice(1, None)
+    ring = [(a, a), (b, a), (b, b), (a, b)]
+    corners = np.stack([ids[i, j, k] for k in (a, b) for i, j in ring], axis=-1).reshape(-1, 8)
+    points = nodes.reshape(-1, 3)
+    bare = MixedMesh(points, {"hexahedron": corners})
+    skin = bare.skin
+    inlet, outlet = ((points[skin][..., 0] == x).all(axis=1) for x in (0.0, 4.0))
+    markers = {"inlet": skin[inlet], "outlet": skin[outlet], "duct": skin[~inlet & ~outlet]}
+    model = MeshModel.of(MixedMesh(points, bare.cells, markers), {"duct": "wall"})
+    change = points * [0.0, 0.1, -0.2] + points[:, [1, 2, 0]] * [0.0, 0.05, 0.03]
+    state = moved(model, change[model.wall_rows])[1]
+    np.testing.assert_allclose(state.nodes, points + change, rtol=0, atol=1e-12)
