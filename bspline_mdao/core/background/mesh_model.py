@@ -130,9 +130,11 @@ class MeshModel(OneLine, Movable):
             raise InputError(
                 f"{mesh.source}: no marker is '{unknown[0]}'; its markers are {', '.join(markers) or 'none'}"
             )
-        walls = [name for name in markers if kinds.get(name) == WALL]
+        walls = [name for name, faces in markers.items() if kinds.get(name) == WALL and len(faces)]
         if not walls:
-            raise InputError(f"{mesh.source}: no marker is a wall, so that nothing moves; say which are")
+            raise InputError(
+                f"{mesh.source}: no marker is a wall, or it has no faces, so that nothing moves; say which are"
+            )
         wall_rows = np.unique(np.concatenate([markers[name] for name in walls]))
         planes = find_end_planes(mesh, kinds, wall_rows)
         axes, planes = lattice_axes(mesh.source, planes)
@@ -194,6 +196,12 @@ class MeshModel(OneLine, Movable):
         markers = self.mesh.markers or {}
         names = tuple(name for name in markers if self.kinds.get(name) == WALL)
         faces = [self.mesh.into_fluid(markers[name]) for name in names]
+        bare = next((name for name, part in zip(names, faces) if len(markers[name]) and not len(part)), None)
+        if bare is not None:
+            raise InputError(
+                f"{self.source}: wall '{bare}' has cells on both sides, which share its nodes; give it another kind, "
+                f"or write the mesh with its nodes doubled there (by Gmsh's plugin Crack)"
+            )
         return WallFaces(names, np.concatenate(faces), np.repeat(np.arange(len(names)), [len(part) for part in faces]))
 
     @cached_property

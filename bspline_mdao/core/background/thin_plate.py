@@ -68,7 +68,7 @@ class ThinPlate(OneLine):
     >>> tetrahedra, floor = np.array([[0, 1, 2, 3], [1, 4, 2, 3]]), np.array([[0, 1, 2, 2]])
     >>> model = MeshModel.of(MixedMesh(corners, {"tetra": tetrahedra}, {"floor": floor}), {"floor": "wall"})
     >>> mover = ThinPlate(model.moving_mesh, model.lattice)
-    >>> mover.move(model.control_points, model.control_points[: mover.n_surface]).report.n_increments
+    >>> mover.move(model.control_points, model.control_points[: mover.n_walls]).report.n_increments
     1
     """
 

@@ -127,6 +127,12 @@ def undecided(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess]) -> str:
     if not kinds:
         return f"{mesh.source}: has no markers, so nothing says what moves; write it with markers of its boundary"
     if not any(guess.kind == "wall" for guess in kinds.values()):
+        plates = [name for name, guess in kinds.items() if (guess.kind, guess.sure) == ("inner", "unsure")]
+        if plates:
+            return (
+                f"{mesh.source}: no marker looks like a wall but '{plates[0]}', and it has cells on both sides, which "
+                f"share its nodes; write the mesh with its nodes doubled there (by Gmsh's plugin Crack)"
+            )
         open_ones = [name for name, guess in kinds.items() if guess.sure == "unsure"] or list(kinds)
         return (
             f'{mesh.source}: no marker looks like a wall; declare one, such as "{open_ones[0]}" = "wall" below [kinds] '

@@ -9,6 +9,7 @@ from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.background.thin_plate import bending_energy
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
+from bspline_mdao.grids.io.marker_kinds import marker_kinds, undecided
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +111,15 @@ def test_what_cannot_be_moved_is_refused_in_one_line():
     mesh, kinds = mesh_around_a_body()
     with pytest.raises(InputError, match="no marker is a wall"):
         MeshModel.of(mesh, {"symmetry": "symmetry"})
+    empty = MixedMesh(mesh.points, mesh.cells, {**(mesh.markers or {}), "tip": np.zeros((0, 4), dtype=int)})
+    with pytest.raises(InputError, match="no marker is a wall, or it has no faces"):
+        MeshModel.of(empty, {"tip": "wall"})
+    plate = {"plate": mesh.cells["tetra"][300:301, [0, 1, 2, 2]], **(mesh.markers or {})}
+    cut = MixedMesh(mesh.points, mesh.cells, plate)
+    with pytest.raises(InputError, match="wall 'plate' has cells on both sides"):
+        MeshModel.of(cut, {**kinds, "plate": "wall"}).node_map  # noqa: B018
+    guesses = {"plate": marker_kinds(cut)["plate"]}
+    assert "no marker looks like a wall but 'plate'" in undecided(cut, guesses)
     with pytest.raises(InputError, match="no marker is 'wing'; its markers are body"):
         MeshModel.of(mesh, {"wing": "wall"})
     with pytest.raises(InputError, match="symmetry marker 'body' is not at an end of the mesh"):
