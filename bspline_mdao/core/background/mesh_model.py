@@ -108,7 +108,7 @@ class MeshModel(OneLine, Movable):
             The mesh on the baseline, with markers of its boundary.
         kinds : mapping of str to str
             Kinds of the markers, see `marker_kinds`: nodes of walls go where they are asked to, those of planes of
-            symmetry stay in these, those inside the mesh move along, and all others stay.
+            symmetry stay in these, those inside the mesh or of no marker move along, and all others stay.
         settings : LatticeSettings
             What the lattice is like.
         mesh_file : path-like

@@ -211,7 +211,8 @@ def _show_mesh(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess], numbers: dict)
         what = "area" if mesh.n_copies == 2 else "volume"
         lines.append(f"smallest {what} {numbers['min_volume']:.4g}, {counted(numbers['n_inverted'], 'inverted cell')}")
     if numbers["n_unmarked_faces"]:
-        lines.append(f"{counted(numbers['n_unmarked_faces'], 'face')} of the boundary are of no marker, and stay")
+        found = counted(numbers["n_unmarked_faces"], "face")
+        lines.append(f"{found} of the boundary are of no marker, and move along: only nodes of markers are held")
     print_lines(lines)
     walls = numbers["walls"]
     if walls:

@@ -36,7 +36,7 @@ def test_inspect_tells_cells_markers_box_and_heights_of_a_plane_mesh(workplace, 
     assert wall["y_plus"] > 0.0
     assert found["n_unmarked_faces"] == 70  # of the outer rim
     assert found["to_declare"] is None
-    for words in ("2 dimensions, lengths in mm", "airfoil", "it can be moved from airfoil", "are of no marker"):
+    for words in ("2 dimensions, lengths in mm", "airfoil", "it can be moved from airfoil", "and move along"):
         assert words in text
 
 
