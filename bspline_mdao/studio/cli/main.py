@@ -96,7 +96,7 @@ def describe(error: Exception) -> str:
     if isinstance(error, OSError):
         return f"{error.filename or 'a file'}: {error.strerror or error}; check the file, its folder and the free space"
     if _is_of_memory(error):
-        return "out of memory; use fewer control points (fit --n-control), or a smaller grid"
+        return "out of memory; use fewer control points (fit --n-control, or a wider --spacing), or a smaller grid"
     return (
         f"unexpected {type(error).__name__}: {error}; please report it with what "
         f"BSPLINE_MDAO_TRACEBACK=1 prints before this line"

@@ -157,10 +157,11 @@ def _complaint(moved: _Moved, trials: Sequence[Trial]) -> str:
     new, mesh = moved.newly_inverted, moved.model.mesh
     worst = new[np.argmin(moved.after.volumes[new])]
     faces, cells = mesh.cell_faces
-    place = mesh.points[np.unique(faces[cells == worst])].mean(axis=0)
+    place = mesh.points[mesh.stored_ids(faces[cells == worst])].mean(axis=0)
+    what, unit = ("area", "m^2") if mesh.n_copies == 2 else ("volume", "m^3")
     return (
         f"the move inverts {counted(len(new), 'cell')} of the mesh, the worst is number {worst + 1} at "
-        f"({', '.join(f'{x:.4g}' for x in place)}), of volume {moved.after.volumes[worst]:.3g} m^3; nothing was "
+        f"({', '.join(f'{x:.4g}' for x in place)}), of {what} {moved.after.volumes[worst]:.3g} {unit}; nothing was "
         f"written; {verdict(trials)}, or --allow-invalid to see it"
     )
 
@@ -198,8 +199,9 @@ def _show(output: Path, moved: _Moved) -> None:
     largest = np.linalg.norm(moved.state.nodes - mesh.points, axis=1).max()
     print_lines([f"nodes moved by up to {largest:.3g} m"])
     show_lattice(model)
+    smallest = "smallest area (m^2)" if mesh.n_copies == 2 else "smallest volume (m^3)"
     rows = [
-        ("smallest volume (m^3)", float(moved.before.volumes.min()), float(moved.after.volumes.min())),
+        (smallest, float(moved.before.volumes.min()), float(moved.after.volumes.min())),
         ("inverted cells", int(moved.before.is_inverted.sum()), int(moved.after.is_inverted.sum())),
     ]
     print_table(["cells of the mesh", "before", "after"], rows)

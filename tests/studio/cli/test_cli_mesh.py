@@ -61,13 +61,16 @@ def test_a_model_comes_back_from_its_file_with_the_same_bits(workplace):
     np.testing.assert_array_equal(again.mesh.points, mesh().points)
 
 
-def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace):
+def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace, capsys):
     (workplace / "plane.su2").write_text(plane_su2_text())
     (workplace / "kinds.toml").write_text('[kinds]\n"*" = "farfield"\n"wall*" = "wall"\n"airfoil*" = "wall"\n')
     arguments = ["fit", "plane.su2", "-o", "plane.h5"]
     assert run(arguments) == 0
     for deform in ("pitch=3deg", "bumps=0.001"):
         assert run(["move", "plane.h5", "--deform", deform, "-o", "moved.su2"]) == 0
+    assert "smallest area (m^2)" in capsys.readouterr().out
+    crushed = ["move", "plane.h5", "--deform", "bumps=0.5", "-o", "moved.su2"]
+    fails_as_expected(crushed, capsys, r", 0), of area -")
 
 
 def test_what_cannot_be_fitted_or_moved_ends_in_one_line(workplace, capsys):
