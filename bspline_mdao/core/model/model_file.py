@@ -183,7 +183,8 @@ def opened_model(path: str | os.PathLike) -> Iterator[h5py.File]:
     if not Path(path).is_file():
         raise InputError(f"{path}: there is no such file; give a fitted model")
     if not h5py.is_hdf5(path):
-        raise InputError(f"{path}: is not a fitted model (no HDF5 file); make one with the command fit")
+        made = f"bspline-mdao fit {Path(path).name} -o {Path(path).stem}.h5"
+        raise InputError(f"{path}: is not a fitted model (no HDF5 file); make one with the command fit, as by '{made}'")
     with deferred_interrupts(), h5py.File(path, "r") as file:
         if "CGNSLibraryVersion" in file:
             raise InputError(f"{path}: is a CGNS grid, and {MODEL} is a fitted model; name it .cgns, or fit it first")

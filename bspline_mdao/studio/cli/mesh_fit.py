@@ -88,5 +88,6 @@ def show_lattice(model: MeshModel) -> None:
         f"{counted(resting, 'node')} at rest on other markers",
         f"lattice of {counts_text(lattice.shape)} control points, spans of {lattice.spacing:.3g} m around the walls",
     ]
-    lines += [f"nodes of {' and '.join(plane.markers)} stay in their plane" for plane in model.planes if plane.markers]
+    in_planes = dict.fromkeys(name for plane in model.planes for name in plane.markers)
+    lines += [f"nodes of {name} stay in their plane" for name in in_planes]
     print_lines(lines)
