@@ -25,7 +25,8 @@ from .lattice_line import LatticeLine
 __all__ = ["DEFAULTS", "BackgroundLattice", "LatticeSettings"]
 
 PER_SIDE = 10.0
-"""Spans along the longest side of the box of the walls: with 6, bends of 60 degrees invert cells of a wing-body."""
+"""Spans along the longest side of the box of the walls. Of 6, 8, 10 and 13, this leaves the largest smallest volume of
+pyHyp's M6 bent by 60 degrees, by that before: 0.20, 0.33, 0.38 and 0.10."""
 
 
 @dataclass(frozen=True)
