@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import openmdao.api as om
 
 from ...core.model.fitted_model import FittedModel
 from ...flow.loads.span_strips import SpanStrips
@@ -20,6 +19,8 @@ from .histories import draw_history, draw_optimality, driver_colors
 from .pressures import wall_quads
 
 if TYPE_CHECKING:  # the framework is not needed to draw
+    import openmdao.api as om
+
     from ...core.om.drivers.recorded_run import RecordedRun
 
 __all__ = [

@@ -105,7 +105,11 @@ def test_an_interrupt_while_a_case_is_written_comes_after_it(tmp_path, monkeypat
     problem.add_recorder(CaseRecorder(tmp_path / "cases.sql"))
     problem.setup()
     problem.run_model()
-    with pytest.raises(KeyboardInterrupt):
-        problem.record("first")
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # shells start background jobs without it
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            problem.record("first")
+    finally:
+        signal.signal(signal.SIGINT, handler)
     problem.cleanup()
     assert om.CaseReader(tmp_path / "cases.sql").list_cases("problem", out_stream=None) == ["first"]
