@@ -12,11 +12,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from bench_ride import SHAPE, SPACING, SPLITS, around
+from bench_ride import SHAPE, SPACING, SPLITS, joined, quads_of, timed, with_halves
 
 from bspline_mdao.core.background.background_lattice import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
@@ -24,7 +24,6 @@ from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.io.files import read_grid
 from bspline_mdao.grids.io.patch_guess import with_guessed_patches
-from bspline_mdao.grids.topology.boundary_surface import BoundarySurface
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.meshes import MixedMesh
 
@@ -33,30 +32,14 @@ MOVES = ("twist=5deg", "twist=20deg", "bend=30deg@0.5,length=0.5", "bend=60deg@0
 
 def wedges_of(grid) -> tuple[MixedMesh, dict[str, str]]:
     """Cut the cells of a grid into wedges; kinds of the markers."""
-    nodes, topology = grid.to_vector().reshape(-1, 3), find_topology(grid)
-    points, numbers = np.unique(nodes, axis=0, return_inverse=True)
-    numbers, cells, first = numbers.ravel(), [], 0
-    for shape in grid.shapes:
-        ids = numbers[first : first + np.prod(shape)].reshape(shape)
-        first += ids.size
-        sides = [ids[:, :, :-1], ids[:, :, 1:]]
-        cells.append(np.stack([half for side in sides for half in around(side)], axis=-1).reshape(-1, 8))
-    corners = np.concatenate(cells)[:, SPLITS["wedge"]].reshape(-1, 6)
+    topology, (points, numbers, hexahedra) = find_topology(grid), joined(grid)
+    corners = hexahedra[:, SPLITS["wedge"]].reshape(-1, 6)
     bare, markers, kinds = MixedMesh(points, {"wedge": corners}), {}, {}
     for name in dict.fromkeys(str(face.patch) for face in topology.boundary):
         faces = [face for face in topology.boundary if str(face.patch) == name]
-        surface = BoundarySurface.of(topology, nodes, faces)
-        quads = numbers[surface.rows][surface.quads]
-        halves = quads[:, [[0, 1, 2, 2], [0, 2, 3, 3], [0, 1, 3, 3], [1, 2, 3, 3]]].reshape(-1, 4)
-        markers[name], kinds[name] = bare.into_fluid(np.concatenate([quads, halves]))[:, ::-1], str(faces[0].kind)
+        quads = quads_of(grid, topology, numbers, faces)
+        markers[name], kinds[name] = bare.into_fluid(with_halves(quads))[:, ::-1], str(faces[0].kind)
     return MixedMesh(points, {"wedge": corners}, markers), kinds
-
-
-def timed(function, *arguments):
-    """Result of a call, and its CPU seconds."""
-    start = time.process_time()
-    found = function(*arguments)
-    return found, time.process_time() - start
 
 
 def judged(name: str, mesh: MixedMesh, kinds: dict[str, str], part: float) -> dict:
@@ -69,13 +52,14 @@ def judged(name: str, mesh: MixedMesh, kinds: dict[str, str], part: float) -> di
         model.node_map  # noqa: B018 - made at first use
         return model
 
-    model, seconds = timed(made)
-    _, factor_seconds = timed(model.mover.move, model.control_points, mesh.points[model.wall_rows])
+    seconds, model = timed(made)
+    baseline = model.control_points, mesh.points[model.wall_rows]
+    factor_seconds, _ = timed(lambda: model.mover.move(*baseline))
     walls, moves = model.node_map.embedded.walls, {}
     for text in MOVES:
         asked = model.deformed(parse_deformation(text, model, model.moving_mesh))
-        movement, move_seconds = timed(model.mover.move, model.control_points, asked)
-        state, map_seconds = timed(model.node_map.at, movement.points)
+        move_seconds, movement = timed(partial(model.mover.move, model.control_points, asked))
+        map_seconds, state = timed(partial(model.node_map.at, movement.points))
         ratios = walls.heights(state.nodes) / walls.heights(mesh.points)
         before, after = mesh.quality(), mesh.quality(state.nodes)
         moves[text] = {
@@ -87,8 +71,8 @@ def judged(name: str, mesh: MixedMesh, kinds: dict[str, str], part: float) -> di
     rng = np.random.default_rng(0)
     bar, direction = rng.normal(size=state.nodes.shape), rng.normal(size=asked.shape)
     nothing = np.zeros_like(model.control_points)
-    change, forward_seconds = timed(lambda: state.jvp(movement.jvp(nothing, direction)))
-    bars, reverse_seconds = timed(lambda: movement.vjp(state.vjp(bar)["control_points"])[1])
+    forward_seconds, change = timed(lambda: state.jvp(movement.jvp(nothing, direction)))
+    reverse_seconds, bars = timed(lambda: movement.vjp(state.vjp(bar)["control_points"])[1])
     forward, reverse = np.vdot(bar, change), np.vdot(bars, direction)
     n_bytes = sum(factor.factor.n_bytes for _, _, factor in model.mover._systems)
     n_bytes += model.node_map.embedded.evaluator.bytes_per_node * model.n_nodes + walls.following.layer.n_bytes

@@ -28,6 +28,8 @@ from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.generators import Spacing, onera_m6_grid
 from bspline_mdao.grids.topology.boundary_surface import BoundarySurface
 from bspline_mdao.grids.topology.detection import find_topology
+from bspline_mdao.grids.topology.grid import Grid
+from bspline_mdao.grids.topology.topology import Topology
 from bspline_mdao.meshes import EmbeddedMesh, MixedMesh
 from bspline_mdao.movers import LinearElasticity, moving_mesh
 
@@ -50,21 +52,35 @@ SHIFT = 0.1
 def mesh_of(scale: float, kind: str) -> MixedMesh:
     """Make the mesh, about ``scale`` times as fine as `SHAPE`."""
     grid = onera_m6_grid(tuple(round(scale * n) for n in SHAPE), SPACING)
-    nodes = grid.to_vector().reshape(-1, 3)
-    points, numbers = np.unique(nodes, axis=0, return_inverse=True)
-    topology, numbers, cells, first = find_topology(grid), numbers.ravel(), [], 0
+    topology, (points, numbers, hexahedra) = find_topology(grid), joined(grid)
+    corners = hexahedra[:, SPLITS[kind]].reshape(-1, SPLITS[kind].shape[1])
+    boundary = [face for face in topology.boundary if face.kind == "wall"], topology.boundary
+    wall, skin = (quads_of(grid, topology, numbers, faces) for faces in boundary)
+    return MixedMesh(shifted(points, corners, skin), {kind: corners}, {"wing": with_halves(wall)})
+
+
+def joined(grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes of a grid, each once, the number of each of its blocks' nodes among them, and corners of its cells."""
+    points, numbers = np.unique(grid.to_vector().reshape(-1, 3), axis=0, return_inverse=True)
+    numbers, cells, first = numbers.ravel(), [], 0
     for shape in grid.shapes:
         ids = numbers[first : first + np.prod(shape)].reshape(shape)
         first += ids.size
         sides = [ids[:, :, :-1], ids[:, :, 1:]]
-        cells.append(np.stack([half for s in sides for half in around(s)], axis=-1).reshape(-1, 8))
-    corners = np.concatenate(cells)[:, SPLITS[kind]].reshape(-1, SPLITS[kind].shape[1])
-    boundary = [face for face in topology.boundary if face.kind == "wall"], topology.boundary
-    surfaces = [BoundarySurface.of(topology, nodes, faces) for faces in boundary]
-    wall, skin = (numbers[surface.rows][surface.quads] for surface in surfaces)
-    halves = wall[:, [[0, 1, 2, 2], [0, 2, 3, 3], [0, 1, 3, 3], [1, 2, 3, 3]]].reshape(-1, 4)
-    marker = np.concatenate([wall, halves])  # of these, those count that are faces of cells
-    return MixedMesh(shifted(points, corners, skin), {kind: corners}, {"wing": marker})
+        cells.append(np.stack([half for side in sides for half in around(side)], axis=-1).reshape(-1, 8))
+    return points, numbers, np.concatenate(cells)
+
+
+def quads_of(grid: Grid, topology: Topology, numbers: np.ndarray, faces) -> np.ndarray:
+    """Quads of some faces of the boundary of a grid, by the numbers of `joined`."""
+    surface = BoundarySurface.of(topology, grid.to_vector().reshape(-1, 3), faces)
+    return numbers[surface.rows][surface.quads]
+
+
+def with_halves(quads: np.ndarray) -> np.ndarray:
+    """Quads, and the triangles of either cut of each: of these, those count that are faces of cells."""
+    halves = quads[:, [[0, 1, 2, 2], [0, 2, 3, 3], [0, 1, 3, 3], [1, 2, 3, 3]]].reshape(-1, 4)
+    return np.concatenate([quads, halves])
 
 
 def shifted(points: np.ndarray, corners: np.ndarray, skin: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from ...base.display import OneLine
+from ...base.numerics.vectors import nearest_plane
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.quads import area_vectors
@@ -105,12 +106,10 @@ def _sides_of_layer(mesh: MixedMesh) -> list[EndPlane]:
 
 def _plane_of(points: np.ndarray) -> tuple[np.ndarray, float]:
     """Unit normal of the plane through points, and how far they are off it."""
-    middle = points.mean(axis=0)
-    normal = np.linalg.svd(points - middle, full_matrices=False)[2][2] if len(points) > 2 else np.zeros(3)
-    normal = np.where(np.abs(normal) < ALIGNED, 0.0, normal)
-    length = np.linalg.norm(normal)
-    normal = normal / length if length else normal
-    return normal, float(np.abs((points - middle) @ normal).max(initial=0.0)) if length else np.inf
+    if len(points) < 3:
+        return np.zeros(3), np.inf
+    normal, distances, _ = nearest_plane(points)
+    return normal, float(distances.max())
 
 
 def _merged(found: Sequence[EndPlane]) -> list[EndPlane]:

@@ -27,7 +27,13 @@ from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.io.disk import deferred_interrupts, replaced_hdf5_file
 from ...grids.io.formats import MESH_MODEL_FORMAT
-from ..model.model_file import checksum_of, dataset_options, datasets_of
+from ..model.model_file import (
+    checked_document,
+    checksum_of,
+    damaged_is_input_error,
+    dataset_options,
+    datasets_of,
+)
 from .background_lattice import LatticeSettings
 
 __all__ = ["is_mesh_model", "read_mesh_model", "write_mesh_model"]
@@ -86,28 +92,17 @@ def read_mesh_model(path: str | os.PathLike) -> tuple[MixedMesh, dict[str, str],
     """Read the mesh, the kinds of its markers, the settings of the lattice, and the name of the mesh's own file."""
     if not is_mesh_model(path):
         raise InputError(f"{path}: is no model of a mesh without structure; make one with the command fit")
-    try:
+    with damaged_is_input_error(path, "the model of a mesh is damaged; fit the mesh again"):
         with deferred_interrupts(), h5py.File(path, "r") as file:
             if file.attrs["version"] > VERSION:
                 raise InputError(
                     f"{path}: is of version {file.attrs['version']}, newer than {VERSION}; update the program"
                 )
             arrays = datasets_of(path, file)
-            content = arrays.pop("document")[()].tobytes()
-            if file.attrs["checksum"] != checksum_of(content, arrays):
-                raise ValueError("checksum")
-            document, mesh_file = json.loads(content), str(file.attrs["mesh_file"])
+            document, mesh_file = checked_document(file, arrays), str(file.attrs["mesh_file"])
             stored = {name: array[()] for name, array in arrays.items()}
         cells = {kind: stored[f"cells/{kind}"] for kind in document["cells"]}
         markers = {name: stored[f"markers/{n}"] for n, name in enumerate(document["markers"])}
         polyhedra = (stored["faces"], stored["face_cells"]) if "faces" in stored else None
         mesh = MixedMesh(stored["points"], cells, markers, polyhedra, document["source"], document["n_copies"])
         return mesh, document["kinds"], LatticeSettings(**document["settings"]), mesh_file
-    except InputError as error:
-        raise error if str(error).startswith(str(path)) else _damaged(path) from error
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, IndexError, MemoryError) as error:
-        raise _damaged(path) from error
-
-
-def _damaged(path: str | os.PathLike) -> InputError:
-    return InputError(f"{path}: the model of a mesh is damaged; fit the mesh again")

@@ -319,9 +319,7 @@ class MeshModel(OneLine, Movable):
 
     def mover_of(self, mesh: MovingMesh) -> ThinPlate:
         """What moves the control points behind some of the walls, see `design_mesh`."""
-        if mesh is self.moving_mesh:
-            return self.mover
-        return ThinPlate(mesh, self.lattice, self.mesh.points[self.rows_at_rest], self.settings)
+        return self.mover if mesh is self.moving_mesh else replace(self.mover, mesh=mesh)
 
     @cached_property
     def mover(self) -> ThinPlate:

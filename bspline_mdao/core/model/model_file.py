@@ -113,7 +113,7 @@ def read_model(
     """Read a model and check it."""
     with damaged_is_input_error(path), opened_model(path) as file:
         arrays = datasets_of(path, file)
-        document = checked_document(path, file, arrays)
+        document = checked_document(file, arrays)
         stored = {name: item[()] for name, item in arrays.items()}
         _bring_up_to_date(path, document, stored)
         document = _decode_of(file, document)
@@ -134,7 +134,7 @@ def read_fields(
     # The whole file is passed over once, a piece at a time, for its checksum.
     with damaged_is_input_error(path), opened_model(path) as file:
         arrays = datasets_of(path, file)
-        document = checked_document(path, file, arrays)
+        document = checked_document(file, arrays)
         stored = {name: item[()] for name, item in arrays.items() if not is_of_grid(name)}
         _bring_up_to_date(path, document, stored)
         document = _decode_of(file, document)
@@ -163,18 +163,16 @@ def is_of_grid(name: str) -> bool:
 
 
 @contextmanager
-def damaged_is_input_error(path: str | os.PathLike) -> Iterator[None]:
+def damaged_is_input_error(
+    path: str | os.PathLike, message: str = "the fitted model is damaged; fit the grid again"
+) -> Iterator[None]:
     """Turn whatever a damaged file leads to into an `InputError` of one line that names it."""
     try:
         yield
     except InputError as error:
-        raise error if str(error).startswith(str(path)) else _damaged(path) from error
+        raise error if str(error).startswith(str(path)) else InputError(f"{path}: {message}") from error
     except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, IndexError, MemoryError) as error:
-        raise _damaged(path) from error
-
-
-def _damaged(path: str | os.PathLike) -> InputError:
-    return InputError(f"{path}: the fitted model is damaged; fit the grid again")
+        raise InputError(f"{path}: {message}") from error
 
 
 @contextmanager
@@ -215,11 +213,11 @@ def datasets_of(path: str | os.PathLike, file: h5py.File) -> dict[str, h5py.Data
     return found
 
 
-def checked_document(path: str | os.PathLike, file: h5py.File, arrays: dict[str, h5py.Dataset]) -> dict:
+def checked_document(file: h5py.File, arrays: dict[str, h5py.Dataset]) -> dict:
     """Take the document out of the datasets of a file whose checksum is right, and read it."""
     content = arrays.pop("document")[()].tobytes()
     if file.attrs["checksum"] != checksum_of(content, arrays):
-        raise _damaged(path)
+        raise ValueError("checksum")
     return json.loads(content)
 
 

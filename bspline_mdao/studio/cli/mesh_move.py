@@ -20,18 +20,16 @@ from ...core.evaluation.spline_validity import certify_splines
 from ...core.movement.mover import Movement
 from ...errors import InputError, MovementError
 from ...grids.cells.certificate import Certificate
-from ...grids.cells.mixed_cells import CellQuality
-from ...grids.cells.wall_heights import KEPT
 from ...grids.io.meshes.files import MeshFile, check_same_format, read_mesh
 from .cures import Trial, verdict
 from .mesh_fit import lattice_numbers, show_lattice
 from .move import MoveOptions, write_points
+from .moved_cells import MovedCells
 from .movers import MoverOptions
 from .output import (
     certificate_numbers,
     check_outputs,
     print_lines,
-    print_table,
     print_title,
     print_warnings,
     show_certificate,
@@ -46,22 +44,15 @@ FINER = (1.5, 2.25)
 
 @dataclass(frozen=True, eq=False)
 class _Moved:
-    """A mesh that was moved, its cells before and after, and the heights at its walls relative to those before."""
+    """A mesh that was moved, and what is reported about it."""
 
     model: MeshModel
     surface: np.ndarray
     movement: Movement
     state: MeshState
-    before: CellQuality
-    after: CellQuality
-    ratios: np.ndarray
+    cells: MovedCells
     certificate: Certificate
     seconds: float
-
-    @property
-    def newly_inverted(self) -> np.ndarray:
-        """Numbers of the cells that are inverted now and were not."""
-        return np.flatnonzero(self.after.is_inverted & ~self.before.is_inverted)
 
 
 def move_mesh(
@@ -81,7 +72,7 @@ def move_mesh(
         check_same_format(model.mesh_file, output)
         progress(0.4, "moving")
         moved = _move(model, options)
-        if len(moved.newly_inverted) and not options.allow_invalid:
+        if len(moved.cells.newly_inverted) and not options.allow_invalid:
             progress(0.7, "looking for what cures it")
             raise MovementError(_complaint(moved, _trials(model, options)))
         progress(0.9, "writing")
@@ -131,8 +122,8 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     assert walls is not None
     ratios = walls.heights(state.nodes) / walls.heights(model.mesh.points)
     splines = certify_splines(model.lattice.mesh, movement.points[len(model.wall_rows) :], ("the lattice",))
-    quality = model.mesh.quality(), model.mesh.quality(state.nodes)
-    return _Moved(model, surface, movement, state, *quality, ratios, Certificate((), splines), seconds)
+    cells = MovedCells.of(model.mesh, state.nodes, ratios)
+    return _Moved(model, surface, movement, state, cells, Certificate((), splines), seconds)
 
 
 def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
@@ -142,7 +133,7 @@ def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
         spacing = float(f"{model.lattice.spacing / part:.2g}")
         finer = model.with_settings(replace(model.settings, spacing=spacing))
         try:
-            n_inverted = len(_move(finer, options).newly_inverted)
+            n_inverted = len(_move(finer, options).cells.newly_inverted)
         except MovementError:
             trials.append(Trial(f"a model by 'fit --spacing {spacing:g}'", None))
             continue
@@ -154,22 +145,16 @@ def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
 
 def _complaint(moved: _Moved, trials: Sequence[Trial]) -> str:
     """Say which cells are inverted, and what cures it."""
-    new, mesh = moved.newly_inverted, moved.model.mesh
-    worst = new[np.argmin(moved.after.volumes[new])]
-    faces, cells = mesh.cell_faces
-    place = mesh.points[mesh.stored_ids(faces[cells == worst])].mean(axis=0)
+    mesh, cells, worst = moved.model.mesh, moved.cells, moved.cells.worst
+    new = counted(len(cells.newly_inverted), "cell")
+    faces, cell_of_face = mesh.cell_faces
+    place = mesh.points[mesh.stored_ids(faces[cell_of_face == worst])].mean(axis=0)
     what, unit = ("area", "m^2") if mesh.n_copies == 2 else ("volume", "m^3")
     return (
-        f"the move inverts {counted(len(new), 'cell')} of the mesh, the worst is number {worst + 1} at "
-        f"({', '.join(f'{x:.4g}' for x in place)}), of {what} {moved.after.volumes[worst]:.3g} {unit}; nothing was "
+        f"the move inverts {new} of the mesh, the worst is number {worst + 1} at "
+        f"({', '.join(f'{x:.4g}' for x in place)}), of {what} {cells.after.volumes[worst]:.3g} {unit}; nothing was "
         f"written; {verdict(trials)}, or --allow-invalid to see it"
     )
-
-
-def _quantiles(ratios: np.ndarray) -> dict[str, float]:
-    """Quantiles of the heights relative to those before."""
-    levels = {"min": 0.0, "p01": 0.01, "median": 0.5, "p99": 0.99, "max": 1.0}
-    return {name: float(np.quantile(ratios, level)) for name, level in levels.items()} if len(ratios) else {}
 
 
 def _numbers(model_file: Path, output: Path, moved: _Moved, options: MoveOptions) -> dict:
@@ -182,10 +167,7 @@ def _numbers(model_file: Path, output: Path, moved: _Moved, options: MoveOptions
         **lattice_numbers(model),
         "largest_displacement": float(np.linalg.norm(moved.state.nodes - model.mesh.points, axis=1).max()),
         "digits": moved.movement.report.digits,
-        "min_volume": {"before": float(moved.before.volumes.min()), "after": float(moved.after.volumes.min())},
-        "n_inverted": {"before": int(moved.before.is_inverted.sum()), "after": int(moved.after.is_inverted.sum())},
-        "newly_inverted": moved.newly_inverted[:100].tolist(),
-        "heights": _quantiles(moved.ratios),
+        **moved.cells.numbers(),
         "certificate": certificate_numbers(moved.certificate),
         "seconds": moved.seconds,
     }
@@ -200,23 +182,8 @@ def _show(output: Path, moved: _Moved) -> None:
     print_lines([f"nodes moved by up to {largest:.3g} m"])
     show_lattice(model)
     smallest = "smallest area (m^2)" if mesh.n_copies == 2 else "smallest volume (m^3)"
-    rows = [
-        (smallest, float(moved.before.volumes.min()), float(moved.after.volumes.min())),
-        ("inverted cells", int(moved.before.is_inverted.sum()), int(moved.after.is_inverted.sum())),
-    ]
-    print_table(["cells of the mesh", "before", "after"], rows)
+    moved.cells.show(smallest)
     show_certificate(moved.certificate)
-    quantiles = _quantiles(moved.ratios)
-    if quantiles:
-        print_lines(["heights of the first nodes at walls, by those before:"])
-        print_table(["min", "1 %", "median", "99 %", "max"], [tuple(f"{x:.3f}" for x in quantiles.values())])
+    moved.cells.show_heights()
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
-    warnings = []
-    if len(moved.newly_inverted):
-        warnings.append(f"{counted(len(moved.newly_inverted), 'newly inverted cell')}")
-    if quantiles and not KEPT[0] <= quantiles["p01"] <= quantiles["p99"] <= KEPT[1]:
-        warnings.append(
-            f"the first nodes at walls are {quantiles['p01']:.3g} to {quantiles['p99']:.3g} times as high as before "
-            f"(1 % to 99 %), and so is y+"
-        )
-    print_warnings(warnings)
+    print_warnings(moved.cells.warnings())

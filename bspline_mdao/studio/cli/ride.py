@@ -22,16 +22,15 @@ from ...core.riding.riding_mesh import EmbeddedMesh, EmbeddedMeshState
 from ...core.riding.section_span import section_span
 from ...core.riding.wall_faces import GridBoundary
 from ...errors import InputError, MovementError
-from ...grids.cells.mixed_cells import CellQuality
-from ...grids.cells.wall_heights import KEPT
 from ...grids.io.meshes.files import check_same_format, read_mesh
 from ...grids.topology.grid import MAX_COORDINATE
 from ...grids.topology.periodic_gap import PeriodicGap, periodic_gaps
 from ...names import CONTROL_POINTS
 from .cures import Trial, try_cures, verdict
 from .move import MoveOptions, gap_numbers, moved_control_mesh
+from .moved_cells import MovedCells
 from .movers import MoverOptions
-from .output import check_outputs, print_lines, print_table, print_title, print_warnings, written_json
+from .output import check_outputs, print_lines, print_title, print_warnings, written_json
 
 CASES = ".sql"
 """Suffix of case files of OpenMDAO."""
@@ -57,19 +56,12 @@ class RideOptions:
 
 @dataclass(frozen=True, eq=False)
 class _MovedMesh:
-    """A mesh that was moved, its cells before and after, and the heights at its walls relative to those before."""
+    """A mesh that went along, and what is reported about it."""
 
     mesh: EmbeddedMeshState
-    before: CellQuality
-    after: CellQuality
-    ratios: np.ndarray
+    cells: MovedCells
     gaps: tuple[PeriodicGap, ...]
     seconds: float
-
-    @property
-    def newly_inverted(self) -> np.ndarray:
-        """Numbers of the cells that are inverted now and were not."""
-        return np.flatnonzero(self.after.is_inverted & ~self.before.is_inverted)
 
 
 def ride_along(
@@ -93,7 +85,7 @@ def ride_along(
         riding = EmbeddedMesh.of(model, file.mesh, options.wall, options.tolerance, options.hold_outside)
         progress(0.6, "moving")
         found = _measured(model, *_state(model, model_file, riding, options), start)
-        if len(found.newly_inverted) and not options.allow_invalid:
+        if len(found.cells.newly_inverted) and not options.allow_invalid:
             trials = _trials(model, model_file, riding, options) if options.to is None else []
             raise MovementError(_complaint(found, trials))
         progress(0.9, "writing")
@@ -169,13 +161,7 @@ def _measured(model: FittedModel, state: EmbeddedMeshState, points: np.ndarray, 
     ratios = np.zeros(0) if walls is None else walls.heights(state.nodes) / walls.heights(mesh.points)
     seconds = time.process_time() - start
     gaps = periodic_gaps(model.topology, model.regenerate(), model.regenerate(points))
-    return _MovedMesh(state, mesh.quality(), mesh.quality(state.nodes), ratios, gaps, seconds)
-
-
-def _quantiles(ratios: np.ndarray) -> dict[str, float]:
-    """Quantiles of the heights relative to those before."""
-    levels = {"min": 0.0, "p01": 0.01, "median": 0.5, "p99": 0.99, "max": 1.0}
-    return {name: float(np.quantile(ratios, level)) for name, level in levels.items()} if len(ratios) else {}
+    return _MovedMesh(state, MovedCells.of(mesh, state.nodes, ratios), gaps, seconds)
 
 
 def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _MovedMesh, options: RideOptions) -> dict:
@@ -194,10 +180,7 @@ def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _MovedM
         "walls": () if of.walls is None else of.walls.faces.names,
         "n_wall_nodes": n_nodes.walls,
         "largest_displacement": float(np.linalg.norm(found.mesh.nodes - of.mesh.points, axis=1).max(initial=0.0)),
-        "min_volume": {"before": _least(found.before), "after": _least(found.after)},
-        "n_inverted": {"before": int(found.before.is_inverted.sum()), "after": int(found.after.is_inverted.sum())},
-        "newly_inverted": found.newly_inverted[:100].tolist(),
-        "heights": _quantiles(found.ratios),
+        **found.cells.numbers(),
         "periodic_gaps": [gap_numbers(gap) for gap in found.gaps],
         "seconds": found.seconds,
     }
@@ -221,11 +204,6 @@ def _stored_counts(of: EmbeddedMesh) -> _StoredCounts:
     return _StoredCounts(*(len(of.mesh.stored_ids(ids)) for ids in (of.left, walls, followers)))
 
 
-def _least(quality: CellQuality) -> float:
-    """Smallest volume (m^3)."""
-    return float(quality.volumes.min(initial=np.inf))
-
-
 def show_ride(output: Path, found: _MovedMesh, unit: str) -> None:
     """Print the report of a ride."""
     of, n_nodes = found.mesh.of, _stored_counts(found.mesh.of)
@@ -240,15 +218,8 @@ def show_ride(output: Path, found: _MovedMesh, unit: str) -> None:
     left = f"; {counted(n_nodes.left, 'node')} held" if n_nodes.left else ""
     lines.append(f"farthest outside the fitted grid: {farthest:.2g} {unit}{left}")
     print_lines(lines)
-    rows = [
-        (f"smallest volume ({unit}^3)", _least(found.before), _least(found.after)),
-        ("inverted cells", int(found.before.is_inverted.sum()), int(found.after.is_inverted.sum())),
-    ]
-    print_table(["cells of the mesh", "before", "after"], rows)
-    if len(found.ratios):
-        print_lines(["heights of the first nodes at walls, by those before:"])
-        quantiles = _quantiles(found.ratios)
-        print_table(["min", "1 %", "median", "99 %", "max"], [tuple(f"{x:.3f}" for x in quantiles.values())])
+    found.cells.show(f"smallest volume ({unit}^3)")
+    found.cells.show_heights()
     print_lines([f"{output} written, {found.seconds:.2f} s"])
 
 
@@ -268,11 +239,11 @@ def _trials(model: FittedModel, model_file: Path, riding: EmbeddedMesh, options:
 
 def _complaint(found: _MovedMesh, trials: Sequence[Trial]) -> str:
     """Say which cells are inverted, and what cures it."""
-    new = found.newly_inverted
-    worst = new[np.argmin(found.after.volumes[new])]
+    cells, worst = found.cells, found.cells.worst
+    new = counted(len(cells.newly_inverted), "cell")
     return (
-        f"the move inverts {counted(len(new), 'cell')} of the mesh, the worst is number {worst + 1}, of volume "
-        f"{found.after.volumes[worst]:.3g} m^3; nothing was written; {verdict(trials)}, or --allow-invalid to see it"
+        f"the move inverts {new} of the mesh, the worst is number {worst + 1}, of volume "
+        f"{cells.after.volumes[worst]:.3g} m^3; nothing was written; {verdict(trials)}, or --allow-invalid to see it"
     )
 
 
@@ -284,12 +255,4 @@ def _warnings(found: _MovedMesh) -> list[str]:
             "no boundary of the mesh lies on a wall of the fitted grid, so that no node follows a wall; name its walls "
             "by --wall if it has any"
         )
-    if len(found.newly_inverted):
-        warnings.append(f"{counted(len(found.newly_inverted), 'newly inverted cell')}")
-    quantiles = _quantiles(found.ratios)
-    if quantiles and not KEPT[0] <= quantiles["p01"] <= quantiles["p99"] <= KEPT[1]:
-        warnings.append(
-            f"the first nodes at walls are {quantiles['p01']:.3g} to {quantiles['p99']:.3g} times as high as before "
-            f"(1 % to 99 %), and so is y+"
-        )
-    return warnings + [str(gap) for gap in found.gaps]
+    return warnings + found.cells.warnings() + [str(gap) for gap in found.gaps]

@@ -1,0 +1,85 @@
+"""What commands report of the cells of a mesh without structure that was moved, and of the heights at its walls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.text import counted
+from ...grids.cells.mesh_heights import height_quantiles
+from ...grids.cells.mixed_cells import CellQuality, MixedMesh
+from ...grids.cells.wall_heights import KEPT
+from .output import print_lines, print_table
+
+__all__ = ["MovedCells"]
+
+MOST_NUMBERED = 100
+"""Newly inverted cells that are written into JSON."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovedCells:
+    """Cells before and after a move, and the heights at walls relative to those before."""
+
+    before: CellQuality
+    after: CellQuality
+    ratios: np.ndarray  # (m,); none where there is no wall
+
+    @classmethod
+    def of(cls, mesh: MixedMesh, nodes: np.ndarray, ratios: np.ndarray) -> MovedCells:
+        """Measure the cells of a mesh with its nodes moved, shape (n, 3)."""
+        return cls(mesh.quality(), mesh.quality(nodes), ratios)
+
+    @property
+    def newly_inverted(self) -> np.ndarray:
+        """Numbers of the cells that are inverted now and were not."""
+        return np.flatnonzero(self.after.is_inverted & ~self.before.is_inverted)
+
+    @property
+    def worst(self) -> int:
+        """Number of the newly inverted cell of the least volume."""
+        new = self.newly_inverted
+        return int(new[np.argmin(self.after.volumes[new])])
+
+    def numbers(self) -> dict:
+        """Collect them for JSON."""
+        return {
+            "min_volume": {"before": _least(self.before), "after": _least(self.after)},
+            "n_inverted": {"before": int(self.before.is_inverted.sum()), "after": int(self.after.is_inverted.sum())},
+            "newly_inverted": self.newly_inverted[:MOST_NUMBERED].tolist(),
+            "heights": height_quantiles(self.ratios),
+        }
+
+    def show(self, smallest: str) -> None:
+        """Print the cells; ``smallest`` says what the least of them is, and in which unit."""
+        rows = [
+            (smallest, _least(self.before), _least(self.after)),
+            ("inverted cells", int(self.before.is_inverted.sum()), int(self.after.is_inverted.sum())),
+        ]
+        print_table(["cells of the mesh", "before", "after"], rows)
+
+    def show_heights(self) -> None:
+        """Print the heights, if there are any."""
+        quantiles = height_quantiles(self.ratios)
+        if quantiles:
+            print_lines(["heights of the first nodes at walls, by those before:"])
+            print_table(["min", "1 %", "median", "99 %", "max"], [tuple(f"{x:.3f}" for x in quantiles.values())])
+
+    def warnings(self) -> list[str]:
+        """List what is wrong with them."""
+        found = []
+        if len(self.newly_inverted):
+            found.append(counted(len(self.newly_inverted), "newly inverted cell"))
+        quantiles = height_quantiles(self.ratios)
+        if quantiles and not KEPT[0] <= quantiles["p01"] <= quantiles["p99"] <= KEPT[1]:
+            found.append(
+                f"the first nodes at walls are {quantiles['p01']:.3g} to {quantiles['p99']:.3g} times as high as "
+                f"before (1 % to 99 %), and so is y+"
+            )
+        return found
+
+
+def _least(quality: CellQuality) -> float:
+    """Smallest volume (m^3)."""
+    return float(quality.volumes.min(initial=np.inf))
