@@ -12,6 +12,7 @@ from ...core.background.background_lattice import LatticeSettings
 from ...core.background.fit_mesh import read_marked_mesh
 from ...core.background.mesh_model import MeshModel
 from ...grids.io.marker_guess import MarkerGuess
+from .meshes import n_unmarked_faces, unmarked_lines
 from .output import counts_text, print_lines, print_table, print_title, print_warnings, written_json
 
 __all__ = ["fit_mesh", "lattice_numbers", "show_lattice"]
@@ -23,7 +24,6 @@ def fit_mesh(
     json: Path | None,
     patches: Path | None,  # kinds of the markers
     spacing: float | None,  # width of the spans of the lattice around the walls (m)
-    no_certify: bool = False,  # do not prove that the lattice is valid everywhere
 ) -> None:
     """Lay a lattice around a mesh, write the model and show what it is."""
     with progress_bar() as progress:
@@ -45,7 +45,9 @@ def fit_mesh(
 def fit_mesh_numbers(model: MeshModel, kinds: Mapping[str, MarkerGuess], seconds: float) -> dict:
     """Collect the numbers of a fit for JSON."""
     markers = [{"name": name, **vars(guess)} for name, guess in kinds.items()]
-    return {"mesh": model.mesh.source, "markers": markers, **lattice_numbers(model), "seconds": seconds}
+    unmarked = n_unmarked_faces(model.mesh)
+    mesh = {"mesh": model.mesh.source, "markers": markers, "n_unmarked_faces": unmarked}
+    return {**mesh, **lattice_numbers(model), "seconds": seconds}
 
 
 def lattice_numbers(model: MeshModel) -> dict:
@@ -70,6 +72,7 @@ def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Pa
     print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}{in_plane}")
     rows = [(name, f"{len(faces[name]):,}", guess.kind, guess.sure, guess.why) for name, guess in kinds.items()]
     print_table(["marker", "faces", "kind", "how sure", "why"], rows)
+    print_lines(unmarked_lines(n_unmarked_faces(mesh)))
     unsure = [name for name, guess in kinds.items() if guess.sure == "unsure"]
     show_lattice(model)
     print_lines([f"{output} written, {seconds:.2f} s"])

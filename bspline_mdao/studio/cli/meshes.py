@@ -143,7 +143,7 @@ def _inverted(mesh: MixedMesh, which: np.ndarray, volumes: np.ndarray, middles: 
     ]
 
 
-def _n_free(mesh: MixedMesh) -> int:
+def n_unmarked_faces(mesh: MixedMesh) -> int:
     """Faces of the boundary that no marker has; those in the planes of a file of two dimensions do not count."""
     skin = mesh.skin
     if mesh.n_copies == 2:
@@ -151,6 +151,13 @@ def _n_free(mesh: MixedMesh) -> int:
         skin = skin[is_upper.any(axis=1) & ~is_upper.all(axis=1)]
     marked = [face_keys(faces, mesh.n_points) for faces in (mesh.markers or {}).values()]
     return int((~np.isin(face_keys(skin, mesh.n_points), np.concatenate([np.zeros(0), *marked]))).sum())
+
+
+def unmarked_lines(n_faces: int) -> list[str]:
+    """Say what becomes of faces of the boundary that no marker has."""
+    found = counted(n_faces, "face")
+    said = f"{found} of the boundary are of no marker, and move along: only nodes of markers are held"
+    return [said] if n_faces else []
 
 
 def _mesh_numbers(
@@ -183,7 +190,7 @@ def _mesh_numbers(
             }
             for name, guess in kinds.items()
         ],
-        "n_unmarked_faces": _n_free(mesh),
+        "n_unmarked_faces": n_unmarked_faces(mesh),
         "walls": [
             {**numbers, "quantiles": height_quantiles(wall_heights_of(mesh, markers[s.patch])[0])}
             for numbers, s in zip(spacing_numbers(spacings, reynolds), spacings)
@@ -210,10 +217,7 @@ def _show_mesh(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess], numbers: dict)
     if numbers["min_volume"] is not None:
         what = "area" if mesh.n_copies == 2 else "volume"
         lines.append(f"smallest {what} {numbers['min_volume']:.4g}, {counted(numbers['n_inverted'], 'inverted cell')}")
-    if numbers["n_unmarked_faces"]:
-        found = counted(numbers["n_unmarked_faces"], "face")
-        lines.append(f"{found} of the boundary are of no marker, and move along: only nodes of markers are held")
-    print_lines(lines)
+    print_lines([*lines, *unmarked_lines(numbers["n_unmarked_faces"])])
     walls = numbers["walls"]
     if walls:
         columns = ["first nodes above", "min", "1 %", "median", "99 %", "max", "aspect"]
