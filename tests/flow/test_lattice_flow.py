@@ -3,8 +3,11 @@
 import numpy as np
 import openmdao.api as om
 import pytest
+from mesh_cases import TETRAHEDRA
 from openmdao.utils.assert_utils import assert_check_partials
+from riding_cases import joined
 from scipy.sparse import csr_array, random_array
+from scipy.spatial import cKDTree
 
 from bspline_mdao import InputError, LatticeFlow, fit_grid
 from bspline_mdao.core.mesh.surface import SurfaceGrid
@@ -23,8 +26,10 @@ from bspline_mdao.generators import (
     flat_plate_grid,
     hh_wing_grid,
     naca_section,
+    onera_m6_grid,
 )
 from bspline_mdao.measures import CamberSurface
+from bspline_mdao.meshes import MeshModel, MixedMesh
 from bspline_mdao.testing import total_difference
 
 AXES = np.eye(3)[[0, 2, 1]] * np.array([1.0, -1.0, 1.0])[:, None]
@@ -276,3 +281,26 @@ def test_folded_panels_are_counted_and_named_before_the_lattice_is_solved(rectan
     with pytest.raises(om.AnalysisError, match=r"\d+ of 24 panels of the lattice are folded, the first in row 1 from"):
         problem.run_model()
     assert problem.get_val("CL").item() == before
+
+
+@pytest.mark.slow
+def test_a_mesh_without_structure_has_the_loads_of_the_grid_with_its_nodes():
+    """Hexahedra of the grid, with other numbers of their nodes; to about a hundredth, as tetrahedra as well."""
+    grid = onera_m6_grid((5, 7, 5))
+    points, cells = joined(grid)
+    places = cKDTree(points).query(grid.to_vector().reshape(-1, 3))[1]
+    of_grid = flow(fit_grid(grid), reference_area=0.75, n_span=5)
+    baseline = found(of_grid)
+    for corners, rtol in (({"hexahedron": cells}, 1e-12), ({"tetra": cells[:, TETRAHEDRA].reshape(-1, 4)}, 0.01)):
+        skin = MixedMesh(points, corners).skin
+        in_plane, is_far = (points[skin][..., 2] == 0.0).all(axis=1), np.abs(points[skin]).max(axis=(1, 2)) > 3.0
+        markers = {"wing": skin[~in_plane & ~is_far], "symmetry": skin[in_plane], "far": skin[is_far & ~in_plane]}
+        kinds = {"wing": "wall", "symmetry": "symmetry", "far": "farfield"}
+        problem = flow(MeshModel.of(MixedMesh(points, corners, markers), kinds), reference_area=0.75, n_span=5)
+        np.testing.assert_allclose(found(problem), baseline, rtol=rtol, atol=rtol)
+        nodes = points + 0.02 * np.sin(points @ np.random.default_rng(2).normal(size=(3, 3)))
+        for each, moved in ((problem, nodes), (of_grid, nodes[places])):
+            each.set_val("grid", moved.ravel())
+            each.run_model()
+        np.testing.assert_allclose(found(problem), found(of_grid), rtol=rtol, atol=rtol)
+        assert np.abs(found(of_grid) - baseline).max() > 0.02

@@ -15,13 +15,13 @@ from scipy.sparse import csr_array, diags_array, eye_array, kron
 
 from ...core.measures.camber_surface import CamberSurface
 from ...core.mesh.surface import SurfaceGrid
-from ...core.model.model import Model, nodes_at
+from ...core.model.model import nodes_at
+from ...core.model.movable import Movable
 from ...core.om.check_directions import check_along_directions
 from ...core.om.component import SMOOTH_STEP, add_bar, difference_step, direction_in, fails_together
 from ...core.om.model_option import Copied, declare_model
 from ...core.om.surface_measure import SurfaceMeasure
 from ...errors import InputError
-from ...grids.topology.partition import Partition
 from ...names import GRID, SURFACE
 from ..loads.force_coefficients import ForceCoefficients
 from ..loads.induced_drag import InducedDrag
@@ -57,9 +57,9 @@ class LatticeFlow(Copied, om.Group):
 
     Options
     -------
-    model : FittedModel or LocalModel
+    model : FittedModel, LocalModel or MeshModel
         The fitted grid about one half of a wing, the span 0 in the plane of symmetry, or what one of several processes
-        needs of it by `Partition.of`.
+        needs of it by `Partition.of`; or a mesh without structure about one, on one process.
     reference_area : float
         Of the half wing (m^2).
     reference_chord : float
@@ -104,7 +104,7 @@ class LatticeFlow(Copied, om.Group):
         def __init__(
             self,
             *,
-            model: Model,
+            model: Movable,
             reference_area: float | None = None,
             reference_chord: float = 1.0,
             moment_reference: Sequence[float] = (0.0, 0.0, 0.0),
@@ -118,7 +118,7 @@ class LatticeFlow(Copied, om.Group):
 
     def initialize(self) -> None:
         """Declare the options."""
-        declare_model(self, Model)
+        declare_model(self)
         declare_references(self.options)
         self.options.declare("n_chord", types=int, default=N_CHORD, lower=2, desc="nodes along the chord")
         self.options.declare("n_span", types=int, default=N_SPAN, lower=3, desc="nodes along the span")
@@ -138,25 +138,29 @@ class LatticeFlow(Copied, om.Group):
         settings = {name: self.options[name] for name in ("axes", "n_chord", "n_span", "ends")}
         camber = lattice_camber(surface, **settings)
         self.add_subsystem("camber", UnfoldedLattice(measure=camber), promotes_outputs=["*"])
-        partition = self._partition()
-        places, n_nodes = _places(partition, surface.rows)
+        rows = self._rows_held()
+        places, n_nodes = _places(rows, surface.rows)
         entries = (3 * places[:, None] + np.arange(3)).ravel()
         self.promotes("camber", inputs=[(SURFACE, GRID)], src_indices=entries, src_shape=(3 * n_nodes,))
-        if self.comm.size == 1 or model.ownership is None:  # a subdomain of several knows only its own
-            rows_here = np.concatenate([partition.subdomain(rank).rows for rank in range(partition.n_ranks)])
-            self.set_input_defaults(GRID, val=nodes_at(model, rows_here).ravel(), units="m")
+        if self.comm.size == 1:
+            nodes = model.node_map
+            self.set_input_defaults(GRID, val=nodes.nodes[: nodes.n_asked].ravel(), units="m")
+        elif model.ownership is None:  # a subdomain of several knows only its own
+            self.set_input_defaults(GRID, val=nodes_at(model, np.concatenate(rows)).ravel(), units="m")
         return camber
 
-    def _partition(self) -> Partition:
-        """Nodes of ``grid`` that each process holds, one after another."""
-        model = self.options["model"]
-        partition = Partition.of(model.topology, self.comm.size)
+    def _rows_held(self) -> list[np.ndarray]:
+        """Rows of the nodes of ``grid`` that each process holds, one after another."""
+        model, n_ranks = self.options["model"], self.comm.size
+        if n_ranks == 1 and model.ownership is None:
+            return [np.arange(model.n_nodes)]
+        partition = model.partition(n_ranks)
         if not model.fits(partition.subdomain(self.comm.rank)):
             raise InputError(
                 f"{self.msginfo}: the model is of another subdomain than those that Partition.of(model.topology, "
-                f"{self.comm.size}) gives this process; make it with that"
+                f"{n_ranks}) gives this process; make it with that"
             )
-        return partition
+        return [partition.subdomain(rank).rows for rank in range(n_ranks)]
 
 
 class UnfoldedLattice(SurfaceMeasure):
@@ -251,11 +255,10 @@ def _unit_stream() -> om.IndepVarComp:
     return stream
 
 
-def _places(partition: Partition, rows: np.ndarray) -> tuple[np.ndarray, int]:
+def _places(held: Sequence[np.ndarray], rows: np.ndarray) -> tuple[np.ndarray, int]:
     """Places of nodes among those that processes hold one after another, and the number of these."""
     places, start = np.empty_like(rows), 0
-    for rank in range(partition.n_ranks):
-        rows_here = partition.subdomain(rank).rows
+    for rows_here in held:
         order = np.argsort(rows_here, kind="stable")
         at = np.searchsorted(rows_here, rows, sorter=order)
         is_here = np.zeros(len(rows), dtype=bool)
