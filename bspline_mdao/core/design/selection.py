@@ -22,9 +22,8 @@ from scipy.spatial import cKDTree
 from ...base.checks import as_direction, as_numbers, as_vector
 from ...base.display import OneLine
 from ...errors import InputError
-from ..mesh.boundary import boundary_points, matching_patches
+from ..mesh.boundary import boundary_points, matching_names, matching_patches
 from ..mesh.moving_mesh import MovingMesh
-from ..model.fitted_model import FittedModel
 
 __all__ = [
     "InBlock",
@@ -129,10 +128,10 @@ class OnPatch(Selection):
 
     Parameters
     ----------
-    model : FittedModel
+    model : FittedModel or MeshModel
         The model that the mesh was made of.
     patches : str or sequence of str
-        Patches by name or pattern (``"wing*"``).
+        Patches by name or pattern (``"wing*"``), of a mesh without structure its walls.
 
     Examples
     --------
@@ -147,16 +146,21 @@ class OnPatch(Selection):
     True
     """
 
-    model: FittedModel
+    model: Any  # of mesh and topology, or of a mesh without structure
     patches: str | Sequence[str]
 
     def mask(self, mesh: MovingMesh) -> np.ndarray:
         """Whether each surface control point is on one of the patches."""
-        topology, blocks = self.model.topology, self.model.mesh.control_ids
-        if [ids.shape for ids in blocks] != [ids.shape for ids in mesh.blocks]:
-            raise InputError(f"selection: the mesh is not of {topology.source}; give OnPatch the model of the mesh")
-        wanted = matching_patches(topology, self.patches)
-        found = [ids for face, ids in boundary_points(topology, blocks) if face.patch in wanted]
+        model = self.model
+        if [ids.shape for ids in model.control_ids] != [ids.shape for ids in mesh.blocks]:
+            raise InputError(f"selection: the mesh is not of {model.source}; give OnPatch the model of the mesh")
+        if mesh.markers:  # of a mesh without structure
+            wanted = matching_names([name for name, *_ in mesh.markers], self.patches, model.source)
+            found = [ids for name, ids, _ in mesh.markers if name in wanted]
+        else:
+            wanted = matching_patches(model.topology, self.patches)
+            sides = boundary_points(model.topology, model.control_ids)
+            found = [ids for face, ids in sides if face.patch in wanted]
         return np.isin(mesh.surface_ids, np.concatenate([np.zeros(0, dtype=int), *found]))
 
     def __str__(self) -> str:

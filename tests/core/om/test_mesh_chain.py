@@ -14,7 +14,7 @@ from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.background.thin_plate import ThinPlate
 from bspline_mdao.core.movement.default_mover import default_mover
 from bspline_mdao.core.om.model_option import named_model
-from bspline_mdao.design import Chord, FreeForm, Lattice, Local, OnSideOfPlane, Sweep, Twist
+from bspline_mdao.design import Chord, FreeForm, Lattice, Local, OnPatch, OnSideOfPlane, Sweep, Twist
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
 from bspline_mdao.measures import (
@@ -197,6 +197,12 @@ def test_a_part_of_the_walls_moves_and_the_others_stay():
 def test_nodes_of_walls_are_named_by_their_markers():
     model = two_walls()
     mesh = moving_mesh(model)
+    for names in ("nose", "b*"):
+        surface, nose = SurfaceGrid.of(model, names), OnPatch(model, names)
+        np.testing.assert_array_equal(model.wall_rows[mesh.surface_ids[nose.mask(mesh)]], surface.rows)
+    assert OnPatch(model, "nose").mask(moving_mesh(model, "nose")).all()
+    with pytest.raises(InputError, match="no patch is called 'tail'; the patches are body, nose"):
+        OnPatch(model, "tail").mask(mesh)
     for marker, ids, numbers in mesh.markers:
         assert mesh.place_of_point(int(ids[-1])).startswith(f"node {numbers[-1]} of marker '")
         faces = np.concatenate([model.mesh.markers[name] for name in (marker,)])
