@@ -14,25 +14,23 @@ from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.background.mesh_map import MeshState
 from ...core.background.mesh_model import MeshModel
+from ...core.background.own_file import own_file
 from ...core.cad.files import SUFFIXES
 from ...core.design.named_deformations import parse_deformation
-from ...core.evaluation.spline_validity import certify_splines
 from ...core.movement.mover import Movement
 from ...errors import InputError, MovementError
-from ...grids.cells.certificate import Certificate
-from ...grids.io.meshes.files import MeshFile, check_same_format, read_mesh
+from ...grids.io.meshes.files import check_same_format
 from .cures import Trial, verdict
 from .mesh_fit import lattice_numbers, show_lattice
 from .move import MoveOptions, write_points
 from .moved_cells import MovedCells
+from .moved_mesh import MovedMesh
 from .movers import MoverOptions
 from .output import (
-    certificate_numbers,
     check_outputs,
     print_lines,
     print_title,
     print_warnings,
-    show_certificate,
     written_json,
 )
 
@@ -50,9 +48,13 @@ class _Moved:
     surface: np.ndarray
     movement: Movement
     state: MeshState
-    cells: MovedCells
-    certificate: Certificate
+    mesh: MovedMesh
     seconds: float
+
+    @property
+    def cells(self) -> MovedCells:
+        """Its cells before and after."""
+        return self.mesh.cells
 
 
 def move_mesh(
@@ -68,7 +70,7 @@ def move_mesh(
         model = MeshModel.load(model_file)
         files: list[Path | str] = [model_file, Path(model.mesh_file), *filter(os.path.isfile, options.deform)]
         check_outputs([output, json, options.surface], files)
-        file = _file_of(model_file, model)
+        file = own_file(model)
         check_same_format(model.mesh_file, output)
         progress(0.4, "moving")
         moved = _move(model, options)
@@ -97,19 +99,6 @@ def _refuse_others(model_file: Path, options: MoveOptions) -> None:
         )
 
 
-def _file_of(model_file: Path, model: MeshModel) -> MeshFile:
-    """The mesh's own file, in which other nodes are written."""
-    if not os.path.exists(model.mesh_file):
-        raise InputError(
-            f"{model_file}: the mesh that it was made of, {model.mesh_file}, is not there, and moved nodes are written "
-            f"into a copy of it; put it back, or fit it where it is now"
-        )
-    file = read_mesh(model.mesh_file)
-    if not np.array_equal(file.mesh.points, model.mesh.points):
-        raise InputError(f"{model.mesh_file}: has changed since {model_file} was made of it; fit it again")
-    return file
-
-
 def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     """Make the move and measure it."""
     start = time.process_time()
@@ -118,12 +107,8 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     movement = model.mover_of(mesh).move(model.control_points, surface)
     state = model.node_map.at(movement.points)
     seconds = time.process_time() - start
-    walls = model.node_map.embedded.walls
-    assert walls is not None
-    ratios = walls.heights(state.nodes) / walls.heights(model.mesh.points)
-    splines = certify_splines(model.lattice.mesh, movement.points[len(model.wall_rows) :], ("the lattice",))
-    cells = MovedCells.of(model.mesh, state.nodes, ratios)
-    return _Moved(model, surface, movement, state, cells, Certificate((), splines), seconds)
+    judged = MovedMesh.of(model, movement.points, state.nodes)
+    return _Moved(model, surface, movement, state, judged, seconds)
 
 
 def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
@@ -167,8 +152,7 @@ def _numbers(model_file: Path, output: Path, moved: _Moved, options: MoveOptions
         **lattice_numbers(model),
         "largest_displacement": float(np.linalg.norm(moved.state.nodes - model.mesh.points, axis=1).max()),
         "digits": moved.movement.report.digits,
-        **moved.cells.numbers(),
-        "certificate": certificate_numbers(moved.certificate),
+        **moved.mesh.numbers(),
         "seconds": moved.seconds,
     }
 
@@ -181,9 +165,6 @@ def _show(output: Path, moved: _Moved) -> None:
     largest = np.linalg.norm(moved.state.nodes - mesh.points, axis=1).max()
     print_lines([f"nodes moved by up to {largest:.3g} m"])
     show_lattice(model)
-    smallest = "smallest area (m^2)" if mesh.n_copies == 2 else "smallest volume (m^3)"
-    moved.cells.show(smallest)
-    show_certificate(moved.certificate)
-    moved.cells.show_heights()
+    moved.mesh.show()
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
-    print_warnings(moved.cells.warnings())
+    print_warnings(moved.mesh.warnings())

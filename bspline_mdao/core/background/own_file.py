@@ -1,0 +1,59 @@
+"""The file that the model of a mesh was made of: moved nodes are written into a copy of it.
+
+All else in it is kept, and so is its format.
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from ...errors import InputError
+from ...grids.io.meshes.files import MeshFile, read_mesh
+from .mesh_model import MeshModel
+
+__all__ = ["own_file"]
+
+
+def own_file(model: MeshModel) -> MeshFile:
+    r"""Read the file that the model of a mesh was made of.
+
+    Parameters
+    ----------
+    model : MeshModel
+        The model, by `fit_mesh` or loaded.
+
+    Returns
+    -------
+    MeshFile
+        With ``write(path, points)``, which writes the file with other nodes.
+
+    Raises
+    ------
+    InputError
+        If the file is not there any more, or has other nodes than the model.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from bspline_mdao.meshes import fit_mesh, own_file
+    >>> nodes = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "cell.su2")
+    ...     marker = "NMARK= 1\nMARKER_TAG= wing\nMARKER_ELEMS= 1\n5 0 1 2\n"
+    ...     _ = path.write_text(f"NDIME= 3\nNELEM= 1\n10 0 1 2 3\nNPOIN= 4\n{nodes}{marker}")
+    ...     own_file(fit_mesh(path)).mesh.n_points
+    4
+    """
+    origin = f"the model {model.file}" if model.file else "the model"
+    if not model.mesh_file or not os.path.exists(model.mesh_file):
+        raise InputError(
+            f"{model.mesh_file or model.source}: is not there, and moved nodes are written into a copy of the mesh "
+            f"that {origin} was made of; put it back, or fit it where it is now"
+        )
+    file = read_mesh(model.mesh_file)
+    if not np.array_equal(file.mesh.points, model.mesh.points):
+        raise InputError(f"{model.mesh_file}: has changed since {origin} was made of it; fit it again")
+    return file

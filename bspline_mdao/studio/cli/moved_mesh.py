@@ -1,0 +1,53 @@
+"""What commands say of a mesh without structure that was moved: cells, heights at walls, and the certificate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.background.mesh_model import MeshModel
+from ...core.evaluation.spline_validity import certify_splines
+from ...grids.cells.certificate import Certificate
+from .moved_cells import MovedCells
+from .output import certificate_numbers, show_certificate
+
+__all__ = ["MovedMesh"]
+
+
+@dataclass(frozen=True, eq=False)
+class MovedMesh:
+    """Cells of a mesh before and after a move, and the certificate of its lattice."""
+
+    cells: MovedCells
+    certificate: Certificate
+    is_plane: bool  # whether the mesh is of two dimensions
+
+    @classmethod
+    def of(
+        cls,
+        model: MeshModel,  # the mesh
+        control_points: np.ndarray,  # (n_control_points, 3), where they are now
+        nodes: np.ndarray,  # (n_nodes, 3), where the nodes are
+    ) -> MovedMesh:
+        """Measure a mesh that was moved."""
+        walls = model.node_map.embedded.walls
+        assert walls is not None
+        ratios = walls.heights(nodes) / walls.heights(model.mesh.points)
+        splines = certify_splines(*model.splines_at(control_points), model.spline_names)
+        cells = MovedCells.of(model.mesh, nodes, ratios)
+        return cls(cells, Certificate((), splines), model.mesh.n_copies == 2)
+
+    def numbers(self) -> dict:
+        """Collect them for JSON."""
+        return {**self.cells.numbers(), "certificate": certificate_numbers(self.certificate)}
+
+    def show(self) -> None:
+        """Print them."""
+        self.cells.show("smallest area (m^2)" if self.is_plane else "smallest volume (m^3)")
+        show_certificate(self.certificate)
+        self.cells.show_heights()
+
+    def warnings(self) -> list[str]:
+        """List what is wrong with the cells."""
+        return self.cells.warnings()
