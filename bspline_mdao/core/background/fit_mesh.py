@@ -13,7 +13,8 @@ from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.skin_parts import with_markers
 from ...grids.io.marker_guess import MarkerGuess
 from ...grids.io.marker_kinds import marker_kinds, undecided
-from ...grids.io.meshes.files import read_mesh
+from ...grids.io.meshes.blocks import read_marked_grid
+from ...grids.io.meshes.files import is_mesh, read_mesh
 from .background_lattice import DEFAULTS, LatticeSettings
 from .mesh_model import MeshModel
 
@@ -28,9 +29,11 @@ def fit_mesh(
     Parameters
     ----------
     path : path-like
-        The file, or OpenFOAM's folder ``polyMesh``, see `read_mesh`.
+        The file, or OpenFOAM's folder ``polyMesh``, see `read_mesh`; or a structured grid, PLOT3D or CGNS, see
+        `read_grid`, whose blocks all move by the same lattice, whether they are joined or overlap.
     patches : path-like, optional
-        TOML file with the kinds of its markers, see `read_kinds`; what it leaves out is guessed, see `guess_kinds`.
+        TOML file with the kinds of its markers, see `read_kinds`; what it leaves out is guessed, see `guess_kinds`. Of
+        a grid its patches, see `read_patches`.
     settings : LatticeSettings
         What the lattice is like.
 
@@ -64,6 +67,14 @@ def read_marked_mesh(
     path: str | os.PathLike, patches: str | os.PathLike | None
 ) -> tuple[MixedMesh, dict[str, MarkerGuess]]:
     """Read a mesh and what its markers are; `InputError` if that does not say what moves."""
+    if not is_mesh(path):
+        marked = read_marked_grid(path, patches)
+        if not any(guess.kind == "wall" for guess in marked.kinds.values()):
+            raise InputError(
+                f"{path}: no patch is a wall, or looks like one, so that nothing moves; 'bspline-mdao inspect {path} "
+                f"--draft patches.toml' writes patches to mend, for --patches patches.toml"
+            )
+        return marked.mesh, marked.kinds
     mesh = with_markers(read_mesh(path).mesh)
     kinds = marker_kinds(mesh, patches)
     complaint = undecided(mesh, kinds)

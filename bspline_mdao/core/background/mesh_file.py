@@ -8,6 +8,7 @@ Layout, version 1::
     /cells/<kind>           corners of the cells of each kind
     /markers/<n>            (n_faces, 4) faces of the markers, in the order of the document
     /faces, /face_cells     faces of polyhedra and their cells, where there are some
+    /numbers                (n_file,) node that each node of the file is, of a grid of blocks
 
 Lattice, planes and all else are made again from these. The mesh's own file, in whose bytes moved nodes are written, is
 not in it: its place is.
@@ -55,6 +56,8 @@ def arrays_of(mesh: MixedMesh) -> dict[str, np.ndarray]:
     arrays |= {f"markers/{n}": faces for n, faces in enumerate((mesh.markers or {}).values())}
     if mesh.polyhedra is not None:
         arrays["faces"], arrays["face_cells"] = mesh.polyhedra
+    if mesh.numbers is not None:
+        arrays["numbers"] = mesh.numbers
     return arrays
 
 
@@ -104,5 +107,6 @@ def read_mesh_model(path: str | os.PathLike) -> tuple[MixedMesh, dict[str, str],
         cells = {kind: stored[f"cells/{kind}"] for kind in document["cells"]}
         markers = {name: stored[f"markers/{n}"] for n, name in enumerate(document["markers"])}
         polyhedra = (stored["faces"], stored["face_cells"]) if "faces" in stored else None
-        mesh = MixedMesh(stored["points"], cells, markers, polyhedra, document["source"], document["n_copies"])
+        points, source, n_copies = stored["points"], document["source"], document["n_copies"]
+        mesh = MixedMesh(points, cells, markers, polyhedra, source, n_copies, numbers=stored.get("numbers"))
         return mesh, document["kinds"], LatticeSettings(**document["settings"]), mesh_file

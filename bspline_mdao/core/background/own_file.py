@@ -10,19 +10,22 @@ import os
 import numpy as np
 
 from ...errors import InputError
-from ...grids.io.meshes.files import MeshFile, read_mesh
+from ...grids.io.meshes.blocks import open_blocks
+from ...grids.io.meshes.files import MeshFile, check_same_format, read_mesh
 from .mesh_model import MeshModel
 
 __all__ = ["own_file"]
 
 
-def own_file(model: MeshModel) -> MeshFile:
+def own_file(model: MeshModel, output: str | os.PathLike | None = None) -> MeshFile:
     r"""Read the file that the model of a mesh was made of.
 
     Parameters
     ----------
     model : MeshModel
         The model, by `fit_mesh` or loaded.
+    output : path-like, optional
+        Where moved nodes are to be written: a name of the same format.
 
     Returns
     -------
@@ -32,7 +35,7 @@ def own_file(model: MeshModel) -> MeshFile:
     Raises
     ------
     InputError
-        If the file is not there any more, or has other nodes than the model.
+        If the file is not there any more, or has other nodes than the model, or ``output`` promises another format.
 
     Examples
     --------
@@ -53,6 +56,13 @@ def own_file(model: MeshModel) -> MeshFile:
             f"{model.mesh_file or model.source}: is not there, and moved nodes are written into a copy of the mesh "
             f"that {origin} was made of; put it back, or fit it where it is now"
         )
+    if model.mesh.numbers is not None:
+        grid = open_blocks(model.mesh_file, model.mesh)
+        if output is not None:
+            grid.check_name(output)
+        return grid
+    if output is not None:
+        check_same_format(model.mesh_file, output)
     file = read_mesh(model.mesh_file)
     if not np.array_equal(file.mesh.points, model.mesh.points):
         raise InputError(f"{model.mesh_file}: has changed since {origin} was made of it; fit it again")

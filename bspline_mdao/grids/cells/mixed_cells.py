@@ -101,6 +101,9 @@ class MixedMesh(OneLine):
         What the file says that markers are: types of OpenFOAM's patches, or of CGNS's boundary conditions.
     polygons : ndarray of int, shape (n_faces,), optional
         Which polygon each face of ``polyhedra`` is, or a piece of; each is one by itself by default.
+    numbers : ndarray of int, shape (n_file,), optional
+        Which of its nodes each node of its file is, where the file is a grid of blocks, which share nodes: blocks in
+        order, each in C order.
 
     Raises
     ------
@@ -126,6 +129,7 @@ class MixedMesh(OneLine):
     n_copies: int = 1
     stated: Mapping[str, str] | None = None
     polygons: np.ndarray | None = None
+    numbers: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no mesh, whoever reads it."""
@@ -162,6 +166,14 @@ class MixedMesh(OneLine):
     def n_stored(self) -> int:
         """Number of nodes of its file."""
         return self.n_points // self.n_copies
+
+    def nodes_of_file(self, points: np.ndarray) -> np.ndarray:
+        """Give nodes of the mesh, shape (n, 3), in the order of its file.
+
+        Of a grid of blocks that is what its vector holds, shape (n_file, 3), nodes that blocks share once in each.
+        """
+        points = self.as_nodes(points)
+        return points[: self.n_stored] if self.numbers is None else points[self.numbers]
 
     def stored_ids(self, ids: np.ndarray) -> np.ndarray:
         """Numbers in its file of some nodes, ascending, each once."""

@@ -156,10 +156,16 @@ def inspect(**options: Any) -> None:
 @click.option("--no-wall-layer", is_flag=True, help="Do not let nodes near walls follow them as a rigid body.")
 @click.option("--no-certify", is_flag=True, help="Do not prove, element by element, that the splines are valid.")
 @click.option(
+    "--lattice",
+    is_flag=True,
+    help="Move all blocks of the grid by one lattice of B-splines around it, as a mesh without structure, instead of "
+    "fitting each of them.",
+)
+@click.option(
     "--spacing",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="H",
-    help="Of a mesh without structure: width of the spans of the lattice around its walls, by default a tenth of the "
+    help="Of a lattice: width of the spans of the lattice around its walls, by default a tenth of the "
     "longest side of their box.",
 )
 @units_option

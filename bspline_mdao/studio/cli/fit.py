@@ -56,7 +56,8 @@ def fit_model(
     no_wall_layer: bool = False,
     no_certify: bool = False,  # do not prove which elements of the splines are valid everywhere
     units: str | None = None,  # unit of lengths, where the file does not say it
-    spacing: float | None = None,  # width of the spans of the lattice around the walls of a mesh without structure (m)
+    lattice: bool = False,  # move the blocks of a grid by one lattice in the background, too
+    spacing: float | None = None,  # width of the spans of the lattice around the walls (m)
 ) -> None:
     """Fit a grid, write the model and show how good it is."""
     # Several processes read, fit and write whole blocks each.
@@ -64,13 +65,13 @@ def fit_model(
     check_outputs([output, json], [file_of(grid_name), patches], comm)
     if output.suffix != MODEL:
         raise InputError(f"{output}: a fitted model is an HDF5 file; name it .h5")
-    if file_of(grid_name) and is_mesh(grid_name):
+    if lattice and not file_of(grid_name):
+        raise InputError(f"{grid_name}: is in no file, in which --lattice would write moved nodes; leave it out")
+    if file_of(grid_name) and (lattice or is_mesh(grid_name)):
         fit_mesh(grid_name, output, json, patches, spacing)
         return
     if spacing is not None:
-        raise InputError(
-            f"{grid_name}: is a grid of blocks; --spacing is of the lattice around a mesh without structure"
-        )
+        raise InputError(f"{grid_name}: is a grid of blocks; --spacing is of the lattice of --lattice")
     options: dict[str, Any] = {
         "n_control": n_control,
         "order": order,

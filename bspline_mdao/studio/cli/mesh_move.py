@@ -19,7 +19,6 @@ from ...core.cad.files import SUFFIXES
 from ...core.design.named_deformations import parse_deformation
 from ...core.movement.mover import Movement
 from ...errors import InputError, MovementError
-from ...grids.io.meshes.files import check_same_format
 from .cures import Trial, verdict
 from .mesh_fit import lattice_numbers, show_lattice
 from .move import MoveOptions, write_points
@@ -70,8 +69,7 @@ def move_mesh(
         model = MeshModel.load(model_file)
         files: list[Path | str] = [model_file, Path(model.mesh_file), *filter(os.path.isfile, options.deform)]
         check_outputs([output, json, options.surface], files)
-        file = own_file(model)
-        check_same_format(model.mesh_file, output)
+        file = own_file(model, output)
         progress(0.4, "moving")
         moved = _move(model, options)
         if len(moved.cells.newly_inverted) and not options.allow_invalid:

@@ -1,0 +1,106 @@
+"""Grids of blocks taken as meshes: PLOT3D and CGNS with structured zones, written back with other nodes.
+
+Format: ``docs/theory/grid_files.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ....base.display import OneLine
+from ....errors import InputError
+from ...cells.grid_mesh import grid_mesh
+from ...cells.mixed_cells import MixedMesh
+from ...topology.detection import find_topology
+from ...topology.grid import Grid
+from ...topology.topology import Topology
+from ..cgns import CgnsDialect
+from ..files import check_grid_name, read_grid, write_grid
+from ..formats import format_of_name
+from ..marker_guess import MarkerGuess, guess_kinds
+from ..patch_certainty import FaceGuess, how_sure
+from ..patch_guess import guess_undeclared
+from ..patches import read_patches
+from ..plane_grids import PlaneDialect, lift_plane_grid
+
+__all__ = ["BlockMeshFile", "MarkedGrid", "open_blocks", "read_marked_grid"]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMeshFile(OneLine):
+    """A grid of blocks as a mesh, and its file."""
+
+    mesh: MixedMesh  # the mesh
+    grid: Grid  # the grid of the file
+
+    def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
+        """Write the file with other nodes, shape (n, 3), whole or not at all; all else in it stays."""
+        self.check_name(path)
+        moved = self.grid.with_vector(self.mesh.nodes_of_file(points).ravel())
+        topology = None
+        if isinstance(moved.dialect, CgnsDialect):  # no interface that the file does not declare is added
+            topology = replace(find_topology(self.grid), interfaces=())
+        write_grid(path, moved, topology)
+
+    def check_name(self, path: str | os.PathLike) -> None:
+        """Refuse a name that promises another format than that of the file."""
+        check_grid_name(path, self.grid)
+        dialect, named = self.grid.dialect, format_of_name(Path(path))
+        own = "CGNS" if isinstance(dialect, CgnsDialect) else "PLOT3D"
+        if named is not None and named.name != own and Path(path).suffix != Path(self.grid.source).suffix:
+            raise InputError(f"{path}: the grid is written as it is read, as {own}; name it so")
+
+
+@dataclass(frozen=True, eq=False)
+class MarkedGrid(OneLine):
+    """A grid of blocks as a mesh, and what its boundary is."""
+
+    mesh: MixedMesh  # the mesh, with patches and guessed patches as markers
+    kinds: dict[str, MarkerGuess]  # what each of them is
+    grid: Grid  # the grid, a plane one lifted to one cell
+    topology: Topology  # its topology
+
+
+def read_marked_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None) -> MarkedGrid:
+    """Read a grid of blocks as a mesh, with what its patches are; `InputError` if it cannot be used."""
+    grid = lift_plane_grid(read_grid(path))
+    return marked_grid(grid if patches is None else read_patches(patches, grid))
+
+
+def marked_grid(grid: Grid) -> MarkedGrid:
+    """Take a grid as a mesh: declared patches are markers, and what nobody declared is guessed."""
+    topology = find_topology(grid)
+    guesses = guess_undeclared(grid, topology)
+    names = {face.window: face.patch for face in topology.boundary if face.patch is not None}
+    names |= {guess.window: guess.name for guess in guesses}
+    lifted = grid.dialect.directions if isinstance(grid.dialect, PlaneDialect) else None
+    mesh = grid_mesh(grid, topology, names, lifted)
+    known = {patch.name: MarkerGuess(patch.kind, "sure", "declared") for patch in grid.patches if patch.kind != "other"}
+    known |= _guessed(guesses)
+    known = {name: guess for name, guess in known.items() if name in (mesh.markers or {})}
+    return MarkedGrid(mesh, guess_kinds(mesh, known), grid, topology)
+
+
+def _guessed(guesses: tuple[FaceGuess, ...]) -> dict[str, MarkerGuess]:
+    """What guessed patches are, and how sure that is."""
+    found = {}
+    kinds = {guess.name: guess.kind for guess in guesses}
+    for name, sure in zip(kinds, how_sure(guesses)):
+        is_periodic = name.startswith("periodic")
+        found[name] = MarkerGuess("periodic" if is_periodic else kinds[name], sure.level, sure.reason)
+    return found
+
+
+def open_blocks(path: str | os.PathLike, mesh: MixedMesh) -> BlockMeshFile:
+    """Open the file that a mesh of blocks was made of, to write moved nodes; `InputError` if it has changed."""
+    grid = read_grid(path)
+    numbers = mesh.numbers
+    assert numbers is not None
+    nodes, (_, first) = grid.to_vector().reshape(-1, 3), np.unique(numbers, return_index=True)
+    if len(nodes) != len(numbers) or not np.array_equal(nodes[first], mesh.points[: mesh.n_stored]):
+        raise InputError(f"{path}: has changed since it was fitted; fit it again")
+    return BlockMeshFile(mesh, grid)

@@ -1,0 +1,39 @@
+"""Component grids that overlap: two balls in their own grids, which lie in a box of cells."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bspline_mdao.generators import ball_grid
+from bspline_mdao.grids import Patch, Window
+from bspline_mdao.grids.topology.grid import Block, Grid
+
+CENTRES = ((-0.8, 0.0, 0.0), (0.9, 0.3, 0.1))
+RADII = (0.5, 0.35)
+
+
+def component(number: int, shape: Sequence[int]) -> Grid:
+    """Grid of six blocks around a ball, with a wall and an open outer boundary."""
+    grid = ball_grid(tuple(shape), far=2.0)
+    nodes = [RADII[number] * block.nodes + CENTRES[number] for block in grid.blocks]
+    blocks = tuple(Block(x, f"ball {number + 1} block {n}") for n, x in enumerate(nodes, start=1))
+    wall = next(patch for patch in grid.patches if patch.kind == "wall")
+    return replace(grid, blocks=blocks, patches=(replace(wall, name=f"ball_{number + 1}"),))
+
+
+def overset_grid(n: int = 7, n_background: int = 13) -> Grid:
+    """Both balls and the box, whose sides are a far field; outer boundaries of the balls' grids are undeclared."""
+    parts = [component(0, (n, n, n, n)), component(1, (n - 1, n - 1, n - 1, n - 2))]
+    axes = [np.linspace(-size, size, n_background + extra) for size, extra in ((3.0, 4), (2.5, 0), (2.4, 1))]
+    box = Block(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1), "box")
+    blocks: list[Block] = []
+    patches: list[Patch] = []
+    for part in parts:
+        for patch in part.patches:
+            windows = tuple(replace(w, block=w.block + len(blocks)) for w in patch.windows)
+            patches.append(replace(patch, windows=windows))
+        blocks += part.blocks
+    whole = Window.whole(len(blocks), box.shape)
+    far = Patch("far", "farfield", tuple(whole.face(side) for side in range(6)))
+    return Grid((*blocks, box), (*patches, far), source="balls")
