@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from bspline_mdao import read_grid
 from bspline_mdao.core.walls.closest_points import TriangleTree
-from bspline_mdao.core.walls.closest_search import FARTHEST
+from bspline_mdao.core.walls.closest_search import FARTHEST, SAME_DISTANCE, _by_lines, _closest
 from bspline_mdao.core.walls.frames import WallFrames
 from bspline_mdao.core.walls.layer import CHUNK_NODES, WallLayer
 from bspline_mdao.core.walls.wall import Wall
@@ -106,15 +106,20 @@ def test_points_beside_a_plate_without_thickness_stand_on_their_own_side():
     np.testing.assert_array_equal(tree.triangles[closest.triangles].max(axis=1) < 4, [True, False, True])
 
 
-@pytest.mark.slow
-def test_boxes_that_are_left_out_hold_no_closest_point():
-    # a thin wavy body, open at both ends, with a sharp edge behind
-    rng = np.random.default_rng(5)
-    turn, z = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 60), np.linspace(0.0, 2.0, 17))
+def wavy_body(rng, n_around, n_along):
+    """Nodes and quads of a thin wavy body, open at both ends, with a sharp edge behind."""
+    turn, z = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, n_around), np.linspace(0.0, 2.0, n_along))
     x, y = np.cos(0.5 * turn) ** 2, 0.06 * np.sin(turn) * (1.0 + 0.3 * np.cos(9.0 * turn + 4.0 * z))
     ids = np.arange(turn.size).reshape(turn.shape)
     ids[:, -1] = ids[:, 0]
     points = np.stack([x, y, z], axis=-1).reshape(-1, 3) + 1e-4 * rng.standard_normal((turn.size, 3))
+    return points, ids
+
+
+@pytest.mark.slow
+def test_boxes_that_are_left_out_hold_no_closest_point():
+    rng = np.random.default_rng(5)
+    points, ids = wavy_body(rng, 60, 17)
     for quads in (quads_in_turn(ids), quads_in_turn(ids)[:, ::-1]):  # seen from outside and from inside
         tree = TriangleTree.of(points, quads, np.full(len(points), 0.5))
         at = rng.uniform([-0.2, -0.2, -0.1], [1.2, 0.2, 2.1], (2011, 3))
@@ -123,6 +128,25 @@ def test_boxes_that_are_left_out_hold_no_closest_point():
         for name in ("points", "starts", "triangles", "barycentric", "weights"):
             np.testing.assert_array_equal(getattr(with_cones, name), getattr(without, name))
     assert np.count_nonzero(tree.cones[:, 3]) > 0.3 * len(tree.cones)
+
+
+def test_lines_to_corners_settle_what_distances_do():
+    rng = np.random.default_rng(6)
+    points, ids = wavy_body(rng, 14, 5)
+    tree = TriangleTree.of(points, quads_in_turn(ids), np.full(len(points), 0.5))
+    around, place, verdicts = (tree.around_starts, tree.around), np.empty(3), []
+    for p in points[::2] + rng.uniform([-0.01, 0.0, -0.01], [0.01, 0.1, 0.01], (35, 3)):
+        squares = np.array([_closest(*tree.points[corners], p, place) for corners in tree.triangles])
+        for t in np.argsort(squares)[:20]:
+            near = np.sqrt(_closest(*tree.points[tree.triangles[t]], p, place)) * (1.0 - SAME_DISTANCE)
+            if place.min() == 0.0:
+                beside = np.all([(tree.triangles == k).any(axis=1) for k in tree.triangles[t, place > 0.0]], axis=0)
+                verdict = _by_lines(p, t, near, place, tree.points, tree.triangles, *around)
+                verdicts.append((verdict, np.sqrt(squares[beside].min()) >= near))
+    verdict, is_least = np.array(verdicts).T
+    np.testing.assert_array_equal(verdict[verdict != 0] > 0, is_least[verdict != 0] > 0)
+    assert np.count_nonzero(verdict == 0) < 0.1 * len(verdict)
+    assert np.count_nonzero(is_least) > 0.02 * len(verdict)
 
 
 def test_ahead_of_a_nose_of_narrow_faces_no_farther_place_steps_in():
