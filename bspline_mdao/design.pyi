@@ -5,6 +5,8 @@ from .core.design.displacement import Local as Local
 from .core.design.free_form import FreeForm as FreeForm
 from .core.design.interior_points import InteriorPoints as InteriorPoints
 from .core.design.lattice import Lattice as Lattice
+from .core.design.lattice_blocks import LatticeBlocks as LatticeBlocks
+from .core.design.lattice_file import read_lattice as read_lattice
 from .core.design.motion import UnsteadyGrid as UnsteadyGrid
 from .core.design.motion import flapping as flapping
 from .core.design.motion import pitching as pitching

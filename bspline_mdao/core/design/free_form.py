@@ -18,7 +18,7 @@ import numpy as np
 from ...base.display import OneLine
 from ...errors import InputError
 from .displacement import Direction, Displacement, directions_of, displacements
-from .lattice import Embedding, Lattice
+from .embedding import Embedding, FreeFormVolumes
 from .variable import AuxiliaryPoints, Layout
 
 __all__ = ["FreeForm"]
@@ -40,10 +40,12 @@ class FreeForm(OneLine):
     ----------
     name : str
         Name of the variable.
-    lattice : Lattice
+    lattice : Lattice or LatticeBlocks
         The lattice.
-    where : index expression or ndarray of bool, shape (n0, n1, n2), optional
-        Which of its points, as numpy indexes an array: ``np.s_[:, :, 1:]``; all by default.
+    where : index expression or ndarray of bool, optional
+        Which of its points, as numpy indexes an array of shape (n0, n1, n2): ``np.s_[:, :, 1:]``; or a mask of all,
+        such as ``lattice.within(...)``. Of several blocks, a mask, or index expressions by block: ``{0: np.s_[1:]}``.
+        All by default.
     direction : str or array_like
         Coordinate axes by name, ``"y"`` or several as in ``"xyz"``; a vector, shape (3,); or vectors of the points
         that are left, shape (n, 3) or (n, 3, m).
@@ -63,7 +65,7 @@ class FreeForm(OneLine):
     """
 
     name: str
-    lattice: Lattice
+    lattice: FreeFormVolumes
     where: Any = ...
     direction: Direction = "xyz"
     units: str | None = "m"
@@ -100,7 +102,7 @@ class FreeForm(OneLine):
     def _ids(self, embedding: Embedding, layout: Layout) -> np.ndarray:
         rows = layout.mesh.once(np.arange(layout.n_surface))
         weights = embedding.weights[rows].max(axis=0).toarray().ravel()
-        is_asked, is_fixed = self._is_asked(), embedding.is_fixed.ravel()
+        is_asked, is_fixed = self._is_asked(), embedding.is_fixed
         ids = np.flatnonzero(is_asked & ~is_fixed & (weights >= IDLE))
         if not len(ids):
             asked, fixed = np.count_nonzero(is_asked), np.count_nonzero(is_asked & is_fixed)
@@ -113,9 +115,7 @@ class FreeForm(OneLine):
 
     def _is_asked(self) -> np.ndarray:
         """Whether ``where`` chooses each point of the lattice."""
-        is_asked = np.zeros(self.lattice.control_points.shape[:3], dtype=bool)
         try:
-            is_asked[self.where] = True
+            return self.lattice.chosen(self.where)
         except IndexError as error:
-            raise InputError(f"'{self.name}': where: {error}; the lattice has {is_asked.shape} points") from None
-        return is_asked.ravel()
+            raise InputError(f"'{self.name}': where: {error}; the lattice has {self.lattice.counts} points") from None

@@ -34,6 +34,7 @@ from .deformation import (
     Translate,
     random_bumps,
 )
+from .lattice_deformation import LatticeDeformation, moved_lattice
 
 __all__ = [
     "DEFORMATIONS",
@@ -253,7 +254,8 @@ def _parse(text: str) -> Request:
 
 
 def _requests(text: str) -> Sequence[Request | Path]:
-    return [Path(text)] if Path(text).suffix.lower() in SUFFIXES else parse_requests(text)
+    is_file = Path(text).suffix.lower() in SUFFIXES and not text.startswith("ffd=")
+    return [Path(text)] if is_file else parse_requests(text)
 
 
 def _make(request: Request | Path, surface: _Surface) -> PointMap:
@@ -305,6 +307,13 @@ def _pitch(request: Request, surface: _Surface) -> Pitch:
     return Pitch(surface.frame, request.angle(), request.number("@", 0.25))
 
 
+def _lattice(request: Request, surface: _Surface) -> LatticeDeformation:
+    request.only("to")
+    if "to" not in request.options:
+        raise request.fail("say where its points go, such as ffd=box.xyz,to=moved.xyz")
+    return moved_lattice(request.value, request.options["to"])
+
+
 def _translate(request: Request, surface: _Surface) -> Translate:
     request.only()
     return Translate(np.array(request.vector()))
@@ -331,5 +340,6 @@ DEFORMATIONS = {
     "pitch": _pitch,
     "translate": _translate,
     "bumps": _bumps,
+    "ffd": _lattice,
 }
 """Deformations by name, each made of a request and a surface."""

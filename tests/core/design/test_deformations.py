@@ -22,9 +22,10 @@ from bspline_mdao.core.design.deformation import (
     random_bumps,
     vjp,
 )
+from bspline_mdao.core.design.lattice_deformation import LatticeDeformation
 from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints
 from bspline_mdao.core.mesh.frame import Plane, mesh_planes, surface_frame
-from bspline_mdao.design import parse_deformation
+from bspline_mdao.design import Lattice, parse_deformation
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.io.patch_guess import guess_patches
 from bspline_mdao.movers import moving_mesh
@@ -56,6 +57,14 @@ def swept_wing(n=60, seed=0):
     return points + np.outer(0.4 * points[:, 2], [1, 0, 0])
 
 
+def lattice_map(points):
+    """A bent lattice around points, its own points moved at random."""
+    x = Lattice.box(points, n=(4, 3, 4), margin=0.3).control_points
+    lattice = Lattice(x + 0.1 * np.sin(x[..., [2, 0, 1]] * [1.0, 2.0, 0.0]))
+    displacement = 0.2 * np.random.default_rng(3).standard_normal(lattice.points.shape)
+    return LatticeDeformation(lattice, displacement, 1.4)
+
+
 def maps_of(points, planes=(SYMMETRY,)):
     frame = surface_frame(points, planes)
     return {
@@ -71,6 +80,7 @@ def maps_of(points, planes=(SYMMETRY,)):
         "translate": Translate(np.array([0.1, 0.2, 0.0]), 1.5),
         "bumps": random_bumps(points, 0.05, 0.8, seed=4, planes=planes),
         "given": PrescribedPoints(points[::-1], 0.3),
+        "ffd": lattice_map(points),
     }
 
 
@@ -215,7 +225,7 @@ def test_bumps_leave_several_planes_of_symmetry_in_place():
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in maps_of(swept_wing()) if name not in ("translate", "bumps", "given")]
+    "name", [name for name in maps_of(swept_wing()) if name not in ("translate", "bumps", "given", "ffd")]
 )
 @pytest.mark.parametrize("angle", [0.0, 0.5])
 def test_deformations_turn_with_the_surface_and_its_plane(name, angle):
@@ -280,7 +290,25 @@ def test_points_on_the_symmetry_plane_stay_exactly_in_it(model, mesh, surface, s
 
 def test_every_name_is_tried_above():
     tried = test_points_on_the_symmetry_plane_stay_exactly_in_it.pytestmark[0].args[1]
-    assert {spec.split("=")[0] for spec in tried} == set(DEFORMATIONS)
+    assert {spec.split("=")[0] for spec in tried} | {"ffd"} == set(DEFORMATIONS)  # which takes files, see below
+
+
+def test_a_lattice_deforms_as_its_points_move_from_one_file_to_the_other(model, mesh, surface, tmp_path):
+    before = Lattice.box(mesh, n=(4, 2, 3), margin=0.1).control_points
+    matrix = np.array([[1.1, 0.2, 0.3], [0.0, 0.9, 0.1], [0.0, 0.0, 1.2]])
+    for name, points in {"box": before, "moved": before @ matrix.T}.items():
+        numbers = " ".join(map(repr, points.transpose(3, 2, 1, 0).ravel().tolist()))
+        (tmp_path / f"{name}.xyz").write_text(f"1\n4 2 3\n{numbers}\n")
+    box, moved = tmp_path / "box.xyz", tmp_path / "moved.xyz"
+    deformation = parse_deformation(f"ffd={box},to={moved}", model, mesh)
+    np.testing.assert_allclose(deformation.apply(surface), surface @ matrix.T, atol=1e-13)
+    with pytest.raises(InputError, match="say where its points go"):
+        parse_deformation(f"ffd={box}", model, mesh)
+    with pytest.raises(InputError, match=r"\d+ of \d+ points of the surface lie outside, by up to .* m, the first at"):
+        parse_deformation(f"stretch=2+ffd={box},to={moved}", model, mesh)
+    moved.write_text(moved.read_text().replace("4 2 3", "2 4 3"))
+    with pytest.raises(InputError, match=r"moved.xyz: has \(2, 4, 3\) points, and .*box.xyz has \(4, 2, 3\)"):
+        parse_deformation(f"ffd={box},to={moved}", model, mesh)
 
 
 def test_deformations_are_done_one_after_the_other_each_on_what_the_last_has_left(model, mesh, surface):
