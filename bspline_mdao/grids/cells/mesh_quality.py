@@ -5,9 +5,12 @@
 - *Skewness* of a face: how far the point in which that line meets it is from its centre, by the extent of the face from
   its centre in that direction, but at least a fifth of the length of the line. At the boundary the line is that along
   the normal from the centre of the cell, and two fifths of its length count.
+- *Face pyramids*: those from the centres of the cells of a face to it. A face is oriented wrongly where one of them has
+  a negative volume.
 
-The centre of a face is that of the triangles around the mean of its corners, weighted by their areas; that of a cell is
-that of the pyramids from the mean of the centres of its faces. The average angle is that of the mean cosine.
+The centre of a face is that of the triangles around the mean of its corners, weighted by their areas; the centre and
+the volume of a cell are those of the pyramids from the mean of the centres of its faces. The average angle is that of
+the mean cosine.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -22,10 +25,13 @@ from numba import njit
 from ...base.display import OneLine
 from .mixed_cells import MixedMesh, face_keys
 
-__all__ = ["SEVERE", "SKEWED", "MeshQuality", "mesh_quality"]
+__all__ = ["BEYOND", "SEVERE", "SKEWED", "MeshQuality", "mesh_quality"]
 
-SEVERE, SKEWED = 70.0, 4.0
-"""Angles (deg) and skewness above which ``checkMesh`` counts a face as bad."""
+SEVERE, BEYOND, SKEWED = 70.0, 90.0, 4.0
+"""Angles (deg) and skewness above which ``checkMesh`` counts a face: up to `BEYOND` as severe, from there as an error."""
+
+ROUNDED = 1e-15
+"""Volume (m^3) that a pyramid may be negative by in ``checkMesh``, whatever the size of the mesh."""
 
 INNER_PART, OUTER_PART = 0.2, 0.4
 """Parts of the line through a face that its extent is at least taken for, inside and at the boundary."""
@@ -45,17 +51,34 @@ class _Faces:
 class MeshQuality(OneLine):
     """What faces and cells of a mesh are like."""
 
-    volumes: np.ndarray  # (n_cells,), volumes (m^3)
+    volumes: np.ndarray  # (n_cells,), volumes (m^3), of faces that are cut into triangles around their means
     is_inverted: np.ndarray  # bool (n_cells,), see `CellQuality`
     angles: np.ndarray  # (n_inner,), non-orthogonality of the faces between two cells (deg)
     mean_angle: float  # the angle of the mean of their cosines (deg); 0 where there is none
     skewness: np.ndarray  # (n_faces,), skewness of all faces
     middles: np.ndarray  # (n_cells, 3), centres of the cells (m)
+    # (n_faces, 2), volumes of the pyramids from the centres of its cells to each face (m^3); 0 where there is no cell
+    pyramids: np.ndarray
 
     @property
     def n_severe(self) -> int:
-        """Faces whose non-orthogonality is above `SEVERE`."""
-        return int((self.angles > SEVERE).sum())
+        """Faces whose non-orthogonality is above `SEVERE`, but not above `BEYOND`."""
+        return int(((self.angles > SEVERE) & (self.angles <= BEYOND)).sum())
+
+    @property
+    def n_beyond(self) -> int:
+        """Faces whose non-orthogonality is above `BEYOND`."""
+        return int((self.angles > BEYOND).sum())
+
+    @property
+    def n_wrong_pyramids(self) -> int:
+        """Pyramids whose volume is negative: ``checkMesh`` calls them faces, and may count a face twice."""
+        return int((self.pyramids < -ROUNDED).sum())
+
+    @property
+    def n_wrong_faces(self) -> int:
+        """Faces with such a pyramid."""
+        return int((self.pyramids < -ROUNDED).any(axis=1).sum())
 
     @property
     def n_skewed(self) -> int:
@@ -66,16 +89,17 @@ class MeshQuality(OneLine):
 def mesh_quality(mesh: MixedMesh, points: np.ndarray | None = None) -> MeshQuality:
     """Measure the faces and cells of a mesh, with its nodes somewhere else if these are given, shape (n, 3)."""
     x = mesh.points if points is None else mesh.as_nodes(points)
-    faces, cells = _faces(mesh), mesh.quality(x)
+    faces, is_inverted = _faces(mesh), mesh.quality(x).is_inverted
     centres, areas = np.empty((len(faces.owner), 3)), np.empty((len(faces.owner), 3))
     _face_centres(x, faces.corners, faces.starts, centres, areas)
-    middles = _cell_centres(centres, areas, faces.owner, faces.neighbour, mesh.n_cells)
-    cosines, skewness = np.empty(len(centres)), np.empty(len(centres))
-    _judge(x, faces.corners, faces.starts, faces.owner, faces.neighbour, centres, areas, middles, cosines, skewness)
+    middles, volumes = _cell_centres(centres, areas, faces.owner, faces.neighbour, mesh.n_cells)
+    cosines, skewness, pyramids = (np.zeros((len(centres), *more)) for more in ((), (), (2,)))
+    between = faces.owner, faces.neighbour
+    _judge(x, faces.corners, faces.starts, *between, centres, areas, middles, cosines, skewness, pyramids)
     inner = cosines[faces.neighbour >= 0]
     mean = float(np.degrees(np.arccos(np.clip(inner.mean(), -1.0, 1.0)))) if len(inner) else 0.0
     angles = np.degrees(np.arccos(np.clip(inner, -1.0, 1.0)))
-    return MeshQuality(cells.volumes, cells.is_inverted, angles, mean, skewness, middles)
+    return MeshQuality(volumes, is_inverted, angles, mean, skewness, middles, pyramids)
 
 
 def _faces(mesh: MixedMesh) -> _Faces:
@@ -165,15 +189,15 @@ def _face_centres(x, corners, starts, centres, areas):
 
 def _cell_centres(
     centres: np.ndarray, areas: np.ndarray, owner: np.ndarray, neighbour: np.ndarray, n_cells: int
-) -> np.ndarray:
-    """Centres of cells, shape (n_cells, 3)."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of cells, shape (n_cells, 3), and their volumes, shape (n_cells,)."""
     means, weights, counts = np.zeros((n_cells, 3)), np.zeros((n_cells, 4)), np.zeros(n_cells)
     _add_means(centres, owner, neighbour, means, counts)
     means /= np.maximum(counts, 1.0)[:, None]
     _add_pyramids(centres, areas, owner, neighbour, means, weights)
     is_solid = np.abs(weights[:, 3]) > 0.0
     means[is_solid] += weights[is_solid, :3] / weights[is_solid, 3:]
-    return means
+    return means, weights[:, 3] / 3.0
 
 
 @njit(cache=True)
@@ -200,8 +224,8 @@ def _add_pyramids(centres, areas, owner, neighbour, means, weights):
 
 
 @njit(cache=True, error_model="numpy")
-def _judge(x, corners, starts, owner, neighbour, centres, areas, middles, cosines, skewness):
-    """Write the cosine of the non-orthogonality, which is 1 at the boundary, and the skewness of every face."""
+def _judge(x, corners, starts, owner, neighbour, centres, areas, middles, cosines, skewness, pyramids):
+    """Write the cosine of the non-orthogonality, which is 1 at the boundary, skewness and pyramids of every face."""
     tiny = 1e-300  # of faces that have shrunk to nothing
     line, to_face, off = np.empty(3), np.empty(3), np.empty(3)
     for f in range(len(owner)):
@@ -210,6 +234,9 @@ def _judge(x, corners, starts, owner, neighbour, centres, areas, middles, cosine
         for d in range(3):
             to_face[d] = centres[f, d] - middles[owner[f], d]
         height = _dot(area, to_face)
+        pyramids[f, 0] = height / 3.0
+        if is_inner:
+            pyramids[f, 1] = (_dot(area, middles[neighbour[f]]) - _dot(area, centres[f])) / 3.0
         for d in range(3):
             line[d] = (
                 middles[neighbour[f], d] - middles[owner[f], d] if is_inner else area[d] * height / max(size**2, tiny)

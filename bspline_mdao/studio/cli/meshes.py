@@ -11,7 +11,7 @@ from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...errors import InputError
 from ...grids.cells.mesh_heights import height_quantiles, mesh_wall_spacings, wall_heights_of
-from ...grids.cells.mesh_quality import SEVERE, SKEWED, MeshQuality, mesh_quality
+from ...grids.cells.mesh_quality import BEYOND, SEVERE, SKEWED, MeshQuality, mesh_quality
 from ...grids.cells.mixed_cells import CellQuality, MixedMesh, face_keys
 from ...grids.cells.skin_parts import with_markers
 from ...grids.cells.wall_spacing import WallSpacing
@@ -255,7 +255,9 @@ def _quality_numbers(
             "max": quality.angles.max(initial=0.0),
             "average": quality.mean_angle,
             "n_severe": quality.n_severe,
+            "n_beyond": quality.n_beyond,
         },
+        "orientation": {"n_faces": quality.n_wrong_faces, "n_pyramids": quality.n_wrong_pyramids},
         "skewness": {
             "max": quality.skewness.max(initial=0.0),
             "average": quality.skewness.mean() if len(quality.skewness) else 0.0,
@@ -278,7 +280,9 @@ def _show_quality(name: str, numbers: dict, baseline: str | None) -> None:
             ("inverted cells", f"{numbers['n_inverted']:,}"),
             ("largest non-orthogonality (deg)", f"{angle['max']:.4g}"),
             ("average non-orthogonality (deg)", f"{angle['average']:.4g}"),
-            (f"faces above {SEVERE:g} deg", f"{angle['n_severe']:,}"),
+            (f"faces above {SEVERE:g} deg, up to {BEYOND:g}", f"{angle['n_severe']:,}"),
+            (f"faces above {BEYOND:g} deg", f"{angle['n_beyond']:,}"),
+            ("faces oriented wrongly", f"{numbers['orientation']['n_faces']:,}"),
             ("largest skewness", f"{skewness['max']:.4g}"),
             ("average skewness", f"{skewness['average']:.4g}"),
             (f"faces of skewness above {SKEWED:g}", f"{skewness['n_skewed']:,}"),

@@ -1,5 +1,7 @@
 """Faces of meshes without structure, as OpenFOAM's checkMesh judges them."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from riding_cases import corners_of
@@ -7,6 +9,7 @@ from riding_cases import corners_of
 from bspline_mdao.files import read_mesh, write_polymesh
 from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.cells.mesh_quality import mesh_quality
+from bspline_mdao.grids.cells.mixed_cells import FACES, fans
 from bspline_mdao.meshes import MixedMesh
 
 AXES = (np.linspace(0.0, 2.0, 4), np.linspace(0.0, 3.0, 5), np.linspace(0.0, 1.0, 3))
@@ -102,3 +105,75 @@ def test_a_polymesh_has_the_figures_of_its_hexahedra(tmp_path):
     found = mesh_quality(read)
     assert len(found.skewness) == len(np.unique(read.polygons))
     assert not found.is_inverted.any()
+
+
+def cut(kind):
+    """The bricks, cut into cells of a kind; pyramids are around their middles."""
+    whole = bricks()
+    corners = whole.cells["hexahedron"]
+    if kind == "pyramid":
+        tops = whole.n_points + np.arange(len(corners))
+        cells = [np.column_stack([corners[:, face[::-1]], tops]) for face in FACES["hexahedron"]]
+        return MixedMesh(
+            np.concatenate([whole.points, whole.points[corners].mean(axis=1)]), {kind: np.concatenate(cells)}
+        )
+    parts = np.array(
+        {
+            "hexahedron": [range(8)],
+            "wedge": [[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]],
+            "tetra": [[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]],
+        }[kind]
+    )
+    return MixedMesh(whole.points, {kind: corners[:, parts].reshape(-1, parts.shape[1])})
+
+
+def combs():
+    """Three layers of twelve prisms of six sides: polyhedra, and polygons in pieces."""
+    numbers, loops = {}, []
+    for i, j in np.ndindex(4, 3):
+        angles = np.radians(30.0 + 60.0 * np.arange(6))
+        ring = np.column_stack([np.sqrt(3.0) * (i + 0.5 * (j % 2)) + np.cos(angles), 1.5 * j + np.sin(angles)])
+        loops.append([numbers.setdefault((round(1e3 * x), round(1e3 * y)), len(numbers)) for x, y in ring])
+    n, seen, found = len(numbers), {}, []
+    flat = np.array(list(numbers)) / 1e3
+    for cell, (layer, loop) in enumerate(product(range(3), loops)):
+        low, high = (np.array(loop) + (layer + up) * n for up in (0, 1))
+        sides = [[low[k - 1], low[k], high[k], high[k - 1]] for k in range(6)]
+        for face in (low[::-1], high, *sides):
+            polygon = seen.setdefault(frozenset(face), (len(seen), cell, face))
+            quads, _ = fans(np.array(polygon[2]), np.array([len(face)]))
+            found += [(quad if polygon[1] == cell else quad[::-1], cell, polygon[0]) for quad in quads]
+    points = np.concatenate([np.column_stack([flat, np.full(n, 0.7 * layer)]) for layer in range(4)])
+    quads, cells, polygons = (np.array(part) for part in zip(*found))
+    return MixedMesh(points, {}, None, (quads, cells), polygons=polygons)
+
+
+MESHES = {kind: lambda kind=kind: cut(kind) for kind in FACES} | {"combs": combs}
+SHIFTS = np.array([[3.1, 1.7, 2.3], [2.9, -2.1, 1.3], [-1.9, 3.7, 2.7]])
+
+
+def shaken(kind, size):
+    """A mesh, and its nodes shifted by waves of some size: short ones, so that faces are warped."""
+    mesh = MESHES[kind]()
+    return mesh, mesh.points + size * np.sin(mesh.points @ (1.9 * SHIFTS) + [0.3, 1.1, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "measures", "counts"),  # as checkMesh of OpenFOAM 1912 prints them
+    [
+        ("tetra", 0.4, (161.716, 62.5125, 119.706, -0.130063), (32, 41, 8, 147, 164)),
+        ("pyramid", 0.15, (70.8535, 28.4798, 1.62833, 0.00823252), (1, 0, 0, 0, 0)),
+        ("pyramid", 0.4, (175.613, 72.2092, 246.224, -0.0886844), (51, 98, 20, 192, 250)),
+        ("wedge", 0.4, (160.861, 44.8648, 2.21177, 0.0181548), (2, 4, 0, 13, 17)),
+        ("hexahedron", 0.9, (168.803, 74.4727, 1.68922, 0.0202126), (4, 16, 0, 34, 46)),
+        ("combs", 0.4, (76.107, 28.981, 3.10797, 0.497762), (3, 0, 0, 0, 0)),
+        ("combs", 0.9, (156.019, 65.2674, 6.03679, -0.22032), (11, 20, 5, 43, 54)),
+    ],
+)
+def test_angles_skewness_volumes_and_pyramids_are_those_that_checkmesh_prints(kind, size, measures, counts):
+    mesh, points = shaken(kind, size)
+    found = mesh_quality(mesh, points)
+    printed = found.angles.max(), found.mean_angle, found.skewness.max(), found.volumes.min()
+    assert tuple(float(f"{number:.6g}") for number in printed) == measures
+    n_faces = found.n_severe, found.n_beyond, found.n_skewed, found.n_wrong_faces
+    assert (*n_faces, found.n_wrong_pyramids) == counts
