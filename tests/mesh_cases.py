@@ -1,12 +1,13 @@
 """Meshes without structure for tests: tetrahedra around a body, and a section of triangles in one layer of wedges."""
 
 from functools import cache
+from itertools import product
 
 import numpy as np
 
 from bspline_mdao.core.background.background_lattice import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
-from bspline_mdao.grids.cells.mixed_cells import MixedMesh
+from bspline_mdao.grids.cells.mixed_cells import MixedMesh, fans
 
 TETRAHEDRA = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
 
@@ -38,6 +39,27 @@ def mesh_around_a_body(turn: np.ndarray | None = None) -> tuple[MixedMesh, dict[
     kinds = {"body": "wall", "symmetry": "symmetry"} | {name: "farfield" for name in on if name != "symmetry"}
     points = points[used] if turn is None else points[used] @ turn.T
     return MixedMesh(points, {"tetra": numbers.reshape(corners.shape)}, markers), kinds
+
+
+def combs():
+    """Three layers of twelve prisms of six sides: polyhedra, and polygons in pieces."""
+    numbers, loops = {}, []
+    for i, j in np.ndindex(4, 3):
+        angles = np.radians(30.0 + 60.0 * np.arange(6))
+        ring = np.column_stack([np.sqrt(3.0) * (i + 0.5 * (j % 2)) + np.cos(angles), 1.5 * j + np.sin(angles)])
+        loops.append([numbers.setdefault((round(1e3 * x), round(1e3 * y)), len(numbers)) for x, y in ring])
+    n, seen, found = len(numbers), {}, []
+    flat = np.array(list(numbers)) / 1e3
+    for cell, (layer, loop) in enumerate(product(range(3), loops)):
+        low, high = (np.array(loop) + (layer + up) * n for up in (0, 1))
+        sides = [[low[k - 1], low[k], high[k], high[k - 1]] for k in range(6)]
+        for face in (low[::-1], high, *sides):
+            polygon = seen.setdefault(frozenset(face), (len(seen), cell, face))
+            quads, _ = fans(np.array(polygon[2]), np.array([len(face)]))
+            found += [(quad if polygon[1] == cell else quad[::-1], cell, polygon[0]) for quad in quads]
+    points = np.concatenate([np.column_stack([flat, np.full(n, 0.7 * layer)]) for layer in range(4)])
+    quads, cells, polygons = (np.array(part) for part in zip(*found))
+    return MixedMesh(points, {}, None, (quads, cells), polygons=polygons)
 
 
 def smooth_change(model: MeshModel, rng: np.random.Generator, size: float) -> np.ndarray:

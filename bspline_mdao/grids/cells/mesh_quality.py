@@ -28,7 +28,7 @@ from .mixed_cells import MixedMesh, face_keys
 __all__ = ["BEYOND", "SEVERE", "SKEWED", "MeshQuality", "mesh_quality"]
 
 SEVERE, BEYOND, SKEWED = 70.0, 90.0, 4.0
-"""Angles (deg) and skewness above which ``checkMesh`` counts a face: up to `BEYOND` as severe, from there as an error."""
+"""Angles (deg) and skewness above which ``checkMesh`` counts a face: up to `BEYOND` as severe, then as an error."""
 
 ROUNDED = 1e-15
 """Volume (m^3) that a pyramid may be negative by in ``checkMesh``, whatever the size of the mesh."""

@@ -100,7 +100,8 @@ class MixedMesh(OneLine):
     stated : mapping of str to str, optional
         What the file says that markers are: types of OpenFOAM's patches, or of CGNS's boundary conditions.
     polygons : ndarray of int, shape (n_faces,), optional
-        Which polygon each face of ``polyhedra`` is, or a piece of; each is one by itself by default.
+        Which polygon each face of ``polyhedra`` is, or a piece of; pieces of one follow each other. By default each is
+        one by itself.
     numbers : ndarray of int, shape (n_file,), optional
         Which of its nodes each node of its file is, where the file is a grid of blocks, which share nodes: blocks in
         order, each in C order.
@@ -202,11 +203,26 @@ class MixedMesh(OneLine):
         first = 0
         for k, (faces, cells) in enumerate(parts):
             n = int(cells.max(initial=-1)) + 1
-            volumes = pyramids(self.points, faces, cells, n)[:, 0]
+            volumes = np.bincount(cells, Pyramids.of(self.points, faces, cells, n).volumes, n)
             is_turned = np.count_nonzero(volumes < 0.0) > 0.5 * n
             parts[k] = np.ascontiguousarray(faces[:, ::-1]) if is_turned else faces, cells + first
             first += n
         return np.concatenate([faces for faces, _ in parts]), np.concatenate([cells for _, cells in parts])
+
+    @cached_property
+    def sides(self) -> tuple[np.ndarray | None, np.ndarray]:
+        """Side of a cell that each face is a piece of, ascending, None where all are whole; and the cells of sides."""
+        _, cells = self.cell_faces
+        is_first = np.ones(len(cells), dtype=bool)
+        if self.polygons is not None:
+            begin = len(cells) - len(self.polygons)
+            is_first[begin + 1 :] = (np.diff(cells[begin:]) != 0) | (np.diff(self.polygons) != 0)
+        return (None if is_first.all() else np.cumsum(is_first) - 1), cells[is_first]
+
+    def pyramids(self, points: np.ndarray | None = None) -> Pyramids:
+        """Pyramids to the sides of all cells, with its nodes somewhere else if these are given, shape (n, 3)."""
+        x, (faces, cells) = self.points if points is None else points, self.cell_faces
+        return Pyramids.of(x, faces, cells, self.n_cells, self.sides[0])
 
     @cached_property
     def skin(self) -> np.ndarray:
@@ -239,16 +255,10 @@ class MixedMesh(OneLine):
 
     def quality(self, points: np.ndarray | None = None) -> CellQuality:
         """Measure its cells, with its nodes somewhere else if these are given, shape (n, 3)."""
-        volumes, least = pyramids(self.points if points is None else points, *self.cell_faces, self.n_cells).T
-        return CellQuality(volumes, np.minimum(volumes, least) <= 0.0)
-
-
-def pyramids(points: np.ndarray, faces: np.ndarray, cells: np.ndarray, n_cells: int) -> np.ndarray:
-    """Sum and least of the volumes of the pyramids from the middle of each cell to its faces, shape (n_cells, 2)."""
-    volumes = Pyramids.of(points, faces, cells, n_cells).volumes
-    found = np.column_stack([np.bincount(cells, volumes, n_cells), np.full(n_cells, np.inf)])
-    np.minimum.at(found[:, 1], cells, volumes)
-    return found
+        volumes, (_, cells) = self.pyramids(points).volumes, self.sides
+        least, sums = np.full(self.n_cells, np.inf), np.bincount(cells, volumes, self.n_cells)
+        np.minimum.at(least, cells, volumes)
+        return CellQuality(sums, np.minimum(sums, least) <= 0.0)
 
 
 def face_keys(faces: np.ndarray, n_points: int) -> np.ndarray:

@@ -21,7 +21,6 @@ from .aggregates import AGGREGATES, KreisselmeierSteinhauser
 from .grid_quality import GridValues
 from .mixed_cells import MixedMesh
 from .node_heights import NodeHeights
-from .pyramids import Pyramids
 from .quads import rings
 
 __all__ = ["MixedQuality", "MixedReport"]
@@ -57,7 +56,7 @@ class MixedQuality(OneLine):
     """
 
     mesh: MixedMesh
-    counted: np.ndarray  # int (n,), faces whose pyramids count: those of cells that are valid on the baseline
+    counted: np.ndarray  # int (n,), pyramids that count: those of cells that are valid on the baseline
     scales: np.ndarray  # (n,), their volumes on the baseline (m^3)
     was_inverted: np.ndarray  # bool (n_cells,), cells that are inverted on the baseline
     heights: NodeHeights
@@ -75,8 +74,7 @@ class MixedQuality(OneLine):
         """Decide about the cells of a baseline."""
         for sharpness in (rho, rho_height):
             KreisselmeierSteinhauser(sharpness)
-        faces, cells = mesh.cell_faces
-        volumes, quality = Pyramids.of(mesh.points, faces, cells, mesh.n_cells).volumes, mesh.quality()
+        volumes, quality, (_, cells) = mesh.pyramids().volumes, mesh.quality(), mesh.sides
         is_counted = ~quality.is_inverted[cells] & (volumes > FLAT * quality.volumes[cells])
         counted = np.flatnonzero(is_counted)
         heights = NodeHeights.of(mesh, walls)
@@ -133,7 +131,7 @@ class MixedQuality(OneLine):
         """Change of the aggregates with the nodes."""
         weights, changes = self._weights(nodes, values.aggregates), {}
         if any(not AGGREGATES[name].is_of_heights for name in weights):
-            changes[False] = self._pyramids(nodes).jvp(d_nodes)[self.counted] / self.scales
+            changes[False] = self.mesh.pyramids(nodes).jvp(d_nodes)[self.counted] / self.scales
         if any(AGGREGATES[name].is_of_heights for name in weights):
             changes[True] = self.heights.jvp(nodes, d_nodes)
         found = {name: float(weight @ changes[AGGREGATES[name].is_of_heights]) for name, weight in weights.items()}
@@ -148,15 +146,15 @@ class MixedQuality(OneLine):
             if AGGREGATES[name].is_of_heights:
                 nodes_bar += self.heights.vjp(nodes, seeded)
             else:
-                of_faces = np.zeros(len(self.mesh.cell_faces[0]))
-                of_faces[self.counted] = seeded / self.scales
-                nodes_bar += self._pyramids(nodes).vjp(of_faces)
+                of_pyramids = np.zeros(len(self.mesh.sides[1]))
+                of_pyramids[self.counted] = seeded / self.scales
+                nodes_bar += self.mesh.pyramids(nodes).vjp(of_pyramids)
         return nodes_bar
 
     def report(self, nodes: np.ndarray, n_bins: int = 50) -> MixedReport:
         """Report on the mesh with nodes, shape (n_points, 3); ``n_bins`` is of distributions, which there are not."""
         quality, heights = self.mesh.quality(nodes), self.heights.ratios(nodes)
-        ratios = self._pyramids(nodes).volumes[self.counted] / self.scales
+        ratios = self.mesh.pyramids(nodes).volumes[self.counted] / self.scales
         return MixedReport(
             n_cells=self.n_cells,
             min_volume=float(quality.volumes.min()),
@@ -171,10 +169,10 @@ class MixedQuality(OneLine):
         is_new = self.mesh.quality(nodes).is_inverted & ~self.was_inverted
         if not is_new.any():
             return ""
-        faces, cells = self.mesh.cell_faces
-        ratios = self._pyramids(nodes).volumes[self.counted] / self.scales
-        ratios = np.where(is_new[cells[self.counted]], ratios, np.inf)
-        cell = int(cells[self.counted[np.argmin(ratios)]]) if np.isfinite(ratios).any() else int(np.argmax(is_new))
+        (faces, cells), of_sides = self.mesh.cell_faces, self.mesh.sides[1]
+        ratios = self.mesh.pyramids(nodes).volumes[self.counted] / self.scales
+        ratios = np.where(is_new[of_sides[self.counted]], ratios, np.inf)
+        cell = int(of_sides[self.counted[np.argmin(ratios)]]) if np.isfinite(ratios).any() else int(np.argmax(is_new))
         middle = self.mesh.points[np.unique(faces[cells == cell])].mean(axis=0)
         marker = self._marker_at(middle)
         n = int(np.count_nonzero(is_new))
@@ -200,15 +198,12 @@ class MixedQuality(OneLine):
         }
         return min(distances, key=lambda name: distances[name]) if distances else ""
 
-    def _pyramids(self, nodes: np.ndarray) -> Pyramids:
-        return Pyramids.of(nodes, *self.mesh.cell_faces, self.n_cells)
-
     def _ratios(self, nodes: np.ndarray, names: Iterable[str]) -> dict[str, np.ndarray]:
         """Numbers that each aggregate bounds; an upper bound takes the negative ones."""
         is_of_heights = {name: AGGREGATES[name].is_of_heights for name in names}
         found = {}
         if not all(is_of_heights.values()):
-            found[False] = self._pyramids(nodes).volumes[self.counted] / self.scales
+            found[False] = self.mesh.pyramids(nodes).volumes[self.counted] / self.scales
         if any(is_of_heights.values()):
             found[True] = self.heights.ratios(nodes)
         return {name: _sign(name) * found[of_heights] for name, of_heights in is_of_heights.items()}

@@ -5,7 +5,8 @@ The middle c of a cell is that of the middles m of its faces, weighted by their 
     v = a . (m - c) / 3 ,    c = sum |a| m / sum |a| .
 
 Tetrahedra, pyramids, prisms, hexahedra and polyhedra are alike: a cell is inverted where one of its pyramids is not
-positive. Faces are quads as `.mixed_cells` has them; a triangle has two neighbouring corners alike.
+positive. Faces are quads as `.mixed_cells` has them; a triangle has two neighbouring corners alike. Pieces of a polygon
+make one pyramid together.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -30,30 +31,43 @@ class Pyramids(OneLine):
     faces: np.ndarray  # int (n_faces, 4), around the normals out of the cells
     cells: np.ndarray  # int (n_faces,), cell of each
     sums: np.ndarray  # (n_cells, 4), areas times middles, and areas, of the faces of each cell
+    pyramid: np.ndarray | None = None  # int (n_faces,), pyramid that each is of, ascending; None where each has its own
 
     @classmethod
-    def of(cls, points: np.ndarray, faces: np.ndarray, cells: np.ndarray, n_cells: int) -> Pyramids:
+    def of(
+        cls,
+        points: np.ndarray,
+        faces: np.ndarray,
+        cells: np.ndarray,
+        n_cells: int,
+        pyramid: np.ndarray | None = None,
+    ) -> Pyramids:
         """Find the middles of cells."""
         points, sums = np.ascontiguousarray(points), np.zeros((n_cells, 4))
         _add_middles(points, faces, cells, sums)
-        return cls(points, faces, cells, sums)
+        return cls(points, faces, cells, sums, pyramid)
 
     @property
     def volumes(self) -> np.ndarray:
-        """Volumes of the pyramids (m^3), shape (n_faces,)."""
-        return _volumes(self.points, self.faces, self.cells, self.sums)
+        """Volumes of the pyramids (m^3), shape (n_pyramids,)."""
+        return self._whole(_volumes(self.points, self.faces, self.cells, self.sums))
 
     def jvp(self, d_points: np.ndarray) -> np.ndarray:
-        """Change of the volumes, shape (n_faces,), with the nodes, shape (n, 3)."""
+        """Change of the volumes, shape (n_pyramids,), with the nodes, shape (n, 3)."""
         d_points, d_sums = np.ascontiguousarray(d_points), np.zeros_like(self.sums)
         _add_middles_jvp(self.points, d_points, self.faces, self.cells, d_sums)
-        return _volumes_jvp(self.points, d_points, self.faces, self.cells, self.sums, d_sums)
+        return self._whole(_volumes_jvp(self.points, d_points, self.faces, self.cells, self.sums, d_sums))
 
     def vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `jvp`, from shape (n_faces,) to shape (n, 3)."""
+        """Transpose of `jvp`, from shape (n_pyramids,) to shape (n, 3)."""
         points_bar = np.zeros_like(self.points)
-        _add_vjp(self.points, self.faces, self.cells, self.sums, np.ascontiguousarray(bar), points_bar)
+        of_faces = np.ascontiguousarray(bar if self.pyramid is None else bar[self.pyramid])
+        _add_vjp(self.points, self.faces, self.cells, self.sums, of_faces, points_bar)
         return points_bar
+
+    def _whole(self, pieces: np.ndarray) -> np.ndarray:
+        """Sums over the pieces of each pyramid."""
+        return pieces if self.pyramid is None else np.bincount(self.pyramid, pieces)
 
 
 @njit(cache=True, error_model="numpy")

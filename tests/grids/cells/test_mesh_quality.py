@@ -1,15 +1,14 @@
 """Faces of meshes without structure, as OpenFOAM's checkMesh judges them."""
 
-from itertools import product
-
 import numpy as np
 import pytest
+from mesh_cases import combs
 from riding_cases import corners_of
 
 from bspline_mdao.files import read_mesh, write_polymesh
 from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.cells.mesh_quality import mesh_quality
-from bspline_mdao.grids.cells.mixed_cells import FACES, fans
+from bspline_mdao.grids.cells.mixed_cells import FACES
 from bspline_mdao.meshes import MixedMesh
 
 AXES = (np.linspace(0.0, 2.0, 4), np.linspace(0.0, 3.0, 5), np.linspace(0.0, 1.0, 3))
@@ -125,27 +124,6 @@ def cut(kind):
         }[kind]
     )
     return MixedMesh(whole.points, {kind: corners[:, parts].reshape(-1, parts.shape[1])})
-
-
-def combs():
-    """Three layers of twelve prisms of six sides: polyhedra, and polygons in pieces."""
-    numbers, loops = {}, []
-    for i, j in np.ndindex(4, 3):
-        angles = np.radians(30.0 + 60.0 * np.arange(6))
-        ring = np.column_stack([np.sqrt(3.0) * (i + 0.5 * (j % 2)) + np.cos(angles), 1.5 * j + np.sin(angles)])
-        loops.append([numbers.setdefault((round(1e3 * x), round(1e3 * y)), len(numbers)) for x, y in ring])
-    n, seen, found = len(numbers), {}, []
-    flat = np.array(list(numbers)) / 1e3
-    for cell, (layer, loop) in enumerate(product(range(3), loops)):
-        low, high = (np.array(loop) + (layer + up) * n for up in (0, 1))
-        sides = [[low[k - 1], low[k], high[k], high[k - 1]] for k in range(6)]
-        for face in (low[::-1], high, *sides):
-            polygon = seen.setdefault(frozenset(face), (len(seen), cell, face))
-            quads, _ = fans(np.array(polygon[2]), np.array([len(face)]))
-            found += [(quad if polygon[1] == cell else quad[::-1], cell, polygon[0]) for quad in quads]
-    points = np.concatenate([np.column_stack([flat, np.full(n, 0.7 * layer)]) for layer in range(4)])
-    quads, cells, polygons = (np.array(part) for part in zip(*found))
-    return MixedMesh(points, {}, None, (quads, cells), polygons=polygons)
 
 
 MESHES = {kind: lambda kind=kind: cut(kind) for kind in FACES} | {"combs": combs}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mesh_cases import body_model, mesh_around_a_body, section_model
+from mesh_cases import body_model, combs, mesh_around_a_body, section_model
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.grid_quality import GridValues
@@ -56,6 +56,40 @@ def test_pyramids_are_those_of_every_kind_of_cell_and_their_products_are_exact()
     np.testing.assert_allclose(found.jvp(direction), step, rtol=0, atol=1e-14)
     bar = rng.standard_normal(len(step))
     assert np.vdot(found.vjp(bar), direction) == pytest.approx(bar @ step, rel=1e-13)
+
+
+def test_pieces_of_a_polygon_make_one_pyramid_with_exact_products():
+    rng, mesh = np.random.default_rng(4), combs()
+    points = mesh.points + 0.2 * np.sin(2.0 * mesh.points @ rng.standard_normal((3, 3)))
+    found, (of_rows, cells) = mesh.pyramids(points), mesh.sides
+    pieces = volumes(points, *mesh.cell_faces, mesh.n_cells)
+    assert len(cells) == 8 * mesh.n_cells
+    assert len(pieces) == 14 * mesh.n_cells
+    np.testing.assert_array_equal(cells[of_rows], mesh.cell_faces[1])
+    np.testing.assert_allclose(found.volumes, [pieces[of_rows == k].sum() for k in range(len(cells))], atol=1e-14)
+    assert (pieces < 0.0).any()  # a piece may look the wrong way in a polygon that does not
+    assert not mesh.quality(points).is_inverted.any()
+    direction, bar = rng.standard_normal(points.shape), rng.standard_normal(len(cells))
+    step = volumes(points + 1e-30j * direction, *mesh.cell_faces, mesh.n_cells).imag / 1e-30
+    expected = np.bincount(of_rows, step)
+    np.testing.assert_allclose(found.jvp(direction), expected, atol=1e-13)
+    assert np.vdot(found.vjp(bar), direction) == pytest.approx(bar @ expected, rel=1e-12)
+
+
+def test_bounds_of_polyhedra_are_those_of_whole_polygons():
+    rng = np.random.default_rng(5)
+    mesh = combs()
+    quality = MixedQuality.of(mesh, NONE, rho=30.0)
+    nodes = mesh.points + 0.2 * np.sin(2.0 * mesh.points @ rng.standard_normal((3, 3)))
+    values = quality.evaluate(nodes)
+    assert 0.0 < values.aggregates["volume_ks"] < quality.report(nodes).min_ratio
+    assert quality.newly_inverted(nodes) == ""
+    direction = rng.standard_normal(nodes.shape)
+    change = quality.jvp(nodes, direction, values).aggregates["volume_ks"]
+    reverse = quality.vjp(nodes, values, GridValues({"volume_ks": 1.7}))
+    assert np.vdot(reverse, direction) == pytest.approx(1.7 * change, rel=1e-11)
+    nodes[:, 2] *= -1.0
+    assert quality.newly_inverted(nodes).startswith("polyhedron ")
 
 
 def test_heights_are_along_normals_and_their_products_are_exact():
