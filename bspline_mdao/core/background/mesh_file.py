@@ -37,7 +37,7 @@ from ..model.model_file import (
 )
 from .background_lattice import LatticeSettings
 
-__all__ = ["is_mesh_model", "read_mesh_model", "write_mesh_model"]
+__all__ = ["is_mesh_model", "mesh_file_in", "read_mesh_model", "write_mesh_model"]
 
 VERSION = 1
 
@@ -48,6 +48,12 @@ def is_mesh_model(path: str | os.PathLike) -> bool:
         return False
     with h5py.File(path, "r") as file:
         return file.attrs.get("format") == MESH_MODEL_FORMAT
+
+
+def mesh_file_in(path: str | os.PathLike) -> str:
+    """Name of the mesh's own file, as the model of a mesh has it; empty where it has none."""
+    with h5py.File(path, "r") as file:
+        return str(file.attrs.get("mesh_file", ""))
 
 
 def arrays_of(mesh: MixedMesh) -> dict[str, np.ndarray]:

@@ -160,8 +160,12 @@ def _is_one_of(file: Path, digests: list[str]) -> bool:
 
 
 def digest_of(file: Path) -> str:
-    """Digest of what is in a file."""
+    """Digest of what is in a file, or of the names of the files in a folder and what is in them."""
     found = hashlib.blake2b(digest_size=16)
+    if file.is_dir():
+        for name in files_in(file):
+            found.update(f"{name.as_posix()} {digest_of(file / name)}\n".encode())
+        return found.hexdigest()
     with open(file, "rb") as stream:
         while piece := stream.read(_PIECE):
             found.update(piece)

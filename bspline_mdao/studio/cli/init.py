@@ -5,14 +5,18 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ...base.numerics.progress import progress_bar
-from ...core.mesh.boundary import wall_patches
+from ...base.numerics.progress import Progress, progress_bar
+from ...core.background.fit_mesh import fit_mesh
+from ...core.background.mesh_file import is_mesh_model
+from ...core.background.mesh_model import MeshModel
 from ...core.model.fitted_model import FittedModel
 from ...errors import InputError
 from ...grids.io.disk import replaced_file
 from ...grids.io.formats import MODEL
+from ...grids.io.meshes.files import is_mesh
 from ...grids.topology.detection import find_topology
 from ..study.draft import study_draft
+from ..study.draft_body import GridBody, MeshBody
 from .output import check_outputs, print_lines
 from .sources import file_of, load_grid
 
@@ -30,27 +34,38 @@ def draft_study(
         raise InputError(f"{output}: a study is a TOML file; name it .toml")
     if output.exists() and not overwrite:
         raise InputError(f"{output}: is there already; give --overwrite, or another name")
-    is_model = file is not None and Path(file).suffix == MODEL
-    if is_model and patches:
+    if file is not None and Path(file).suffix == MODEL and patches:
         raise InputError(f"{patches}: a fitted model has its patches; leave --patches out")
     with progress_bar() as progress:
         progress(0.0, "reading")
-        model = FittedModel.load(file) if is_model and file else None
-        grid = model.regenerate() if model else load_grid(grid_name, patches)
-        progress(0.3, "topology")
-        topology = model.topology if model else find_topology(grid)
-        try:
-            wall_patches(topology)
-        except InputError:
-            raise InputError(
-                f"{grid_name}: no patch is a wall, so that there is nothing to design; draft patches by 'bspline-mdao "
-                f"inspect {grid_name} --draft patches.toml', check them, and give --patches patches.toml"
-            ) from None
+        is_of_mesh = file is not None and (is_mesh_model(file) or is_mesh(file))
+        body = _mesh_body(str(file), patches) if is_of_mesh else _grid_body(grid_name, patches, progress)
         progress(0.6, "drafting")
-        text = study_draft(_relative_to(file, output) or grid_name, _relative_to(patches, output), grid, topology)
+        text = study_draft(_relative_to(file, output) or grid_name, _relative_to(patches, output), body)
     with replaced_file(output) as part:
         part.write_text(text, encoding="utf-8")
     print_lines([text, f"{output} written; check it, and run 'bspline-mdao optimize {output} -o out'"])
+
+
+def _grid_body(grid_name: str, patches: Path | None, progress: Progress) -> GridBody:
+    """Walls of a grid of blocks, or of what was fitted."""
+    file = file_of(grid_name)
+    model = FittedModel.load(file) if file and Path(file).suffix == MODEL else None
+    grid = model.regenerate() if model else load_grid(grid_name, patches)
+    progress(0.3, "topology")
+    topology = model.topology if model else find_topology(grid)
+    try:
+        return GridBody(grid, topology)
+    except InputError:
+        raise InputError(
+            f"{grid_name}: no patch is a wall, so that there is nothing to design; draft patches by 'bspline-mdao "
+            f"inspect {grid_name} --draft patches.toml', check them, and give --patches patches.toml"
+        ) from None
+
+
+def _mesh_body(name: str, patches: Path | None) -> MeshBody:
+    """Walls of a mesh without structure, or of its model."""
+    return MeshBody(MeshModel.load(name) if Path(name).suffix == MODEL else fit_mesh(name, patches))
 
 
 def _relative_to(file: str | Path | None, output: Path) -> str | None:

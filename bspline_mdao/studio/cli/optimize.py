@@ -14,21 +14,19 @@ import openmdao.api as om
 
 from ...base.extras import INSTALL, library
 from ...base.numerics.processes import on_first, world
-from ...core.model.fitted_model import FittedModel
 from ...core.om.drivers.case_file import count_cases
 from ...core.om.drivers.nlopt_driver import NLoptDriver
 from ...errors import InputError, MovementError
 from ...flow.om.induced_gain import InducedGain, induced_gains
 from ...grids.io.disk import deferred_interrupts
-from ...grids.io.files import open_grid
 from ...grids.io.run_folder import RunFolder
-from ...grids.topology.periodic_gap import periodic_gaps
 from ..report.design_summary import DesignSummary
 from ..study.same_problem import problem_of
 from ..study.script import SCRIPT, study_script
 from ..study.study import CASES, Study, read_study
 from .earlier_run import earlier_cases, killed_cases
 from .lasting_stdout import lasting_stdout
+from .optimum import optimum_of
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
 
 STOPPED = (
@@ -65,9 +63,12 @@ def optimize_study(
         numbers, seconds = _numbers(problem, names["before"], names["after"]), time.perf_counter() - start
         numbers |= {"evaluations_before": run.n_earlier, "seconds": seconds}
         numbers |= {"gains": {gain.name: _parts(gain) for gain in _gains(names)}}
+        optimum = on_first(comm, lambda: optimum_of(names["model"], problem))
+        numbers |= optimum.numbers()
         with written_json(json, {"study": str(study), "folder": str(output), **numbers}, comm):
             pass
-        print_warnings(on_first(comm, lambda: _gaps(names["model"], problem)))
+        optimum.show()
+        print_warnings(optimum.warnings())
         print_warnings([gain.warning for gain in _gains(names) if gain.warning])
         _print_outcome(folder, problem, numbers, names["after"].infeasible)
 
@@ -101,26 +102,13 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
     folder.check([name for name in (*names, *study.folders) if name != taken_over])
     private = folder.begin(problem_of(study))
     try:
-        is_plane = _is_plane(study)
+        is_plane = study.kind.is_plane(study.grid["file"], study.source.parent)
         (private / SCRIPT).write_text(study_script(study, folder.path, is_plane=is_plane), encoding="utf-8")
         script = study_script(study, private, earlier and earlier.resolve(), is_plane)
     except BaseException:
         folder.discard()
         raise
     return _Run(script, private, count_cases(earlier) if earlier else 0)
-
-
-def _is_plane(study: Study) -> bool:
-    """Whether the grid of a study may be plane: its blocks are one node deep."""
-    if study.is_built_in or study.is_fitted:
-        return False
-    return all(1 in shape for shape in open_grid(study.source.parent / study.grid["file"]).shapes)
-
-
-def _gaps(model: FittedModel, problem: om.Problem) -> list[str]:
-    """Say which periodic faces have drifted apart in the design that was found."""
-    moved = model.regenerate(problem.get_val("control_points").reshape(-1, 3))
-    return [str(gap) for gap in periodic_gaps(model.topology, model.regenerate(), moved)]
 
 
 def _gains(names: dict[str, Any]) -> tuple[InducedGain, ...]:
@@ -135,6 +123,8 @@ def _parts(gain: InducedGain) -> dict[str, float]:
 
 def _is_reported(study: Study) -> bool:
     """Whether a report is written: where the packages for it are there, unless the study says otherwise."""
+    if not study.kind.is_reported:
+        return False
     missing = [name for name in ("plotly", "jinja2") if find_spec(name) is None]
     if missing and study.output["report"]:
         raise InputError(f"{study.source}: the report needs {missing[0]}; {REPORT_ADVICE}, or leave report out")

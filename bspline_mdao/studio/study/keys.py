@@ -71,13 +71,23 @@ class Key:
 
 GRID = {
     "file": Key(
-        TEXT, "PLOT3D or CGNS file, fitted model MODEL.h5, or built-in grid such as @onera_m6", is_required=True
+        TEXT,
+        "PLOT3D or CGNS file, mesh without structure, MODEL.h5 of either, or built-in grid such as @onera_m6",
+        is_required=True,
     ),
-    "patches": Key(TEXT, "patches of the grid: a TOML or NMF file", otherwise="those of the grid file"),
+    "patches": Key(
+        TEXT, "patches of the grid: a TOML or NMF file; kinds of markers of a mesh", otherwise="those of the grid file"
+    ),
+    "spacing": Key(
+        POSITIVE,
+        "spans of the lattice around the walls of a mesh without structure (m)",
+        otherwise="a tenth of the walls' size",
+    ),
     "n_control": Key(TRIPLE, "control points per direction in every block", otherwise="chosen from the grid"),
     "order": Key(whole(2, 16), "order of the B-splines, degree plus one", otherwise="4, or 3 in short directions"),
     "corrections": Key(whole(0, 100), "cycles of parameter correction of the fit", 0),
     "design": Key(NAMES, "patches that are designed", otherwise="all walls"),
+    "measured": Key(NAMES, "patches that are measured", otherwise="those that are designed"),
     "fixed": Key(NAMES, "patches that stay where they are", otherwise="see moving_mesh"),
     "released": Key(NAMES, "patches that move freely with the grid", otherwise="none"),
     "sliding": Key(NAMES, "planar patches that slide in their planes", otherwise="planes of symmetry"),

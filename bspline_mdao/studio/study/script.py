@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from ...core.generators.built_in import generator_of
 from ...flow.functionals import numbers
 from .conditions import of_conditions
 from .expressions import names_in
@@ -102,26 +101,13 @@ class _Script:
     def _model(self) -> Part:
         """The fitted model and its design surface."""
         grid = self.study.grid
-        if self.study.is_fitted:
-            yield statement("model = bm.FittedModel.load(file)", file=self._path(grid["file"]))
-        else:
-            patches = [self._path(grid["patches"])] if grid["patches"] else []
-            if self.study.is_built_in or self.is_plane:
-                if self.is_plane:
-                    made = call("bm.files.lift_plane_grid", call("bm.read_grid", self._path(grid["file"])))
-                else:
-                    place, shape = generator_of(grid["file"])
-                    made = call(f"bm.generators.{place.rpartition('.')[2]}", shape)
-                if patches:
-                    made = call("bm.files.read_patches", *patches, made)
-            else:
-                made = call("bm.read_grid", self._path(grid["file"]), *patches)
-            settings = {key: grid[key] for key in ("n_control", "order") if grid[key] is not None}
-            settings |= {"corrections": grid["corrections"]} if grid["corrections"] else {}
-            yield statement("model = made", made=call("bm.fit_grid", made, **settings))
+        yield from self.study.kind.model_part(grid, self._path, self.is_plane)
         design = [grid["design"]] if grid["design"] else []
         others = {key: grid[key] for key in ("fixed", "released", "sliding") if grid[key]}
         yield statement("wing = made", made=call("bm.DesignSurface.of", expression("model"), *design, **others))
+        if grid["measured"]:
+            made = call("bm.measures.SurfaceGrid.of", expression("model"), grid["measured"])
+            yield statement("surface = made", made=made)
 
     def _path(self, name: str) -> ast.expr:
         """Path of a file that the study names."""
@@ -232,11 +218,8 @@ class _Script:
         yield statement("problem.run_model()")
         yield statement("before = made", made=self._summary())
         yield statement(
-            "with together(problem.comm):\n"
-            "    if IS_FIRST:\n"
-            '        model.save(HERE / "model.h5")\n'
-            "        bm.write_grid(HERE / file, model.regenerate())",
-            file=f"grid_before.{study.suffix}",
+            'with together(problem.comm):\n    if IS_FIRST:\n        model.save(HERE / "model.h5")\n        written',
+            written=self._written("before"),
         )
 
     def _after(self) -> Part:
@@ -255,12 +238,15 @@ class _Script:
         yield statement(
             "with together(problem.comm):\n"
             "    if IS_FIRST:\n"
-            '        points = problem.get_val("control_points").reshape(-1, 3)\n'
-            "        bm.write_grid(HERE / file, model.regenerate(points))\n"
+            "        written\n"
             '        after.write_csv(HERE / "summary.csv", before)\n'
             f"        print(after.table(before)){report}",
-            file=f"grid_after.{study.suffix}",
+            written=self._written("after"),
         )
+
+    def _written(self, when: str) -> ast.expr:
+        """Write the grid before or after."""
+        return self.study.kind.write(when, self.study.written(when))
 
     def _summary(self) -> ast.Call:
         """Summary of the design as it is, with what lift and drag would be on a finer grid."""

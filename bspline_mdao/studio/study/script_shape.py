@@ -25,10 +25,11 @@ def shape_part(study: Study) -> Iterator[ast.stmt | str]:
         yield statement("axes = made", made={place: call("wing.axis_at", place) for place in places})
     yield statement("variables = made", made=[_variable(name, table) for name, table in _moving(study)])
     if study.measures:
-        yield statement("measures = made", made=[_measure(*item) for item in study.measures.items()])
-    yield from _mover(study)
+        surface = expression("surface" if study.grid["measured"] else "wing.surface")
+        yield statement("measures = made", made=[_measure(*item, surface) for item in study.measures.items()])
+    yield from study.kind.mover_part(lambda: _mover(study))
     settings: dict[str, Any] = {"measures": expression("measures")} if study.measures else {}
-    settings["mover"] = expression("mover")
+    settings |= study.kind.movement
     settings |= {"comoving": True} if study.movement["comoving"] else {}
     asked = [name for name in QUALITIES if any(name in of for of in study.responses)]
     settings |= {"quality": asked or False, "fit": False}
@@ -71,13 +72,13 @@ def _slices(where: str) -> ast.Tuple:
     return ast.Tuple(parts, ast.Load())
 
 
-def _measure(name: str, table: Table) -> ast.expr:
+def _measure(name: str, table: Table, surface: ast.expr) -> ast.expr:
     kind = MEASURES[table["kind"]]
     always = ("n_chord", "n_span", "stations", "relative", "relative_to")
     chosen = [key for key, spec in kind.keys.items() if key in always or table[key] != spec.default]
     chosen.sort(key=lambda key: key == "relative_to")
     settings = {key: tuple(table[key]) if key in ("chord", "span") else table[key] for key in chosen}
-    return call(f"bm.measures.{kind.made_by}", expression("wing.surface"), **settings, name=name)
+    return call(f"bm.measures.{kind.made_by}", surface, **settings, name=name)
 
 
 def _mover(study: Study) -> Iterator[ast.stmt | str]:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from ...core.generators.built_in import generator_of
 from ...core.om.drivers.nlopt_algorithms import ALGORITHMS
 from ...errors import InputError
+from ...grids.io.formats import POLYMESH
 from .conditions import bare_outputs, of_conditions, resolved_conditions, weights_of
 from .expressions import fault_of, is_name, names_in, renamed
+from .grid_kinds import GridKind, kind_of
 from .keys import (
     CONDITIONS,
     CONSTRAINT,
@@ -40,6 +43,7 @@ _TABLES = (
     *("movement", "driver", "output"),
 )
 _MAX_BYTES = 2**20
+_STATES = "before", "after"
 
 CASES = "cases.sql"
 """File of the recorded cases among the results."""
@@ -65,15 +69,10 @@ class Study:
     driver: Table
     output: Table
 
-    @property
-    def is_fitted(self) -> bool:
-        """Whether the grid is that of a fitted model."""
-        return Path(self.grid["file"]).suffix == ".h5"
-
-    @property
-    def is_built_in(self) -> bool:
-        """Whether the grid is a built-in one."""
-        return self.grid["file"].startswith("@")
+    @cached_property
+    def kind(self) -> GridKind:
+        """Kind of the grid."""
+        return kind_of(self.grid["file"], self.source.parent)
 
     @property
     def inputs(self) -> dict[str, Path]:
@@ -82,24 +81,19 @@ class Study:
         return {key: self.source.parent / name for key, name in names.items() if name and not name.startswith("@")}
 
     @property
-    def suffix(self) -> str:
-        """Suffix of the grids that are written."""
-        return self.output["grid"] or ("cgns" if Path(self.grid["file"]).suffix == ".cgns" else "xyz")
-
-    @property
     def results(self) -> list[str]:
         """Files that its script writes; the page as well, unless it is left out."""
         page = ["report.html"] if self.output["report"] is not False else []
-        return ["model.h5", *self._grids, CASES, "summary.csv", *page]
+        return ["model.h5", *map(self.written, _STATES), CASES, "summary.csv", *page]
 
     @property
     def folders(self) -> list[str]:
         """Folders that its script writes files to."""
-        return [name.removesuffix(".vtm") for name in self._grids if name.endswith(".vtm")]
+        return [name.removesuffix(".vtm") for name in map(self.written, _STATES) if name.endswith(".vtm")]
 
-    @property
-    def _grids(self) -> list[str]:
-        return [f"grid_{when}.{self.suffix}" for when in ("before", "after")]
+    def written(self, when: str) -> str:
+        """Name of the grid that is written ``"before"`` or ``"after"``."""
+        return self.kind.written(when, self.source.parent / self.grid["file"], self.output)
 
     @property
     def n_values(self) -> float:
@@ -156,6 +150,9 @@ class _Reader(Tables):
         self._check_responses(objective, constraints, conditions)
         driver = self._driver(constraints, sum(map(_n_values, variables.values())))
         movement, output = self._movement(), self.table("output", OUTPUT)
+        kind = kind_of(grid["file"], self.path.parent)
+        for path, complaint in kind.faults(self.document, measures, asked):
+            raise self.refuse(self._written(path), complaint)
         return Study(
             self.path, grid, variables, measures, flow, conditions, objective, constraints, movement, driver, output
         )  # fmt: skip
@@ -169,11 +166,7 @@ class _Reader(Tables):
         return movement
 
     def _check_grid(self, grid: Table) -> None:
-        """Refuse what a fitted model has already, and files that are not there."""
-        if Path(grid["file"]).suffix == ".h5":
-            for key in ("patches", "n_control", "order", "corrections"):
-                if key in self.document["grid"]:
-                    raise self.refuse(("grid", key), "does not go with a fitted model, which has it; leave it out")
+        """Refuse files that are not there."""
         for key in ("file", "patches"):
             name = grid[key]
             if key == "file" and name.startswith("@"):
@@ -429,9 +422,9 @@ class _Reader(Tables):
 
 
 def _is_file(path: Path) -> bool:
-    """Whether a file is there; names that no file can have are of none."""
+    """Whether a file is there, or OpenFOAM's folder; names that no file can have are of none."""
     try:
-        return path.is_file()
+        return path.is_file() or (path.name == POLYMESH and path.is_dir())
     except (OSError, ValueError):
         return False
 

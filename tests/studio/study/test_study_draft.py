@@ -7,7 +7,9 @@ from study_cases import study_of
 from bspline_mdao import DesignSurface, InputError, LatticeFlow, fit_grid
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
-from bspline_mdao.studio.study import draft
+from bspline_mdao.studio.study import draft_body
+from bspline_mdao.studio.study.draft import study_draft
+from bspline_mdao.studio.study.draft_body import GridBody
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +18,7 @@ def grid():
 
 
 def drafted(folder, grid):
-    return study_of(folder, draft.study_draft("@onera_m6:7x7x5", None, grid, find_topology(grid)))
+    return study_of(folder, study_draft("@onera_m6:7x7x5", None, GridBody(grid, find_topology(grid))))
 
 
 @pytest.mark.slow
@@ -40,7 +42,7 @@ def test_euler_flow_is_drafted_with_trim(grid, tmp_path, monkeypatch):
     def camberless(*_):
         raise InputError("camber surface: the section at the tip has two upper sides")
 
-    monkeypatch.setattr(draft, "lattice_camber", camberless)
+    monkeypatch.setattr(draft_body, "lattice_camber", camberless)
     study = drafted(tmp_path, grid)
     assert (study.flow["kind"], study.flow["trim"]) == ("euler", True)
     assert study.flow["CL_target"] == pytest.approx(0.22, abs=0.03)
@@ -50,7 +52,7 @@ def test_euler_flow_is_drafted_with_trim(grid, tmp_path, monkeypatch):
 
 
 def test_without_openaerostruct_the_lift_is_an_estimate_to_be_set(grid, tmp_path, monkeypatch):
-    monkeypatch.setattr(draft, "find_spec", lambda name: None)
-    text = draft.study_draft("@onera_m6:7x7x5", None, grid, find_topology(grid))
+    monkeypatch.setattr(draft_body, "find_spec", lambda name: None)
+    text = study_draft("@onera_m6:7x7x5", None, GridBody(grid, find_topology(grid)))
     assert "  # set yours: about the lift of the baseline" in text
     assert study_of(tmp_path, text).constraints["CL"]["equals"] == pytest.approx(0.22, abs=0.03)

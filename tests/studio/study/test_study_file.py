@@ -14,6 +14,7 @@ from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.studio.study import keys
 from bspline_mdao.studio.study.draft import study_draft
+from bspline_mdao.studio.study.draft_body import GridBody
 from bspline_mdao.studio.study.script import study_script
 from bspline_mdao.studio.study.study import read_study
 from bspline_mdao.studio.study.toml_lines import key_lines, line_of
@@ -118,7 +119,7 @@ def test_names_that_something_else_has_are_refused(tmp_path):
 def test_a_fitted_model_needs_no_fit(tmp_path):
     (tmp_path / "m6.h5").write_bytes(b"")
     text = STUDY.replace("@onera_m6", "m6.h5")
-    assert study_of(tmp_path, text).is_fitted
+    assert 'model = bm.FittedModel.load(HERE / "m6.h5")' in study_script(study_of(tmp_path, text), tmp_path)
     with pytest.raises(InputError, match=r"line 3: \[grid\] 'order' does not go with a fitted model"):
         study_of(tmp_path, text.replace('m6.h5"', 'm6.h5"\norder = 4'))
 
@@ -213,7 +214,7 @@ def test_the_page_of_studies_has_every_key():
 @pytest.mark.slow
 def test_the_twist_that_is_drafted_of_a_wing_bends_once_at_most(tmp_path):
     grid = onera_m6_grid((5, 5, 5))
-    draft = study_draft("@onera_m6:5x5x5", None, grid, find_topology(grid))
+    draft = study_draft("@onera_m6:5x5x5", None, GridBody(grid, find_topology(grid)))
     spline, random = (
         StationSpline.of(study_of(tmp_path, draft).variables["twist"]["stations"]),
         np.random.default_rng(3),

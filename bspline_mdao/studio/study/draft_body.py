@@ -1,0 +1,220 @@
+"""What a draft of a study has to know of walls: by the kind of their grid, and what follows from their shape."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from importlib.util import find_spec
+
+import numpy as np
+
+from ...core.background.mesh_model import MeshModel
+from ...core.measures.area import ProjectedArea
+from ...core.measures.volume import EnclosedVolume
+from ...core.mesh.boundary import wall_patches
+from ...core.mesh.frame import Frame, surface_frame
+from ...core.mesh.surface import SurfaceGrid
+from ...errors import InputError
+from ...flow.om.lattice_flow import lattice_camber, lattice_lift
+from ...grids.cells.grid_quality import GridQuality
+from ...grids.cells.mixed_quality import MixedQuality
+from ...grids.topology.grid import Grid
+from ...grids.topology.topology import Topology
+
+__all__ = ["ALPHA", "MACH", "Body", "GridBody", "MeshBody"]
+
+ALPHA, MACH = 3.0, 0.3
+"""Angle of attack (deg) and Mach number of a draft."""
+
+THIN = 0.5
+"""Height of a wing by its chord and span at most; what is higher is another body."""
+
+_ALIGNED = 0.99
+"""Cosine of the angle to a coordinate axis up to which a direction counts as that axis."""
+
+_IN_PLANE = 1e-6
+"""Distance from the plane of symmetry, in sizes of the walls, up to which a wing begins there."""
+
+
+class Body(ABC):
+    """Walls of a grid, of any kind."""
+
+    walls: tuple[str, ...]  # names of all walls
+    design: tuple[str, ...]  # names of those that are designed
+    is_section: bool  # whether it is a section: of a grid of one layer of cells
+    moves_points: bool  # whether control points of the surface are few, and good variables as they are
+    aggregate: str  # bound of the cells
+
+    @property
+    @abstractmethod
+    def surface(self) -> SurfaceGrid:
+        """The walls that are designed."""
+
+    @property
+    @abstractmethod
+    def measured(self) -> SurfaceGrid:
+        """The walls that are measured, where no wing is."""
+
+    @property
+    @abstractmethod
+    def worst(self) -> float:
+        """Bound of the cells of the grid as it is."""
+
+    @property
+    @abstractmethod
+    def why_no_euler(self) -> str:
+        """Why the Euler equations do not suit; empty where they do."""
+
+    @cached_property
+    def frame(self) -> Frame:
+        """Directions of the walls."""
+        return surface_frame(self.surface.points, self.surface.planes)
+
+    @cached_property
+    def axes(self) -> str | None:
+        """Axes downstream, along the span, up; None where these are no coordinate axes."""
+        stream, normal, span = self.frame.axes
+        directions = np.array([stream, span, normal])
+        if np.abs(directions).max(axis=1).min() < _ALIGNED:
+            return None
+        return "".join("xyz"[axis] for axis in np.abs(directions).argmax(axis=1))
+
+    @cached_property
+    def why_no_lattice(self) -> str:
+        """Why a vortex lattice does not suit; empty where it does."""
+        if self.axes is None:
+            return "stream and span are not along coordinate axes"
+        planes = [plane for plane in self.surface.planes if abs(plane.normal @ self.frame.axes[2]) > _ALIGNED]
+        near = _IN_PLANE * self.surface.size
+        if len(planes) != 1 or abs(planes[0].offset) > near:
+            return "the walls do not end on one plane of symmetry through the origin"
+        if np.abs(self.surface.points @ planes[0].normal).min() > near:
+            return "the wing does not begin in the plane of symmetry"
+        try:
+            lattice_camber(self.surface, self.axes)
+        except InputError as error:
+            return str(error)
+        return ""
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether the walls are thin like a wing."""
+        return is_thin(self.surface)
+
+    @property
+    def is_wing(self) -> bool:
+        """Whether the walls are thin like a wing, and some flow can be had about them."""
+        return self.is_thin and not (self.why_no_lattice and self.why_no_euler)
+
+    @cached_property
+    def area(self) -> float:
+        """Planform area (m^2)."""
+        return float(ProjectedArea.of(self.surface).evaluate(self.surface.points)[0])
+
+    @cached_property
+    def elliptical_lift(self) -> float:
+        """Lift coefficient at `ALPHA` of an elliptical load, to two digits."""
+        aspect = 2.0 * self.frame.span**2 / self.area
+        return float(f"{2.0 * np.pi * np.radians(ALPHA) / (1.0 + 2.0 / aspect):.2g}")
+
+    @cached_property
+    def lattice_lift(self) -> float | None:
+        """Lift coefficient at `ALPHA` by the vortex lattice; None where OpenAeroStruct is not there."""
+        if self.axes is None or not find_spec("openaerostruct"):
+            return None
+        return float(f"{lattice_lift(lattice_camber(self.surface, self.axes), self.area, ALPHA, MACH):.6g}")
+
+    @cached_property
+    def why_no_volume(self) -> str:
+        """Why the measured walls enclose no volume; empty where they do."""
+        try:
+            EnclosedVolume.of(self.measured, relative=True)
+        except InputError as error:
+            return str(error)
+        return ""
+
+
+class GridBody(Body):
+    """Walls of a grid of blocks."""
+
+    is_section, moves_points, aggregate = False, True, "corner_ks"
+
+    def __init__(self, grid: Grid, topology: Topology):
+        self.grid, self.topology = grid, topology
+        self.walls = self.design = wall_patches(topology)
+
+    @cached_property
+    def nodes(self) -> np.ndarray:
+        """Nodes of the grid (m), shape (n, 3)."""
+        return self.grid.to_vector().reshape(-1, 3)
+
+    @cached_property
+    def surface(self) -> SurfaceGrid:
+        """The walls."""
+        return SurfaceGrid.of_nodes(self.topology, self.nodes)
+
+    @property
+    def measured(self) -> SurfaceGrid:
+        """The walls."""
+        return self.surface
+
+    @cached_property
+    def worst(self) -> float:
+        """Bound of the corners of the grid as it is."""
+        quality = GridQuality.of_baseline(self.grid)
+        return float(quality.evaluate(self.nodes, (self.aggregate,)).aggregates[self.aggregate])
+
+    @cached_property
+    def why_no_euler(self) -> str:
+        """Whether every boundary face is of a kind that the Euler equations know, and a wing's directions are clear."""
+        kinds = {face.kind for face in self.topology.boundary}
+        if self.axes is None:
+            return "stream and span are not along coordinate axes"
+        if not kinds <= {"wall", "symmetry", "farfield"} or "farfield" not in kinds:
+            return "other boundaries are not symmetry and farfield alone"
+        return ""
+
+
+class MeshBody(Body):
+    """Walls of a mesh without structure: all of them, or those of the wing."""
+
+    moves_points, aggregate = False, "volume_ks"
+    why_no_euler = "Euler flow needs a grid of blocks"
+
+    def __init__(self, model: MeshModel):
+        self.model = model
+        self.is_section = any(line.is_tied for line in model.lattice.lines)
+        self.walls = model.walls.names
+        self.design = self.walls if self.is_section else self._wing()
+
+    def _wing(self) -> tuple[str, ...]:
+        """The largest wall that is thin, and thin ones that it joins, beside others that are not; or else all."""
+        thin = [surface for name in self.walls if is_thin(surface := SurfaceGrid.of(self.model, name))]
+        if len(thin) in (0, len(self.walls)):
+            return self.walls
+        parts = [max(thin, key=lambda surface: surface.size)]
+        for part in parts:  # which grows
+            parts += [other for other in thin if other not in parts and np.isin(other.rows, part.rows).any()]
+        return tuple(name for name in self.walls if name in {part.patches[0] for part in parts})
+
+    @cached_property
+    def surface(self) -> SurfaceGrid:
+        """The walls that are designed."""
+        return SurfaceGrid.of(self.model, self.design)
+
+    @cached_property
+    def measured(self) -> SurfaceGrid:
+        """All walls: a wing alone is open where it meets others."""
+        return SurfaceGrid.of(self.model)
+
+    @cached_property
+    def worst(self) -> float:
+        """Bound of the cells of the mesh as it is."""
+        quality = MixedQuality.of(self.model.mesh, self.model.walls.faces)
+        return float(quality.evaluate(self.model.mesh.points, (self.aggregate,)).aggregates[self.aggregate])
+
+
+def is_thin(surface: SurfaceGrid) -> bool:
+    """Whether a surface is thin like a wing."""
+    frame = surface_frame(surface.points, surface.planes)
+    return bool(np.ptp(surface.points @ frame.axes[1]) < THIN * min(frame.chord, frame.span))

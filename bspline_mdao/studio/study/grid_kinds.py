@@ -1,0 +1,223 @@
+"""The kinds of grids that studies are of: blocks that are fitted, and meshes without structure.
+
+All that differs between them is here: keys that one of them does not take, names of the files that are written, and the
+statements of a script that make the model, move it and write it.
+"""
+
+from __future__ import annotations
+
+import ast
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ...core.background.mesh_file import is_mesh_model, mesh_file_in
+from ...core.generators.built_in import generator_of
+from ...grids.cells.aggregates import AGGREGATES
+from ...grids.io.files import open_grid
+from ...grids.io.formats import MODEL, POLYMESH
+from ...grids.io.meshes.files import is_mesh
+from .expressions import names_in
+from .syntax import call, expression, statement
+from .tables import Table
+
+__all__ = ["GridKind", "kind_of"]
+
+Fault = tuple[tuple[str, ...], str]
+"""Path of a key, and what is wrong with it."""
+
+PathOf = Callable[[str], ast.expr]
+"""Makes the path of a file that a study names, as a tree."""
+
+
+class GridKind(ABC):
+    """What differs with the kind of grid of a study."""
+
+    is_reported = True
+    """Whether there is a report page of it."""
+
+    @abstractmethod
+    def faults(
+        self,
+        document: Mapping[str, Any],  # the study as it is written
+        measures: Mapping[str, Table],  # measures by name, and where objective and constraints are of which expression
+        asked: Mapping[tuple[str, ...], str],
+    ) -> Iterator[Fault]:
+        """What a study says that does not go with its grid."""
+
+    @abstractmethod
+    def written(self, when: str, file: Path, output: Table) -> str:
+        """Name of the grid that is written ``"before"`` or ``"after"``, a folder where it ends in ``polyMesh``."""
+
+    @abstractmethod
+    def is_plane(self, name: str, folder: Path) -> bool:
+        """Whether a grid by its name in a study, and the folder of that, has to be made one cell deep first."""
+
+    @abstractmethod
+    def model_part(self, grid: Table, path_of: PathOf, is_plane: bool) -> Iterator[ast.stmt | str]:
+        """Statements that make ``model``."""
+
+    @abstractmethod
+    def mover_part(self, made: Callable[[], Iterator[ast.stmt | str]]) -> Iterator[ast.stmt | str]:
+        """Statements that make ``mover``, where the study says what moves the control mesh."""
+
+    @property
+    @abstractmethod
+    def movement(self) -> dict[str, Any]:
+        """Arguments of ``wing.grid_movement`` besides measures and quality."""
+
+    @abstractmethod
+    def write(self, when: str, name: str) -> ast.expr:
+        """Call that writes the grid ``"before"``, or ``"after"`` of the problem as it is."""
+
+
+class Blocks(GridKind):
+    """Grids of blocks: files, built-in ones, and what was fitted."""
+
+    def faults(
+        self, document: Mapping[str, Any], measures: Mapping[str, Table], asked: Mapping[tuple[str, ...], str]
+    ) -> Iterator[Fault]:
+        """What a study says that does not go with its grid."""
+        grid = document["grid"]
+        for key in ("patches", "n_control", "order", "corrections") if Path(grid["file"]).suffix == MODEL else ():
+            if key in grid:
+                yield ("grid", key), "does not go with a fitted model, which has it; leave it out"
+        if "spacing" in grid:
+            yield ("grid", "spacing"), "is of the lattice around a mesh without structure; leave it out"
+
+    def written(self, when: str, file: Path, output: Table) -> str:
+        """Name of the grid that is written."""
+        return f"grid_{when}.{output['grid'] or ('cgns' if file.suffix == '.cgns' else 'xyz')}"
+
+    def is_plane(self, name: str, folder: Path) -> bool:
+        """Whether the blocks of a grid are one node deep."""
+        if name.startswith("@") or Path(name).suffix == MODEL:
+            return False
+        return all(1 in shape for shape in open_grid(folder / name).shapes)
+
+    def model_part(self, grid: Table, path_of: PathOf, is_plane: bool) -> Iterator[ast.stmt | str]:
+        """Statements that make ``model``."""
+        name = grid["file"]
+        if Path(name).suffix == MODEL:
+            yield statement("model = bm.FittedModel.load(file)", file=path_of(name))
+            return
+        patches = [path_of(grid["patches"])] if grid["patches"] else []
+        if name.startswith("@") or is_plane:
+            if is_plane:
+                made = call("bm.files.lift_plane_grid", call("bm.read_grid", path_of(name)))
+            else:
+                place, shape = generator_of(name)
+                made = call(f"bm.generators.{place.rpartition('.')[2]}", shape)
+            if patches:
+                made = call("bm.files.read_patches", *patches, made)
+        else:
+            made = call("bm.read_grid", path_of(name), *patches)
+        settings = {key: grid[key] for key in ("n_control", "order") if grid[key] is not None}
+        settings |= {"corrections": grid["corrections"]} if grid["corrections"] else {}
+        yield statement("model = made", made=call("bm.fit_grid", made, **settings))
+
+    def mover_part(self, made: Callable[[], Iterator[ast.stmt | str]]) -> Iterator[ast.stmt | str]:
+        """Statements that make ``mover``."""
+        return made()
+
+    @property
+    def movement(self) -> dict[str, Any]:
+        """Arguments of ``wing.grid_movement``."""
+        return {"mover": expression("mover")}
+
+    def write(self, when: str, name: str) -> ast.expr:
+        """Call that writes the grid."""
+        points = {"before": "", "after": 'problem.get_val("control_points").reshape(-1, 3)'}[when]
+        return expression(f"bm.write_grid(HERE / file, model.regenerate({points}))", file=name)
+
+
+class Meshes(GridKind):
+    """Meshes without structure: files, and models that ``fit`` made of them."""
+
+    is_reported = False
+
+    def faults(
+        self, document: Mapping[str, Any], measures: Mapping[str, Table], asked: Mapping[tuple[str, ...], str]
+    ) -> Iterator[Fault]:
+        """What a study says that does not go with its grid."""
+        grid = document["grid"]
+        for key in ("n_control", "order", "corrections", "fixed", "released", "sliding"):
+            if key in grid:
+                yield ("grid", key), "is of grids of blocks, and this is a mesh without structure; leave it out"
+        for key in ("patches", "spacing") if Path(grid["file"]).suffix == MODEL else ():
+            if key in grid:
+                yield ("grid", key), "does not go with the model of a mesh, which has it; leave it out"
+        if document.get("movement"):
+            yield ("movement",), "is of grids of blocks; the lattice around a mesh moves it: leave this table out"
+        if document.get("flow", {}).get("kind") == "euler":
+            yield (
+                ("flow", "kind"),
+                "is 'euler', which is solved on grids of blocks, and this is a mesh without structure; take 'lattice' "
+                "about one half of a wing, leave [flow] out, or connect your own solver in Python",
+            )
+        for name, table in measures.items():
+            if table["kind"] == "curvature":
+                path = ("measures", name) if name in document.get("measures", {}) else _first(asked, name)
+                yield path, "is of lines of a grid, which a mesh without structure has not; leave it out"
+        judged = ", ".join(name for name, aggregate in AGGREGATES.items() if aggregate.of_mixed)
+        for name, aggregate in AGGREGATES.items():
+            if not aggregate.of_mixed and (path := _first(asked, name)):
+                yield path, f"is of '{name}', which is of hexahedra in blocks; of cells of any kind there are {judged}"
+        if document.get("output", {}).get("report"):
+            yield ("output", "report"), "is of grids of blocks; leave it out"
+        if "grid" in document.get("output", {}):
+            yield ("output", "grid"), "is of grids of blocks; a mesh is written as its own file is: leave it out"
+
+    def written(self, when: str, file: Path, output: Table) -> str:
+        """Name of the mesh that is written, in the format of its own file."""
+        own = Path(mesh_file_in(file) if file.suffix == MODEL else file)
+        return f"grid_{when}/{POLYMESH}" if own.name == POLYMESH else f"grid_{when}{own.suffix}"
+
+    def is_plane(self, name: str, folder: Path) -> bool:
+        """No: what reads a mesh of two dimensions makes it one cell deep."""
+        return False
+
+    def model_part(self, grid: Table, path_of: PathOf, is_plane: bool) -> Iterator[ast.stmt | str]:
+        """Statements that make ``model``, and ``mesh``, the file that moved nodes are written into."""
+        if Path(grid["file"]).suffix == MODEL:
+            yield statement("model = bm.meshes.MeshModel.load(file)", file=path_of(grid["file"]))
+        else:
+            given: dict[str, Any] = {"patches": path_of(grid["patches"])} if grid["patches"] else {}
+            if grid["spacing"]:
+                given["settings"] = call("bm.meshes.LatticeSettings", spacing=grid["spacing"])
+            yield statement("model = made", made=call("bm.meshes.fit_mesh", path_of(grid["file"]), **given))
+        yield "# moved nodes are written into copies of this file"
+        yield statement("mesh = bm.meshes.own_file(model)")
+
+    def mover_part(self, made: Callable[[], Iterator[ast.stmt | str]]) -> Iterator[ast.stmt | str]:
+        """None: the lattice of the model moves it."""
+        yield from ()
+
+    @property
+    def movement(self) -> dict[str, Any]:
+        """Arguments of ``wing.grid_movement``."""
+        return {}
+
+    def write(self, when: str, name: str) -> ast.expr:
+        """Call that writes the mesh."""
+        points = {"before": "mesh.mesh.points", "after": 'problem.get_val("grid").reshape(-1, 3)'}[when]
+        return expression(f"mesh.write(HERE / file, {points})", file=name)
+
+
+BLOCKS, MESHES = Blocks(), Meshes()
+
+
+def kind_of(
+    name: str,  # file, or built-in grid, as the study has it
+    folder: Path,  # folder of the study
+) -> GridKind:
+    """Find the kind of a grid."""
+    if name.startswith("@"):
+        return BLOCKS
+    return MESHES if is_mesh_model(folder / name) or is_mesh(folder / name) else BLOCKS
+
+
+def _first(asked: Mapping[tuple[str, ...], str], name: str) -> tuple[str, ...]:
+    """Where a name is asked for first; nothing where it is not."""
+    return next((path for path, of in asked.items() if name in names_in(of)), ())
