@@ -158,6 +158,11 @@ class FirstCells(OneLine):
             if ids.size:
                 yield number, ids
 
+    @property
+    def wall_rows(self) -> np.ndarray:
+        """Row in the grid of the wall's node of every entry, shape (n,)."""
+        return self.rows[self.at]
+
     def heights(
         self,
         nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)

@@ -54,6 +54,7 @@ class MeshQuality(OneLine):
     volumes: np.ndarray  # (n_cells,), volumes (m^3), of faces that are cut into triangles around their means
     is_inverted: np.ndarray  # bool (n_cells,), see `CellQuality`
     angles: np.ndarray  # (n_inner,), non-orthogonality of the faces between two cells (deg)
+    cell_angles: np.ndarray  # (n_cells,), the largest of the faces of each cell (deg); 0 where it has no neighbour
     mean_angle: float  # the angle of the mean of their cosines (deg); 0 where there is none
     skewness: np.ndarray  # (n_faces,), skewness of all faces
     middles: np.ndarray  # (n_cells, 3), centres of the cells (m)
@@ -96,10 +97,14 @@ def mesh_quality(mesh: MixedMesh, points: np.ndarray | None = None) -> MeshQuali
     cosines, skewness, pyramids = (np.zeros((len(centres), *more)) for more in ((), (), (2,)))
     between = faces.owner, faces.neighbour
     _judge(x, faces.corners, faces.starts, *between, centres, areas, middles, cosines, skewness, pyramids)
-    inner = cosines[faces.neighbour >= 0]
+    is_inner = faces.neighbour >= 0
+    inner = cosines[is_inner]
     mean = float(np.degrees(np.arccos(np.clip(inner.mean(), -1.0, 1.0)))) if len(inner) else 0.0
     angles = np.degrees(np.arccos(np.clip(inner, -1.0, 1.0)))
-    return MeshQuality(volumes, is_inverted, angles, mean, skewness, middles, pyramids)
+    cell_angles = np.zeros(mesh.n_cells)
+    for side in between:
+        np.maximum.at(cell_angles, side[is_inner], angles)
+    return MeshQuality(volumes, is_inverted, angles, cell_angles, mean, skewness, middles, pyramids)
 
 
 def _faces(mesh: MixedMesh) -> _Faces:

@@ -186,6 +186,22 @@ class MixedMesh(OneLine):
         n = sum(len(corners) for corners in self.cells.values())
         return n + (0 if self.polyhedra is None else int(self.polyhedra[1].max(initial=-1)) + 1)
 
+    @property
+    def cell_counts(self) -> dict[str, int]:
+        """Number of cells of each kind; those of a file of two dimensions by their names there."""
+        names = {"wedge": "triangle", "hexahedron": "quad"} if self.n_copies == 2 else {}
+        found = {names.get(kind, kind): len(corners) for kind, corners in self.cells.items() if len(corners)}
+        n_polyhedra = self.n_cells - sum(found.values())
+        return {**found, **({"polyhedron": n_polyhedra} if n_polyhedra else {})}
+
+    def cell_name(self, cell: int) -> str:
+        """Kind of a cell, and its number among those of the kind, from 1."""
+        for kind, n in self.cell_counts.items():
+            if cell < n:
+                return f"{kind} {cell + 1:,}"
+            cell -= n
+        raise IndexError(cell)
+
     @cached_property
     def cell_faces(self) -> tuple[np.ndarray, np.ndarray]:
         """Faces of all cells, shape (n, 4), around the normal out of these, and their cells, shape (n,).

@@ -164,33 +164,31 @@ class MixedQuality(OneLine):
             heights=(float(heights.min(initial=np.inf)), float(heights.max(initial=0.0))),
         )
 
+    def cell_ratios(self, nodes: np.ndarray) -> np.ndarray:
+        """Least of the pyramids of every cell by that before, shape (n_cells,); infinite where none counts."""
+        ratios = np.full(self.n_cells, np.inf)
+        cells = self.mesh.sides[1][self.counted]
+        np.minimum.at(ratios, cells, self.mesh.pyramids(nodes).volumes[self.counted] / self.scales)
+        return ratios
+
     def newly_inverted(self, nodes: np.ndarray) -> str:
         """Name the worst cell that is inverted and was not on the baseline, and the marker next to it."""
         is_new = self.mesh.quality(nodes).is_inverted & ~self.was_inverted
         if not is_new.any():
             return ""
-        (faces, cells), of_sides = self.mesh.cell_faces, self.mesh.sides[1]
-        ratios = self.mesh.pyramids(nodes).volumes[self.counted] / self.scales
-        ratios = np.where(is_new[of_sides[self.counted]], ratios, np.inf)
-        cell = int(of_sides[self.counted[np.argmin(ratios)]]) if np.isfinite(ratios).any() else int(np.argmax(is_new))
+        faces, cells = self.mesh.cell_faces
+        ratios = np.where(is_new, self.cell_ratios(nodes), np.inf)
+        cell = int(np.argmin(ratios) if np.isfinite(ratios).any() else np.argmax(is_new))
         middle = self.mesh.points[np.unique(faces[cells == cell])].mean(axis=0)
-        marker = self._marker_at(middle)
+        marker = self.marker_at(middle)
         n = int(np.count_nonzero(is_new))
         others = f", and {n - 1:,} more are" if n > 1 else ""
         return (
-            f"{self._name(cell)} at ({', '.join(f'{x:.4g}' for x in middle)})"
+            f"{self.mesh.cell_name(cell)} at ({', '.join(f'{x:.4g}' for x in middle)})"
             f"{f', next to marker {marker!r},' if marker else ''} is inverted{others}"
         )
 
-    def _name(self, cell: int) -> str:
-        """Name a cell by its kind and its number there, from 1."""
-        for kind, corners in self.mesh.cells.items():
-            if cell < len(corners):
-                return f"{kind} {cell + 1}"
-            cell -= len(corners)
-        return f"polyhedron {cell + 1}"
-
-    def _marker_at(self, place: np.ndarray) -> str:
+    def marker_at(self, place: np.ndarray) -> str:
         """Marker that has the nearest node; empty where there are none."""
         distances = {
             name: float(np.linalg.norm(self.mesh.points[faces].reshape(-1, 3) - place, axis=1).min(initial=np.inf))

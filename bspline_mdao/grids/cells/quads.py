@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["add_to_nodes", "area_vectors", "area_vectors_jvp", "area_vectors_vjp", "rings"]
+__all__ = ["add_to_nodes", "area_vectors", "area_vectors_jvp", "area_vectors_vjp", "edges_of", "rings"]
 
 
 def area_vectors(corners: np.ndarray) -> np.ndarray:
@@ -48,6 +48,13 @@ def rings(quads: np.ndarray) -> np.ndarray:
     around = np.column_stack([quads[:, [0, 1, 2, 3, 0]], np.full(len(quads), -1)])
     is_new = np.column_stack([np.ones(len(quads), dtype=bool), around[:, 1:] != around[:, :-1]])
     return around[is_new]
+
+
+def edges_of(quads: np.ndarray) -> np.ndarray:
+    """Edges of quads, shape (n, 4), triangles with their last corner twice: each once, shape (m, 2), ascending."""
+    around = rings(quads)
+    edges = np.sort(np.stack([around[:-1], around[1:]], axis=1), axis=1)
+    return np.unique(edges[edges[:, 0] >= 0], axis=0)
 
 
 def _diagonals(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

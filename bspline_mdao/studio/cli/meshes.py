@@ -96,7 +96,7 @@ def measure_mesh(
 def _baseline_of(baseline: str, mesh: MixedMesh, name: str) -> MixedMesh:
     """The mesh before it was moved."""
     before = with_markers(read_mesh(baseline).mesh)
-    if (before.n_points, _kinds(before)) != (mesh.n_points, _kinds(mesh)):
+    if (before.n_points, before.cell_counts) != (mesh.n_points, mesh.cell_counts):
         raise InputError(
             f"{name}: has {mesh.n_stored:,} nodes and {mesh.n_cells:,} cells, the baseline {baseline} "
             f"{before.n_stored:,} and {before.n_cells:,}; give the mesh that was moved"
@@ -116,29 +116,12 @@ def _heights(
     return found
 
 
-def _kinds(mesh: MixedMesh) -> dict[str, int]:
-    """Number of cells of each kind; those of a file of two dimensions by their names there."""
-    names = {"wedge": "triangle", "hexahedron": "quad"} if mesh.n_copies == 2 else {}
-    found = {names.get(kind, kind): len(corners) for kind, corners in mesh.cells.items() if len(corners)}
-    n_polyhedra = mesh.n_cells - sum(found.values())
-    return {**found, **({"polyhedron": n_polyhedra} if n_polyhedra else {})}
-
-
-def _cell_name(mesh: MixedMesh, cell: int) -> str:
-    """Kind of a cell, and its number among those of the kind, from 1."""
-    for kind, n in _kinds(mesh).items():
-        if cell < n:
-            return f"{kind} {cell + 1:,}"
-        cell -= n
-    raise IndexError(cell)
-
-
 def _inverted(mesh: MixedMesh, which: np.ndarray, volumes: np.ndarray, middles: np.ndarray) -> list[dict]:
     """Collect name, volume and place of inverted cells, those of the least volume first."""
     cells = np.flatnonzero(which)
     cells = cells[np.argsort(volumes[cells], kind="stable")][:MOST_NUMBERED]
     return [
-        {"cell": _cell_name(mesh, int(cell)), "volume": volumes[cell], "place": middles[cell].tolist()}
+        {"cell": mesh.cell_name(cell), "volume": volumes[cell], "place": middles[cell].tolist()}
         for cell in cells.tolist()
     ]
 
@@ -176,7 +159,7 @@ def _mesh_numbers(
         "dimensions": 2 if mesh.n_copies == 2 else 3,
         "n_nodes": mesh.n_stored,
         "n_cells": mesh.n_cells,
-        "cells": _kinds(mesh),
+        "cells": mesh.cell_counts,
         "box": {"low": nodes.min(axis=0).tolist(), "high": nodes.max(axis=0).tolist()} if len(nodes) else None,
         "min_volume": quality.volumes.min() if len(quality.volumes) else None,
         "n_inverted": int(quality.is_inverted.sum()),
@@ -245,7 +228,7 @@ def _quality_numbers(
         "mesh": name,
         "baseline": baseline,
         "n_cells": mesh.n_cells,
-        "cells": _kinds(mesh),
+        "cells": mesh.cell_counts,
         "min_volume": quality.volumes.min() if len(quality.volumes) else None,
         "volume": float(quality.volumes.sum()),
         "n_inverted": int(quality.is_inverted.sum()),

@@ -326,7 +326,7 @@ def test_slsqp_finds_the_shortest_skin_of_a_section_of_fixed_area():
 def test_designs_that_invert_cells_are_refused():
     problem = problem_of(section_model(), of_section)
     problem.set_val("bumps", -0.3)
-    with pytest.raises(om.AnalysisError, match=r"wedge \d+ at .*, next to marker 'airfoil', is inverted, and \d+ more"):
+    with pytest.raises(om.AnalysisError, match=r"triangle \d+ at .*, next to marker 'airfoil', is inverted, and \d+ "):
         problem.run_model()
 
 

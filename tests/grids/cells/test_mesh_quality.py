@@ -71,6 +71,7 @@ def test_a_step_between_two_cells_is_skewness_and_angle_by_hand():
     found = mesh_quality(two)
     np.testing.assert_allclose(found.middles, [[0.5, 0.5, 0.5], [1.0, 0.5, 1.5]], atol=1e-14)
     assert found.angles == pytest.approx([np.degrees(np.arctan(0.5))])
+    assert found.cell_angles == pytest.approx(2 * [np.degrees(np.arctan(0.5))])
     # the line between the middles meets the face in x = 0.75, 0.25 off its middle, from which the face reaches 0.5; the
     # normals from the upper middle meet the two leaning sides at half of their reach, and the top at its edge
     assert np.isclose(found.skewness, 0.5).sum() == 3

@@ -168,6 +168,18 @@ def test_what_cells_of_mixed_kinds_have_not_is_refused_in_one_line():
         quality.require([], cells=True)
 
 
+def test_each_cell_has_its_least_pyramid_by_that_before_and_a_name():
+    model, rng = section_model(), np.random.default_rng(7)
+    mesh, quality = model.mesh, MixedQuality.of(model.mesh, model.walls.faces)
+    nodes = mesh.points + 1e-3 * rng.normal(size=mesh.points.shape)
+    ratios, report = quality.cell_ratios(nodes), quality.report(nodes)
+    assert ratios.min() == report.min_ratio
+    assert ((ratios <= 0.0) == mesh.quality(nodes).is_inverted).all()
+    assert quality.cell_ratios(mesh.points) == pytest.approx(np.ones(mesh.n_cells))
+    assert mesh.cell_counts == {"triangle": mesh.n_cells}
+    assert mesh.cell_name(mesh.n_cells - 1) == f"triangle {mesh.n_cells:,}"
+
+
 def test_rings_go_around_quads_and_triangles_once():
     quads = np.array([[0, 1, 2, 3], [4, 5, 6, 6], [7, 7, 8, 9]])
     assert rings(quads).tolist() == [0, 1, 2, 3, 0, -1, 4, 5, 6, 4, -1, 7, 8, 9, 7, -1]
