@@ -149,11 +149,12 @@ def read_fields(
 
 
 def checksum_in(path: str | os.PathLike) -> str | None:
-    """Checksum that the file of a model says it has; None where it is no such file."""
+    """Checksum that the file of a model, of a grid or of a mesh, says it has; None where it is no such file."""
     try:
-        with opened_model(path) as file:
-            return str(file.attrs["checksum"])
-    except (InputError, OSError, RuntimeError, KeyError):
+        with deferred_interrupts(), h5py.File(path, "r") as file:
+            is_model = file.attrs.get("format") in (MODEL_FORMAT, MESH_MODEL_FORMAT)
+            return str(file.attrs["checksum"]) if is_model else None
+    except (OSError, RuntimeError, KeyError):
         return None
 
 

@@ -10,21 +10,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.om.drivers.case_history import CaseHistory, Quantity
-from ...grids.cells.first_cells import FirstCells
 from ...grids.cells.report import QualityReport
+from ..plotting.cuts import cut
 from ..plotting.figures import BLUE, GRAY, GREEN, ORANGE, PURPLE, RED
 from ..plotting.pressures import faces_around
-from .contents import Axes, Shape
-from .walls import cut
+from .shape import Axes, Shape
+from .walls import WallHeights
 
 __all__ = [
     "Chart",
+    "distribution_chart",
+    "downstream_text",
     "height_chart",
     "history_charts",
     "lattice_charts",
+    "place_text",
+    "places_of",
     "pressure_chart",
     "quality_chart",
     "section_chart",
+    "shape_styles",
 ]
 
 STATIONS = (0.05, 0.35, 0.65, 0.95)
@@ -61,21 +66,34 @@ def shape_styles(shapes: Sequence[Shape]) -> list[dict[str, Any]]:
 
 def quality_chart(shapes: Sequence[Shape], reports: Sequence[QualityReport]) -> Chart:
     """Distribution of Q over the cells, in per cent."""
-    data = []
-    for shape, report, style in zip(shapes, reports, shape_styles(shapes)):
-        edges, percent = report.histogram.edges, 100.0 * report.histogram.density * np.diff(report.histogram.edges)
-        line = {"x": np.repeat(edges, 2)[1:-1], "y": np.repeat(percent, 2), "mode": "lines", "line": style}
-        data.append({"type": "scatter", "name": shape.label, "fill": "tozeroy", **line, "opacity": 0.9})
+    edges = reports[0].histogram.edges
+    percents = [100.0 * report.histogram.density * np.diff(edges) for report in reports]
     last = reports[-1]
     text = f"Distribution of Q: smallest {last.q_min:.3g}, mean {last.q_mean:.3g}, of {last.n_cells:,} cells."
-    layout = {
-        "xaxis": {"title": {"text": "Q"}, "range": [0, 1]},
-        "yaxis": {"title": {"text": "% of the cells"}, "rangemode": "tozero"},
-    }
-    return Chart("quality", "Distribution of Q", text, data, layout)
+    axis = {"title": {"text": "Q"}, "range": [0, 1]}
+    return distribution_chart("quality", "Distribution of Q", text, shapes, edges, percents, axis, "% of the cells")
 
 
-def height_chart(shapes: Sequence[Shape], cells: FirstCells, unit: str) -> Chart:
+def distribution_chart(
+    key: str,
+    title: str,
+    text: str,
+    shapes: Sequence[Shape],
+    edges: np.ndarray,  # (n + 1,), ends of the bins
+    percents: Sequence[np.ndarray],  # (n,) for each shape, what is in them
+    axis: dict[str, Any],  # the axis of what is distributed
+    of: str,  # what there are per cent of
+) -> Chart:
+    """Distribution of something, in per cent."""
+    data = []
+    for shape, percent, style in zip(shapes, percents, shape_styles(shapes)):
+        line = {"x": np.repeat(edges, 2)[1:-1], "y": np.repeat(percent, 2), "mode": "lines", "line": style}
+        data.append({"type": "scatter", "name": shape.label, "fill": "tozeroy", **line, "opacity": 0.9})
+    layout = {"xaxis": axis, "yaxis": {"title": {"text": of}, "rangemode": "tozero"}}
+    return Chart(key, title, text, data, layout)
+
+
+def height_chart(shapes: Sequence[Shape], cells: WallHeights, unit: str) -> Chart:
     """Heights of the first cells of every wall, in the order of their size."""
     data, lowest, highest = [], np.inf, -np.inf
     parts = np.linspace(0.0, 1.0, 101)
@@ -157,7 +175,7 @@ def _limit_lines(quantity: Quantity, n: np.ndarray) -> list[dict[str, Any]]:
 
 def section_chart(shapes: Sequence[Shape], quads: np.ndarray, axes: Axes) -> Chart:
     """Sections of the walls, one below the other."""
-    places = _places(shapes[0].nodes[quads], axes)
+    places = places_of(shapes[0].nodes[quads], axes)
     data: list[dict[str, Any]] = []
     layout: dict[str, Any] = {"grid": {"rows": len(places), "columns": 1, "pattern": "independent"}, "annotations": []}
     for row, place in enumerate(places, start=1):
@@ -176,9 +194,9 @@ def section_chart(shapes: Sequence[Shape], quads: np.ndarray, axes: Axes) -> Cha
                 {"type": "scatter", "mode": "lines", "name": shape.label, "line": style, "showlegend": row == 1, **at}
             )
         layout[f"yaxis{suffix}"] = {"scaleanchor": f"x{suffix}", "title": {"text": f"{'xyz'[axes.up]} ({axes.unit})"}}
-        layout[f"xaxis{suffix}"] = {"title": {"text": _downstream_text(axes) if row == len(places) else ""}}
-        layout["annotations"].append(_named(row, _place_text(axes, place)))
-    text = f"Sections of the walls at {', '.join(_place_text(axes, place) for place in places)}."
+        layout[f"xaxis{suffix}"] = {"title": {"text": downstream_text(axes) if row == len(places) else ""}}
+        layout["annotations"].append(_named(row, place_text(axes, place)))
+    text = f"Sections of the walls at {', '.join(place_text(axes, place) for place in places)}."
     return Chart("sections", "Sections", text, data, layout, height=60 + 170 * len(places))
 
 
@@ -188,7 +206,7 @@ def pressure_chart(shapes: Sequence[Shape], name: str, corners: np.ndarray, axes
     if not shapes:
         return None
     order = [axes.downstream, axes.up, axes.span]
-    places = _places(shapes[0].nodes[corners], axes)
+    places = places_of(shapes[0].nodes[corners], axes)
     data: list[dict[str, Any]] = []
     layout: dict[str, Any] = {"grid": {"rows": len(places), "columns": 1, "pattern": "independent"}, "annotations": []}
     for row, place in enumerate(places, start=1):
@@ -202,10 +220,10 @@ def pressure_chart(shapes: Sequence[Shape], name: str, corners: np.ndarray, axes
                 {"type": "scatter", "mode": "lines", "name": shape.label, "line": style, "showlegend": row == 1, **at}
             )
         layout[f"yaxis{suffix}"] = {"autorange": "reversed", "title": {"text": name}}
-        layout[f"xaxis{suffix}"] = {"title": {"text": _downstream_text(axes) if row == len(places) else ""}}
-        layout["annotations"].append(_named(row, _place_text(axes, place)))
+        layout[f"xaxis{suffix}"] = {"title": {"text": downstream_text(axes) if row == len(places) else ""}}
+        layout["annotations"].append(_named(row, place_text(axes, place)))
     peak = float(shapes[-1].pressures[name].min())
-    where = ", ".join(_place_text(axes, place) for place in places)
+    where = ", ".join(place_text(axes, place) for place in places)
     text = f"{name} around sections at {where}; the smallest on the walls is {peak:.3g}."
     return Chart(
         f"pressure-{name.replace('.', '-')}", f"Pressure coefficient {name}", text, data, layout, 60 + 170 * len(places)
@@ -254,7 +272,7 @@ def lattice_charts(
     return charts
 
 
-def _places(corners: np.ndarray, axes: Axes) -> list[float]:
+def places_of(corners: np.ndarray, axes: Axes) -> list[float]:
     """Coordinates of the sections of walls with these quads, shape (n, 4, 3): one where they are one cell wide."""
     span = corners[..., axes.span]
     low, high = span.min(), span.max()
@@ -263,11 +281,13 @@ def _places(corners: np.ndarray, axes: Axes) -> list[float]:
     return [float(low + part * (high - low)) for part in parts]
 
 
-def _place_text(axes: Axes, place: float) -> str:
+def place_text(axes: Axes, place: float) -> str:
+    """Where a section is."""
     return f"{'xyz'[axes.span]} = {place:.3g} {axes.unit}"
 
 
-def _downstream_text(axes: Axes) -> str:
+def downstream_text(axes: Axes) -> str:
+    """Label of the axis downstream."""
     return f"{'xyz'[axes.downstream]} ({axes.unit})"
 
 

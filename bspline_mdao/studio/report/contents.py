@@ -7,14 +7,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...core.model.fitted_model import FittedModel
 from ...core.om.drivers.case_history import CaseHistory
 from ...errors import InputError
 from ...flow.euler.error_estimate import ErrorEstimate
 from ...grids.topology.grid import MAX_COORDINATE
 from ...names import CONTROL_POINTS, GRID
+from .shape import Axes, Shape
+from .subject import Subject
 
-__all__ = ["INCLUDES", "RECORD", "Axes", "Contents", "Shape", "axes_of", "shapes_of"]
+__all__ = ["INCLUDES", "RECORD", "Contents", "axes_of", "shapes_of"]
 
 INCLUDES = "*control_points", "*Cp"
 """Outputs that a report shows shapes and pressures of."""
@@ -26,51 +27,12 @@ PRESSURES, PANEL_PRESSURES = "Cp", "delta_Cp"
 """Ending of the names of pressure coefficients, and of their differences across the panels of a lattice."""
 
 
-@dataclass(frozen=True)
-class Axes:
-    """Axes of the grid that sections are drawn in."""
-
-    # downstream, span, up: numbers of the axes of the grid, from 0
-    downstream: int
-    span: int
-    up: int
-    is_guessed: bool = False  # whether no flow says so
-    unit: str = "m"  # unit of lengths along them
-
-    @property
-    def names(self) -> str:
-        """Names of the axes, downstream first, such as ``xzy``."""
-        return "".join("xyz"[axis] for axis in (self.downstream, self.span, self.up))
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """A shape of the grid.
-
-    Parameters
-    ----------
-    label : str
-        What it is called.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of the grid (m).
-    control_points : ndarray, shape (n_control_points, 3), or None
-        Control points (m); None where they are not known.
-    pressures : mapping of str to ndarray, shape (n_faces,)
-        Pressure coefficients of the wall faces, by the name of the output.
-    """
-
-    label: str
-    nodes: np.ndarray
-    control_points: np.ndarray | None
-    pressures: Mapping[str, np.ndarray] = field(default_factory=dict)
-
-
 @dataclass(frozen=True, eq=False)
 class Contents:
     """All that a report shows."""
 
     title: str  # heading of the page
-    model: FittedModel | None = None  # the fitted grid
+    subject: Subject | None = None  # the fitted grid, or the mesh
     shapes: tuple[Shape, ...] = ()  # one shape, or those before and after; none where there is no model
     history: CaseHistory | None = None  # the optimisation
     missing: tuple[str, ...] = ()  # what cannot be shown, and what to do about it
@@ -85,13 +47,12 @@ class Contents:
 
 
 def shapes_of(
-    model: FittedModel,  # the fitted grid
+    subject: Subject,  # the fitted grid, or the mesh
     history: CaseHistory | None,  # the optimisation; without it there is the grid of the model alone
-    n_wall_faces: int,  # faces of its walls
 ) -> tuple[tuple[Shape, ...], list[str]]:  # shapes; missing
     """Shapes of a grid before and after an optimisation, and what is missing of them."""
     if history is None:
-        return (_shape(model, "Grid of the model", model.control_points),), []
+        return (_shape(subject, subject.label, subject.baseline_points),), []
     points = _ending(history.outputs, CONTROL_POINTS)
     grids = _ending(history.outputs, GRID)
     moved = [(name, of) for found, of in ((points, _from_points), (grids, _from_grid)) for name in found[:1]]
@@ -100,21 +61,22 @@ def shapes_of(
             f"The case file has no control points, so that the grid of the model is shown and not that of the optimum. "
             f"Record them: {RECORD}"
         )
-        return (_shape(model, "Grid of the model", model.control_points),), [text]
+        return (_shape(subject, subject.label, subject.baseline_points),), [text]
     name, make = moved[0]
     numbers = sorted(history.outputs[name])
     first, best = numbers[0], history.best if history.best in history.outputs[name] else numbers[-1]
     labels = {first: "Before", best: "After"} if best != first else {first: "Before"}
     shapes, missing, pressures = [], [], _ending(history.outputs, PRESSURES)
+    n_wall_faces = 0 if subject.pressure_faces is None else len(subject.pressure_faces)
     for number, label in labels.items():
         if not (np.abs(history.outputs[name][number]) <= MAX_COORDINATE).all():
             raise InputError(
-                f"{model.header.source}: {name} of evaluation {number + 1} in the case file are no coordinates; it may "
+                f"{subject.source}: {name} of evaluation {number + 1} in the case file are no coordinates; it may "
                 f"be damaged"
             )
         values = {key: history.outputs[key][number].ravel() for key in pressures if number in history.outputs[key]}
         fitting = {key: value for key, value in values.items() if value.size == n_wall_faces}
-        shapes.append(make(model, label, history.outputs[name][number], fitting))
+        shapes.append(make(subject, label, history.outputs[name][number], fitting))
         missing += [
             f"{key} is not shown: it is not of the {n_wall_faces:,} wall faces." for key in {*values} - {*fitting}
         ]
@@ -126,7 +88,7 @@ def shapes_of(
 
 
 def axes_of(
-    model: FittedModel,  # the fitted grid
+    subject: Subject,  # the fitted grid, or the mesh
     walls: np.ndarray,  # (n, 3), points on its walls (m)
     options: Mapping[str, Mapping[str, object]],  # options of the systems of a problem
 ) -> Axes:
@@ -137,22 +99,12 @@ def axes_of(
         text = str(of_system.get("axes", ""))
         if sorted(text) == ["x", "y", "z"]:
             downstream, span, up = ("xyz".index(letter) for letter in text)
-            return Axes(downstream, span, up, unit=model.header.length_unit)
+            return Axes(downstream, span, up, unit=subject.unit)
     extents = np.ptp(walls, axis=0)
-    across = _across_symmetry(model)
+    across = subject.across_symmetry
     span = int(np.argmax(extents)) if across is None else across
     downstream, up = sorted((axis for axis in range(3) if axis != span), key=lambda axis: (-extents[axis], axis))
-    return Axes(downstream, span, up, True, model.header.length_unit)
-
-
-def _across_symmetry(model: FittedModel) -> int | None:
-    """Axis across the symmetry plane with the most nodes."""
-    grid = model.regenerate()
-    planes = [window for patch in grid.patches if patch.kind == "symmetry" for window in patch.windows]
-    if not planes:
-        return None
-    largest = max(planes, key=lambda window: np.prod(window.shape))
-    return int(np.argmin(np.ptp(grid.blocks[largest.block].nodes[largest.slices].reshape(-1, 3), axis=0)))
+    return Axes(downstream, span, up, True, subject.unit)
 
 
 def _ending(names: Mapping[str, object], ending: str) -> list[str]:
@@ -160,28 +112,27 @@ def _ending(names: Mapping[str, object], ending: str) -> list[str]:
     return sorted((name for name in names if name.rpartition(".")[2] == ending), key=len)
 
 
-def _shape(model: FittedModel, label: str, points: np.ndarray, pressures: Mapping | None = None) -> Shape:
+def _shape(subject: Subject, label: str, points: np.ndarray, pressures: Mapping | None = None) -> Shape:
     """Shape of given control points."""
-    is_fitted = np.array_equal(points, model.control_points)
-    nodes = model.regenerate(None if is_fitted else points).to_vector().reshape(-1, 3)
-    return Shape(label, nodes, points, pressures or {})
+    is_baseline = np.array_equal(points, subject.baseline_points)
+    return Shape(label, subject.nodes_at(None if is_baseline else points), points, pressures or {})
 
 
-def _from_points(model: FittedModel, label: str, points: np.ndarray, pressures: Mapping) -> Shape:
+def _from_points(subject: Subject, label: str, points: np.ndarray, pressures: Mapping) -> Shape:
     """Shape of recorded control points."""
-    if points.size != model.control_points.size:
-        raise _of_another(model, f"{points.size // 3:,} control points", f"{len(model.control_points):,}")
-    return _shape(model, label, points.reshape(-1, 3), pressures)
+    if points.size != subject.baseline_points.size:
+        raise _of_another(subject, f"{points.size // 3:,} control points", f"{len(subject.baseline_points):,}")
+    return _shape(subject, label, points.reshape(-1, 3), pressures)
 
 
-def _from_grid(model: FittedModel, label: str, grid: np.ndarray, pressures: Mapping) -> Shape:
+def _from_grid(subject: Subject, label: str, grid: np.ndarray, pressures: Mapping) -> Shape:
     """Shape of a recorded grid."""
-    if grid.size != 3 * model.n_nodes:
-        raise _of_another(model, f"{grid.size // 3:,} nodes", f"{model.n_nodes:,}")
+    if grid.size != 3 * subject.n_nodes:
+        raise _of_another(subject, f"{grid.size // 3:,} nodes", f"{subject.n_nodes:,}")
     return Shape(label, grid.reshape(-1, 3), None, pressures)
 
 
-def _of_another(model: FittedModel, recorded: str, given: str) -> InputError:
+def _of_another(subject: Subject, recorded: str, given: str) -> InputError:
     return InputError(
-        f"{model.header.source}: the case file has {recorded} and the model {given}; give the model that was optimised"
+        f"{subject.source}: the case file has {recorded} and the model {given}; give the model that was optimised"
     )

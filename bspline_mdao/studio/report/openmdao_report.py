@@ -47,10 +47,9 @@ def _record(problem: om.Problem) -> None:
 
 def _write(problem: om.Problem) -> None:
     """Write the page; what is wrong with it is a warning, since the optimisation is done."""
-    from ...core.model.fitted_model import FittedModel
     from ...core.om.drivers.case_history import read_history
     from .contents import Contents
-    from .page import NO_MODEL, diagram_of, with_model, write_contents
+    from .page import diagram_of, with_model, write_contents
 
     model = _model(problem)
     if model is None or problem.comm.rank > 0:
@@ -58,8 +57,7 @@ def _write(problem: om.Problem) -> None:
     try:
         history = read_history(_case_file(problem))
         contents = Contents(problem._name or "problem", history=history, diagram=diagram_of(problem))
-        contents = with_model(contents, model) if isinstance(model, FittedModel) else contents.without(NO_MODEL)
-        write_contents(problem.get_reports_dir() / PAGE, contents)
+        write_contents(problem.get_reports_dir() / PAGE, with_model(contents, model))
     except InputError as error:
         om.issue_warning(f"the report {NAME} is not written: {error}")
 

@@ -15,37 +15,27 @@ from typing import Any
 import openmdao.api as om
 
 from ... import __version__
-from ...base.text import counted
-from ...core.model.fitted_model import FittedModel
+from ...core.background.load_model import load_model
+from ...core.model.movable import Movable
 from ...core.om.drivers.case_history import CaseHistory, read_history
 from ...core.om.drivers.sound_cases import sound_cases
 from ...core.om.model_option import named_model
 from ...errors import InputError
 from ...flow.euler.error_estimate import ErrorEstimate
 from ...flow.om.induced_gain import induced_gains
-from ...grids.cells.grid_quality import GridQuality
-from ...grids.cells.report import report_quality
 from ...grids.io.disk import replaced_file
 from ...grids.io.formats import MODEL
 from ..plotting.figures import require
-from .charts import Chart, height_chart, history_charts, lattice_charts, pressure_chart, quality_chart, section_chart
+from . import block_subject, mesh_subject  # noqa: F401 - each registers what it knows
+from .charts import Chart, height_chart, history_charts, lattice_charts, pressure_chart, section_chart
 from .contents import Contents, axes_of, shapes_of
 from .model_file import find_model
 from .notes import notes_on
-from .space import DRAWN, LAYERS, camera, space_traces
-from .tables import (
-    Table,
-    estimate_table,
-    fit_table,
-    flow_table,
-    height_table,
-    history_table,
-    number,
-    quality_table,
-    variable_table,
-    worst_table,
-)
-from .walls import DrawnWalls, boundary_faces, wall_quads
+from .shape import Axes, Shape
+from .space import DRAWN, camera, space_traces
+from .subject import Subject, subject_of
+from .tables import Table, estimate_table, flow_table, height_table, history_table, number, variable_table
+from .walls import Walls
 
 __all__ = ["MOST_TRIANGLES", "Section", "write_report"]
 
@@ -88,7 +78,7 @@ class Section:
 def write_report(
     path: str | os.PathLike,
     source: Any,
-    model: FittedModel | str | os.PathLike | None = None,
+    model: Movable | str | os.PathLike | None = None,
     *,
     title: str | None = None,
     estimates: Mapping[str, ErrorEstimate] | None = None,
@@ -105,11 +95,11 @@ def write_report(
     ----------
     path : path-like
         The page, ``something.html``; replaced when the new one is complete.
-    source : FittedModel or path-like
+    source : FittedModel, MeshModel or path-like
         A model, its file ``MODEL.h5``, or a case file ``case.sql`` of a driver's ``om.SqliteRecorder``. Shapes and
         pressures are shown as far as ``control_points`` (or ``grid``) and ``Cp`` are recorded, optimality where
         derivatives are.
-    model : FittedModel or path-like, optional
+    model : FittedModel, MeshModel or path-like, optional
         The model that was optimised, for a case file; by default the file that the case file names, or one beside it
         of the same checksum.
     title : str, optional
@@ -150,14 +140,14 @@ def write_report(
     return write_contents(path, contents, most_triangles)
 
 
-def _contents(source: Any, model: FittedModel | str | os.PathLike | None, title: str | None) -> Contents:
+def _contents(source: Any, model: Movable | str | os.PathLike | None, title: str | None) -> Contents:
     """What a report on a source is about."""
-    if isinstance(source, FittedModel):
+    if isinstance(source, Movable):
         return of_model(source, title)
     if Path(source).suffix == MODEL:
         if model is not None:
             raise InputError(f"{source}: is a model already; leave out the other one")
-        return of_model(FittedModel.load(source), title or Path(source).name)
+        return of_model(load_model(source), title or Path(source).name)
     history = read_history(source)
     diagram, missing = _diagram(source)
     contents = Contents(title or Path(source).name, history=history, missing=missing, diagram=diagram)
@@ -165,19 +155,21 @@ def _contents(source: Any, model: FittedModel | str | os.PathLike | None, title:
         model, reason = find_model(Path(source), named_model(history.options))
         if model is None:
             return contents.without(reason)
-    return with_model(contents, model if isinstance(model, FittedModel) else FittedModel.load(model))
+    return with_model(contents, model if isinstance(model, Movable) else load_model(model))
 
 
-def of_model(model: FittedModel, title: str | None) -> Contents:
+def of_model(model: Movable, title: str | None) -> Contents:
     """What a report on a model alone is about."""
-    return with_model(Contents(title or model.header.source), model)
+    return with_model(Contents(title or model.source), model)
 
 
-def with_model(contents: Contents, model: FittedModel) -> Contents:
+def with_model(contents: Contents, model: Movable) -> Contents:
     """Add the shapes of a model to what is reported."""
-    quads = wall_quads(model.topology, model.regenerate().to_vector().reshape(-1, 3))
-    shapes, missing = shapes_of(model, contents.history, 0 if quads is None else len(quads))
-    return replace(contents.without(*missing), model=model, shapes=shapes)
+    if model.ownership is not None:
+        return contents.without(NO_MODEL)
+    subject = subject_of(model)
+    shapes, missing = shapes_of(subject, contents.history)
+    return replace(contents.without(*missing), subject=subject, shapes=shapes)
 
 
 def write_contents(path: str | os.PathLike, contents: Contents, most_triangles: int = MOST_TRIANGLES) -> dict[str, Any]:
@@ -198,7 +190,7 @@ def write_contents(path: str | os.PathLike, contents: Contents, most_triangles: 
         cards=_cards(contents, numbers),
         sections=sections,
         charts={key: markup(_harmless(value)) for key, value in charts.items()},
-        layers=LAYERS,
+        layers=numbers.get("layers", {}),
         drawn=DRAWN,
         space=numbers,
         shapes=[shape.label for shape in contents.shapes],
@@ -223,8 +215,8 @@ def _sections(contents: Contents, most_triangles: int) -> tuple:
     """Sections of the page, the drawing in space, and numbers about both."""
     sections: list[Section] = []
     space, numbers, of_grid = None, {}, []
-    if contents.model is not None:
-        space, numbers, of_grid = _of_grid(contents, contents.model, most_triangles)
+    if contents.subject is not None:
+        space, numbers, of_grid = _of_grid(contents, contents.subject, most_triangles)
         sections.append(of_grid.pop(0))
     if contents.history is not None:
         sections += _of_history(contents.history, contents)
@@ -237,59 +229,52 @@ def _sections(contents: Contents, most_triangles: int) -> tuple:
     return sections, space, numbers
 
 
-def _of_grid(contents: Contents, model: FittedModel, most_triangles: int) -> tuple:
+def _of_grid(contents: Contents, subject: Subject, most_triangles: int) -> tuple:
     """Drawing in space, numbers about it, and sections on the shapes of a grid, that in space first."""
     shapes = contents.shapes
-    quality = GridQuality.of_baseline(model.regenerate())
-    reports = [report_quality(quality, shape.nodes) for shape in shapes]
-    worst = [report.worst for report in reports]
-    walls = DrawnWalls.of(model.topology, shapes[0].nodes, most_triangles)
-    corners = wall_quads(model.topology, shapes[0].nodes) if any(shape.pressures for shape in shapes) else None
-    cells = quality.first_cells if len(quality.first_cells.baseline) else None
+    judgement, walls = subject.judge(shapes), subject.walls(most_triangles)
     points = shapes[0].nodes[walls.rows]
-    axes = axes_of(model, points, contents.history.options if contents.history else {})
-    traces, colors = space_traces(contents, model, axes, walls, corners, cells, worst)
-    has_symmetry = bool(boundary_faces(model.topology, shapes[0].nodes, "symmetry"))
-    layout = {"scene": {"camera": camera(axes, points, has_symmetry), "aspectmode": "data"}}
+    axes = axes_of(subject, points, contents.history.options if contents.history else {})
+    traces, colors = space_traces(shapes, subject, axes, walls, judgement.marks)
     layers = {trace["meta"]["layer"] for trace in traces}
+    layout = {"scene": {"camera": camera(axes, points, "symmetry" in layers), "aspectmode": "data"}}
     numbers = {
         "triangles": walls.n_triangles,
         "of_all": walls.n_of_all,
         "colors": colors,
-        "layers": {key: name for key, name in LAYERS.items() if key in layers},
-        "q_min": reports[-1].q_min,
-        "n_inverted": reports[-1].n_inverted,
-        "n_cells": reports[-1].n_cells,
+        "layers": {key: name for key, name in subject.layers.items() if key in layers},
+        "card": judgement.card,
     }
+    sections = [Section("space", subject.space_title, [_drawn_text(walls)], kind="space")]
+    if walls.are_walls:
+        sections.append(_on_sections(subject, shapes, walls, axes))
+    sections.append(Section("quality", "Quality of the cells", [], judgement.charts, judgement.tables))
+    if subject.heights is not None:
+        parts = [height_chart(shapes, subject.heights, axes.unit)], [height_table(shapes, subject.heights, axes.unit)]
+        sections.append(Section("heights", "Wall heights", [], *parts))
+    key, title, tables = subject.contents
+    sections.append(Section(key, title, [], [], tables))
+    return (traces, layout), numbers, sections
+
+
+def _drawn_text(walls: Walls) -> str:
+    """Say how much of the walls is drawn."""
     what = "the walls" if walls.are_walls else "the boundary, since no patch is a wall"
     line = f"Drawn: {what}, with {walls.n_triangles:,} triangles"
-    line += (
-        f" of {walls.n_of_all:,}: lines are left out."
-        if walls.n_triangles < walls.n_of_all
-        else ", all that there are."
-    )
-    sections = [Section("space", "The grid", [line], kind="space")]
-    if walls.are_walls:
-        charts = [section_chart(shapes, walls.quads(), axes)]
-        names = dict.fromkeys(name for shape in shapes for name in shape.pressures)
-        if corners is not None:
-            charts += [c for name in names if (c := pressure_chart(shapes, name, corners, axes)) is not None]
-        guess = (
-            " The axes are guessed: no flow says which are downstream and along the span." if axes.is_guessed else ""
-        )
-        title = "Sections and pressures" if names else "Sections"
-        sections.append(
-            Section("sections", title, [f"Cuts of the walls across the axis {'xyz'[axes.span]}.{guess}"], charts)
-        )
-    unit = axes.unit
-    worst_tables = (worst_table(shape, cells, unit) for shape, cells in zip(shapes[-1:], worst[-1:]))
-    quality_tables = [quality_table(shapes, reports), *worst_tables]
-    sections.append(Section("quality", "Quality of the cells", [], [quality_chart(shapes, reports)], quality_tables))
-    if cells is not None:
-        parts = [height_chart(shapes, cells, unit)], [height_table(shapes, cells, unit)]
-        sections.append(Section("heights", "Wall heights", [], *parts))
-    sections.append(Section("fit", "Fit", [], [], [fit_table(model)]))
-    return (traces, layout), numbers, sections
+    if walls.n_triangles < walls.n_of_all:
+        return line + f" of {walls.n_of_all:,}: lines are left out."
+    return line + ", all that there are."
+
+
+def _on_sections(subject: Subject, shapes: Sequence[Shape], walls: Walls, axes: Axes) -> Section:
+    """Section on cuts of the walls."""
+    charts = [section_chart(shapes, walls.quads(), axes), *subject.section_charts(shapes, walls, axes)]
+    names, corners = dict.fromkeys(name for shape in shapes for name in shape.pressures), subject.pressure_faces
+    if corners is not None:
+        charts += [c for name in names if (c := pressure_chart(shapes, name, corners, axes)) is not None]
+    guess = " The axes are guessed: no flow says which are downstream and along the span." if axes.is_guessed else ""
+    title = "Sections and pressures" if names else "Sections"
+    return Section("sections", title, [f"Cuts of the walls across the axis {'xyz'[axes.span]}.{guess}"], charts)
 
 
 def _of_history(history: CaseHistory, contents: Contents) -> list[Section]:
@@ -324,12 +309,8 @@ def _time_text(seconds: float) -> str:
 
 def _subtitle(contents: Contents) -> str:
     """Line below the heading."""
-    model = contents.model
-    if model is None:
-        return "An optimisation, without its grid"
-    blocks, points = counted(len(model.topology.shapes), "block"), model.mesh.n_control_points
-    shape = f"{blocks}, {model.n_nodes:,} nodes, {points:,} control points"
-    return f"{model.header.source}: {shape}"
+    subject = contents.subject
+    return "An optimisation, without its grid" if subject is None else f"{subject.source}: {subject.size}"
 
 
 def _cards(contents: Contents, numbers: dict[str, Any]) -> list[tuple[str, str, str]]:
@@ -353,25 +334,8 @@ def _cards(contents: Contents, numbers: dict[str, Any]) -> list[tuple[str, str, 
             if found.residuals.size:
                 cards.append(("optimality", number(found.residuals[-1], 2), f"from {number(found.residuals[0], 2)}"))
         cards.append(("evaluations", f"{history.n_evaluations}", _time_text(history.seconds[-1])))
-    if contents.model is not None:
-        inverted = numbers["n_inverted"]
-        cards.append(
-            ("smallest Q", number(numbers["q_min"], 3), f"{inverted:,} of {numbers['n_cells']:,} cells inverted")
-        )
-        if history is None:
-            cards.insert(
-                0, ("nodes", f"{contents.model.n_nodes:,}", counted(len(contents.model.topology.shapes), "block"))
-            )
-            points = contents.model.mesh.n_control_points
-            cards.insert(1, ("control points", f"{points:,}", f"one for {contents.model.n_nodes / points:.0f} nodes"))
-            report = contents.model.report
-            cards.append(
-                (
-                    "RMS of the fit",
-                    f"{number(report.rms, 3)} {contents.model.header.length_unit}",
-                    f"{number(100 * report.relative_rms, 2)} % of the mean edge",
-                )
-            )
+    if contents.subject is not None:
+        cards += [numbers["card"]] if history is not None else [*contents.subject.cards, numbers["card"]]
     return cards
 
 

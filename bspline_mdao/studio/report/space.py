@@ -1,4 +1,4 @@
-"""The drawing in space that can be turned: walls, control mesh, planes of symmetry, blocks, and the worst cells.
+"""The drawing in space that can be turned: walls, control points, planes of symmetry, and the worst cells.
 
 Every trace says in its ``meta`` what it belongs to: a ``layer`` that is shown or hidden, the ``shape``, and the
 ``color`` of the walls. The page chooses among them.
@@ -6,40 +6,42 @@ Every trace says in its ``meta`` what it belongs to: a ``layer`` that is shown o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ...core.model.fitted_model import FittedModel
-from ...grids.cells.first_cells import FirstCells
-from ...grids.cells.report import WorstCell
-from ...grids.topology.sharing import boundary_sections
-from .contents import Axes, Contents, Shape
-from .walls import DrawnWalls, boundary_faces, every_line
+from .shape import Axes, Shape
+from .subject import Mark, Subject
+from .walls import WallHeights, Walls
 
-__all__ = ["LAYERS", "camera", "space_traces"]
+__all__ = ["DRAWN", "camera", "space_traces"]
 
-LAYERS = {
-    "lines": "Grid lines",
-    "control": "Control mesh",
-    "symmetry": "Symmetry plane",
-    "worst": "Worst cells",
-    "blocks": "Blocks",
+
+@dataclass(frozen=True)
+class _Style:
+    """How a layer is drawn: colours show on light and on dark ground."""
+
+    color: str
+    width: float  # of lines
+    size: float = 2.5  # of points
+
+
+STYLES = {
+    "lines": _Style("#33485c", 1.2),
+    "control": _Style("#d55e00", 2.0),
+    "symmetry": _Style("#8a949e", 1.0),
+    "worst": _Style("#cc3311", 1.0, 5.0),
+    "blocks": _Style("#009e73", 2.0),
 }
-"""What can be shown or hidden."""
+"""Layers that can be shown or hidden; what they are called is up to the subject."""
 
 DRAWN = ("lines", "symmetry")
 """Layers that are shown at first."""
 
-MOST_POINTS = 20_000
-"""Of the lines of symmetry planes, and of those of control meshes, each."""
-
-NEAR = 0.5
-"""How far symmetry planes are drawn around the walls, in the longest side of their box."""
-
-WALL, LINE, CONTROL, PLANE, WORST, BLOCK = "#8fb8dc", "#33485c", "#d55e00", "#8a949e", "#cc3311", "#009e73"
-"""Colours that show on light and on dark ground."""
+WALL = "#8fb8dc"
+"""Colour of walls."""
 
 FAR = 1e5
 """Distance of the light, in units of plotly's scene."""
@@ -49,35 +51,41 @@ LIGHT = {"ambient": 0.6, "diffuse": 0.7, "specular": 0.1, "roughness": 0.7, "fre
 
 
 def space_traces(
-    contents: Contents,  # what is reported
-    model: FittedModel,  # the fitted grid
+    shapes: Sequence[Shape],  # what is reported
+    subject: Subject,  # of what these are shapes
     axes: Axes,  # its axes
-    walls: DrawnWalls,  # what is drawn of its walls
-    corners: np.ndarray | None,  # (n_faces, 4) of int, corners of the wall faces that pressures are of
-    first_cells: FirstCells | None,  # the first cells at walls, where there are any
-    worst: Sequence[Sequence[WorstCell]],  # the worst cells of each shape
+    walls: Walls,  # what is drawn of its walls
+    marks: Sequence[Sequence[Mark]],  # the worst cells of each shape
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:  # traces; colors: names of the colours by their keys
     """Traces of plotly for all shapes, and the colours of walls that there are."""
     colors = {"plain": "Plain"}
-    values = [_values(shape, walls, corners, first_cells) for shape in contents.shapes]
+    corners = subject.pressure_faces if any(shape.pressures for shape in shapes) else None
+    values = [_values(shape, walls, corners, subject.heights) for shape in shapes]
     for of_shape in values:
         colors |= {key: name for key, (name, _) in of_shape.items()}
     limits = {key: _limits([v[key][1] for v in values if key in v]) for key in colors if key != "plain"}
     light = np.zeros(3)
     light[[axes.downstream, axes.span, axes.up]] = FAR * np.array([-0.5, 0.4, 1.0])
     traces: list[dict[str, Any]] = []
-    for number, (shape, of_shape, cells) in enumerate(zip(contents.shapes, values, worst)):
+    for number, (shape, of_shape, worst) in enumerate(zip(shapes, values, marks)):
         points = shape.nodes[walls.rows]
         traces.append(_mesh(points, walls, light, {"layer": "walls", "shape": number, "color": "plain"}))
         for key, (name, numbers) in of_shape.items():
             mesh = _mesh(points, walls, light, {"layer": "walls", "shape": number, "color": key})
             traces.append(mesh | _painted(name, numbers, limits[key]))
-        lines = _lines([shape.nodes[face] for face in walls.drawn])
-        traces.append(_wire("lines", number, lines, LINE, 1.2))
-        traces += _others(model, shape, number, walls, cells)
+        traces.append(_wire("lines", number, walls.lines(shape.nodes)))
+        for layer in subject.layers_of(shape, walls):
+            if len(layer.lines):
+                traces.append(_wire(layer.key, number, layer.lines))
+            if len(layer.points):
+                traces.append(_points(layer.key, number, layer.points))
+        if worst:
+            points = _points("worst", number, np.array([mark.place for mark in worst]))
+            text = [mark.text for mark in worst]
+            traces.append(points | {"text": text, "hovertemplate": "%{text}<extra></extra>", "hoverinfo": None})
     for trace in traces:
         meta = trace["meta"]
-        is_shape = meta.get("shape") in (None, len(contents.shapes) - 1)
+        is_shape = meta.get("shape") in (None, len(shapes) - 1)
         trace["visible"] = bool(is_shape and meta.get("color", "plain") == "plain" and _is_drawn(meta["layer"]))
     return traces, colors
 
@@ -100,7 +108,7 @@ def _is_drawn(layer: str) -> bool:
 
 
 def _values(
-    shape: Shape, walls: DrawnWalls, corners: np.ndarray | None, first_cells: FirstCells | None
+    shape: Shape, walls: Walls, corners: np.ndarray | None, first_cells: WallHeights | None
 ) -> dict[str, tuple[str, np.ndarray]]:
     """Names and values of what colours the walls of a shape."""
     found = {}
@@ -109,7 +117,7 @@ def _values(
             found[name] = (name, walls.of_faces(corners, pressures))
     if first_cells is not None and walls.are_walls:
         with np.errstate(divide="ignore", invalid="ignore"):  # of cells that are flat or folded
-            heights = np.log10(walls.heights(first_cells, shape.nodes))
+            heights = np.log10(walls.of_nodes(first_cells.wall_rows, first_cells.heights(shape.nodes)))
         if np.isfinite(heights).all():
             found["height"] = ("Height of first cells (log10 of m)", heights)
     return found
@@ -121,7 +129,7 @@ def _limits(values: list[np.ndarray]) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-def _mesh(points: np.ndarray, walls: DrawnWalls, light: np.ndarray, meta: dict) -> dict[str, Any]:
+def _mesh(points: np.ndarray, walls: Walls, light: np.ndarray, meta: dict) -> dict[str, Any]:
     """Trace of the walls in one colour."""
     corners = walls.triangles().astype(np.uint16 if len(points) < 65536 else np.uint32)
     return {
@@ -157,96 +165,30 @@ def _painted(name: str, values: np.ndarray, limits: tuple[float, float]) -> dict
     }
 
 
-def _others(
-    model: FittedModel, shape: Shape, number: int, walls: DrawnWalls, cells: Sequence[WorstCell]
-) -> Iterator[dict[str, Any]]:
-    """Traces of one shape besides its walls."""
-    if shape.control_points is not None:
-        nets = _wall_nets(model, walls.are_walls)
-        yield _wire("control", number, _lines([shape.control_points[net] for net in nets]), CONTROL, 2.0)
-        points = shape.control_points[np.unique(np.concatenate([net.ravel() for net in nets]))]
-        yield _marks("control", number, points, CONTROL, 2.5)
-    planes = boundary_faces(model.topology, shape.nodes, "symmetry") if walls.are_walls else ()
-    if planes:
-        near = _near([shape.nodes[face] for face in every_line(planes, MOST_POINTS)], shape.nodes[walls.rows])
-        yield _wire("symmetry", number, near, PLANE, 1.0)
-    if cells:
-        marks = _marks("worst", number, np.array([cell.place for cell in cells]), WORST, 5.0)
-        text = [f"{cell}<br>Q {cell.q:.3g}, corner {cell.corner:.3g}" for cell in cells]
-        yield marks | {"text": text, "hovertemplate": "%{text}<extra></extra>", "hoverinfo": None}
-    yield _wire("blocks", number, _edges(model, shape.nodes), BLOCK, 2.0)
-
-
-def _wall_nets(model: FittedModel, are_walls: bool) -> list[np.ndarray]:
-    """Numbers of the control points on walls, each array of shape (N, M)."""
-    sections = boundary_sections(model.topology, model.mesh.control_ids)
-    return [
-        np.squeeze(ids)
-        for face, ids in sections
-        if (face.kind == "wall" or not are_walls) and np.squeeze(ids).ndim == 2
-    ]
-
-
-def _lines(nets: Sequence[np.ndarray]) -> np.ndarray:
-    """Both families of lines of nets, each of shape (n, m, 3), in one, with a gap behind each."""
-    parts = [np.zeros((0, 3))]
-    for net in nets:
-        for lines in (net, np.swapaxes(net, 0, 1)):
-            gap = np.full((len(lines), 1, 3), np.nan)
-            parts.append(np.concatenate([lines, gap], axis=1).reshape(-1, 3))
-    return np.concatenate(parts)
-
-
-def _near(nets: Sequence[np.ndarray], points: np.ndarray) -> np.ndarray:
-    """Lines of nets around points, as `_lines`; what is farther away is a gap."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    reach = NEAR * (high - low).max()
-    lines = _lines(nets)
-    outside = ~np.all((lines >= low - reach) & (lines <= high + reach), axis=1)
-    lines[outside] = np.nan
-    is_gap = np.isnan(lines[:, 0])
-    return lines[~(is_gap & np.append(False, is_gap[:-1]))]  # one gap in the place of many
-
-
-def _edges(model: FittedModel, nodes: np.ndarray) -> np.ndarray:
-    """Edges of all blocks, as `_lines`."""
-    parts = []
-    for block in model.topology.layout.split(nodes):
-        for direction in range(3):
-            corners = np.moveaxis(block, direction, 2)[[0, 0, -1, -1], [0, -1, 0, -1]]
-            step = _thinned(corners.shape[1])
-            gap = np.full((4, 1, 3), np.nan)
-            parts.append(np.concatenate([corners[:, step], gap], axis=1).reshape(-1, 3))
-    return np.concatenate(parts)
-
-
-def _thinned(n: int, most: int = 40) -> np.ndarray:
-    """At most about so many of n places, with both ends."""
-    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
-
-
-def _wire(layer: str, shape: int, points: np.ndarray, color: str, width: float) -> dict[str, Any]:
+def _wire(layer: str, shape: int, points: np.ndarray) -> dict[str, Any]:
     """Trace of lines."""
+    style = STYLES[layer]
     return {
         "type": "scatter3d",
         "mode": "lines",
         "meta": {"layer": layer, "shape": shape},
         "name": layer,
         **_coordinates(points),
-        "line": {"color": color, "width": width},
+        "line": {"color": style.color, "width": style.width},
         "hoverinfo": "skip",
     }
 
 
-def _marks(layer: str, shape: int, points: np.ndarray, color: str, size: float) -> dict[str, Any]:
-    """Trace of marks."""
+def _points(layer: str, shape: int, points: np.ndarray) -> dict[str, Any]:
+    """Trace of points."""
+    style = STYLES[layer]
     return {
         "type": "scatter3d",
         "mode": "markers",
         "meta": {"layer": layer, "shape": shape},
         "name": layer,
         **_coordinates(points),
-        "marker": {"color": color, "size": size},
+        "marker": {"color": style.color, "size": style.size},
         "hoverinfo": "skip",
     }
 

@@ -12,9 +12,9 @@ from ...core.model.records import FitReport
 from ...core.om.drivers.case_history import CaseHistory
 from ...flow.euler.error_estimate import ErrorEstimate
 from ...flow.functionals import numbers
-from ...grids.cells.first_cells import FirstCells
 from ...grids.cells.report import QualityReport, WorstCell
-from .contents import Shape
+from .shape import Shape
+from .walls import WallHeights
 
 __all__ = [
     "Table",
@@ -23,6 +23,7 @@ __all__ = [
     "flow_table",
     "height_table",
     "history_table",
+    "number",
     "quality_table",
     "variable_table",
     "worst_table",
@@ -87,7 +88,7 @@ def worst_table(shape: Shape, cells: Sequence[WorstCell], unit: str) -> Table:
     )
 
 
-def height_table(shapes: Sequence[Shape], cells: FirstCells, unit: str) -> Table:
+def height_table(shapes: Sequence[Shape], cells: WallHeights, unit: str) -> Table:
     """Heights of the first cells at every wall."""
     rows = []
     for shape in shapes:

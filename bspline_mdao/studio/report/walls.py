@@ -1,22 +1,79 @@
-"""The walls of a grid as they are drawn: faces of few enough triangles, values on them, sections through them."""
+"""Walls as they are drawn: faces of few enough triangles, values on them, sections through them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from ...errors import InputError
 from ...grids.cells.cell_faces import CellFaces
-from ...grids.cells.first_cells import FirstCells
 from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.boundary_surface import facing, quads_in_turn
 from ...grids.topology.node_numbering import face_layer_rows, node_copies, source_rows
 from ...grids.topology.topology import Topology
 
-__all__ = ["DrawnWalls", "cut", "wall_quads"]
+__all__ = ["DrawnWalls", "WallHeights", "Walls", "lines_near", "means_at", "net_lines", "wall_quads"]
+
+
+class Walls(Protocol):
+    """Walls as they are drawn, or the whole boundary where there are none."""
+
+    @property
+    def are_walls(self) -> bool:
+        """Whether these are walls."""
+
+    @property
+    def n_triangles(self) -> int:
+        """Triangles that are drawn."""
+
+    @property
+    def n_of_all(self) -> int:
+        """Triangles of the walls."""
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Rows of the nodes that are drawn."""
+
+    def triangles(self) -> np.ndarray:
+        """Corners of the triangles among `rows`, shape (n_triangles, 3)."""
+
+    def quads(self) -> np.ndarray:
+        """Corners of all faces of the walls, shape (n, 4), as rows; triangles may have their last corner twice."""
+
+    def lines(self, nodes: np.ndarray) -> np.ndarray:
+        """Lines of what is drawn, with gaps, shape (n, 3)."""
+
+    def of_faces(self, corners: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Means, at the nodes that are drawn, of values (n,) of faces with these corners (n, 4)."""
+
+    def of_nodes(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Means of values (n,) at nodes by their rows, at those that are drawn; the smallest where there is none."""
+
+
+class WallHeights(Protocol):
+    """Heights of the first cells at walls."""
+
+    @property
+    def patches(self) -> Sequence[str]:
+        """Names of the walls."""
+
+    @property
+    def baseline(self) -> np.ndarray:
+        """Heights before (m), shape (n,)."""
+
+    @property
+    def wall_rows(self) -> np.ndarray:
+        """Rows of the nodes of the walls, shape (n,)."""
+
+    def heights(self, nodes: np.ndarray) -> np.ndarray:
+        """Heights with nodes (m), shape (n,)."""
+
+    def by_patch(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Number of each wall, and which of the heights are at it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,19 +120,53 @@ class DrawnWalls:
         """Corners of all quads of the walls, shape (n, 4), as rows in the grid."""
         return np.concatenate([quads_in_turn(face) for face in self.faces])
 
+    def lines(self, nodes: np.ndarray) -> np.ndarray:
+        """Grid lines that are drawn."""
+        return net_lines([nodes[face] for face in self.drawn])
+
     def of_faces(self, corners: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Means, at the nodes that are drawn, of values (n,) of faces with these corners (n, 4)."""
-        rows, n = self.sources[corners].ravel(), len(self.sources)
-        sums, counts = np.bincount(rows, np.repeat(values, 4), n), np.bincount(rows, minlength=n)
-        at = self.sources[self.rows]
-        return sums[at] / np.maximum(counts[at], 1)
+        return self.of_nodes(corners.ravel(), np.repeat(values, 4))
 
-    def heights(self, cells: FirstCells, nodes: np.ndarray) -> np.ndarray:
-        """Heights of the first cells (m) at the nodes that are drawn; where there is none the smallest."""
-        rows, heights, n = self.sources[cells.rows[cells.at]], cells.heights(nodes), len(self.sources)
-        sums, counts = np.bincount(rows, heights, n), np.bincount(rows, minlength=n)
-        at = self.sources[self.rows]
-        return np.where(counts[at] > 0, sums[at] / np.maximum(counts[at], 1), heights.min(initial=np.inf))
+    def of_nodes(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Means, at the nodes that are drawn, of values (n,) at nodes; where there is none the smallest."""
+        return means_at(self.sources[self.rows], self.sources[rows], values)
+
+
+def means_at(
+    asked: np.ndarray,  # (m,) of int, rows of nodes
+    rows: np.ndarray,  # (n,) of int, rows that values are of, in any order and number
+    values: np.ndarray,  # (n,)
+) -> np.ndarray:  # (m,)
+    """Means of values at nodes; where there is none the smallest."""
+    n = 1 + int(max(asked.max(initial=-1), rows.max(initial=-1)))
+    sums, counts = np.bincount(rows, values, n)[asked], np.bincount(rows, minlength=n)[asked]
+    return np.where(counts > 0, sums / np.maximum(counts, 1), values.min(initial=np.inf))
+
+
+def net_lines(nets: Sequence[np.ndarray]) -> np.ndarray:
+    """Lines of all directions of nets, each of shape (n, m, 3) or (n, m, l, 3), in one, with a gap behind each."""
+    parts = [np.zeros((0, 3))]
+    for net in nets:
+        for axis in range(net.ndim - 1):
+            lines = np.moveaxis(net, axis, -2)
+            if lines.shape[-2] > 1:
+                gaps = np.full((*lines.shape[:-2], 1, 3), np.nan)
+                parts.append(np.concatenate([lines, gaps], axis=-2).reshape(-1, 3))
+    return np.concatenate(parts)
+
+
+def lines_near(
+    lines: np.ndarray,  # (n, 3), lines with gaps
+    points: np.ndarray,  # (m, 3)
+    reach: float,  # how far they are kept around the box of the points, in its longest side
+) -> np.ndarray:
+    """Lines around points; what is farther away is a gap."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    beyond = reach * (high - low).max()
+    lines = np.where(np.all((lines >= low - beyond) & (lines <= high + beyond), axis=1)[:, None], lines, np.nan)
+    is_gap = np.isnan(lines[:, 0])
+    return lines[~(is_gap & np.append(False, is_gap[:-1]))]  # one gap in the place of many
 
 
 def boundary_faces(topology: Topology, nodes: np.ndarray, kind: str | None) -> tuple[np.ndarray, ...]:
@@ -91,25 +182,6 @@ def wall_quads(topology: Topology, nodes: np.ndarray) -> np.ndarray | None:
         return CellFaces.of(topology, nodes).corners_of("wall")
     except InputError:
         return None
-
-
-def cut(
-    points: np.ndarray,  # (n_points, 3), corners (m)
-    quads: np.ndarray,  # (n, 4) of int, their numbers
-    axis: int,  # the axis
-    place: float,  # coordinate of the plane (m)
-) -> np.ndarray:  # (n_segments, 2, 3), ends of the segments (m)
-    """Cut quads with a plane across an axis."""
-    heights = points[:, axis] - place
-    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    above = heights[triangles] > 0.0
-    triangles, above = (array[above.any(axis=1) & ~above.all(axis=1)] for array in (triangles, above))
-    # the corner that is alone on its side first
-    alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
-    turned = np.take_along_axis(triangles, (alone[:, None] + np.arange(3)) % 3, axis=1)
-    a, ends = turned[:, [0]], turned[:, 1:]
-    part = heights[a] / (heights[a] - heights[ends])
-    return points[a] + part[..., None] * (points[ends] - points[a])
 
 
 def _n_triangles(face: np.ndarray) -> int:

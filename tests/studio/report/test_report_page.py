@@ -16,8 +16,9 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.error_estimate import ErrorEstimate
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.studio.cli.main import run
+from bspline_mdao.studio.plotting.cuts import cut
 from bspline_mdao.studio.report import openmdao_report
-from bspline_mdao.studio.report.walls import DrawnWalls, cut
+from bspline_mdao.studio.report.walls import DrawnWalls
 
 pytest.importorskip("plotly", reason="plotly is not installed")
 pytest.importorskip("jinja2", reason="jinja2 is not installed")

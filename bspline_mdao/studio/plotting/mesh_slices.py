@@ -1,0 +1,32 @@
+"""Slices through the cells of a mesh without structure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...grids.cells.mixed_cells import MixedMesh, face_keys
+from ...grids.cells.quads import edges_of
+from .cuts import cut
+
+__all__ = ["mesh_slice"]
+
+
+def mesh_slice(
+    mesh: MixedMesh,
+    nodes: np.ndarray,  # (n_points, 3), its nodes (m)
+    axis: int,  # axis across the slice
+    place: float,  # where it is (m)
+    box: np.ndarray,  # (2, 3), lower and upper corner of what is wanted (m)
+) -> np.ndarray:  # (n, 2, 3), ends of the edges (m)
+    """Edges of the cells in a slice; those of a file of two dimensions are its own."""
+    is_in = ((nodes >= box[0]) & (nodes <= box[1])).all(axis=1)
+    faces, _ = mesh.cell_faces
+    if mesh.n_copies > 1:
+        faces = faces[(faces < mesh.n_stored).all(axis=1)]
+        return nodes[edges_of(faces[is_in[faces].any(axis=1)])]
+    is_above = nodes[:, axis] > place
+    above = is_above[faces]
+    faces = faces[above.any(axis=1) & ~above.all(axis=1)]
+    faces = faces[is_in[faces].any(axis=1)]
+    _, first = np.unique(face_keys(faces, mesh.n_points), return_index=True)
+    return cut(nodes, faces[first], axis, place)

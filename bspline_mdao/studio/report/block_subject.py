@@ -1,0 +1,160 @@
+"""What a page shows of a grid of blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from ...base.text import counted
+from ...core.model.fitted_model import FittedModel
+from ...grids.cells.first_cells import FirstCells
+from ...grids.cells.grid_quality import GridQuality
+from ...grids.cells.report import WorstCell, report_quality
+from ...grids.topology.sharing import boundary_sections
+from .charts import Chart, quality_chart
+from .shape import Axes, Shape
+from .subject import Judgement, Layer, Mark, Subject, subject_of
+from .tables import Table, fit_table, number, quality_table, worst_table
+from .walls import DrawnWalls, Walls, boundary_faces, every_line, lines_near, net_lines, wall_quads
+
+__all__ = ["BlockSubject"]
+
+MOST_POINTS = 20_000
+"""Of the lines of symmetry planes."""
+
+NEAR = 0.5
+"""How far symmetry planes are drawn around the walls, in the longest side of their box."""
+
+
+@subject_of.register(FittedModel)
+class BlockSubject(Subject):
+    """A grid that was fitted."""
+
+    def __init__(self, model: FittedModel):
+        self.model = model
+        self.source, self.unit = model.header.source, model.header.length_unit
+        self.baseline_points = model.control_points
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all blocks."""
+        return self.model.n_nodes
+
+    @property
+    def size(self) -> str:
+        """Blocks, nodes and control points."""
+        blocks, points = counted(len(self.model.topology.shapes), "block"), self.model.mesh.n_control_points
+        return f"{blocks}, {self.n_nodes:,} nodes, {points:,} control points"
+
+    def nodes_at(self, control_points: np.ndarray | None = None) -> np.ndarray:
+        """See `FittedModel.regenerate`."""
+        return self.model.regenerate(control_points).to_vector().reshape(-1, 3)
+
+    @property
+    def layers(self) -> dict[str, str]:
+        """Lines of the grid, control mesh, and blocks."""
+        names = "Grid lines", "Control mesh", "Symmetry plane", "Worst cells", "Blocks"
+        return dict(zip(("lines", "control", "symmetry", "worst", "blocks"), names))
+
+    @cached_property
+    def pressure_faces(self) -> np.ndarray | None:
+        """Wall faces of `EulerFlow`."""
+        return wall_quads(self.model.topology, self.nodes_at())
+
+    @cached_property
+    def across_symmetry(self) -> int | None:
+        """Axis across the symmetry plane with the most nodes."""
+        grid = self.model.regenerate()
+        planes = [window for patch in grid.patches if patch.kind == "symmetry" for window in patch.windows]
+        if not planes:
+            return None
+        largest = max(planes, key=lambda window: np.prod(window.shape))
+        return int(np.argmin(np.ptp(grid.blocks[largest.block].nodes[largest.slices].reshape(-1, 3), axis=0)))
+
+    @cached_property
+    def _quality(self) -> GridQuality:
+        return GridQuality.of_baseline(self.model.regenerate())
+
+    @property
+    def heights(self) -> FirstCells | None:
+        """First cells at walls."""
+        cells = self._quality.first_cells
+        return cells if len(cells.baseline) else None
+
+    def walls(self, most_triangles: int) -> DrawnWalls:
+        """Every n-th line of the walls."""
+        return DrawnWalls.of(self.model.topology, self.nodes_at(), most_triangles)
+
+    def layers_of(self, shape: Shape, walls: Walls) -> Iterator[Layer]:
+        """Control mesh on the walls, planes of symmetry, and edges of blocks."""
+        if shape.control_points is not None:
+            nets = self._wall_nets(walls.are_walls)
+            lines = net_lines([shape.control_points[net] for net in nets])
+            yield Layer("control", lines, shape.control_points[np.unique(np.concatenate([n.ravel() for n in nets]))])
+        planes = boundary_faces(self.model.topology, shape.nodes, "symmetry") if walls.are_walls else ()
+        if planes:
+            nets = [shape.nodes[face] for face in every_line(planes, MOST_POINTS)]
+            yield Layer("symmetry", lines_near(net_lines(nets), shape.nodes[walls.rows], NEAR))
+        yield Layer("blocks", self._edges(shape.nodes))
+
+    def _wall_nets(self, are_walls: bool) -> list[np.ndarray]:
+        """Numbers of the control points on walls, each array of shape (N, M)."""
+        sections = boundary_sections(self.model.topology, self.model.mesh.control_ids)
+        return [
+            np.squeeze(ids)
+            for face, ids in sections
+            if (face.kind == "wall" or not are_walls) and np.squeeze(ids).ndim == 2
+        ]
+
+    def _edges(self, nodes: np.ndarray) -> np.ndarray:
+        """Edges of all blocks, as lines with gaps."""
+        parts = []
+        for block in self.model.topology.layout.split(nodes):
+            for direction in range(3):
+                corners = np.moveaxis(block, direction, 2)[[0, 0, -1, -1], [0, -1, 0, -1]]
+                step = _thinned(corners.shape[1])
+                gap = np.full((4, 1, 3), np.nan)
+                parts.append(np.concatenate([corners[:, step], gap], axis=1).reshape(-1, 3))
+        return np.concatenate(parts)
+
+    def judge(self, shapes: Sequence[Shape]) -> Judgement:
+        """Q of Eq. (9), and the cells with the smallest corners."""
+        reports = [report_quality(self._quality, shape.nodes) for shape in shapes]
+        last = reports[-1]
+        card = "smallest Q", number(last.q_min, 3), f"{last.n_inverted:,} of {last.n_cells:,} cells inverted"
+        marks = [[_mark(cell) for cell in report.worst] for report in reports]
+        tables = [quality_table(shapes, reports)]
+        if self.heights is not None:
+            tables.append(worst_table(shapes[-1], last.worst, self.unit))
+        return Judgement(card, marks, [quality_chart(shapes, reports)], tables)
+
+    def section_charts(self, shapes: Sequence[Shape], walls: Walls, axes: Axes) -> list[Chart]:
+        """None: cells are drawn as lines on planes of symmetry."""
+        return []
+
+    @property
+    def cards(self) -> list[tuple[str, str, str]]:
+        """Nodes, control points, and the error of the fit."""
+        model, n_points = self.model, self.model.mesh.n_control_points
+        rms = f"{number(model.report.rms, 3)} {self.unit}"
+        return [
+            ("nodes", f"{self.n_nodes:,}", counted(len(model.topology.shapes), "block")),
+            ("control points", f"{n_points:,}", f"one for {self.n_nodes / n_points:.0f} nodes"),
+            ("RMS of the fit", rms, f"{number(100 * model.report.relative_rms, 2)} % of the mean edge"),
+        ]
+
+    @property
+    def contents(self) -> tuple[str, str, list[Table]]:
+        """How good the fit is."""
+        return "fit", "Fit", [fit_table(self.model)]
+
+
+def _mark(cell: WorstCell) -> Mark:
+    return Mark(cell.place, f"{cell}<br>Q {cell.q:.3g}, corner {cell.corner:.3g}")
+
+
+def _thinned(n: int, most: int = 40) -> np.ndarray:
+    """At most about so many of n places, with both ends."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))

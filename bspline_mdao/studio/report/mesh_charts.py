@@ -1,0 +1,137 @@
+"""Charts of a mesh without structure around a section: its cells, those at the edges of a body, and the lattice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...core.background.mesh_model import MeshModel
+from ..plotting.cuts import cut
+from ..plotting.mesh_slices import mesh_slice
+from .charts import Chart, downstream_text, place_text, places_of, shape_styles
+from .shape import Axes, Shape
+from .walls import WallHeights, Walls, lines_near, net_lines
+
+__all__ = ["section_charts"]
+
+MOST_EDGES = 30_000
+"""Edges of cells that are drawn around a section; of more the longest."""
+
+AROUND = 0.15
+"""How far cells are drawn around a section, in its longest side."""
+
+REACH, LARGEST = 30.0, 0.2
+"""Half the width of what is drawn at an edge of the body, in median heights of the first nodes, and at most, in the
+longest side of the section."""
+
+
+def section_charts(
+    model: MeshModel, shapes: Sequence[Shape], walls: Walls, axes: Axes, heights: WallHeights | None
+) -> list[Chart]:
+    """Charts at the middle one of the sections."""
+    places = places_of(shapes[0].nodes[walls.quads()], axes)
+    place = places[(len(places) - 1) // 2]
+    bodies = [cut(shape.nodes, walls.quads(), axes.span, place) for shape in shapes]
+    whole = np.concatenate(bodies).reshape(-1, 3)[:, [axes.downstream, axes.up]]
+    if not len(whole):
+        return []
+    size = float(np.ptp(whole, axis=0).max())
+    window = np.stack([whole.min(axis=0) - AROUND * size, whole.max(axis=0) + AROUND * size])
+    charts = []
+    for number, (shape, body) in enumerate(zip(shapes, bodies)):
+        cells = mesh_slice(model.mesh, shape.nodes, axes.span, place, _box(window, axes))
+        lengths = np.linalg.norm(cells[:, 1] - cells[:, 0], axis=1)
+        drawn = cells[np.argsort(-lengths, kind="stable")[:MOST_EDGES]]
+        few = f", the longest {len(drawn):,} of {len(cells):,} edges" if len(drawn) < len(cells) else ""
+        title = f"Cells at {place_text(axes, place)}{few}" + (f": {shape.label.lower()}" if len(shapes) > 1 else "")
+        traces = [_lines("cells", drawn, axes, "#7d8894", 0.7), _lines("wall", body, axes, "#0072b2", 2.2)]
+        charts.append(_chart(f"cells{number}", title, traces, window, axes, 420))
+    if heights is not None:
+        charts += _edge_charts(model, shapes, bodies, axes, place, heights, size)
+    lattice = _lattice_chart(model, shapes, bodies, axes, place)
+    return charts if lattice is None else [*charts, lattice]
+
+
+def _edge_charts(
+    model: MeshModel,
+    shapes: Sequence[Shape],
+    bodies: Sequence[np.ndarray],
+    axes: Axes,
+    place: float,
+    heights: WallHeights,
+    size: float,
+) -> list[Chart]:
+    """Cells at both ends of the section, of the last shape, beside the wall before."""
+    reach = min(REACH * float(np.median(heights.baseline)), LARGEST * size)
+    charts = []
+    for key, choose in (("leading", np.argmin), ("trailing", np.argmax)):
+        points = bodies[-1].reshape(-1, 3)
+        end = points[choose(points[:, axes.downstream])][[axes.downstream, axes.up]]
+        window = np.stack([end - [1.3 * reach, reach], end + [1.3 * reach, reach]])
+        wider = _box(np.stack([end - 3.0 * reach, end + 3.0 * reach]), axes)
+        cells = mesh_slice(model.mesh, shapes[-1].nodes, axes.span, place, wider)
+        traces = [_lines("cells", cells, axes, "#7d8894", 0.9)]
+        for shape, body, style in zip(shapes, bodies, shape_styles(shapes)):
+            traces.append(_lines(f"wall, {shape.label.lower()}", body, axes, style["color"], style["width"]))
+        title = f"Cells at the {key} edge, {place_text(axes, place)}"
+        charts.append(_chart(f"{key}-edge", title, traces, window, axes, 360))
+    return charts
+
+
+def _lattice_chart(
+    model: MeshModel, shapes: Sequence[Shape], bodies: Sequence[np.ndarray], axes: Axes, place: float
+) -> Chart | None:
+    """The layer of the lattice that is nearest to the section."""
+    lattice, data = model.lattice, []
+    across = int(np.argmax(np.abs(lattice.axes[:, axes.span])))
+    layer = int(np.argmin(np.abs(lattice.lines[across].control_coordinates * lattice.axes[across, axes.span] - place)))
+    around = np.concatenate(bodies).reshape(-1, 3)
+    spacing, size = lattice.spacing, float(np.ptp(around, axis=0).max())
+    for shape, body, style in zip(shapes, bodies, shape_styles(shapes)):
+        if shape.control_points is None:
+            continue
+        net = model.splines_at(shape.control_points)[1].reshape(*lattice.shape, 3)
+        flat = np.take(net, layer, axis=across)
+        flat[..., axes.span] = place  # seen along the span, so that layers beside the section count as in it
+        lines = lines_near(net_lines([flat]), around, 3.0 * spacing / size)
+        x, y = lines[:, axes.downstream], lines[:, axes.up]
+        data.append(
+            {"type": "scatter", "mode": "lines+markers", "name": f"lattice, {shape.label.lower()}", "x": x, "y": y,
+             "line": style | {"width": 1.0, "dash": "solid"}, "marker": {"size": 4, "color": style["color"]}}
+        )  # fmt: skip
+        data.append(_lines(f"wall, {shape.label.lower()}", body, axes, style["color"], 2.2))
+    if not data:
+        return None
+    low, high = around.min(axis=0), around.max(axis=0)
+    window = np.stack([low - 2.5 * spacing, high + 2.5 * spacing])[:, [axes.downstream, axes.up]]
+    return _chart("lattice", f"Lattice at {place_text(axes, place)}", data, window, axes, 420)
+
+
+def _box(window: np.ndarray, axes: Axes) -> np.ndarray:
+    """Box in space of a window of a chart, shape (2, 3)."""
+    box = np.array([[-np.inf] * 3, [np.inf] * 3])
+    box[:, [axes.downstream, axes.up]] = window
+    return box
+
+
+def _lines(name: str, segments: np.ndarray, axes: Axes, color: str, width: float) -> dict[str, Any]:
+    """Trace of segments, shape (n, 2, 3)."""
+    flat = segments[..., [axes.downstream, axes.up]]
+    flat = np.concatenate([flat, np.full((len(flat), 1, 2), np.nan)], axis=1).reshape(-1, 2)
+    line = {"color": color, "width": width}
+    return {
+        "type": "scattergl", "mode": "lines", "name": name, "x": flat[:, 0].copy(), "y": flat[:, 1].copy(),
+        "line": line, "hoverinfo": "skip",
+    }  # fmt: skip
+
+
+def _chart(key: str, title: str, data: list, window: np.ndarray, axes: Axes, height: int) -> Chart:
+    """Chart of a part of a section, with equal scales."""
+    (left, low), (right, high) = window.tolist()
+    layout = {
+        "xaxis": {"title": {"text": downstream_text(axes)}, "range": [left, right]},
+        "yaxis": {"title": {"text": f"{'xyz'[axes.up]} ({axes.unit})"}, "range": [low, high], "scaleanchor": "x"},
+    }
+    return Chart(key, title, f"{title}.", data, layout, height)

@@ -1,0 +1,170 @@
+"""Pages on meshes without structure: what they say, what is drawn, and how few triangles draw a large wall."""
+
+import h5py
+import numpy as np
+import openmdao.api as om
+import pytest
+from mesh_cases import body_model, mesh_around_a_body, section_model
+from test_report_page import Page
+
+from bspline_mdao import DesignSurface, write_report
+from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.core.om.drivers.case_history import read_history
+from bspline_mdao.core.om.model_option import named_model
+from bspline_mdao.design import Twist
+from bspline_mdao.grids.cells.mesh_quality import mesh_quality
+from bspline_mdao.studio.cli.main import run
+from bspline_mdao.studio.plotting.mesh_slices import mesh_slice
+from bspline_mdao.studio.report import openmdao_report
+from bspline_mdao.studio.report.mesh_walls import MeshWalls, edge_lines, thinned
+from bspline_mdao.studio.report.model_file import find_model
+
+pytest.importorskip("plotly", reason="plotly is not installed")
+pytest.importorskip("jinja2", reason="jinja2 is not installed")
+
+
+def turned(model: MeshModel) -> om.Problem:
+    """A problem that turns the walls of a mesh twice, by 0 and by 4 degrees; set up, not run."""
+    design = DesignSurface.of(model)
+    problem = om.Problem(design.grid_movement([Twist("twist", design.axis, stations=1)], quality=["volume_ks"]))
+    problem.model.add_design_var("twist", lower=-10.0, upper=10.0, units="deg")
+    problem.model.add_objective("volume_ks")
+    cases = om.ListGenerator([[("twist", [angle])] for angle in (0.0, 4.0)])
+    problem.driver = om.DOEDriver(cases)
+    return problem
+
+
+def recorded(folder, model: MeshModel):
+    """Run `turned` and return its case file."""
+    problem, file = turned(model), folder / "cases.sql"
+    problem.driver.add_recorder(om.SqliteRecorder(file))
+    problem.driver.recording_options["includes"] = ["*control_points"]
+    problem.setup()
+    problem.run_driver()
+    problem.cleanup()
+    return file
+
+
+def page_of(path) -> Page:
+    return Page(path.read_text(encoding="utf-8"))
+
+
+def sphere(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Quads of a sphere and, at its poles, triangles."""
+    theta, phi = np.linspace(0.0, np.pi, n), np.linspace(0.0, 2.0 * np.pi, 2 * n, endpoint=False)
+    ring = np.stack([np.cos(phi), np.sin(phi), 0.0 * phi], axis=1)
+    points = np.concatenate(
+        [[[0.0, 0.0, 1.0]], *(ring * np.sin(t) + [0.0, 0.0, np.cos(t)] for t in theta[1:-1]), [[0.0, 0.0, -1.0]]]
+    )
+    ids = 1 + np.arange((n - 2) * 2 * n).reshape(n - 2, 2 * n)
+    after = np.roll(ids, -1, axis=1)
+    quads = np.stack([ids[:-1], ids[1:], after[1:], after[:-1]], axis=-1).reshape(-1, 4)
+    north = np.stack([0 * ids[0], ids[0], after[0], after[0]], axis=1)
+    south = np.stack([after[-1], ids[-1], 0 * ids[0] + len(points) - 1, 0 * ids[0] + len(points) - 1], axis=1)
+    return points, np.concatenate([north, quads, south])
+
+
+@pytest.mark.slow
+def test_a_mesh_has_a_page_of_its_own(tmp_path):
+    body_model().save(tmp_path / "body.h5")
+    assert run(["report", str(tmp_path / "body.h5"), "-o", str(tmp_path / "body.html")]) == 0
+    page = page_of(tmp_path / "body.html")
+    assert [a["id"] for a in page.all("section")] == ["space", "sections", "quality", "heights", "contents"]
+    mesh, lattice = body_model().mesh, body_model().lattice
+    assert f"{mesh.n_points:,} nodes, {mesh.n_cells:,} cells, {lattice.n_control:,} control points" in page.text
+    assert f"{mesh_quality(mesh).angles.max():.4g}" in page.text
+    for words in (*mesh.markers, "cells: tetra", "go where they are asked to", "stay in their plane"):
+        assert words in page.text
+    drawn = {trace["meta"]["layer"] for trace in page.charts["space"]["data"]}
+    assert drawn == {"walls", "lines", "control", "symmetry", "worst"}
+    assert {"sections", "cells0", "leading-edge", "trailing-edge", "lattice", "quality"} <= set(page.charts)
+
+
+@pytest.mark.slow
+def test_an_optimisation_on_a_mesh_is_shown_before_and_after(tmp_path):
+    model = section_model()
+    model.save(tmp_path / "section.h5")
+    model = MeshModel.load(tmp_path / "section.h5")
+    file = recorded(tmp_path, model)
+    numbers = write_report(tmp_path / "page.html", file)  # the model is found by its checksum
+    page = page_of(tmp_path / "page.html")
+    assert not any("grid is not shown" in text for text in numbers["missing"])
+    assert {"history", "variables", "diagram", "contents"} <= {a["id"] for a in page.all("section")}
+    assert {trace["name"] for trace in page.charts["sections"]["data"]} == {"Before", "After"}
+    assert {"cells0", "cells1", "ratios"} <= set(page.charts)
+    with h5py.File(tmp_path / "section.h5", "r+") as stored:
+        stored.attrs["checksum"] = "another"
+    assert "is another model" in find_model(file, named_model(read_history(file).options))[1]
+
+
+@pytest.mark.slow
+def test_openmdao_makes_the_page_of_a_chain_on_a_mesh(tmp_path, monkeypatch):
+    monkeypatch.setenv("OPENMDAO_WORKDIR", str(tmp_path))
+    problem = turned(body_model())
+    problem.setup()
+    problem.final_setup()
+    problem.get_reports_dir().mkdir(parents=True, exist_ok=True)
+    openmdao_report._record(problem)
+    problem.run_driver()
+    openmdao_report._write(problem)
+    problem.cleanup()
+    page = page_of(problem.get_reports_dir() / openmdao_report.PAGE)
+    assert {"space", "history", "quality", "contents", "diagram"} <= {a["id"] for a in page.all("section")}
+
+
+def test_a_sphere_of_few_triangles_is_closed_and_near_the_whole_one():
+    points, faces = sphere(40)
+    walls = MeshWalls.of(points, faces, np.zeros(len(faces), dtype=int), 600)
+    assert walls.n_of_all == 2 * len(faces) - 4 * 40
+    assert 300 < walls.n_triangles <= 600
+    ends = np.sort(np.concatenate([walls.drawn[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
+    assert (np.unique(ends, axis=0, return_counts=True)[1] == 2).all()
+    middles = points[walls.drawn].mean(axis=1)
+    assert np.linalg.norm(middles, axis=1).min() > 0.95
+    normals = np.cross(*(points[walls.drawn[:, k]] - points[walls.drawn[:, 0]] for k in (1, 2)))
+    assert (np.sum(normals * middles, axis=1) > 0.0).all() or (np.sum(normals * middles, axis=1) < 0.0).all()
+
+
+def test_sharp_edges_and_seams_of_markers_stay_where_they_are():
+    n = 30
+    ids = np.arange(n * n).reshape(n, n)
+    x, y = np.meshgrid(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, n), indexing="ij")
+    points = np.stack([x, y, np.abs(x - x[10, 0])], axis=-1).reshape(-1, 3)  # a roof
+    quads = np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1)
+    marker = np.broadcast_to(np.arange(n - 1) < 17, (n - 1, n - 1)).astype(int)
+    walls = MeshWalls.of(points, quads.reshape(-1, 4), marker.ravel(), 100)
+    assert walls.n_triangles <= 100
+    kept = points[walls.drawn]
+    areas = 0.5 * np.linalg.norm(np.cross(kept[:, 1] - kept[:, 0], kept[:, 2] - kept[:, 0]), axis=1)
+    assert areas.sum() == pytest.approx(np.sqrt(2.0), rel=1e-12)  # no corner, edge or ridge is lost
+    for axis, place in ((0, x[10, 0]), (1, y[0, 17])):
+        across = kept[..., axis] - place
+        assert not ((across.min(axis=1) < -1e-9) & (across.max(axis=1) > 1e-9)).any()
+
+
+def test_few_triangles_are_all_drawn():
+    points, faces = sphere(6)
+    triangles = faces[faces[:, 2] == faces[:, 3]][:, :3]
+    assert thinned(points, triangles, np.zeros(len(triangles), dtype=int), 1000) is triangles
+
+
+def test_lines_pass_every_edge_once():
+    points, faces = sphere(7)
+    edges = np.unique(np.sort(faces[:, :2], axis=1), axis=0)
+    lines = edge_lines(points, edges)
+    is_line = ~np.isnan(lines[:-1, 0]) & ~np.isnan(lines[1:, 0])
+    drawn = np.sort(np.stack([np.linalg.norm(lines[1:] - lines[:-1], axis=1)[is_line]]))
+    lengths = np.sort(np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1))
+    np.testing.assert_allclose(drawn[0], lengths, atol=1e-12)
+    assert len(lines) < 2.5 * len(edges)
+
+
+def test_a_slice_of_cells_fills_the_box_around_the_body():
+    mesh, _ = mesh_around_a_body()
+    ends = mesh_slice(mesh, mesh.points, 1, 0.31, np.array([[-9.0] * 3, [9.0] * 3]))
+    assert np.allclose(ends[..., 1], 0.31)
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    for axis in (0, 2):
+        assert (ends[..., axis].min(), ends[..., axis].max()) == pytest.approx((low[axis], high[axis]))
+    middles = ends.mean(axis=1)
+    assert not ((np.abs(middles[:, 0]) < 0.1) & (np.abs(middles[:, 2]) < 0.1)).any()  # none in the body
