@@ -1,7 +1,7 @@
 """Public names: each is imported when it is first asked for, from the module that is written here."""
 
-from .core.background.background_lattice import LatticeSettings as LatticeSettings
 from .core.background.fit_mesh import fit_mesh as fit_mesh
+from .core.background.lattice_settings import LatticeSettings as LatticeSettings
 from .core.background.mesh_model import MeshModel as MeshModel
 from .core.background.own_file import own_file as own_file
 from .core.background.thin_plate import ThinPlate as ThinPlate

@@ -4,8 +4,9 @@ from functools import cache
 from itertools import product
 
 import numpy as np
+from scipy.spatial import Delaunay
 
-from bspline_mdao.core.background.background_lattice import LatticeSettings
+from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh, fans
 
@@ -92,6 +93,38 @@ def mesh_around_a_section(n_around: int = 24, n_off: int = 9) -> tuple[MixedMesh
     cells = {"wedge": np.concatenate([triangles, triangles + n], axis=1)}
     mesh = MixedMesh(points, cells, {"airfoil": side(ids[0]), "far": side(ids[-1])}, n_copies=2)
     return mesh, {"airfoil": "wall", "far": "farfield"}
+
+
+def mesh_around_two_sections(gap: float) -> tuple[MixedMesh, dict[str, str]]:
+    """Triangles around a large ellipse and a small one below its end, in one layer of wedges across z."""
+    angle, sizes = 2.0 * np.pi * np.arange(300) / 300, ((0.5, 0.06), (0.05, 0.02))
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    middles = np.zeros(2), np.array([0.3, -0.8 * 0.06 - gap - 0.02])
+    bodies = [middle + size * circle[::step] for middle, size, step in zip(middles, np.array(sizes), (1, 5))]
+    plane = np.concatenate(bodies)
+    for off in np.geomspace(0.3 * gap, 4.0, 18):
+        rings = [middle + (np.array(size) + off) * circle[::5] for middle, size in zip(middles, sizes)]
+        for ring in rings if off < 1.0 else rings[:1]:
+            is_off = np.all([(((ring - m) / s) ** 2).sum(axis=1) > 1.0 for m, s in zip(middles, sizes)], axis=0)
+            near = np.linalg.norm(ring[:, None] - plane, axis=2).min(axis=1)
+            plane = np.concatenate([plane, ring[is_off & (near > 0.3 * off)]])
+    triangles = Delaunay(plane).simplices
+    first, second = plane[triangles[:, 1]] - plane[triangles[:, 0]], plane[triangles[:, 2]] - plane[triangles[:, 0]]
+    areas = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    triangles = np.where((areas > 0.0)[:, None], triangles, triangles[:, [0, 2, 1]])
+    starts = np.cumsum([0, len(bodies[0]), len(bodies[1])])
+    is_inside = [((triangles >= a) & (triangles < b)).all(axis=1) for a, b in zip(starts, starts[1:])]
+    triangles = triangles[~np.any(is_inside, axis=0)]
+    n = len(plane)
+    points = np.concatenate([np.column_stack([plane, np.full(n, z)]) for z in (0.0, 0.3)])
+
+    def side(ids: np.ndarray) -> np.ndarray:
+        ends = np.roll(ids, -1)
+        return np.stack([ids, ends, ends + n, ids + n], axis=1)
+
+    cells = {"wedge": np.concatenate([triangles, triangles + n], axis=1)}
+    markers = {"main": side(np.arange(300)), "flap": side(np.arange(300, 360)), "far": side(np.arange(n - 60, n))}
+    return MixedMesh(points, cells, markers, n_copies=2), {"main": "wall", "flap": "wall", "far": "farfield"}
 
 
 @cache

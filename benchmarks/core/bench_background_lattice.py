@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from bench_ride import SHAPE, SPACING, SPLITS, joined, quads_of, timed, with_halves
 
-from bspline_mdao.core.background.background_lattice import LatticeSettings
+from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.generators import onera_m6_grid

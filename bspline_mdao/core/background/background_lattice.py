@@ -22,45 +22,7 @@ from ..splines.volume import Volume
 from ..walls.embedded_points import ON_PLANE
 from .lattice_line import LatticeLine
 
-__all__ = ["DEFAULTS", "BackgroundLattice", "LatticeSettings"]
-
-PER_SIDE = 10.0
-"""Spans along the longest side of the box of the walls. Of 6, 8, 10 and 13, this leaves the largest smallest volume of
-pyHyp's M6 bent by 60 degrees, by that before: 0.20, 0.33, 0.38 and 0.10."""
-
-
-@dataclass(frozen=True)
-class LatticeSettings(OneLine):
-    """What a lattice is like.
-
-    A mesh of the RAE 2822 whose two sides get bumps within one span of each other inverts 799 cells with a stiffness of
-    1e6, and none with 1e2 or 1e4; with 1e2 a wing bent by 60 degrees inverts 35, and none with 1e4 or 1e6.
-
-    Parameters
-    ----------
-    spacing : float, optional
-        Width of the spans around the walls (m); by default a tenth of the longest side of their box.
-    padding : float
-        How far beyond the box of the walls spans are even, by its longest side.
-    growth : float
-        Ratio of the widths of neighbouring spans from there to the ends of the mesh.
-    stiffness : float
-        Weight of the walls against the energy, for each element of the lattice that they cross.
-
-    Examples
-    --------
-    >>> from bspline_mdao.meshes import LatticeSettings
-    >>> LatticeSettings(spacing=0.05).growth
-    1.8
-    """
-
-    spacing: float | None = None
-    padding: float = 0.1
-    growth: float = 1.8
-    stiffness: float = 1e4
-
-
-DEFAULTS = LatticeSettings()
+__all__ = ["BackgroundLattice"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,31 +31,6 @@ class BackgroundLattice(OneLine):
 
     lines: tuple[LatticeLine, LatticeLine, LatticeLine]  # its directions
     axes: np.ndarray  # (3, 3), rows are the unit vectors of the directions
-
-    @classmethod
-    def around(
-        cls,
-        points: np.ndarray,  # (n, 3), nodes of the mesh (m)
-        walls: np.ndarray,  # (n_wall, 3), those of its walls (m)
-        axes: np.ndarray,  # (3, 3), rows are the directions of the lattice
-        section_axis: int | None,  # direction across a section, whose nodes are all at the two ends of it
-        settings: LatticeSettings,
-    ) -> BackgroundLattice:
-        """Lay a lattice around a mesh."""
-        points, walls = points @ axes.T, walls @ axes.T
-        box = points.min(axis=0), points.max(axis=0)
-        around = walls.min(axis=0), walls.max(axis=0)
-        sides = [d for d in range(3) if d != section_axis]
-        size = max(around[1][d] - around[0][d] for d in sides)
-        spacing, padding = settings.spacing or size / PER_SIDE, settings.padding * size
-        lines = []
-        for d in range(3):
-            if d == section_axis:
-                lines.append(LatticeLine(np.array([box[0][d], box[1][d]]), is_tied=True))
-                continue
-            even = max(box[0][d], around[0][d] - padding), min(box[1][d], around[1][d] + padding)
-            lines.append(LatticeLine.between((box[0][d], box[1][d]), even, spacing, settings.growth))
-        return cls((lines[0], lines[1], lines[2]), axes)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -156,3 +93,9 @@ class BackgroundLattice(OneLine):
         """Number of the element of the lattice that each point, shape (n, 3), is in."""
         spans = [line.spans(x) for line, x in zip(self.lines, (points @ self.axes.T).T)]
         return np.ravel_multi_index(spans, [len(line.breaks) - 1 for line in self.lines])
+
+    def refinement(self, points: np.ndarray) -> np.ndarray:
+        """How much less of a wall an element has than one that nothing asked to be smaller, for those of points."""
+        free = [(line, x) for line, x in zip(self.lines, (points @ self.axes.T).T) if not line.is_tied]
+        parts = [(np.diff(line.breaks) / line.scales)[line.spans(x)] for line, x in free]
+        return np.prod(parts, axis=0) ** ((len(free) - 1.0) / len(free))

@@ -16,8 +16,9 @@ from ...base.numerics.vectors import nearest_plane
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.quads import area_vectors
+from ..walls.embedded_points import ON_PLANE
 
-__all__ = ["INNER", "SYMMETRY", "WALL", "EndPlane", "find_end_planes", "lattice_axes"]
+__all__ = ["INNER", "SYMMETRY", "WALL", "EndPlane", "find_end_planes", "lattice_axes", "section_axis"]
 
 FLAT = 1e-6
 """Part of the size of a mesh by which nodes of a symmetry plane may be off it: digits of single precision."""
@@ -149,3 +150,15 @@ def lattice_axes(source: str, planes: Sequence[EndPlane]) -> tuple[np.ndarray, t
         axis = int(np.argmax(np.abs(along)))
         sides.append(replace(plane, axis=axis, end=-1 if along[axis] > 0.0 else 0))
     return rows, tuple(sides)
+
+
+def section_axis(points: np.ndarray, planes: tuple[EndPlane, ...], axes: np.ndarray) -> int | None:
+    """Direction of the lattice across a section, whose nodes are all in the two planes across it."""
+    for axis in range(3):
+        pair = [plane for plane in planes if plane.axis == axis]
+        if len(pair) == 2:
+            across = points @ axes[axis]
+            low, high = across.min(), across.max()
+            if (np.minimum(across - low, high - across) <= ON_PLANE * np.linalg.norm(np.ptp(points, axis=0))).all():
+                return axis
+    return None

@@ -15,7 +15,7 @@ from ...grids.io.marker_guess import MarkerGuess
 from ...grids.io.marker_kinds import marker_kinds, undecided
 from ...grids.io.meshes.blocks import read_marked_grid
 from ...grids.io.meshes.files import is_mesh, read_mesh
-from .background_lattice import DEFAULTS, LatticeSettings
+from .lattice_settings import DEFAULTS, LatticeSettings
 from .mesh_model import MeshModel
 
 __all__ = ["fit_mesh", "read_marked_mesh"]

@@ -17,11 +17,12 @@ from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
+from scipy.optimize import brentq
 from scipy.sparse import csr_array
 
 from ..splines.knots import ConstantKnots
 
-__all__ = ["LatticeLine"]
+__all__ = ["LatticeLine", "even_breaks"]
 
 DEGREE = 3
 """Cubic: curvatures, whose squares the energy sums, are continuous."""
@@ -29,12 +30,16 @@ DEGREE = 3
 SHORTEST = 0.5
 """An end of the box that is nearer to the even spans than this part of one is met by making the last one wider."""
 
+BEYOND = 3
+"""Power of the growth far from the walls, where displacements are small and smooth."""
+
 
 @dataclass(frozen=True, eq=False)
 class LatticeLine:
     """One direction of a lattice."""
 
     breaks: np.ndarray  # (n_spans + 1,), ends of the spans, ascending (m)
+    scales: np.ndarray  # (n_spans,), the lengths by which derivatives in the spans are taken (m)
     # whether all control points move alike: across a section, whose two planes are the ends of a single span
     is_tied: bool = False
 
@@ -42,18 +47,16 @@ class LatticeLine:
     def between(
         cls,
         box: tuple[float, float],  # ends of the mesh (m)
-        even: tuple[float, float],  # ends of the part with even spans, within the box (m)
-        spacing: float,  # width of these, at most (m)
+        inner: np.ndarray,  # (n,), ends of the spans around the walls, ascending, within the box (m)
+        width: float,  # of spans there that nothing asks to be narrower (m)
         growth: float,  # ratio of the widths of neighbouring spans beyond
+        near: float,  # distance from these from which on spans grow faster (m)
     ) -> LatticeLine:
-        """Cut a direction into spans."""
-        n_even = max(1, int(np.ceil((even[1] - even[0]) / spacing - 1e-9)))
-        inner = np.linspace(even[0], even[1], n_even + 1)
-        width = (even[1] - even[0]) / n_even
-        low, high = _growing(even[0] - box[0], width, growth), _growing(box[1] - even[1], width, growth)
-        breaks = np.concatenate([even[0] - low[::-1], inner, even[1] + high])
-        breaks[0], breaks[-1] = box
-        return cls(breaks)
+        """Continue spans to the ends of a mesh."""
+        breaks = _continued(box, inner, growth, near)
+        even = _continued(box, even_breaks(inner[0], inner[-1], width), growth, near)
+        middles = 0.5 * (breaks[1:] + breaks[:-1])
+        return cls(breaks, np.diff(even)[np.searchsorted(even, middles) - 1])
 
     @property
     def degree(self) -> int:
@@ -111,17 +114,42 @@ class LatticeLine:
         widths = np.diff(self.breaks)
         points = (self.breaks[:-1, None] + 0.5 * widths[:, None] * (1.0 + places)).ravel()
         weights = (0.5 * widths[:, None] * weights).ravel()
-        local, found = np.repeat(widths, len(places)), []
+        local, found = np.repeat(self.scales, len(places)), []
         for m in range(3):
             basis = BSpline(self.coordinate_knots, np.eye(self.n_control), self.degree)(points, nu=m)
             found.append(csr_array(basis.T @ ((weights * local ** (2 * m - 1))[:, None] * basis)))
         return found[0], found[1], found[2]
 
 
-def _growing(length: float, width: float, growth: float) -> np.ndarray:
+def even_breaks(low: float, high: float, width: float) -> np.ndarray:
+    """Ends of even spans of a width (m), at most."""
+    return np.linspace(low, high, max(1, int(np.ceil((high - low) / width - 1e-9))) + 1)
+
+
+def _continued(box: tuple[float, float], inner: np.ndarray, growth: float, near: float) -> np.ndarray:
+    """Ends of spans to the ends of a mesh, see `LatticeLine.between`."""
+    low = _growing(inner[0] - box[0], inner[1] - inner[0], growth, near)
+    high = _growing(box[1] - inner[-1], inner[-1] - inner[-2], growth, near)
+    breaks = np.concatenate([inner[0] - low[::-1], inner, inner[-1] + high])
+    breaks[0], breaks[-1] = box
+    return breaks
+
+
+def _growing(length: float, width: float, growth: float, near: float) -> np.ndarray:
     """Distances of the ends of growing spans that fill a length, ascending; none where it is too short for one."""
     if length < SHORTEST * width:
         return np.zeros(0)
-    n = max(1, int(np.ceil(np.log1p(length / width * (growth - 1.0) / growth) / np.log(growth))))
-    ends = np.cumsum(growth ** np.arange(1, n + 1))
-    return length / ends[-1] * ends
+    ends = _ends(width, growth, min(length, near))
+    left, last = length - ends[-1], width * growth ** len(ends)
+    if left < last:  # all of them a little narrower, or wider by less
+        ends = _ends(width, growth, length)
+        return length / ends[-1] * ends
+    n = len(_ends(last, growth**BEYOND, left))
+    ratio = brentq(lambda ratio: last * (ratio ** np.arange(1, n + 1)).sum() - left, 0.5, growth**BEYOND + 1e-9)
+    return np.append(ends, ends[-1] + np.cumsum(last * ratio ** np.arange(1, n + 1)))
+
+
+def _ends(width: float, growth: float, length: float) -> np.ndarray:
+    """Distances of the ends of spans, each wider than the one before, the first than a width, that reach a length."""
+    n = max(1, int(np.ceil(np.log1p(length / width * (growth - 1.0) / growth) / np.log(growth) - 1e-9)))
+    return width * np.cumsum(growth ** np.arange(1, n + 1))

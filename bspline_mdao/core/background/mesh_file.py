@@ -35,7 +35,7 @@ from ..model.model_file import (
     dataset_options,
     datasets_of,
 )
-from .background_lattice import LatticeSettings
+from .lattice_settings import LatticeSettings
 
 __all__ = ["is_mesh_model", "mesh_file_in", "read_mesh_model", "write_mesh_model"]
 
@@ -115,4 +115,6 @@ def read_mesh_model(path: str | os.PathLike) -> tuple[MixedMesh, dict[str, str],
         polyhedra = (stored["faces"], stored["face_cells"]) if "faces" in stored else None
         points, source, n_copies = stored["points"], document["source"], document["n_copies"]
         mesh = MixedMesh(points, cells, markers, polyhedra, source, n_copies, numbers=stored.get("numbers"))
-        return mesh, document["kinds"], LatticeSettings(**document["settings"]), mesh_file
+        settings = document["settings"]
+        settings["refined"] = tuple(tuple(part) for part in settings.get("refined", ()))
+        return mesh, document["kinds"], LatticeSettings(**settings), mesh_file

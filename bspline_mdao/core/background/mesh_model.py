@@ -36,8 +36,10 @@ from ..riding.wall_faces import WallFaces
 from ..splines.mesh import BSplineMesh
 from ..walls.body_points import Body
 from ..walls.embedded_points import ON_PLANE
-from .background_lattice import DEFAULTS, BackgroundLattice, LatticeSettings
-from .end_planes import INNER, WALL, EndPlane, find_end_planes, lattice_axes
+from .background_lattice import BackgroundLattice
+from .end_planes import INNER, WALL, EndPlane, find_end_planes, lattice_axes, section_axis
+from .lattice_settings import DEFAULTS, LatticeSettings
+from .lattice_spans import MeshBox
 from .mesh_file import arrays_of, document_of, read_mesh_model, write_mesh_model
 from .mesh_map import MeshMap
 from .mesh_points import MeshPoints
@@ -135,12 +137,11 @@ class MeshModel(OneLine, Movable):
             raise InputError(
                 f"{mesh.source}: no marker is a wall, or it has no faces, so that nothing moves; say which are"
             )
-        wall_rows = np.unique(np.concatenate([markers[name] for name in walls]))
-        planes = find_end_planes(mesh, kinds, wall_rows)
+        faces = np.concatenate([markers[name] for name in walls])
+        planes = find_end_planes(mesh, kinds, np.unique(faces))
         axes, planes = lattice_axes(mesh.source, planes)
-        section = _section_axis(mesh.points, planes, axes)
-        lattice = BackgroundLattice.around(mesh.points, mesh.points[wall_rows], axes, section, settings)
-        return cls(mesh, dict(kinds), settings, planes, lattice, os.fspath(mesh_file))
+        box = MeshBox.of(mesh.source, mesh.points, faces, axes, section_axis(mesh.points, planes, axes))
+        return cls(mesh, dict(kinds), settings, planes, box.lattice(settings), os.fspath(mesh_file))
 
     def save(self, path: str | os.PathLike, compress: bool = True) -> None:
         """Write the model to one HDF5 file, see `bspline_mdao.core.background.mesh_file`."""
@@ -475,18 +476,6 @@ def _without_rows(matrix: csr_array, rows: np.ndarray) -> csr_array:
     matrix = csr_array(diags_array(kept) @ matrix)
     matrix.eliminate_zeros()
     return matrix
-
-
-def _section_axis(points: np.ndarray, planes: tuple[EndPlane, ...], axes: np.ndarray) -> int | None:
-    """Direction of the lattice across a section, whose nodes are all in the two planes across it."""
-    for axis in range(3):
-        pair = [plane for plane in planes if plane.axis == axis]
-        if len(pair) == 2:
-            across = points @ axes[axis]
-            low, high = across.min(), across.max()
-            if (np.minimum(across - low, high - across) <= ON_PLANE * np.linalg.norm(np.ptp(points, axis=0))).all():
-                return axis
-    return None
 
 
 moving_mesh.register(MeshModel, MeshModel.design_mesh)

@@ -38,7 +38,8 @@ from ..movement.mover import (
     check_request,
     digits_of,
 )
-from .background_lattice import DEFAULTS, BackgroundLattice, LatticeSettings
+from .background_lattice import BackgroundLattice
+from .lattice_settings import DEFAULTS, LatticeSettings
 
 __all__ = ["ThinPlate", "ThinPlateMovement"]
 
@@ -143,8 +144,9 @@ class ThinPlate(OneLine):
     @cached_property
     def _all_weights(self) -> np.ndarray:
         """Weights of the nodes of walls, and of those at rest."""
-        element = self.lattice.elements(np.concatenate([self._wall_points, self.at_rest]))
-        return self.settings.stiffness / np.bincount(element)[element]
+        points = np.concatenate([self._wall_points, self.at_rest])
+        element = self.lattice.elements(points)
+        return self.settings.stiffness * self.lattice.refinement(points) / np.bincount(element)[element]
 
     @property
     def _weights(self) -> np.ndarray:

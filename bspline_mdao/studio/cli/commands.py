@@ -166,8 +166,13 @@ def inspect(**options: Any) -> None:
     "--spacing",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="H",
-    help="Of a lattice: width of the spans of the lattice around its walls, by default a tenth of the "
-    "longest side of their box.",
+    help="Of a lattice: width of its spans around all walls, by default of each body its own, and less in gaps.",
+)
+@click.option(
+    "--spans",
+    type=click.FloatRange(min=1.0),
+    metavar="N",
+    help="Of a lattice: its spans along the longest side of each body, by default 10.",
 )
 @units_option
 @json_option

@@ -21,7 +21,7 @@ from ...grids.io.formats import MODEL
 from ...grids.io.meshes.files import is_mesh
 from ...grids.topology.grid import Grid
 from ...grids.topology.stored_grid import StoredGrid
-from .mesh_fit import fit_mesh
+from .mesh_fit import asked_settings, fit_mesh
 from .output import (
     MEANING_OF_INVALID,
     certificate_numbers,
@@ -57,7 +57,9 @@ def fit_model(
     no_certify: bool = False,  # do not prove which elements of the splines are valid everywhere
     units: str | None = None,  # unit of lengths, where the file does not say it
     lattice: bool = False,  # move the blocks of a grid by one lattice in the background, too
-    spacing: float | None = None,  # width of the spans of the lattice around the walls (m)
+    # of such a lattice: width of the spans around walls (m), and how many each body has
+    spacing: float | None = None,
+    spans: float | None = None,
 ) -> None:
     """Fit a grid, write the model and show how good it is."""
     # Several processes read, fit and write whole blocks each.
@@ -68,10 +70,11 @@ def fit_model(
     if lattice and not file_of(grid_name):
         raise InputError(f"{grid_name}: is in no file, in which --lattice would write moved nodes; leave it out")
     if file_of(grid_name) and (lattice or is_mesh(grid_name)):
-        fit_mesh(grid_name, output, json, patches, spacing)
+        fit_mesh(grid_name, output, json, patches, asked_settings(spacing, spans))
         return
-    if spacing is not None:
-        raise InputError(f"{grid_name}: is a grid of blocks; --spacing is of the lattice of --lattice")
+    for name, value in (("spacing", spacing), ("spans", spans)):
+        if value is not None:
+            raise InputError(f"{grid_name}: is a grid of blocks; --{name} is of the lattice of --lattice")
     options: dict[str, Any] = {
         "n_control": n_control,
         "order": order,

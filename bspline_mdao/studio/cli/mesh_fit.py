@@ -6,16 +6,20 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
-from ...core.background.background_lattice import LatticeSettings
 from ...core.background.fit_mesh import read_marked_mesh
+from ...core.background.lattice_settings import LatticeSettings
 from ...core.background.mesh_model import MeshModel
+from ...core.background.thin_gaps import thin_gaps
+from ...errors import InputError
 from ...grids.io.marker_guess import MarkerGuess
 from .meshes import n_unmarked_faces, unmarked_lines
 from .output import counts_text, print_lines, print_table, print_title, print_warnings, written_json
 
-__all__ = ["fit_mesh", "lattice_numbers", "show_lattice"]
+__all__ = ["asked_settings", "fit_mesh", "lattice_numbers", "show_lattice"]
 
 
 def fit_mesh(
@@ -23,7 +27,7 @@ def fit_mesh(
     output: Path,  # output, json: model and numbers to write
     json: Path | None,
     patches: Path | None,  # kinds of the markers
-    spacing: float | None,  # width of the spans of the lattice around the walls (m)
+    settings: LatticeSettings,  # what the lattice is to be like
 ) -> None:
     """Lay a lattice around a mesh, write the model and show what it is."""
     with progress_bar() as progress:
@@ -31,7 +35,6 @@ def fit_mesh(
         mesh, kinds = read_marked_mesh(mesh_name, patches)
         start = time.process_time()
         progress(0.5, "lattice")
-        settings = LatticeSettings(spacing=spacing)
         chosen = {name: guess.kind for name, guess in kinds.items()}
         model = MeshModel.of(mesh, chosen, settings, Path(mesh_name).absolute())
         progress(0.6, "walls")
@@ -40,6 +43,13 @@ def fit_mesh(
     with written_json(json, fit_mesh_numbers(model, kinds, seconds)):
         model.save(output)
     show_mesh_fit(model, kinds, output, seconds)
+
+
+def asked_settings(spacing: float | None, spans: float | None) -> LatticeSettings:
+    """Settings of a lattice by the options of the command."""
+    if spacing is not None and spans is not None:
+        raise InputError("--spacing is of all walls, and --spans are of each body; give one of them")
+    return LatticeSettings(spacing=spacing, spans=LatticeSettings.spans if spans is None else spans)
 
 
 def fit_mesh_numbers(model: MeshModel, kinds: Mapping[str, MarkerGuess], seconds: float) -> dict:
@@ -76,10 +86,25 @@ def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Pa
     unsure = [name for name, guess in kinds.items() if guess.sure == "unsure"]
     show_lattice(model)
     print_lines([f"{output} written, {seconds:.2f} s"])
+    warnings = gap_warnings(model)
     if unsure:
-        print_warnings(
-            [f"not sure about {', '.join(unsure)}: declare them by --patches FILE.toml if they are not that"]
+        warnings.append(f"not sure about {', '.join(unsure)}: declare them by --patches FILE.toml if they are not that")
+    if warnings:
+        print_warnings(warnings)
+
+
+def gap_warnings(model: MeshModel) -> list[str]:
+    """Name walls whose gap is thinner than the spans of the lattice there."""
+    names, found = np.array(model.walls.names), []
+    local, marker = np.searchsorted(model.wall_rows, model.walls.faces), model.walls.marker
+    for gap in thin_gaps(model.lattice, model.mesh.points[model.wall_rows], local):
+        first, second = (names[marker[(local == row).any(axis=1)][0]] for row in gap.rows)
+        place = ", ".join(f"{x:.4g}" for x in model.mesh.points[model.wall_rows[gap.rows[0]]])
+        found.append(
+            f"{first} is {gap.width:.3g} m from {second} at ({place}), less than a span of the lattice, {gap.span:.3g} "
+            f"m: cells between may be inverted where one moves against the other"
         )
+    return found
 
 
 def show_lattice(model: MeshModel) -> None:
@@ -89,7 +114,7 @@ def show_lattice(model: MeshModel) -> None:
     lines = [
         f"{counted(len(mesh.stored_ids(model.wall_rows)), 'node')} on walls, which go where they are asked to; "
         f"{counted(resting, 'node')} at rest on other markers",
-        f"lattice of {counts_text(lattice.shape)} control points, spans of {lattice.spacing:.3g} m around the walls",
+        f"lattice of {counts_text(lattice.shape)} control points, the narrowest spans {lattice.spacing:.3g} m wide",
     ]
     in_planes = dict.fromkeys(name for plane in model.planes for name in plane.markers)
     lines += [f"nodes of {name} stay in their plane" for name in in_planes]

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
+from ...core.background.lattice_settings import LatticeSettings
 from ...core.background.mesh_map import MeshState
 from ...core.background.mesh_model import MeshModel
 from ...core.background.own_file import own_file
@@ -113,17 +114,25 @@ def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
     """Try finer lattices, until one inverts no cell."""
     trials: list[Trial] = []
     for part in FINER:
-        spacing = float(f"{model.lattice.spacing / part:.2g}")
-        finer = model.with_settings(replace(model.settings, spacing=spacing))
+        settings, text = _finer(model, part)
         try:
-            n_inverted = len(_move(finer, options).cells.newly_inverted)
-        except MovementError:
-            trials.append(Trial(f"a model by 'fit --spacing {spacing:g}'", None))
+            n_inverted = len(_move(model.with_settings(settings), options).cells.newly_inverted)
+        except (InputError, MovementError):
+            trials.append(Trial(text, None))
             continue
-        trials.append(Trial(f"a model by 'fit --spacing {spacing:g}'", n_inverted))
+        trials.append(Trial(text, n_inverted))
         if not n_inverted:
             break
     return trials
+
+
+def _finer(model: MeshModel, part: float) -> tuple[LatticeSettings, str]:
+    """Settings of a lattice whose spans are a part of those of a model, and what to type for it."""
+    if model.settings.spacing:
+        spacing = float(f"{model.settings.spacing / part:.2g}")
+        return replace(model.settings, spacing=spacing), f"a model by 'fit --spacing {spacing:g}'"
+    spans = float(f"{model.settings.spans * part:.2g}")
+    return replace(model.settings, spans=spans), f"a model by 'fit --spans {spans:g}'"
 
 
 def _complaint(moved: _Moved, trials: Sequence[Trial]) -> str:

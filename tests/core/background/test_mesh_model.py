@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mesh_cases import mesh_around_a_body, smooth_change
 
-from bspline_mdao.core.background.background_lattice import LatticeSettings
+from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.background.thin_plate import bending_energy
 from bspline_mdao.errors import InputError

@@ -9,7 +9,7 @@ from mesh_cases import body_model, mesh_around_a_body, section_model, smooth_cha
 from openmdao.utils.assert_utils import assert_check_partials
 
 from bspline_mdao import DesignSurface, GridMovement, PointSet
-from bspline_mdao.core.background.background_lattice import LatticeSettings
+from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.background.thin_plate import ThinPlate
 from bspline_mdao.core.movement.default_mover import default_mover

@@ -1,0 +1,152 @@
+"""Spans of the lattice around a mesh: narrow at small bodies and in gaps, and no more than memory holds.
+
+Theory: ``docs/theory/background_lattice.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...base.numerics.memory import available_bytes
+from ...errors import InputError
+from .background_lattice import BackgroundLattice
+from .lattice_line import LatticeLine
+from .lattice_settings import LatticeSettings
+from .wall_widths import THINNEST, Gap, Interval, WallBody, asked_in_gap, bodies_of, gaps_between, graded_breaks
+
+__all__ = ["MeshBox", "factor_bytes"]
+
+FAR = 10.0
+"""Distance from the walls, by their size, from which on spans grow faster: with 1, cells next to three elements that
+turn by 20 degrees lose half of their volume in place of a quarter."""
+
+BYTES_A_POINT = 32.0
+"""Bytes of a factor for each control point and each point of the lattice's smallest cross-section: 31 with 15 points in
+each direction, 22 with 35."""
+
+IN_ALL = 4.0
+"""Memory that two factors and making them take, by that of one: 3.7 with 35 points in each direction."""
+
+PART_OF_MEMORY = 0.8
+"""What a lattice may take of the memory that is free."""
+
+WITHOUT_ASKING = 1e9
+"""Bytes of a factor from which on small bodies have wider spans than they would have, unless a spacing is asked for."""
+
+WIDER = 1.1
+"""Steps in which spacings that fit are looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshBox(OneLine):
+    """What lattices are laid around."""
+
+    source: str  # where the mesh comes from
+    axes: np.ndarray  # (3, 3), rows are the directions of the lattice
+    section_axis: int | None  # direction across a section, whose nodes are all at the two ends of it
+    low: np.ndarray  # (3,), corners of the box of the mesh, in these directions (m)
+    high: np.ndarray
+    walls: np.ndarray  # (n_wall, 3), nodes of walls, in these directions (m)
+    faces: np.ndarray  # int (n_faces, 4), their faces
+
+    @classmethod
+    def of(
+        cls,
+        source: str,  # where the mesh comes from
+        points: np.ndarray,  # (n, 3), nodes of the mesh (m)
+        faces: np.ndarray,  # int (n_faces, 4), faces of its walls
+        axes: np.ndarray,  # (3, 3), rows are the directions of the lattice
+        section_axis: int | None,  # direction across a section
+    ) -> MeshBox:
+        """Measure a mesh."""
+        rows, numbers = np.unique(faces, return_inverse=True)
+        points = points @ axes.T
+        low, high = points.min(axis=0), points.max(axis=0)
+        return cls(source, axes, section_axis, low, high, points[rows], numbers.reshape(faces.shape))
+
+    def lattice(self, settings: LatticeSettings) -> BackgroundLattice:
+        """Lay a lattice; `InputError` if memory does not hold what moves it."""
+        gaps = () if settings.spacing else self.gaps(settings.spans)
+        lattice = self._laid(settings, gaps)
+        if settings.spacing is None and not settings.refined:
+            width, narrowest = self.size / settings.spans, lattice.spacing
+            while factor_bytes(lattice) > WITHOUT_ASKING and narrowest < width:
+                narrowest = min(width, WIDER * narrowest)
+                lattice = self._laid(settings, gaps, narrowest)
+        self._require_memory(lattice, settings)
+        return lattice
+
+    @property
+    def sides(self) -> list[int]:
+        """Directions of the lattice but for that across a section."""
+        return [d for d in range(3) if d != self.section_axis]
+
+    @cached_property
+    def size(self) -> float:
+        """Longest side of the box of all walls (m)."""
+        return float(np.ptp(self.walls, axis=0)[self.sides].max())
+
+    @cached_property
+    def bodies(self) -> tuple[WallBody, ...]:
+        """Bodies, largest first."""
+        return bodies_of(self.walls, self.faces)
+
+    def gaps(self, spans: float) -> tuple[Gap, ...]:
+        """Where bodies are within a span of each other, one of so many along the longest side."""
+        return gaps_between(self.walls, self.bodies, [body.size(self.sides) / spans for body in self.bodies])
+
+    def _laid(self, settings: LatticeSettings, gaps: Sequence[Gap], narrowest: float = 0.0) -> BackgroundLattice:
+        """A lattice, whose spans are not narrower than a width (m) but where they are refined."""
+        lines = []
+        for d in range(3):
+            box = float(self.low[d]), float(self.high[d])
+            if d == self.section_axis:
+                lines.append(LatticeLine(np.array(box), np.ones(1), is_tied=True))
+                continue
+            asked = self._around_bodies(d, settings)
+            even = min(low for low, _, _ in asked), max(high for _, high, _ in asked)
+            for gap in gaps:
+                asked += asked_in_gap(gap, d, THINNEST * self.bodies[gap.bodies[0]].size(self.sides))
+            asked = [(low, high, max(width, narrowest)) for low, high, width in asked]
+            asked += [(low, high, width) for axis, low, high, width in settings.refined if axis == d]
+            inner, width = graded_breaks(even, asked, settings.growth), settings.spacing or self.size / settings.spans
+            lines.append(LatticeLine.between(box, inner, width, settings.growth, FAR * self.size))
+        return BackgroundLattice((lines[0], lines[1], lines[2]), self.axes)
+
+    def _around_bodies(self, axis: int, settings: LatticeSettings) -> list[Interval]:
+        """Widths that bodies ask for in one direction, in their boxes and a little beyond; one of all for a spacing."""
+        bodies = self.bodies
+        if settings.spacing:
+            bodies = (WallBody(np.zeros(0, dtype=int), self.walls.min(axis=0), self.walls.max(axis=0)),)
+        found = []
+        for body in bodies:
+            size = body.size(self.sides)
+            ends = body.low[axis] - settings.padding * size, body.high[axis] + settings.padding * size
+            low, high = np.clip(ends, self.low[axis], self.high[axis])
+            found.append((float(low), float(high), settings.spacing or size / settings.spans))
+        return found
+
+    def _require_memory(self, lattice: BackgroundLattice, settings: LatticeSettings) -> None:
+        """Refuse a lattice that memory does not hold, and say which spacing it would."""
+        free = PART_OF_MEMORY * available_bytes()
+        needed = IN_ALL * factor_bytes(lattice)
+        if needed <= free:
+            return
+        spacing = settings.spacing or lattice.spacing
+        while IN_ALL * factor_bytes(self._laid(replace(settings, spacing=spacing, refined=()), ())) > free:
+            spacing *= WIDER
+        raise InputError(
+            f"{self.source}: a lattice of {lattice.n_control:,} control points takes {needed / 1e9:.3g} GB to move, "
+            f"and {free / 1e9:.3g} GB are free; take spans of {float(f'{WIDER * spacing:.2g}'):g} m (fit --spacing)"
+        )
+
+
+def factor_bytes(lattice: BackgroundLattice) -> float:
+    """Predict the bytes of the factor of what moves a lattice."""
+    counts: Sequence[int] = sorted(line.n_unknowns for line in lattice.lines)
+    return BYTES_A_POINT * np.prod(counts, dtype=float) * counts[0] * counts[1]
