@@ -18,7 +18,7 @@ from ...base.checks import as_numbers
 from ...base.display import OneLine
 from ...base.numerics.vectors import lengths
 from ...errors import InputError
-from ..measures.edge_cuts import cut_edges, edges_of_quads
+from ..measures.edge_cuts import cut_edges, edges_of_quads, root_end
 from ..mesh.control_net import surface_quads
 from ..mesh.frame import Frame, Plane, mesh_frame, mesh_planes
 from ..mesh.moving_mesh import MovingMesh, require_mesh
@@ -378,9 +378,10 @@ def chord_lines(
 ) -> ChordLines:
     """Find the chord lines of a surface of quads."""
     # returns from the most upstream to the most downstream place of every section, at the mean height of the points
-    # near it. Over the last fiftieth before the ends of the surface, and outside of it, both go on along straight lines
+    # near it. Over the last fiftieth before the ends of the surface and outside of it, and at a root whose sections are
+    # not whole (`root_end`), both go on along straight lines
     margin = _INSIDE * np.ptp(places)
-    low, high = places.min() + margin, places.max() - margin
+    low, high = max(places.min(), root_end(quads, places)) + margin, places.max() - margin
     cut_at = np.clip(at, low, high)
     further = cut_at + np.where(cut_at < 0.5 * (low + high), margin, -margin)
     edges = edges_of_quads(quads)

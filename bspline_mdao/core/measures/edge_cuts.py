@@ -8,9 +8,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
 
-__all__ = ["EdgeCuts", "cut_edges", "edges_of_quads"]
+__all__ = ["EdgeCuts", "cut_edges", "edges_of_quads", "root_end"]
+
+ROOT = 0.5
+"""An open edge that goes further out, by the extent of the surface, is not that of a root: the edge of one side of a
+wing by itself goes to the tip."""
 
 
 class EdgeCuts(NamedTuple):
@@ -33,6 +38,26 @@ def edges_of_quads(quads: np.ndarray) -> np.ndarray:
     """Edges of quads, shape (n_quads, 4), each once, shape (n, 2); without collapsed ones."""
     edges = np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2)
     return np.unique(np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1), axis=0)
+
+
+def root_end(
+    quads: np.ndarray,  # int (n_quads, 4), corners of the quads of a wing
+    places: np.ndarray,  # (n_points,), place of every point along the span, from the root on
+) -> float:
+    """Place from which on sections are whole: the outboard end of the open edge that a wing begins with.
+
+    At a plane of symmetry that edge is at one place; at a fuselage it goes around the root and is curved.
+    """
+    sides = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    edges, counts = np.unique(sides[sides[:, 0] != sides[:, 1]], axis=0, return_counts=True)
+    used = places[np.unique(quads)]
+    low, extent = used.min(), np.ptp(used)
+    first, second = edges[counts == 1].T
+    n = len(places)
+    _, labels = connected_components(coo_array((np.ones(len(first)), (first, second)), shape=(n, n)))
+    inboard = first[np.argmin(places[first])] if len(first) else None
+    end = low if inboard is None else places[first[labels[first] == labels[inboard]]].max()
+    return float(end if end - low <= ROOT * extent else low)
 
 
 def cut_edges(

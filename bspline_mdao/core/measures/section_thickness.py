@@ -16,9 +16,9 @@ from ...base.display import OneLine
 from ...base.numerics.vectors import lengths, unit_vectors
 from ...errors import InputError
 from ...grids.cells.aggregates import KreisselmeierSteinhauser
-from ..mesh.frame import surface_frame
+from ..mesh.frame import TOUCHED, surface_frame
 from ..mesh.surface import SurfaceGrid
-from .edge_cuts import EdgeCuts, cut_edges, edges_of_quads
+from .edge_cuts import EdgeCuts, cut_edges, edges_of_quads, root_end
 from .measure import Combinations
 from .probes import FLAT, ROUND_OFF, Probes, opposite_probes
 
@@ -210,13 +210,17 @@ class Cut:
 
 def cuts_along_span(
     surface: SurfaceGrid,  # the wing
-    # fractions of the span, from 0 to 1, from the plane of symmetry that the wing starts on (`surface_frame`)
+    # fractions of the span, from 0 to 1, from the plane of symmetry that the wing starts on (`surface_frame`), or from
+    # where sections are whole, if it starts at a fuselage (`root_end`)
     fractions: Sequence[float],
 ) -> tuple[Cut, ...]:
     """Cut a wing across its span."""
     frame = surface_frame(surface.points, surface.planes)
     stream, _, span = frame.axes
-    return tuple(Cut(frame.origin + fraction * frame.span * span, span, stream) for fraction in fractions)
+    root = max(root_end(surface.quads, frame.to_local(surface.points)[:, 2]), 0.0)
+    root = root if root > TOUCHED * frame.span else 0.0
+    places = (root + fraction * (frame.span - root) for fraction in fractions)
+    return tuple(Cut(frame.origin + place * span, span, stream) for place in places)
 
 
 def section_edges(

@@ -22,6 +22,10 @@ _BINS = 8
 _FLAT = 1e-9
 """A surface without this part of its size along the span has no span."""
 
+TOUCHED = 1e-3
+"""A surface that ends this near to a plane of symmetry, by its extent along the normal, ends on it: control points and
+nodes are off by the fit's error and by roughness."""
+
 
 @dataclass(frozen=True, eq=False)
 class Plane(OneLine):
@@ -61,16 +65,17 @@ class Frame(OneLine):
 def surface_frame(points: np.ndarray, planes: tuple[Plane, ...] = ()) -> Frame:
     """Find the directions of a surface from its box and its planes of symmetry.
 
-    The span is normal to a plane of symmetry that the surface ends on, and starts there; of several, that along which
-    the surface is longest. Without one it is the longest side of the box and starts at its low end. The stream is the
-    longer of the other two sides. The middle line joins the middles of the boxes of slices of the surface.
+    The span is normal to a plane of symmetry, and starts there, or where the surface begins if it does not reach the
+    plane; of several, that along which the surface is longest. Without one it is the longest side of the box and starts
+    at its low end. The stream is the longer of the other two sides. The middle line joins the middles of the boxes of
+    slices of the surface.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
         Points of the surface (m).
     planes : tuple of Plane
-        Planes of symmetry that the surface ends on.
+        Planes of symmetry.
 
     Returns
     -------
@@ -150,7 +155,9 @@ def _span_axis(points: np.ndarray, planes: tuple[Plane, ...]) -> tuple[np.ndarra
         return np.eye(3)[axis], points[:, axis].min()
     plane = max(planes, key=lambda plane: np.ptp(points @ plane.normal))
     side = 1.0 if np.mean(points @ plane.normal) >= plane.offset else -1.0
-    return side * plane.normal, side * plane.offset
+    places, root = side * (points @ plane.normal), side * plane.offset
+    is_met = places.min() - root <= TOUCHED * np.ptp(places)
+    return side * plane.normal, float(root if is_met else places.min())
 
 
 def _across(axis: np.ndarray) -> np.ndarray:

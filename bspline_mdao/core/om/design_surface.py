@@ -41,8 +41,8 @@ class DesignSurface(OneLine):
     ``mesh``             ``moving_mesh(model, design)``: the control mesh that moves
     ``surface``          ``SurfaceGrid.of(model, design)``: the nodes that are measured
     ``axis``             ``ReferenceAxis.of(mesh)``: the quarter chord; `axis_at` for another part of the chord
-    ``leading_edge``     points of the edges of sections across the span, as in ``Thickness.grid``
-    ``trailing_edge``
+    ``leading_edge``     points of the edges of sections across the span, as in ``Thickness.grid``; of a wing that
+    ``trailing_edge``    starts at a fuselage, from where sections are whole
     ``planform_area``    area of ``surface`` seen along the normal to its planform (m^2): that of the half wing, if the
                          grid shows one half
     `parametrization`    ``Parametrization(mesh, variables, constraints)``
