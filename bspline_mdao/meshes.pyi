@@ -3,7 +3,7 @@
 from .core.background.fit_mesh import fit_mesh as fit_mesh
 from .core.background.lattice_settings import LatticeSettings as LatticeSettings
 from .core.background.mesh_model import MeshModel as MeshModel
-from .core.background.own_file import own_file as own_file
+from .core.background.open_mesh_file import open_mesh_file as open_mesh_file
 from .core.background.thin_plate import ThinPlate as ThinPlate
 from .core.riding.riding_mesh import EmbeddedMesh as EmbeddedMesh
 from .core.riding.section_span import section_span as section_span

@@ -138,7 +138,7 @@ class LatticeFlow(Copied, om.Group):
         settings = {name: self.options[name] for name in ("axes", "n_chord", "n_span", "ends")}
         camber = lattice_camber(surface, **settings)
         self.add_subsystem("camber", UnfoldedLattice(measure=camber), promotes_outputs=["*"])
-        rows = self._rows_held()
+        rows = self._rows_here()
         places, n_nodes = _places(rows, surface.rows)
         entries = (3 * places[:, None] + np.arange(3)).ravel()
         self.promotes("camber", inputs=[(SURFACE, GRID)], src_indices=entries, src_shape=(3 * n_nodes,))
@@ -149,7 +149,7 @@ class LatticeFlow(Copied, om.Group):
             self.set_input_defaults(GRID, val=nodes_at(model, np.concatenate(rows)).ravel(), units="m")
         return camber
 
-    def _rows_held(self) -> list[np.ndarray]:
+    def _rows_here(self) -> list[np.ndarray]:
         """Rows of the nodes of ``grid`` that each process holds, one after another."""
         model, n_ranks = self.options["model"], self.comm.size
         if n_ranks == 1 and model.ownership is None:
@@ -255,10 +255,10 @@ def _unit_stream() -> om.IndepVarComp:
     return stream
 
 
-def _places(held: Sequence[np.ndarray], rows: np.ndarray) -> tuple[np.ndarray, int]:
+def _places(of_ranks: Sequence[np.ndarray], rows: np.ndarray) -> tuple[np.ndarray, int]:
     """Places of nodes among those that processes hold one after another, and the number of these."""
     places, start = np.empty_like(rows), 0
-    for rows_here in held:
+    for rows_here in of_ranks:
         order = np.argsort(rows_here, kind="stable")
         at = np.searchsorted(rows_here, rows, sorter=order)
         is_here = np.zeros(len(rows), dtype=bool)

@@ -15,7 +15,7 @@ from ...base.text import counted
 from ...core.background.lattice_settings import LatticeSettings
 from ...core.background.mesh_map import MeshState
 from ...core.background.mesh_model import MeshModel
-from ...core.background.own_file import own_file
+from ...core.background.open_mesh_file import open_mesh_file
 from ...core.cad.files import SUFFIXES
 from ...core.design.named_deformations import parse_deformation
 from ...core.movement.mover import Movement
@@ -70,7 +70,7 @@ def move_mesh(
         model = MeshModel.load(model_file)
         files: list[Path | str] = [model_file, Path(model.mesh_file), *filter(os.path.isfile, options.deform)]
         check_outputs([output, json, options.surface], files)
-        file = own_file(model, output)
+        file = open_mesh_file(model, output)
         progress(0.4, "moving")
         moved = _move(model, options)
         if len(moved.cells.newly_inverted) and not options.allow_invalid:

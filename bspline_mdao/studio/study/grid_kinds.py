@@ -171,8 +171,8 @@ class Meshes(GridKind):
 
     def written(self, when: str, file: Path, output: Table) -> str:
         """Name of the mesh that is written, in the format of its own file."""
-        own = Path(mesh_file_in(file) if file.suffix == MODEL else file)
-        return f"grid_{when}/{POLYMESH}" if own.name == POLYMESH else f"grid_{when}{own.suffix}"
+        source = Path(mesh_file_in(file) if file.suffix == MODEL else file)
+        return f"grid_{when}/{POLYMESH}" if source.name == POLYMESH else f"grid_{when}{source.suffix}"
 
     def is_plane(self, name: str, folder: Path) -> bool:
         """No: what reads a mesh of two dimensions makes it one cell deep."""
@@ -188,7 +188,7 @@ class Meshes(GridKind):
                 given["settings"] = call("bm.meshes.LatticeSettings", spacing=grid["spacing"])
             yield statement("model = made", made=call("bm.meshes.fit_mesh", path_of(grid["file"]), **given))
         yield "# moved nodes are written into copies of this file"
-        yield statement("mesh = bm.meshes.own_file(model)")
+        yield statement("mesh = bm.meshes.open_mesh_file(model)")
 
     def mover_part(self, made: Callable[[], Iterator[ast.stmt | str]]) -> Iterator[ast.stmt | str]:
         """None: the lattice of the model moves it."""

@@ -7,7 +7,7 @@ from test_cli import fails_as_expected, numbers
 
 from bspline_mdao import read_grid, write_grid
 from bspline_mdao.generators import onera_m6_grid
-from bspline_mdao.meshes import LatticeSettings, MeshModel, fit_mesh, own_file
+from bspline_mdao.meshes import LatticeSettings, MeshModel, fit_mesh, open_mesh_file
 from bspline_mdao.studio.cli.main import run
 
 
@@ -46,7 +46,7 @@ def test_the_command_and_python_write_the_same_nodes_and_keep_all_else_of_the_fi
     moved = model.mover.move(model.control_points, asked[model.wall_rows])
     nodes = model.node_map.at(moved.points).nodes
     assert np.abs(model.mesh.nodes_of_file(nodes) - after).max() < 1e-13
-    own_file(model).write("again.cgns", nodes)
+    open_mesh_file(model).write("again.cgns", nodes)
     np.testing.assert_array_equal(read_grid("again.cgns").to_vector(), model.mesh.nodes_of_file(nodes).ravel())
 
 

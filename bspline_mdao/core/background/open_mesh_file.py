@@ -14,10 +14,10 @@ from ...grids.io.meshes.blocks import open_blocks
 from ...grids.io.meshes.files import MeshFile, check_same_format, read_mesh
 from .mesh_model import MeshModel
 
-__all__ = ["own_file"]
+__all__ = ["open_mesh_file"]
 
 
-def own_file(model: MeshModel, output: str | os.PathLike | None = None) -> MeshFile:
+def open_mesh_file(model: MeshModel, output: str | os.PathLike | None = None) -> MeshFile:
     r"""Read the file that the model of a mesh was made of.
 
     Parameters
@@ -41,13 +41,13 @@ def own_file(model: MeshModel, output: str | os.PathLike | None = None) -> MeshF
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from bspline_mdao.meshes import fit_mesh, own_file
+    >>> from bspline_mdao.meshes import fit_mesh, open_mesh_file
     >>> nodes = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder, "cell.su2")
     ...     marker = "NMARK= 1\nMARKER_TAG= wing\nMARKER_ELEMS= 1\n5 0 1 2\n"
     ...     _ = path.write_text(f"NDIME= 3\nNELEM= 1\n10 0 1 2 3\nNPOIN= 4\n{nodes}{marker}")
-    ...     own_file(fit_mesh(path)).mesh.n_points
+    ...     open_mesh_file(fit_mesh(path)).mesh.n_points
     4
     """
     origin = f"the model {model.file}" if model.file else "the model"
