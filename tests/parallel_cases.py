@@ -1,15 +1,19 @@
 """Scripts on several processes of MPI: started, watched, ended and shown rank by rank.
 
-A script of ``tests/parallel/cases`` runs on every rank as ``mpirun -n N python tests/parallel_rank.py ... script``.
-It raises where a claim fails, which ends all ranks; what it prints comes back, one text for each rank.
+A script of ``tests/parallel/cases`` runs on every rank of ``mpirun -n N python tests/parallel_rank.py``, which stay and
+run the next one, since to start and import takes longer than most scripts. It raises where a claim fails, which ends
+all ranks; what it prints comes back, one text for each rank.
 """
 
+import json
 import os
+import select
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -39,7 +43,84 @@ def launcher() -> list[str]:
     return [program, "-n"]
 
 
-def run_ranks(script: str, n: int, *arguments: str, timeout: float = 240.0, fails: bool = False) -> list[str]:
+class Ranks:
+    """Processes of one mpirun that follow orders for scripts, see ``parallel_rank.py``.
+
+    Parameters
+    ----------
+    n : int
+        Number of ranks.
+    """
+
+    def __init__(self, n: int):
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+        idle = {"OMPI_MCA_mpi_yield_when_idle": "1"}  # more ranks than cores: who waits leaves the core to the others
+        command = [*launcher(), str(n), sys.executable, str(TESTS / "parallel_rank.py")]
+        self.n, self.n_orders = n, 0
+        self.folder = tempfile.TemporaryDirectory(prefix="ranks_")
+        folder = Path(self.folder.name)
+        pipes = [folder / "answers", *(folder / f"orders{rank}" for rank in range(n))]
+        for pipe in pipes:
+            os.mkfifo(pipe)
+        # open for both ways, which waits for no rank and ends with none
+        self.answers, *self.orders = (os.open(pipe, os.O_RDWR) for pipe in pipes)
+        self.words = (folder / "words.txt").open("w+")
+        self.process = subprocess.Popen(
+            [*command, str(folder), str(n)],
+            env={**os.environ, **threads, **idle},
+            stdin=subprocess.DEVNULL,
+            stdout=self.words,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+    def run(self, script: str, arguments: tuple[str, ...], timeout: float) -> tuple[bool, list[str]]:
+        """Whether all ranks came to the end of a script, and what each printed."""
+        self.n_orders += 1
+        files = [Path(self.folder.name) / f"{self.n_orders}_{rank}.txt" for rank in range(self.n)]
+        for pipe, file in zip(self.orders, files):
+            os.write(pipe, f"{json.dumps([[str(FOLDER / script), *arguments], timeout, str(file)])}\n".encode())
+        done = False
+        try:
+            done = self._answered(timeout + GRACE)
+        finally:
+            if not done:
+                end(self.process)
+        return done, [file.read_text(errors="replace") if file.exists() else "(never started)\n" for file in files]
+
+    def _answered(self, timeout: float) -> bool:
+        """Whether each rank answers within some time (s), while none ends."""
+        n, latest = 0, time.monotonic() + timeout
+        while n < self.n:
+            if select.select([self.answers], [], [], 0.1)[0]:
+                n += os.read(self.answers, 4096).count(b"\n")
+            elif self.process.poll() is not None or time.monotonic() > latest:
+                return False
+        return True
+
+    def end(self) -> str:
+        """Give no more orders, so that all ranks end, and return what mpirun said of them."""
+        for pipe in (self.answers, *self.orders):
+            os.close(pipe)
+        try:
+            self.process.wait(timeout=GRACE)
+        except subprocess.TimeoutExpired:
+            end(self.process)
+        self.words.seek(0)
+        words = self.words.read()
+        self.words.close()
+        self.folder.cleanup()
+        return words
+
+
+STARTED: dict[int, Ranks] = {}
+"""Ranks that wait for the next script, by their number, the latest last; the end of the tests ends them."""
+
+N_KEPT = 2
+"""Numbers of ranks that are kept, as each rank holds half a gigabyte: most scripts run on two and on three."""
+
+
+def run_ranks(script: str, n: int, *arguments: str, timeout: float = 240.0, afresh: bool = False) -> list[str]:
     """Run a script on ``n`` ranks and return what each of them printed.
 
     Parameters
@@ -52,55 +133,37 @@ def run_ranks(script: str, n: int, *arguments: str, timeout: float = 240.0, fail
         What the script finds in ``sys.argv[1:]``.
     timeout : float
         Time limit (s): a rank that is still there then shows where it stands, and all end.
-    fails : bool
-        Whether the script is expected to end with an error.
+    afresh : bool
+        Whether ranks are started for this script alone, with the environment as it is now.
 
     Returns
     -------
     list of str
         Standard output and error of every rank.
     """
-    with tempfile.TemporaryDirectory(prefix="ranks_") as folder:
-        rank = [sys.executable, str(TESTS / "parallel_rank.py"), folder, str(n), str(timeout)]
-        returncode, words = watched([*launcher(), str(n), *rank, str(FOLDER / script), *arguments], timeout + GRACE)
-        files = [Path(folder) / f"{rank}.txt" for rank in range(n)]
-        printed = [file.read_text(errors="replace") if file.exists() else "(never started)\n" for file in files]
-    shown = "\n".join(f"---- rank {rank} of {n}\n{text}" for rank, text in enumerate(printed))
-    assert (returncode != 0) == fails, f"{script} ended with {returncode}\n{shown}\n---- mpirun\n{words}"
+    ranks = None if afresh else STARTED.pop(n, None)
+    ranks = ranks or Ranks(n)
+    done = False
+    try:
+        done, printed = ranks.run(script, arguments, timeout)
+    finally:
+        if done and not afresh:
+            STARTED[n] = ranks
+            if len(STARTED) > N_KEPT:
+                STARTED.pop(next(iter(STARTED))).end()
+        else:
+            words = ranks.end()
+    if not done:
+        shown = "\n".join(f"---- rank {rank} of {n}\n{text}" for rank, text in enumerate(printed))
+        raise AssertionError(f"{script} ended with {ranks.process.returncode}\n{shown}\n---- mpirun\n{words}")
     return printed
 
 
-def watched(command: list[str], timeout: float) -> tuple[int, str]:
-    """Exit status and output of a command, which is killed with all its group when its time is over.
-
-    Ranks that are in groups of their own end themselves, see ``parallel_rank.py``.
-    """
-    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-    idle = {"OMPI_MCA_mpi_yield_when_idle": "1"}  # more ranks than cores: who waits leaves the core to the others
-    process = subprocess.Popen(
-        command,
-        env={**os.environ, **threads, **idle},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        words, _ = process.communicate(timeout=timeout)
-    except subprocess.TimeoutExpired:
-        words = end(process) + f"\n(killed after {timeout:.0f} s)"
-    except BaseException:
-        end(process)
-        raise
-    return process.returncode, words
-
-
-def end(process: subprocess.Popen) -> str:
-    """End a launcher, which takes its ranks along, or kill its group where it does not; return its output."""
+def end(process: subprocess.Popen) -> None:
+    """End a launcher, which takes its ranks along, or kill its group where it does not."""
     process.terminate()
     try:
-        return process.communicate(timeout=GRACE)[0]
+        process.wait(timeout=GRACE)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
-        return process.communicate()[0]
+        process.wait()

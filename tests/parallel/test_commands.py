@@ -156,7 +156,7 @@ def test_several_ranks_without_petsc_say_so_once(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     (tmp_path / "two.toml").write_text(TWO_CONDITIONS)
     command = ("optimize", str(tmp_path / "two.toml"), "-o", str(tmp_path / "out"))
-    first, second = run_ranks("cases/command.py", 2, *command)
+    first, second = run_ranks("cases/command.py", 2, *command, afresh=True)
     words = "bspline-mdao: a study on several processes needs petsc4py, which is installed but cannot be imported"
     assert [first.startswith(words), first.endswith("\n2\n"), second] == [True, True, "2\n"]
     assert not (tmp_path / "out").exists()
