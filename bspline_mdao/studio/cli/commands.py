@@ -316,7 +316,8 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: An
 def init(**options: Any) -> None:
     """Draft a study of a grid for the command optimize, with what was guessed in comments.
 
-    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}.
+    GRID is a {read} file, a mesh without structure, {meshes}, a model MODEL.h5 of either, or a built-in grid:
+    {built_in}.
     """
     from .init import draft_study
 
@@ -345,7 +346,8 @@ def optimize(**options: Any) -> None:
     """Optimize a shape as a study says, which names grid, variables, flow, objective, constraints and driver.
 
     FOLDER gets the fitted model, the grids before and after, all cases (SQLite), the table of variables and responses,
-    and the Python script optimize.py that is run: it gives the same optimum without this command.
+    and the Python script optimize.py that is run: it gives the same optimum without this command. A mesh without
+    structure is written in its own format, with all else in its file kept.
     """
     from .optimize import optimize_study
 

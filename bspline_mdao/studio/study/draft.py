@@ -145,20 +145,20 @@ def _points(body: Body) -> Iterator[str]:
 
 
 def _box(body: Body) -> Iterator[str]:
-    """Points of a box around the walls; of a wing that begins at another wall, none that move its root."""
-    directions = np.abs(body.frame.axes).argmax(axis=1)
-    stream, up, span = directions.tolist()
-    n, slices = [0, 0, 0], [":", ":", ":"]
+    """Points of a box around the walls, none that moves its ends along the stream: turns and shifts change nothing."""
+    stream, up, span = np.abs(body.frame.axes).argmax(axis=1).tolist()
+    n, slices, ends = [0, 0, 0], [":", ":", ":"], "nose and tail"
     n[stream], n[up], n[span] = (6, 2, 2) if body.is_section else (5, 2, 5) if body.is_thin else (4, 3, 3)
+    slices[stream] = "1:-1"
+    if body.is_section:
+        slices[span], ends = "0", "nose and tail; those of one plane, nodes of the other move alike"
+    elif body.design != body.walls:
+        slices[span] = "2:" if body.frame.axes[2, span] > 0.0 else ":-2"
+        ends = "leading and trailing edge, or the root"
     yield "[variables.shape]"
     yield 'kind = "lattice"  # points of a box around the walls, in x, y and z'
     yield f"n = {n}"
-    if body.is_section:
-        slices[span] = "0"
-        yield f'where = "{", ".join(slices)}"  # those of one plane: nodes of the other move alike'
-    elif body.design != body.walls:
-        slices[span] = "2:" if body.frame.axes[2, span] > 0.0 else ":-2"
-        yield f'where = "{", ".join(slices)}"  # none that moves the root'
+    yield f'where = "{", ".join(slices)}"  # none that moves {ends}'
     if body.is_thin or body.is_section:
         yield f'direction = "{"xyz"[up]}"  # up; or several of x, y and z'
         yield from _bounds(body.frame.chord, "the chord")

@@ -58,7 +58,7 @@ def test_a_draft_of_a_section_leads_to_less_skin_around_the_same_area(workplace,
     assert run(["optimize", "study.toml", "-o", "out", "--max-iterations", "6", "--json", "out.json"]) == 0
     shown, found, judged = capsys.readouterr().out, summary("out"), numbers("out.json")
     assert names_in("out") == RESULTS
-    assert float(found["surface_area"]["after"]) < 0.9985
+    assert float(found["surface_area"]["after"]) < 0.9987
     assert float(found["volume"]["after"]) == pytest.approx(1.0, abs=1e-6)
     for words in ("smallest area (m^2)", "inverted cells", "all 520 spline elements", "heights of the first nodes"):
         assert words in shown
