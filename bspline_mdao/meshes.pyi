@@ -1,6 +1,7 @@
 """Public names: each is imported when it is first asked for, from the module that is written here."""
 
 from .core.background.fit_mesh import fit_mesh as fit_mesh
+from .core.background.free_lattice import free_lattice as free_lattice
 from .core.background.lattice_settings import LatticeSettings as LatticeSettings
 from .core.background.mesh_model import MeshModel as MeshModel
 from .core.background.open_mesh_file import open_mesh_file as open_mesh_file

@@ -14,10 +14,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csc_array, csr_array
 
 from ...base.display import OneLine
 from ...errors import InputError
-from .displacement import Direction, Displacement, directions_of, displacements
+from ..mesh.frame import mesh_planes
+from .displacement import Direction, Displacement, directions_of
 from .embedding import Embedding, FreeFormVolumes
 from .variable import AuxiliaryPoints, Layout
 
@@ -27,6 +29,9 @@ IDLE = 1e-9
 """Largest weight in any surface control point below which a point of the lattice gets no value: an optimiser could
 move it by any amount without effect."""
 
+ON_PLANE = 1e-9
+"""Distance, by the size of the mesh, up to which a point of the lattice lies in a plane of symmetry."""
+
 
 @dataclass(frozen=True, eq=False)
 class FreeForm(OneLine):
@@ -34,7 +39,8 @@ class FreeForm(OneLine):
 
     Every point has one value per direction, point by point in C order. A value is a displacement, and initially zero.
     Left out are points that are fixed for continuity, see `Lattice`, and those so far from the surface that none of its
-    points has them with a weight above 1e-9. `point_ids` tells which are left.
+    points has them with a weight above 1e-9. Points in a plane of symmetry stay in it: they have no value normal to it,
+    so that both sides of the plane meet smoothly. `point_ids` tells which points are left, `places` what each value is.
 
     Parameters
     ----------
@@ -93,11 +99,45 @@ class FreeForm(OneLine):
         InputError
             If nothing is embedded or no point is left.
         """
+        ids, directions, embedding = self._columns(layout)
+        entries = (3 * ids[:, None] + np.arange(3)).ravel()
+        starts = 3 * np.arange(len(ids) + 1)
+        of_lattice = csc_array((directions.ravel(), entries, starts), shape=(3 * len(self.lattice.points), len(ids)))
+        return Displacement(csr_array(embedding.transfer @ of_lattice))
+
+    def places(self, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+        """Tell which point every value moves, and by what.
+
+        Returns
+        -------
+        point_ids : ndarray of int, shape (n_values,)
+            Numbers of the lattice points.
+        directions : ndarray, shape (n_values, 3)
+            Their displacements by a unit of the value.
+
+        Raises
+        ------
+        InputError
+            As `point_ids`.
+        """
+        return self._columns(layout)[:2]
+
+    def _columns(self, layout: Layout) -> tuple[np.ndarray, np.ndarray, Embedding]:
+        """What `places` returns, and the embedding."""
         embedding = Embedding.of(self.lattice, layout)
         ids = self._ids(embedding, layout)
-        directions = directions_of(self.direction, len(ids), None, f"'{self.name}'")
-        of_lattice = displacements(ids, directions, len(self.lattice.points))
-        return Displacement(embedding.transfer @ of_lattice)
+        fields = directions_of(self.direction, len(ids), None, f"'{self.name}'")
+        kept = fields.copy()
+        for plane in mesh_planes(layout.mesh):
+            is_on = np.abs(self.lattice.points[ids] @ plane.normal - plane.offset) <= ON_PLANE * layout.mesh.size
+            kept[is_on] -= plane.normal[:, None] * (plane.normal @ kept[is_on])[:, None]
+        is_left = np.linalg.norm(kept, axis=1) > IDLE * np.linalg.norm(fields, axis=1)
+        if not is_left.any():
+            raise InputError(
+                f"'{self.name}': all of its lattice points lie in a plane of symmetry and would leave it; choose "
+                f"others with 'where', or another direction"
+            )
+        return np.repeat(ids, is_left.sum(axis=1)), kept.transpose(0, 2, 1)[is_left], embedding
 
     def _ids(self, embedding: Embedding, layout: Layout) -> np.ndarray:
         rows = layout.mesh.once(np.arange(layout.n_surface))

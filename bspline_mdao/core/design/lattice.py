@@ -18,7 +18,7 @@ from ...errors import InputError
 from ..evaluation.inversion import INSIDE, PointInversion
 from ..mesh.moving_mesh import MovingMesh
 from ..splines.greville import greville_abscissae
-from ..splines.knots import ConstantKnots
+from ..splines.knots import ConstantKnots, Knots
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume, evaluate
 from .embedding import FreeFormVolumes
@@ -55,6 +55,8 @@ class Lattice(FreeFormVolumes):
     continuity : int
         Where the surface leaves the lattice through a side, its displacement ends with this many continuous
         derivatives: the lattice's own variables leave that side and as many layers behind it alone. -1 fixes nothing.
+    knots : sequence of three Knots, optional
+        Knots in each direction, where they are not evenly spaced; they have orders of their own.
 
     Raises
     ------
@@ -75,12 +77,16 @@ class Lattice(FreeFormVolumes):
     parent: FreeFormVolumes | None = None
     moves: Selection | None = None
     continuity: int = 1
+    knots: Sequence[Knots] | None = None
 
     def __post_init__(self) -> None:
         points = lattice_points(self.control_points, "lattice")
         object.__setattr__(self, "control_points", points)
+        if self.knots is not None:
+            self._require_knots(self.knots)
+            object.__setattr__(self, "orders", tuple(knots.order for knots in self.knots))
         object.__setattr__(self, "orders", _orders(points.shape[:3], self.orders))
-        uniform_volume(points.shape[:3], self.orders)  # refuses orders that do not suit the number of points
+        self.volume  # noqa: B018  # refuses orders that do not suit the number of points
         if self.parent is not None:
             self.require_inside(self.parent)
 
@@ -167,7 +173,17 @@ class Lattice(FreeFormVolumes):
     @cached_property
     def volume(self) -> Volume:
         """The B-spline volume: orders and knots in each direction."""
-        return uniform_volume(self.control_points.shape[:3], self.orders)
+        return (
+            uniform_volume(self.control_points.shape[:3], self.orders) if self.knots is None else Volume.of(*self.knots)
+        )
+
+    def _require_knots(self, knots: Sequence[Knots]) -> None:
+        """Refuse knots beside orders, and those of another number of points."""
+        n = tuple(each.n_control for each in knots)
+        if self.orders is not None or n != self.control_points.shape[:3]:
+            raise InputError(
+                f"lattice: knots of {n} points, for {self.control_points.shape[:3]}; give theirs, and no orders"
+            )
 
     def locate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find the lattice coordinates of points on the baseline.

@@ -14,7 +14,9 @@ from bspline_mdao import InputError
 from bspline_mdao.core.design.embedding import Embedding, fixed_points
 from bspline_mdao.core.design.variable import Layout, MapPartials
 from bspline_mdao.core.mesh.control_net import surface_quads
-from bspline_mdao.core.splines.volume import evaluate
+from bspline_mdao.core.splines.greville import greville_abscissae
+from bspline_mdao.core.splines.knots import ConstantKnots
+from bspline_mdao.core.splines.volume import Volume, evaluate
 from bspline_mdao.design import FreeForm, InBox, Lattice, Local, OnPatch, OnSideOfPlane, Parametrization, UserVariable
 from bspline_mdao.movers import moving_mesh
 
@@ -128,6 +130,17 @@ def test_a_hexahedron_is_the_volume_of_trilinear_coordinates(n, orders):
 
 def test_default_orders_are_cubic_or_bezier():
     assert Lattice.box(wing(), n=(6, 2, 3)).orders == (4, 2, 3)
+
+
+def test_knots_need_not_be_even_and_are_those_of_the_points():
+    knots = [ConstantKnots([0.0] * 3 + [0.2] + [1.0] * 3, 3), *(ConstantKnots.uniform(n, 2) for n in (2, 3))]
+    parameters = greville_abscissae(Volume.of(*knots))
+    lattice = Lattice(parameters * [1.5, 0.2, 2.0], knots=knots)
+    xi = np.random.default_rng(6).random((30, 3))
+    np.testing.assert_allclose(lattice.locate(xi * [1.5, 0.2, 2.0])[0], xi, atol=1e-13)
+    assert lattice.orders == (3, 2, 2)
+    with pytest.raises(InputError, match=r"knots of \(4, 2, 3\) points, for \(4, 2, 3\); give theirs, and no orders"):
+        Lattice(lattice.control_points, orders=2, knots=knots)
 
 
 # What a lattice moves

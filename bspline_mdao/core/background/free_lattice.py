@@ -1,0 +1,49 @@
+"""The lattice around a mesh as a lattice of free form: its points are design variables.
+
+The walls then move as the whole mesh would by these points, x = x0 + A d, and the mover carries the mesh along.
+
+Theory: ``docs/theory/free_form.rst``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..design.lattice import Lattice
+from .mesh_model import MeshModel
+
+__all__ = ["free_lattice"]
+
+
+def free_lattice(model: MeshModel, **options: Any) -> Lattice:
+    """Take the lattice around a mesh without structure as a lattice of free form.
+
+    Its spans are those that the mesh moves by: even around the walls, and growing from there to the ends of the mesh.
+    Points that no node of the walls depends on have no values in `FreeForm`, so that those near the walls are left. A
+    coarser one is that of ``model.with_settings(LatticeSettings(spacing=...))``.
+
+    Parameters
+    ----------
+    model : MeshModel
+        The mesh.
+    **options
+        ``parent``, ``moves`` and ``continuity`` of `Lattice`.
+
+    Returns
+    -------
+    Lattice
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao.design import FreeForm
+    >>> from bspline_mdao.meshes import MeshModel, MixedMesh, free_lattice
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
+    >>> tetrahedra, floor = np.array([[0, 1, 2, 3], [1, 4, 2, 3]]), np.array([[0, 1, 2, 2]])
+    >>> model = MeshModel.of(MixedMesh(corners, {"tetra": tetrahedra}, {"floor": floor}), {"floor": "wall"})
+    >>> lattice = free_lattice(model)
+    >>> shape = FreeForm("shape", lattice, where=lattice.within(high=(0.5, None, None)), direction="z")
+    """
+    around = model.lattice
+    (volume,) = around.mesh.volumes
+    return Lattice(around.control_points.reshape(*around.shape, 3), knots=volume.knots, **options)
