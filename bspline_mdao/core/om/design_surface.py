@@ -188,7 +188,7 @@ class DesignSurface(OneLine):
         variables, constraints
             See `parametrization`.
         measures : sequence of Measure
-            What is measured of ``surface``.
+            What is measured of ``surface``, or of other surfaces of the model.
         **options
             Other options of `GridMovement`, such as a ``mover`` of ``mesh``.
 

@@ -11,7 +11,7 @@ import openmdao.api as om
 from ...base.checks import require_list
 from ...errors import InputError
 from ...grids.topology.partition import Partition, Subdomain
-from ...names import ALL_NAMES
+from ...names import ALL_NAMES, SURFACE, SURFACE_CONTROL_POINTS
 from ..design.parametrization import Parametrization
 from ..measures.measure import MEMBERS, Measure
 from ..mesh.boundary import moving_mesh, require_mesh_of
@@ -44,7 +44,9 @@ class GridMovement(Copied, om.Group):
     =================  =================================================================  ============================
     fit                `Fit`: ``grid_initial`` -> ``control_points_initial``              with ``fit``
     control            `SurfaceControl`: variables -> ``surface_control_points``          with a ``parametrization``
-    evaluate_surface   `SurfaceEvaluate`: -> ``surface``                                  with ``measures`` alone
+    evaluate_surface   `SurfaceEvaluate`: -> ``surface``, of the first measure            with ``measures`` alone
+    evaluate_surface_2 the same for the next surface that is measured, and so on; what    with ``measures`` of several
+                       they give is not promoted                                          surfaces
     fit_surface        `SurfaceControlFit`: ``surface`` -> ``surface_control_points``     with ``surface``
     ``measure_...``    `SurfaceMeasure`: ``surface`` -> the measure, by its name          one for each of ``measures``
     move               `ControlMeshMove`: -> ``control_points``                           always
@@ -65,7 +67,8 @@ class GridMovement(Copied, om.Group):
     parametrization : Parametrization, optional
         Design variables of the surface and the linear constraints among its control points.
     measures : sequence of Measure
-        What is measured of the surface, all on one `SurfaceGrid`.
+        What is measured, of one `SurfaceGrid` or several, such as the thickness of the wing and the volume of the
+        fuselage.
     mover : Mover, optional
         Moves the control mesh of the model; by default `Rotations`, or the lattice of a mesh without structure,
         on the mesh of the parametrization or with all walls as the design surface.
@@ -100,7 +103,7 @@ class GridMovement(Copied, om.Group):
     ------
     InputError
         In ``setup``, if the mover or the parametrization is that of another model, if the two have different design
-        surfaces, if measures are of different surfaces, if the model does not say what moves, if ``live`` is asked
+        surfaces, if the model does not say what moves, if ``live`` is asked
         for without ``fit``, or a ``surface`` together with a parametrization, with ``live``, or with measures of
         another one.
 
@@ -218,19 +221,27 @@ class GridMovement(Copied, om.Group):
     def _add_measures(self, mesh: MovingMesh) -> None:
         """Regenerate the surface and measure it."""
         measures = require_list(self.options["measures"], "measure", MEMBERS, self.msginfo)
-        surface = measures[0].surface
-        for measure in measures:
-            if measure.surface is not surface:
-                raise InputError(
-                    f"{self.msginfo}: measure '{measure.name}' is of another SurfaceGrid; make all with the same one"
-                )
         self._require_names([measure.name for measure in measures])
+        surfaces = list({id(measure.surface): measure.surface for measure in measures}.values())
+        common: dict[str, Any] = {"model": self.options["model"], "mesh": mesh}
         if self.options["surface"] is None:
-            self._add("evaluate_surface", SurfaceEvaluate(model=self.options["model"], mesh=mesh, surface=surface))
-        elif self.options["surface"] is not surface:
+            self._add("evaluate_surface", SurfaceEvaluate(**common, surface=surfaces[0]))
+        elif len(surfaces) > 1 or self.options["surface"] is not surfaces[0]:
             raise InputError(f"{self.msginfo}: the measures are of another surface than the nodes; make them with it")
+        for number, surface in enumerate(surfaces[1:], start=2):
+            self.add_subsystem(
+                f"evaluate_surface_{number}",
+                SurfaceEvaluate(**common, surface=surface),
+                promotes_inputs=[SURFACE_CONTROL_POINTS],
+            )
         for measure in measures:
-            self._add(f"measure_{measure.name}", SurfaceMeasure(measure=measure))
+            number = next(n for n, surface in enumerate(surfaces, start=1) if surface is measure.surface)
+            name, component = f"measure_{measure.name}", SurfaceMeasure(measure=measure)
+            if number == 1:
+                self._add(name, component)
+            else:
+                self.add_subsystem(name, component, promotes_outputs=[measure.name])
+                self.connect(f"evaluate_surface_{number}.{SURFACE}", f"{name}.{SURFACE}")
 
     def _require_names(self, names: list[str]) -> None:
         """Refuse names of measures that are taken."""

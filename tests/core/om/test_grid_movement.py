@@ -4,6 +4,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 from component_cases import Heights, Shear, Swirl, movable_model, small_model
+from mesh_cases import mesh_around_a_body
 
 from bspline_mdao import DesignSurface, NLoptDriver, fit_grid
 from bspline_mdao.core.design.parametrization import Parametrization
@@ -13,12 +14,14 @@ from bspline_mdao.core.movement.elasticity import LinearElasticity
 from bspline_mdao.core.movement.inverse_distance import InverseDistance
 from bspline_mdao.core.movement.rotations import Rotations
 from bspline_mdao.core.om.grid_movement import GridMovement
-from bspline_mdao.design import Twist
+from bspline_mdao.design import Local, Twist
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators import Spacing, flat_plate_grid, infinite_wing_grid, naca_section
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import judge_move
 from bspline_mdao.grids.topology.partition import Subdomain
+from bspline_mdao.measures import EnclosedVolume, SurfaceArea
+from bspline_mdao.meshes import LatticeSettings, MeshModel, MixedMesh
 from bspline_mdao.names import (
     CONTROL_CORNER_KS,
     CONTROL_POINTS,
@@ -28,7 +31,7 @@ from bspline_mdao.names import (
     SURFACE,
     SURFACE_CONTROL_POINTS,
 )
-from bspline_mdao.testing import central_difference
+from bspline_mdao.testing import central_difference, check_totals
 
 
 @pytest.fixture(scope="module")
@@ -180,9 +183,36 @@ def test_a_parametrization_of_another_design_surface_is_refused(plate):
         problem_of(plate, parametrization=parametrization, mover=LinearElasticity(moving_mesh(plate)))
 
 
-def test_measures_of_different_surfaces_are_refused(plate):
-    with pytest.raises(InputError, match="'heights' is of another SurfaceGrid"):
-        problem_of(plate, measures=[Heights(SurfaceGrid.of(plate)), Heights(SurfaceGrid.of(plate))])
+def test_measures_of_different_surfaces_stand_side_by_side():
+    mesh, kinds = mesh_around_a_body()
+    body = mesh.markers["body"]
+    is_front = mesh.points[body, 0].mean(axis=1) < 0.0
+    markers = mesh.markers | {"front": body[is_front], "rear": body[~is_front]}
+    del markers["body"]
+    mesh = MixedMesh(mesh.points, mesh.cells, markers)
+    del kinds["body"]
+    model = MeshModel.of(mesh, {**kinds, "front": "wall", "rear": "wall"}, LatticeSettings(spacing=0.6))
+    front = DesignSurface.of(model, "front")
+    rear, whole = SurfaceGrid.of(model, "rear"), SurfaceGrid.of(model)
+    volume = EnclosedVolume.of(whole)
+    measures = [SurfaceArea.of(front.surface), volume, SurfaceArea.of(rear, name="area_of_rear")]
+    bump = Local("bump", direction="xz")
+    shape = front.grid_movement([bump], measures=measures, quality=False, require_valid=False)
+    problem = om.Problem(shape, reports=None)
+    problem.model.add_design_var("bump")
+    for measure in measures:
+        problem.model.add_constraint(measure.name, lower=0.0)
+    problem.setup()
+    problem.set_val("bump", 0.005 * np.random.default_rng(4).normal(size=problem.get_val("bump").shape))
+    problem.run_model()
+    nodes = problem.get_val(GRID).reshape(-1, 3)
+    for measure in measures:
+        np.testing.assert_allclose(problem.get_val(measure.name), measure.evaluate(nodes[measure.surface.rows]))
+    totals = check_totals(problem, n_directions=1)
+    assert totals.transposed < 1e-12
+    assert totals.differences < 1e-7
+    with pytest.raises(InputError, match="the name 'surface_area' of a measure is taken"):
+        problem_of(model, measures=[SurfaceArea.of(front.surface), SurfaceArea.of(rear)])
 
 
 def test_the_grid_is_that_of_the_parts(plate):
