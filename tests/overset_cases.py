@@ -13,18 +13,18 @@ CENTRES = ((-0.8, 0.0, 0.0), (0.9, 0.3, 0.1))
 RADII = (0.5, 0.35)
 
 
-def component(number: int, shape: Sequence[int]) -> Grid:
+def component(number: int, shape: Sequence[int], off_wall: float | None) -> Grid:
     """Grid of six blocks around a ball, with a wall and an open outer boundary."""
-    grid = ball_grid(tuple(shape), far=2.0)
+    grid = ball_grid(tuple(shape), far=2.0, off_wall=off_wall)
     nodes = [RADII[number] * block.nodes + CENTRES[number] for block in grid.blocks]
     blocks = tuple(Block(x, f"ball {number + 1} block {n}") for n, x in enumerate(nodes, start=1))
     wall = next(patch for patch in grid.patches if patch.kind == "wall")
     return replace(grid, blocks=blocks, patches=(replace(wall, name=f"ball_{number + 1}"),))
 
 
-def overset_grid(n: int = 7, n_background: int = 13) -> Grid:
+def overset_grid(n: int = 5, n_background: int = 13, off_wall: float | None = None) -> Grid:
     """Both balls and the box, whose sides are a far field; outer boundaries of the balls' grids are undeclared."""
-    parts = [component(0, (n, n, n, n)), component(1, (n - 1, n - 1, n - 1, n - 2))]
+    parts = [component(0, (n, n, n, n + 1), off_wall), component(1, (n - 1, n - 1, n - 1, n), off_wall)]
     axes = [np.linspace(-size, size, n_background + extra) for size, extra in ((3.0, 4), (2.5, 0), (2.4, 1))]
     box = Block(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1), "box")
     blocks: list[Block] = []

@@ -289,7 +289,7 @@ def _is_symmetry(face: BoundaryFace, asked: _Requests) -> bool:
 
 def _may_slide(face: BoundaryFace, asked: _Requests) -> bool:
     """Whether a face slides where it is planar and the design surface ends on it, and follows where it is curved."""
-    return face.kind in ("other", "farfield", None) and face.patch not in asked.fixed
+    return face.kind in ("other", "farfield", "overset", None) and face.patch not in asked.fixed
 
 
 def _met(sides: Iterable[_Side], surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:

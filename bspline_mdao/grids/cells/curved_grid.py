@@ -29,7 +29,7 @@ class CurvedPatch(OneLine):
     """Curved faces of elements on the boundary, with one name."""
 
     name: str  # name of the patch
-    kind: str  # its kind: ``wall``, ``symmetry``, ``farfield`` or ``other``
+    kind: str  # its kind: ``wall``, ``symmetry``, ``farfield``, ``overset`` or ``other``
     # nodes of every face on its lattice; the cross product of the two directions points out of the grid
     faces: np.ndarray  # int (n, d + 1, d + 1)
 

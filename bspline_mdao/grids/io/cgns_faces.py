@@ -16,7 +16,7 @@ import numpy as np
 
 from ..topology.grid import Grid, Patch
 from ..topology.index_space import Interface, Orientation, Window
-from .cgns_families import ORIGINAL_NAME, TYPES_THAT_SAY_NOTHING, Families
+from .cgns_families import BC_OVERSET, ORIGINAL_NAME, TYPES_THAT_SAY_NOTHING, Families
 from .cgns_nodes import add_node, children, first_child, free_name, value, word
 from .patch_guess import kind_of_name
 
@@ -27,11 +27,13 @@ _KIND_OF_PREFIX = (
     ("BCInflow", "farfield"),
     ("BCOutflow", "farfield"),
     ("BCTunnel", "farfield"),
+    (BC_OVERSET, "overset"),
 )
 _TYPE_OF_KIND = {
     "wall": "BCWall",
     "symmetry": "BCSymmetryPlane",
     "farfield": "BCFarfield",
+    "overset": "UserDefined",
     "other": "UserDefined",
 }
 POINT_SIZE = 1e-9
@@ -159,6 +161,8 @@ def add_family(base: h5py.Group, name: str, kind: str) -> str:
         add_node(family, ORIGINAL_NAME, "Descriptor_t", original)
     is_misleading = kind == "other" != kind_of_name(name)
     add_node(family, "FamilyBC", "FamilyBC_t", _NO_KIND if is_misleading else _TYPE_OF_KIND[kind])
+    if kind == "overset":
+        add_node(family, BC_OVERSET, "UserDefinedData_t")
     return name
 
 

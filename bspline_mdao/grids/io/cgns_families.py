@@ -15,12 +15,16 @@ import h5py
 
 from .cgns_nodes import children, first_child, word
 
-__all__ = ["ORIGINAL_NAME", "TYPES_THAT_SAY_NOTHING", "Families", "Meaning"]
+__all__ = ["BC_OVERSET", "ORIGINAL_NAME", "TYPES_THAT_SAY_NOTHING", "Families", "Meaning"]
 
 ORIGINAL_NAME = "OriginalName"
 """Text (``Descriptor_t``) in a family whose patch has a name that is none for a node: too long, or with a slash."""
 
 TYPES_THAT_SAY_NOTHING = ("", "Null", "UserDefined", "BCTypeNull", "BCTypeUserDefined")
+
+BC_OVERSET = "BCOverset"
+"""Text beside a condition or family of a type that CGNS does not have (``UserDefinedData_t``): ADflow, pyHyp and
+cgnsutilities so declare outer boundaries of overset component grids."""
 
 _DEEPEST = 8  # families in each other, so that links in a circle end
 
@@ -57,6 +61,10 @@ class Families:
             types = [_type_of(families, path) for families, path in places]
             bc_type = next((each for each in types if each not in TYPES_THAT_SAY_NOTHING), types[0] if types else "")
         names = [_name_of(families, path) for families, path in places]
+        if bc_type in (*TYPES_THAT_SAY_NOTHING, "FamilySpecified"):
+            families_of_it = [families[path] for families, path in places if path in families]
+            if any(BC_OVERSET in dict(children(node, "UserDefinedData_t")) for node in (condition, *families_of_it)):
+                bc_type = BC_OVERSET
         return Meaning(names[0] if names else name, bc_type, tuple(names[1:]))
 
     def _place(self, base: h5py.Group, text: str) -> tuple[dict[str, h5py.Group], str]:

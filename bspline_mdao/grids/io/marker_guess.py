@@ -51,8 +51,9 @@ _KIND_OF_TYPE = {
     "cyclicAMI": "periodic",
     "cyclicSlip": "periodic",
     "processor": "inner",
+    "BCOverset": "inner",
 }
-"""Kinds by OpenFOAM's types of patches; ``patch`` says nothing."""
+"""Kinds by OpenFOAM's types of patches, where ``patch`` says nothing, and by those of CGNS that it does not have."""
 
 _WALL_WORDS = """
     wall wing airfoil aerofoil body fuselage blade hub shroud cylinder sphere naca heated isothermal adiabatic flap slat
@@ -63,7 +64,7 @@ _OTHER_WORDS = {
     "symmetry": "symmetry sym symm symmetric",
     "farfield": "far farfield freestream inlet inflow outlet outflow outer entry exit in out",
     "periodic": "periodic per cyclic",
-    "inner": "interface internal interior baffle",
+    "inner": "interface internal interior baffle overset overlap chimera",
 }
 _KIND_OF_WORD = dict.fromkeys(_WALL_WORDS.split(), "wall") | {
     word: kind for kind, words in _OTHER_WORDS.items() for word in words.split()

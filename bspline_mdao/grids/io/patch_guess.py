@@ -16,10 +16,12 @@ from tomlkit.items import InlineTable
 from ..topology.detection import find_topology
 from ..topology.grid import Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
+from ..topology.overset import component_numbers
 from ..topology.periodic import find_periodic
 from ..topology.topology import Topology
 from .boundary_planes import BoundaryPlane, find_planes
 from .grid_frame import GridFrame, first_cells
+from .overset_guess import OVERSET, overlap_text, with_overset
 from .patch_certainty import FaceGuess, judge_periodic, judge_place, judge_symmetry
 from .symmetry_guess import Places, doubtful_faces, find_symmetry
 
@@ -30,6 +32,7 @@ __all__ = [
     "guess_patches",
     "guess_undeclared",
     "kind_of_name",
+    "overlap_of",
     "with_guessed_patches",
 ]
 
@@ -49,6 +52,9 @@ _KIND_OF_PREFIX = {
     "inlet": "farfield",
     "out": "farfield",
     "back": "farfield",
+    "overset": "overset",
+    "overlap": "overset",
+    "chimera": "overset",
 }
 
 ALIGNED = 1e-6
@@ -58,7 +64,7 @@ _KINDS = ("symmetry", "wall", "periodic", "farfield")
 """What names of guessed patches begin with, in the order of the patches."""
 
 _HEADER = """Patches of {source}: a draft to be checked.
-Kinds: wall, symmetry, farfield, other. Faces that are not named are free boundaries or found interfaces.
+Kinds: wall, symmetry, farfield, overset, other. Faces that are not named are free boundaries or found interfaces.
 A face may be cut: {{ block = 1, face = "kmin", i = [1, 13] }} (nodes counted from 1).
 Symmetry was guessed for planes at the rim of the grid in which other faces end at a right angle, periodic for pairs of
 faces that a rotation or a translation lays onto each other, far field for distant faces, wall for the rest."""
@@ -118,8 +124,17 @@ def guess_undeclared(
 ) -> tuple[FaceGuess, ...]:  # see `guess_faces`; a name that a declared patch has gets ``_guessed`` behind it
     """Guess what the boundary of a grid is where nobody declared it, under names that are free."""
     guesses = guess_faces(grid, [face.window for face in topology.boundary if face.patch is None])
+    guesses = with_overset(grid, topology, guesses)
     taken = {patch.name for patch in grid.patches}
     return tuple(replace(g, name=f"{g.name}_guessed") if g.name in taken else g for g in guesses)
+
+
+def overlap_of(grid: Grid, topology: Topology) -> str:
+    """Say that component grids overlap, as declared or as they are found, and how that is known; empty of others."""
+    is_declared = any(patch.kind == OVERSET for patch in grid.patches)
+    if not is_declared and component_numbers(topology).max() == 0:
+        return ""
+    return overlap_text(grid, topology, guess_undeclared(grid, topology))
 
 
 def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:

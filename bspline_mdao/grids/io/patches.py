@@ -4,7 +4,7 @@ A patches file in TOML names pieces of the boundary::
 
     [[patch]]
     name = "wing"
-    kind = "wall"                                                  # wall, symmetry, farfield or other
+    kind = "wall"                                                  # wall, symmetry, farfield, overset or other
     faces = [
         { block = 3, face = "kmin" },                              # number from 1, or name, of the block
         { block = "tip", face = "jmax", i = [1, 13], k = [5, 17] },  # part of a face, nodes counted from 1

@@ -18,8 +18,8 @@ from ...errors import InputError
 from .block_layout import BlockLayout
 from .index_space import Interface, Window
 
-PATCH_KINDS = ("wall", "symmetry", "farfield", "other")
-"""Kinds of boundary conditions."""
+PATCH_KINDS = ("wall", "symmetry", "farfield", "overset", "other")
+"""Kinds of boundary conditions; overset are outer boundaries of component grids inside others."""
 
 
 @dataclass(frozen=True)

@@ -157,10 +157,10 @@ def inspect(**options: Any) -> None:
 @click.option("--no-wall-layer", is_flag=True, help="Do not let nodes near walls follow them as a rigid body.")
 @click.option("--no-certify", is_flag=True, help="Do not prove, element by element, that the splines are valid.")
 @click.option(
-    "--lattice",
-    is_flag=True,
-    help="Move all blocks of the grid by one lattice of B-splines around it, as a mesh without structure, instead of "
-    "fitting each of them.",
+    "--lattice/--no-lattice",
+    default=None,
+    help="Move all blocks of the grid by one lattice of B-splines around it, as a mesh without structure, or fit each "
+    "of them; by default, component grids that overlap move by a lattice.",
 )
 @click.option(
     "--spacing",

@@ -19,6 +19,8 @@ from ...errors import FitWarning, InputError
 from ...grids.cells.certificate import Certificate
 from ...grids.io.formats import MODEL
 from ...grids.io.meshes.files import is_mesh
+from ...grids.io.patch_guess import overlap_of
+from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Grid
 from ...grids.topology.stored_grid import StoredGrid
 from .mesh_fit import asked_settings, fit_mesh
@@ -56,7 +58,7 @@ def fit_model(
     no_wall_layer: bool = False,
     no_certify: bool = False,  # do not prove which elements of the splines are valid everywhere
     units: str | None = None,  # unit of lengths, where the file does not say it
-    lattice: bool = False,  # move the blocks of a grid by one lattice in the background, too
+    lattice: bool | None = None,  # move all blocks by one lattice in the background; by default those that overlap
     # of such a lattice: width of the spans around walls (m), and how many each body has
     spacing: float | None = None,
     spans: float | None = None,
@@ -72,6 +74,17 @@ def fit_model(
     if file_of(grid_name) and (lattice or is_mesh(grid_name)):
         fit_mesh(grid_name, output, json, patches, asked_settings(spacing, spans))
         return
+    grid = topology = None
+    if comm.size == 1:
+        with progress_bar() as progress:
+            progress(0.0, "reading")
+            grid = load_grid(grid_name, patches, units=units)
+            topology = find_topology(grid)
+            overlap = overlap_of(grid, topology) if lattice is None and file_of(grid_name) else ""
+        if overlap:
+            print_lines([f"{grid_name}: {overlap}: one lattice moves them; --no-lattice fits each block instead"])
+            fit_mesh(grid_name, output, json, patches, asked_settings(spacing, spans))
+            return
     for name, value in (("spacing", spacing), ("spans", spans)):
         if value is not None:
             raise InputError(f"{grid_name}: is a grid of blocks; --{name} is of the lattice of --lattice")
@@ -88,10 +101,9 @@ def fit_model(
         warnings.simplefilter("ignore", FitWarning)  # it is in the report
         progress(0.0, "reading")
         model: FittedModel | FittedBlocks
-        if comm.size == 1:
-            grid = load_grid(grid_name, patches, units=units)
+        if grid is not None:
             _warn_of_patches(grid, grid_name)
-            model = fit_grid(grid, progress=progress, **options)
+            model = fit_grid(grid, topology=topology, progress=progress, **options)
         else:
             stored = stored_grid(grid_name, patches, comm, units=units)
             _warn_of_patches(stored, grid_name)

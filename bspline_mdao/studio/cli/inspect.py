@@ -17,6 +17,7 @@ from ...grids.cells.wall_spacing import wall_spacings
 from ...grids.io.disk import replaced_file
 from ...grids.io.formats import MODEL
 from ...grids.io.meshes.files import is_mesh
+from ...grids.io.overset_guess import overlap_text
 from ...grids.io.patch_certainty import SURENESS, Certainty, how_sure
 from ...grids.io.patch_guess import draft_patches, gathered, guess_undeclared
 from ...grids.topology.detection import find_topology
@@ -67,8 +68,10 @@ def inspect_grid(
         progress(0.9, "walls")
         faces = guess_undeclared(grid, topology)
         guesses, certainties = gathered(faces), how_sure(faces)
+        overlap = overlap_text(grid, topology, faces)
         spacings = wall_spacings(_with_guesses(grid, guesses))
     numbers = {**grid_numbers(grid, topology), "walls": spacing_numbers(spacings, reynolds)}
+    numbers["overlap"] = overlap or None
     numbers["guesses"] = [_guess_numbers(*guess) for guess in zip(guesses, certainties)]
     if model:
         numbers["fit"] = fit_numbers(model, None)
@@ -80,6 +83,8 @@ def inspect_grid(
     show_spacings(spacings, reynolds, grid.length_unit)
     if model:
         show_report(model)
+    if overlap:
+        print_lines([f"{overlap}: 'fit' moves them by one lattice"])
     if draft:
         show_guesses(grid, guesses, certainties)
         print_lines([f"{draft} written: give the faces their names and kinds, then pass it as --patches {draft}"])

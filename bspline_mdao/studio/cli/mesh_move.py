@@ -12,6 +12,7 @@ import numpy as np
 
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
+from ...core.background.end_planes import INNER
 from ...core.background.lattice_settings import LatticeSettings
 from ...core.background.mesh_map import MeshState
 from ...core.background.mesh_model import MeshModel
@@ -20,6 +21,8 @@ from ...core.cad.files import SUFFIXES
 from ...core.design.named_deformations import parse_deformation
 from ...core.movement.mover import Movement
 from ...errors import InputError, MovementError
+from ...grids.cells.overlap_change import OverlapChange
+from ...grids.io.meshes.blocks import BlockMeshFile
 from .cures import Trial, verdict
 from .mesh_fit import lattice_numbers, show_lattice
 from .move import MoveOptions, write_points
@@ -50,6 +53,7 @@ class _Moved:
     state: MeshState
     mesh: MovedMesh
     seconds: float
+    overlap: OverlapChange | None = None  # of a grid of blocks
 
     @property
     def cells(self) -> MovedCells:
@@ -73,6 +77,8 @@ def move_mesh(
         file = open_mesh_file(model, output)
         progress(0.4, "moving")
         moved = _move(model, options)
+        if isinstance(file, BlockMeshFile):
+            moved = replace(moved, overlap=_overlap(model, file, moved.state.nodes))
         if len(moved.cells.newly_inverted) and not options.allow_invalid:
             progress(0.7, "looking for what cures it")
             raise MovementError(_complaint(moved, _trials(model, options)))
@@ -108,6 +114,13 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     seconds = time.process_time() - start
     judged = MovedMesh.of(model, movement.points, state.nodes)
     return _Moved(model, surface, movement, state, judged, seconds)
+
+
+def _overlap(model: MeshModel, file: BlockMeshFile, nodes: np.ndarray) -> OverlapChange:
+    """How fringes of component grids move in the cells of others."""
+    markers = model.mesh.markers or {}
+    faces = [faces.ravel() for name, faces in markers.items() if model.kinds.get(name) == INNER]
+    return OverlapChange.of(file.grid, model.mesh, np.unique(np.concatenate([np.zeros(0, dtype=int), *faces])), nodes)
 
 
 def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
@@ -160,6 +173,7 @@ def _numbers(model_file: Path, output: Path, moved: _Moved, options: MoveOptions
         "largest_displacement": float(np.linalg.norm(moved.state.nodes - model.mesh.points, axis=1).max()),
         "digits": moved.movement.report.digits,
         **moved.mesh.numbers(),
+        "overlap": moved.overlap and vars(moved.overlap),
         "seconds": moved.seconds,
     }
 
@@ -173,5 +187,7 @@ def _show(output: Path, moved: _Moved) -> None:
     print_lines([f"nodes moved by up to {largest:.3g} m"])
     show_lattice(model)
     moved.mesh.show()
+    if moved.overlap is not None:
+        print_lines(moved.overlap.lines())
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
     print_warnings(moved.mesh.warnings())

@@ -20,7 +20,7 @@ SURFACES = {
     "walls": ("wall",),
     "symmetry": ("symmetry",),
     "farfield": ("farfield",),
-    "boundary": ("wall", "symmetry", "farfield", "other"),
+    "boundary": ("wall", "symmetry", "farfield", "overset", "other"),
     "control mesh": ("control mesh",),
     "lattice": ("lattice",),
 }

@@ -14,7 +14,7 @@ from .surfaces import Sheet, joined_sheets
 
 __all__ = ["add_sheets", "as_polydata", "make_plotter"]
 
-COLORS = {"wall": "#8fbbe0", "symmetry": "#eef0f1", "farfield": "#e3e8ec", "other": "#d9d4c7"}
+COLORS = {"wall": "#8fbbe0", "symmetry": "#eef0f1", "farfield": "#e3e8ec", "overset": "#d5e3d0", "other": "#d9d4c7"}
 """Colours of sheets without a field, by their kind."""
 
 LINES, CONTROL = "#2b3238", "#cc3311"

@@ -84,7 +84,7 @@ def test_kinds_of_patches_from_elsewhere_are_declared_by_pattern(tmp_path):
         ("i = [2, 6]", "j = [1, 2]", "jmax has no range in j"),
         ("kind =", "knid =", "key 'knid' is not known; the keys are faces, kind, name"),
         ("k = [1, 3]", "range = 1", "key 'range' is not known"),
-        ('"wall"', '"wal"', "kind 'wal' is not one of wall, symmetry, farfield, other"),
+        ('"wall"', '"wal"', "kind 'wal' is not one of wall, symmetry, farfield, overset, other"),
         ('"wall"', "3", "kind 3 is not one of"),
         ('name = "wing"', "", "patch 1 has no name"),
         ("[[patch]]", "[patch]", "double brackets"),

@@ -1,12 +1,17 @@
 """Grids of blocks that one lattice moves: from the file, by commands and in Python."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
+from overset_cases import overset_grid
 from test_cli import fails_as_expected, numbers
 
 from bspline_mdao import read_grid, write_grid
-from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.generators import ball_grid
+from bspline_mdao.grids.io.plot3d import write_plot3d
+from bspline_mdao.grids.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.meshes import LatticeSettings, MeshModel, fit_mesh, open_mesh_file
 from bspline_mdao.studio.cli.main import run
 
@@ -14,7 +19,7 @@ from bspline_mdao.studio.cli.main import run
 @pytest.fixture
 def workplace(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_grid("wing.cgns", onera_m6_grid((7, 7, 5)))
+    write_grid("ball.cgns", ball_grid((5, 6, 5, 4), far=3.0, octant=True))
     return tmp_path
 
 
@@ -33,13 +38,13 @@ def stored(path) -> dict[str, object]:
 
 
 def test_the_command_and_python_write_the_same_nodes_and_keep_all_else_of_the_file(workplace):
-    assert run(["fit", "wing.cgns", "--lattice", "--spacing", "0.5", "-o", "wing.h5"]) == 0
-    assert run(["move", "wing.h5", "--deform", "twist=5deg", "-o", "moved.cgns", "--json", "move.json"]) == 0
+    assert run(["fit", "ball.cgns", "--lattice", "--spacing", "0.5", "-o", "ball.h5"]) == 0
+    assert run(["move", "ball.h5", "--deform", "stretch=1.2", "-o", "moved.cgns", "--json", "move.json"]) == 0
     assert numbers("move.json")["n_inverted"] == {"before": 0, "after": 0}
-    assert stored("wing.cgns") == stored("moved.cgns")
-    model, again = MeshModel.load("wing.h5"), fit_mesh("wing.cgns", settings=LatticeSettings(spacing=0.5))
+    assert stored("ball.cgns") == stored("moved.cgns")
+    model, again = MeshModel.load("ball.h5"), fit_mesh("ball.cgns", settings=LatticeSettings(spacing=0.5))
     assert again.checksum == model.checksum
-    before, after = (read_grid(name).to_vector().reshape(-1, 3) for name in ("wing.cgns", "moved.cgns"))
+    before, after = (read_grid(name).to_vector().reshape(-1, 3) for name in ("ball.cgns", "moved.cgns"))
     assert np.abs(after - before).max() > 0.01
     asked = np.zeros_like(model.mesh.points)
     asked[model.mesh.numbers] = after
@@ -51,16 +56,52 @@ def test_the_command_and_python_write_the_same_nodes_and_keep_all_else_of_the_fi
 
 
 def test_the_wrong_output_file_or_a_changed_grid_is_refused_in_one_line(workplace, capsys):
-    assert run(["fit", "wing.cgns", "--lattice", "--spacing", "0.5", "-o", "wing.h5"]) == 0
-    move = ["move", "wing.h5", "--deform", "twist=1deg", "-o"]
+    assert run(["fit", "ball.cgns", "--lattice", "--spacing", "0.5", "-o", "ball.h5"]) == 0
+    move = ["move", "ball.h5", "--deform", "stretch=1.1", "-o"]
     fails_as_expected([*move, "moved.xyz"], capsys, "written as it is read, as CGNS")
-    grid = read_grid("wing.cgns")
-    write_grid("wing.cgns", grid.with_vector(1.01 * grid.to_vector()))
+    grid = read_grid("ball.cgns")
+    write_grid("ball.cgns", grid.with_vector(1.01 * grid.to_vector()))
     fails_as_expected([*move, "moved.cgns"], capsys, "has changed since")
-    fails_as_expected(["fit", "@onera_m6", "--lattice", "-o", "a.h5"], capsys, "--lattice")
+    fails_as_expected(["fit", "@flat_plate", "--lattice", "-o", "a.h5"], capsys, "--lattice")
 
 
 def test_a_grid_without_walls_is_refused_with_what_to_do(workplace, capsys):
     (workplace / "none.toml").write_text('[kinds]\n"*" = "farfield"\n')
-    fit = ["fit", "wing.cgns", "--lattice", "--patches", "none.toml", "-o", "wing.h5"]
+    fit = ["fit", "ball.cgns", "--lattice", "--patches", "none.toml", "-o", "ball.h5"]
     fails_as_expected(fit, capsys, "no patch is a wall")
+
+
+def test_component_grids_that_overlap_move_by_a_lattice_and_keep_their_blanking(workplace, capsys):
+    grid = overset_grid(4, 9)
+    iblank = [np.ones(block.shape, dtype=np.int32) for block in grid.blocks]
+    for each in iblank[:12]:
+        each[:, :, -1] = -13
+    blocks = tuple(replace(block, iblank=each) for block, each in zip(grid.blocks, iblank))
+    write_plot3d("balls.xyz", replace(grid, blocks=blocks), Plot3dDialect("fortran", ">", has_iblank=True))
+    faces = {"one": range(6), "two": range(6, 12)}
+    lines = [
+        f'[[patch]]\nname = "{name}"\nkind = "wall"\nfaces = [{", ".join(_face(n) for n in numbers)}]\n'
+        for name, numbers in faces.items()
+    ]
+    (workplace / "patches.toml").write_text("".join(lines))
+    assert run(["inspect", "balls.xyz", "--patches", "patches.toml", "--json", "inspect.json"]) == 0
+    assert "12 faces blanked as interpolated" in numbers("inspect.json")["overlap"]
+    fit = ["fit", "balls.xyz", "--patches", "patches.toml", "--spacing", "0.5", "-o", "balls.h5"]
+    assert run(fit) == 0
+    assert "one lattice moves them" in capsys.readouterr().out
+    move = ["move", "balls.h5", "--design", "one", "--deform", "translate=0/0.1/0", "-o"]
+    assert run([*move, "moved.xyz", "--json", "move.json"]) == 0
+    found = numbers("move.json")
+    assert found["overlap"]["n_donors"] == found["overlap"]["n_fringe"] > 50
+    assert found["overlap"]["largest"] < 0.1
+    before, after = read_grid("balls.xyz"), read_grid("moved.xyz")
+    for one, other, blanks in zip(before.blocks, after.blocks, iblank):
+        np.testing.assert_array_equal(other.iblank, blanks)
+        assert one.shape == other.shape
+    wall = after.blocks[0].nodes[:, :, 0] - before.blocks[0].nodes[:, :, 0]
+    assert np.abs(wall - [0.0, 0.1, 0.0]).max() < 1e-13
+    assert (workplace / "balls.xyz").stat().st_size == (workplace / "moved.xyz").stat().st_size
+
+
+def _face(number: int) -> str:
+    return f'{{ block = {number + 1}, face = "kmin" }}'

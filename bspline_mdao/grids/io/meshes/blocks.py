@@ -22,12 +22,17 @@ from ..cgns import CgnsDialect
 from ..files import check_grid_name, read_grid, write_grid
 from ..formats import format_of_name
 from ..marker_guess import MarkerGuess, guess_kinds
+from ..overset_guess import OVERSET
 from ..patch_certainty import FaceGuess, how_sure
 from ..patch_guess import guess_undeclared
 from ..patches import read_patches
 from ..plane_grids import PlaneDialect, lift_plane_grid
 
 __all__ = ["BlockMeshFile", "MarkedGrid", "open_blocks", "read_marked_grid"]
+
+
+KIND_OF_MARKER = {OVERSET: "inner"}
+"""Kinds of markers by those of patches, where they differ: overset faces are inside the mesh, and move along."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +84,11 @@ def marked_grid(grid: Grid) -> MarkedGrid:
     names |= {guess.window: guess.name for guess in guesses}
     lifted = grid.dialect.directions if isinstance(grid.dialect, PlaneDialect) else None
     mesh = grid_mesh(grid, topology, names, lifted)
-    known = {patch.name: MarkerGuess(patch.kind, "sure", "declared") for patch in grid.patches if patch.kind != "other"}
+    known = {
+        patch.name: MarkerGuess(KIND_OF_MARKER.get(patch.kind, patch.kind), "sure", f"declared as {patch.kind}")
+        for patch in grid.patches
+        if patch.kind != "other"
+    }
     known |= _guessed(guesses)
     known = {name: guess for name, guess in known.items() if name in (mesh.markers or {})}
     return MarkedGrid(mesh, guess_kinds(mesh, known), grid, topology)
@@ -90,8 +99,8 @@ def _guessed(guesses: tuple[FaceGuess, ...]) -> dict[str, MarkerGuess]:
     found = {}
     kinds = {guess.name: guess.kind for guess in guesses}
     for name, sure in zip(kinds, how_sure(guesses)):
-        is_periodic = name.startswith("periodic")
-        found[name] = MarkerGuess("periodic" if is_periodic else kinds[name], sure.level, sure.reason)
+        kind = "periodic" if name.startswith("periodic") else KIND_OF_MARKER.get(kinds[name], kinds[name])
+        found[name] = MarkerGuess(kind, sure.level, sure.reason)
     return found
 
 

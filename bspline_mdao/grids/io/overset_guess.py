@@ -1,0 +1,69 @@
+"""Faces that are overset: outer boundaries of component grids inside others, by blanking or by where they are.
+
+A wall inside the box of cells around it lies inside another grid as well: its first cells tell it apart, which are fine
+by those of their grid lines.
+
+Theory: ``docs/theory/grid_files.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ...base.text import counted
+from ..topology.grid import Grid
+from ..topology.overset import component_numbers, is_fringe, lies_in_others
+from ..topology.topology import Topology
+from .grid_frame import first_cells
+from .patch_certainty import FINE, FaceGuess
+
+__all__ = ["OVERSET", "overlap_text", "with_overset"]
+
+OVERSET = "overset"
+"""Kind of such patches, and the name of those that are guessed."""
+
+
+def with_overset(grid: Grid, topology: Topology, guesses: Sequence[FaceGuess]) -> tuple[FaceGuess, ...]:
+    """Find the overset ones among faces that were taken for walls or far fields; they come last."""
+    if component_numbers(topology).max() == 0:
+        return tuple(guesses)
+    doubtful = [guess for guess in guesses if guess.kind in ("wall", "farfield")]
+    inside = lies_in_others(grid, topology, [guess.window for guess in doubtful])
+    found = {guess.window: _judged(grid, guess, is_inside) for guess, is_inside in zip(doubtful, inside)}
+    guesses = [found.get(guess.window, guess) for guess in guesses]
+    names = [name for name in dict.fromkeys(guess.name for guess in guesses) if name != OVERSET] + [OVERSET]
+    return tuple(sorted(guesses, key=lambda guess: names.index(guess.name)))
+
+
+def _judged(grid: Grid, guess: FaceGuess, is_inside: bool) -> FaceGuess:
+    """Guess at a face that lies inside other grids, or is blanked as one that does."""
+    if is_fringe(grid, guess.window):
+        return FaceGuess(guess.window, OVERSET, OVERSET, "sure", "its nodes are blanked as interpolated")
+    if not is_inside:
+        return guess
+    part = first_cells(grid, guess.window)
+    if part is not None and part < FINE:
+        reason = f"it lies inside other grids; first cells {part:.2g} of the mean of their lines, as at walls"
+        return replace(guess, name="wall", kind="wall", level="likely", reason=reason)
+    cells = "" if part is None else f"; first cells {part:.2g} of the mean of their lines"
+    level = "unsure" if part is None else "likely"
+    return FaceGuess(guess.window, OVERSET, OVERSET, level, f"it lies inside other grids{cells}")
+
+
+def overlap_text(grid: Grid, topology: Topology, guesses: Sequence[FaceGuess]) -> str:
+    """Say that component grids overlap, and how that is known; empty where they do not."""
+    declared = [patch.name for patch in grid.patches if patch.kind == OVERSET]
+    found = [guess for guess in guesses if guess.kind == OVERSET]
+    n_blanked = sum(guess.level == "sure" for guess in found)
+    reasons = []
+    if declared:
+        reasons.append(f"patches declared as overset: {', '.join(declared)}")
+    if n_blanked:
+        reasons.append(f"{counted(n_blanked, 'face')} blanked as interpolated")
+    if len(found) > n_blanked:
+        reasons.append(f"{counted(len(found) - n_blanked, 'face')} of no patch inside the blocks of others")
+    if not reasons:
+        return ""
+    n = int(component_numbers(topology).max()) + 1
+    return f"{counted(n, 'component grid')} overlap{'s' * (n == 1)} ({'; '.join(reasons)})"

@@ -1,0 +1,76 @@
+"""Component grids that overlap move by one lattice: walls, fringes, nodes that blocks share."""
+
+import numpy as np
+import pytest
+from overset_cases import CENTRES, overset_grid
+
+from bspline_mdao.core.background.background_lattice import LatticeSettings
+from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.grids.cells.overlap_change import OverlapChange
+from bspline_mdao.grids.io.meshes.blocks import marked_grid
+
+
+@pytest.fixture(scope="module")
+def case():
+    """The grid, and its model."""
+    marked = marked_grid(overset_grid())
+    kinds = {name: guess.kind for name, guess in marked.kinds.items()}
+    return marked, MeshModel.of(marked.mesh, kinds, LatticeSettings(spacing=0.3))
+
+
+def bodies_apart(model: MeshModel) -> np.ndarray:
+    """Where the walls are to be: one ball turns and goes away from the other, which grows."""
+    mesh = model.mesh
+    walls, is_first = mesh.points[model.wall_rows], np.isin(model.wall_rows, np.unique(mesh.markers["ball_1"]))
+    c, s = np.cos(0.3), np.sin(0.3)
+    turned = (walls - CENTRES[0]) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + CENTRES[0]
+    return np.where(is_first[:, None], turned - [0.1, 0.0, 0.0], walls + 0.15 * (walls - CENTRES[1]))
+
+
+def moved(model: MeshModel) -> np.ndarray:
+    return model.node_map.at(model.mover.move(model.control_points, bodies_apart(model)).points).nodes
+
+
+def test_bodies_move_differently_with_exact_walls_valid_cells_and_the_far_field_at_rest(case):
+    marked, model = case
+    mesh, nodes = marked.mesh, moved(model)
+    assert np.abs(nodes[model.wall_rows] - bodies_apart(model)).max() < 1e-13
+    assert not mesh.quality(nodes).is_inverted.any()
+    far = np.unique(mesh.markers["far"])
+    np.testing.assert_array_equal(nodes[far], mesh.points[far])
+    outer = np.unique(mesh.markers["overset"])
+    assert np.linalg.norm(nodes[outer] - mesh.points[outer], axis=1).min() > 0.01
+
+
+def test_nodes_that_blocks_share_stay_one_to_the_last_bit(case):
+    marked, model = case
+    before = marked.grid.to_vector().reshape(-1, 3)
+    after = marked.mesh.nodes_of_file(moved(model))
+    np.testing.assert_array_equal(marked.mesh.nodes_of_file(marked.mesh.points), before)
+    _, first, inverse = np.unique(before, axis=0, return_index=True, return_inverse=True)
+    assert len(first) < len(before) - 100
+    np.testing.assert_array_equal(after, after[first][inverse.ravel()])
+
+
+def test_fringes_keep_their_places_in_the_cells_of_others_which_a_grid_left_behind_does_not(case):
+    marked, model = case
+    mesh, nodes = marked.mesh, moved(model)
+    fringe = np.unique(mesh.markers["overset"])
+    change = OverlapChange.of(marked.grid, mesh, fringe, nodes)
+    assert change.n_fringe == len(fringe) == change.n_donors
+    assert change.median < 0.02
+    assert change.largest < 0.08
+    behind, box = nodes.copy(), mesh.numbers[-marked.grid.blocks[-1].nodes[..., 0].size :]
+    behind[box] = mesh.points[box]
+    assert OverlapChange.of(marked.grid, mesh, fringe, behind).largest > 0.3
+
+
+def test_interpolated_nodes_by_blanking_are_fringes_too(case):
+    marked, model = case
+    blocks = list(marked.grid.blocks)
+    iblank = np.ones(blocks[0].shape, dtype=np.int32)
+    iblank[:, :, -2:] = -1
+    blocks[0] = type(blocks[0])(blocks[0].nodes, blocks[0].name, iblank)
+    grid = type(marked.grid)(tuple(blocks))
+    change = OverlapChange.of(grid, marked.mesh, np.zeros(0, dtype=int), moved(model))
+    assert change.n_fringe == 2 * iblank[:, :, 0].size
