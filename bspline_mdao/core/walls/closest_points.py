@@ -19,7 +19,7 @@ import numpy as np
 
 from ...base.numerics.threads import run_tasks, thread_count
 from .closest_search import MAX_CLOSEST, find_closest
-from .normal_cones import cones_of_boxes, unit_normals
+from .normal_cones import cones_of, unit_normals
 
 __all__ = ["ClosestPoints", "TriangleTree"]
 
@@ -59,7 +59,8 @@ class TriangleTree:
     # number 1
     boxes: np.ndarray
     far: np.ndarray  # (2 n_leaves,), largest reach in every box
-    cones: np.ndarray  # (2 n_leaves, 5), cones of normals in every box, see `.normal_cones`
+    cones: np.ndarray  # (2 n_leaves, 9), cones of normals in every box, see `.normal_cones`
+    facing: np.ndarray  # (n_triangles, 4), those of every triangle
     leaf_starts: np.ndarray  # (n_leaves + 1,) of int, first triangle of every leaf
     around_starts: np.ndarray  # (n + 1,) of int, first triangle around every corner
     around: np.ndarray  # (3 n_triangles,) of int, triangles around corners
@@ -94,8 +95,9 @@ class TriangleTree:
         boxes, far = (np.concatenate([parts[0][:1], *parts]) for parts in zip(*levels))
         around = (np.argsort(triangles.ravel(), kind="stable") // 3).astype(np.int32)
         around_starts = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=len(points)))])
-        boxes, cones = boxes * np.repeat([1.0, -1.0], 3), cones_of_boxes(points, triangles, starts)
-        return cls(points, triangles, reach, boxes, far, cones, starts, around_starts, around)
+        boxes = boxes * np.repeat([1.0, -1.0], 3)
+        cones, facing = cones_of(points, triangles, starts, boxes)
+        return cls(points, triangles, reach, boxes, far, cones, facing, starts, around_starts, around)
 
     def closest_points(
         self,
@@ -104,8 +106,8 @@ class TriangleTree:
         n_threads: int | None = None,
     ) -> ClosestPoints:
         """Find the closest points of points."""
-        tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.cones, self.leaf_starts
-        around = self.around_starts, self.around
+        tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.cones, self.facing
+        around = self.leaf_starts, self.around_starts, self.around
         size = float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
         def search(first: int) -> tuple[np.ndarray, ...]:

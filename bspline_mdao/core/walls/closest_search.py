@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .normal_cones import has_no_minimum
+from .normal_cones import BEHIND, has_no_minimum
 
 __all__ = ["FARTHEST", "MAX_CLOSEST", "fade", "find_closest"]
 
@@ -91,20 +91,26 @@ def _closest(a, b, c, p, barycentric):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _square_within_reach(p, points, triangles, reach, boxes, far, leaf_starts):
-    """Squared distance of any triangle that p is within the reach of; none, infinity, of most points of a mesh."""
-    n_leaves = len(leaf_starts) - 1
+def _square_within_reach(p, points, triangles, reach, boxes, far, leaf_starts, stack, place):
+    """Squared distance of any triangle that p is within the reach of; infinity where there is none."""
     if _box_distance_square(boxes[1], p) >= far[1] * far[1]:
-        return np.inf
-    stack, place = np.empty(64, dtype=np.int64), np.empty(3)
+        return np.inf  # as for most nodes of a mesh
+    n_leaves = len(leaf_starts) - 1
     stack[0], n_left = 1, 1
     while n_left > 0:
         n_left -= 1
         k = stack[n_left]
-        if _box_distance_square(boxes[k], p) >= far[k] * far[k]:
-            continue
         if k < n_leaves:
-            n_left = _push_halves(boxes, k, p, stack, n_left)
+            one, other = 2 * k, 2 * k + 1
+            near, away = _box_distance_square(boxes[one], p), _box_distance_square(boxes[other], p)
+            if away <= near:
+                one, other, near, away = other, one, away, near
+            if away < far[other] * far[other]:
+                stack[n_left] = other
+                n_left += 1
+            if near < far[one] * far[one]:
+                stack[n_left] = one
+                n_left += 1
             continue
         for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
             a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
@@ -116,33 +122,31 @@ def _square_within_reach(p, points, triangles, reach, boxes, far, leaf_starts):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _nearest_square(p, points, triangles, boxes, leaf_starts, nearest):
+def _nearest_square(p, points, triangles, boxes, leaf_starts, nearest, stack, squares, place):
     """Squared distance of the nearest triangle, if that is less than ``nearest``, or else this."""
     n_leaves = len(leaf_starts) - 1
-    stack, place = np.empty(64, dtype=np.int64), np.empty(3)
-    stack[0], n_left = 1, 1
+    stack[0], squares[0], n_left = 1, 0.0, 1
     while n_left > 0:
         n_left -= 1
         k = stack[n_left]
-        if _box_distance_square(boxes[k], p) >= nearest:
+        if squares[n_left] >= nearest:
             continue
         if k < n_leaves:
-            n_left = _push_halves(boxes, k, p, stack, n_left)
+            one, other = 2 * k, 2 * k + 1
+            near, away = _box_distance_square(boxes[one], p), _box_distance_square(boxes[other], p)
+            if away <= near:
+                one, other, near, away = other, one, away, near
+            if away < nearest:
+                stack[n_left], squares[n_left] = other, away
+                n_left += 1
+            if near < nearest:
+                stack[n_left], squares[n_left] = one, near
+                n_left += 1
             continue
         for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
             a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
             nearest = min(nearest, _closest(a, b, c, p, place))
     return nearest
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _push_halves(boxes, k, p, stack, n_left):
-    """Put both halves of a box on the stack, the nearer one on top; return the height of the stack."""
-    one, other = 2 * k, 2 * k + 1
-    if _box_distance_square(boxes[one], p) < _box_distance_square(boxes[other], p):
-        one, other = other, one
-    stack[n_left], stack[n_left + 1] = one, other
-    return n_left + 2
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -154,6 +158,7 @@ def _collect(
     boxes,
     far,
     cones,
+    facing,
     leaf_starts,
     around_starts,
     around,
@@ -163,24 +168,31 @@ def _collect(
     found,
     barycentric,
     squares,
+    stack,
+    place,
+    other_place,
 ):
     """Triangles that p is within the reach of and that are local minima, or no farther than ``same``; their number."""
     # They are at a squared distance up to ``bound``. Where there is no more room, the number says how many there would
     # be. Of a thousand triangles about a smooth wall all but a few have a nearer neighbour: these are not kept.
     n_leaves = len(leaf_starts) - 1
-    stack, place, other = np.empty(64, dtype=np.int64), np.empty(3), np.empty(3)
+    apart = max(same, 1e7 * round_off)  # nearer than that, round-off decides which triangle is the nearest
     stack[0], n_left, n_found = 1, 1, 0
-    apart = max(same, 1e7 * round_off) ** 2  # nearer than that, round-off decides which triangle is the nearest
     while n_left > 0:
         n_left -= 1
         k = stack[n_left]
-        square = _box_distance_square(boxes[k], p)
-        if square > bound or square >= far[k] * far[k]:
-            continue
-        if square > apart and has_no_minimum(boxes[k], cones[k], p):
-            continue
         if k < n_leaves:
-            n_left = _push_halves(boxes, k, p, stack, n_left)
+            one, other = 2 * k, 2 * k + 1
+            near, away = _box_distance_square(boxes[one], p), _box_distance_square(boxes[other], p)
+            if away <= near:
+                one, other, near, away = other, one, away, near
+            for box, square in ((other, away), (one, near)):
+                if square > bound or square >= far[box] * far[box]:
+                    continue
+                if square > apart * apart and has_no_minimum(cones[box], p):
+                    continue
+                stack[n_left] = box
+                n_left += 1
             continue
         for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
             a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
@@ -189,8 +201,14 @@ def _collect(
             if not (square < up_to * up_to and square <= bound):
                 continue
             distance = np.sqrt(square)
+            if distance > apart:
+                along = 0.0
+                for d in range(3):
+                    along += facing[t, d] * (p[d] - points[a, d])
+                if along < facing[t, 3] * distance:
+                    continue
             if distance <= same or _is_minimum(
-                p, t, distance, place, points, triangles, around_starts, around, round_off, other
+                p, t, distance, place, points, triangles, around_starts, around, round_off, other_place
             ):
                 if n_found < len(found):
                     found[n_found], squares[n_found] = t, square
@@ -209,6 +227,7 @@ def find_closest(
     boxes,
     far,
     cones,
+    facing,
     leaf_starts,
     around_starts,
     around,
@@ -221,13 +240,14 @@ def find_closest(
     """Find the closest points of points ``part`` and their weights; all from ``counts`` on is overwritten."""
     found, squares, barycentric = np.empty(64, dtype=np.int64), np.empty(64), np.empty((64, 3))
     closest, away = np.empty(MAX_CLOSEST, dtype=np.int64), np.empty((MAX_CLOSEST, 3))
+    stack, left, place, other_place = np.empty(64, dtype=np.int64), np.empty(64), np.empty(3), np.empty(3)
     for i in range(len(part)):
         p = part[i]
         # first any that it is within the reach of, then the nearest alone, then all that may have a weight
-        nearest = _square_within_reach(p, points, triangles, reach, boxes, far, leaf_starts)
+        nearest = _square_within_reach(p, points, triangles, reach, boxes, far, leaf_starts, stack, place)
         if nearest == np.inf:
             continue
-        nearest = _nearest_square(p, points, triangles, boxes, leaf_starts, nearest)
+        nearest = _nearest_square(p, points, triangles, boxes, leaf_starts, nearest, stack, left, place)
         bound = FARTHEST**2 * (nearest + (1e-13 * size) ** 2)  # else round-off could leave out the nearest itself
         nearest = np.sqrt(nearest)
         same = nearest * (1.0 + SAME_DISTANCE) + 1e-13 * size
@@ -240,6 +260,7 @@ def find_closest(
                 boxes,
                 far,
                 cones,
+                facing,
                 leaf_starts,
                 around_starts,
                 around,
@@ -249,6 +270,9 @@ def find_closest(
                 found,
                 barycentric,
                 squares,
+                stack,
+                place,
+                other_place,
             )
             if n <= len(found):
                 break
@@ -417,7 +441,7 @@ def _is_on_fluid_side(p, t, barycentric, points, triangles):
         height += normal * along
         length += along * along
         area += normal * normal
-    return height >= -1e-6 * np.sqrt(length * area)
+    return height >= -BEHIND * np.sqrt(length * area)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

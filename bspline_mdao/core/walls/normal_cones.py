@@ -1,11 +1,13 @@
-"""Cones of the normals of a surface, by which a search leaves out boxes that hold no local minimum of the distance.
+"""Cones of the normals of a surface, by which a search leaves out what holds no local minimum of the distance.
 
 At a local minimum the way from the surface to the point is a normal of the surface: that of a triangle or, on an edge
 or a corner, a mean of those around. Seen from a corner c with triangles all around, whose normals are within an angle t
 of an axis a, the surface is the graph of a function f over the plane across a, of slope at most tan t. No edge e leads
 nearer to the point p, d . e <= 0 for d = p - c; for the one along the part of d in that plane, of length h, that is
-h <= -d_a f <= |d_a| tan t. So d is within t of a, or of -a; up to 45 degrees the latter is not the side that the
-surface looks to. (D. Johnson and E. Cohen, Spatialized normal cone hierarchies, 2001, leave out boxes so.)
+h <= -d_a f <= |d_a| tan t. So d is within t of a, or of -a; in the latter case it is more than a right angle from the
+triangle's own normal, which is not the side that this looks to, if that normal is within 90 degrees - t of a. (D.
+Johnson and E. Cohen, Spatialized normal cone hierarchies, 2001, leave out boxes so.) A triangle has its own normal for
+the axis, and the way from its closest place is in its cone or not; a box stands for all ways that lead out of it.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -15,13 +17,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-__all__ = ["cones_of_boxes", "has_no_minimum", "unit_normals"]
+__all__ = ["BEHIND", "cones_of", "has_no_minimum", "unit_normals"]
 
-WIDEST = np.radians(44.0)
-"""Half angle of a cone from which on it says nothing."""
+WIDEST = np.radians(85.0)
+"""Half angle of a cone from which on it says nothing: slopes grow beyond any bound."""
 
 MARGIN = 0.01
 """What cones are wider than normals (rad): round-off decides whether a triangle as narrow as that is nearer."""
+
+BEHIND = 1e-6
+"""Sine of the angle up to which a point behind a triangle counts as in front of it: it is in its plane by round-off."""
 
 
 def unit_normals(corners: np.ndarray) -> np.ndarray:
@@ -30,31 +35,40 @@ def unit_normals(corners: np.ndarray) -> np.ndarray:
     return normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
-def cones_of_boxes(
+def cones_of(
     points: np.ndarray,  # (n, 3), corners (m)
     triangles: np.ndarray,  # (n_triangles, 3) of int, corners of triangles in the order of the tree
     starts: np.ndarray,  # (n_leaves + 1,) of int, first triangle of every leaf
-) -> np.ndarray:
-    """Find the cones of a binary tree of boxes."""
-    # Returns (2 n_leaves, 5), axis of each box, and cosine and sine of the half angle about it that holds the normals
-    # of its triangles and of those that share corners with them; zeros where that is wider than `WIDEST`, or a corner
-    # has no triangles all around. Box k holds boxes 2 k and 2 k + 1; the first of all is number 1.
-    cones, n_leaves = np.zeros((2 * (len(starts) - 1), 5)), len(starts) - 1
+    boxes: np.ndarray,  # (2 n_leaves, 6), lower and upper corner of every box
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the cones of a binary tree of boxes, and of its triangles."""
+    # Returns (2 n_leaves, 9): axis of each box; cosine of the half angle about it that holds the normals of its
+    # triangles and of those that share corners with them, and sine of this by the radius of the ball around the box;
+    # its middle; the squared radius. Cosines are zero where the cone says nothing, or a corner has no triangles all
+    # around. Box k holds boxes 2 k and 2 k + 1; the first of all is number 1.
+    # Returns (n_triangles, 4): normal and cosine of each triangle; that of all that it looks to if there is no other.
+    n_leaves = len(starts) - 1
+    cones = np.zeros((2 * n_leaves, 9))
     if not len(triangles):
-        return cones
+        return cones, np.zeros((0, 4))
     normals = unit_normals(points[triangles])
     angles = _angles_around(normals, triangles, len(points))
+    cones[:, 5:8] = 0.5 * (boxes[:, :3] + boxes[:, 3:])
+    cones[:, 8] = 0.25 * np.sum((boxes[:, 3:] - boxes[:, :3]) ** 2, axis=1)
     n_boxes = n_leaves
     while n_boxes:
         first = starts[:: n_leaves // n_boxes]
         axes = np.add.reduceat(normals, first[:-1])
         axes /= np.maximum(np.linalg.norm(axes, axis=1), np.finfo(float).tiny)[:, None]
         offsets = np.arccos(np.clip(np.einsum("td,td->t", normals, np.repeat(axes, np.diff(first), axis=0)), -1.0, 1.0))
-        widest = np.maximum.reduceat(offsets + angles, first[:-1]) + MARGIN
-        narrow = np.flatnonzero(widest < WIDEST)
-        cones[n_boxes + narrow] = np.column_stack([axes, np.cos(widest), np.sin(widest)])[narrow]
+        widest, spread = (np.maximum.reduceat(part, first[:-1]) + MARGIN for part in (offsets + angles, offsets))
+        narrow = np.flatnonzero((widest < WIDEST) & (widest + spread < 0.5 * np.pi))
+        at = n_boxes + narrow
+        cones[at, :3], cones[at, 3] = axes[narrow], np.cos(widest[narrow])
+        cones[at, 4] = np.sin(widest[narrow]) * np.sqrt(cones[at, 8])
         n_boxes //= 2
-    return cones
+    cosines = np.where(angles + MARGIN < WIDEST, np.cos(angles + MARGIN), -BEHIND)
+    return cones, np.column_stack([normals, cosines])
 
 
 def _angles_around(normals: np.ndarray, triangles: np.ndarray, n_points: int) -> np.ndarray:
@@ -79,17 +93,11 @@ def _angles_around(normals: np.ndarray, triangles: np.ndarray, n_points: int) ->
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def has_no_minimum(box, cone, p):
-    """Whether no way from a box to a point p outside it is in the box's cone."""
+def has_no_minimum(cone, p):
+    """Whether no way from a ball to a point p outside it is in its cone."""
     if cone[3] == 0.0:
         return False
-    along = size = distance = 0.0
-    for d in range(3):
-        off = p[d] - 0.5 * (box[d] + box[3 + d])
-        along += cone[d] * off
-        distance += off * off
-        size += 0.25 * (box[3 + d] - box[d]) ** 2
-    if size >= distance:
-        return False
-    # the way from the box's middle, give or take the angle under which half the box is seen
-    return along < cone[3] * np.sqrt(distance - size) - cone[4] * np.sqrt(size)
+    x, y, z = p[0] - cone[5], p[1] - cone[6], p[2] - cone[7]
+    along, beyond = cone[0] * x + cone[1] * y + cone[2] * z, x * x + y * y + z * z - cone[8]
+    # the way from the middle, give or take the angle under which half the ball is seen
+    return beyond > 0.0 and along < cone[3] * np.sqrt(beyond) - cone[4]

@@ -123,11 +123,15 @@ def test_boxes_that_are_left_out_hold_no_closest_point():
     for quads in (quads_in_turn(ids), quads_in_turn(ids)[:, ::-1]):  # seen from outside and from inside
         tree = TriangleTree.of(points, quads, np.full(len(points), 0.5))
         at = rng.uniform([-0.2, -0.2, -0.1], [1.2, 0.2, 2.1], (2011, 3))
-        with_cones, without = (t.closest_points(at) for t in (tree, replace(tree, cones=np.zeros_like(tree.cones))))
+        bare = replace(
+            tree, cones=np.zeros_like(tree.cones), facing=np.tile([0.0, 0.0, 0.0, -1.0], (len(quads) * 2, 1))
+        )
+        with_cones, without = (t.closest_points(at) for t in (tree, bare))
         assert np.diff(with_cones.starts).max() > 1
         for name in ("points", "starts", "triangles", "barycentric", "weights"):
             np.testing.assert_array_equal(getattr(with_cones, name), getattr(without, name))
     assert np.count_nonzero(tree.cones[:, 3]) > 0.3 * len(tree.cones)
+    assert np.count_nonzero(tree.facing[:, 3] > 0.0) > 0.5 * len(tree.facing)
 
 
 def test_lines_to_corners_settle_what_distances_do():
