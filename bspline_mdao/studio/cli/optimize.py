@@ -123,8 +123,6 @@ def _parts(gain: InducedGain) -> dict[str, float]:
 
 def _is_reported(study: Study) -> bool:
     """Whether a report is written: where the packages for it are there, unless the study says otherwise."""
-    if not study.kind.is_reported:
-        return False
     missing = [name for name in ("plotly", "jinja2") if find_spec(name) is None]
     if missing and study.output["report"]:
         raise InputError(f"{study.source}: the report needs {missing[0]}; {REPORT_ADVICE}, or leave report out")

@@ -48,8 +48,6 @@ def _walls(body: Body) -> Iterator[str]:
         return
     others = ", ".join(name for name in body.walls if name not in body.design)
     yield f"design = {json.dumps(list(body.design))}  # guessed: thin, as a wing is; what stays is {others}"
-    if not body.is_wing:
-        yield f"measured = {json.dumps(list(body.walls))}  # all walls: together they enclose a volume"
 
 
 def _wing(body: Body) -> Iterator[str]:
@@ -130,6 +128,10 @@ def _shape(body: Body) -> Iterator[str]:
         yield f"[constraints.volume]  # by that of the baseline{': its area' if body.is_section else ''}"
     yield "lower = 1.0"
     yield ""
+    if body.design != body.walls and not body.why_no_volume:
+        yield "[measures.volume]"
+        yield f"patches = {json.dumps(list(body.walls))}  # what is designed alone is open where it meets others"
+        yield ""
     if body.is_thin and not (body.is_section or body.moves_points or body.why_no_volume):
         yield "[constraints.planform_area]  # by that of the baseline"
         yield "lower = 1.0"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from functools import cached_property
 from importlib.util import find_spec
 
@@ -53,7 +54,7 @@ class Body(ABC):
     @property
     @abstractmethod
     def measured(self) -> SurfaceGrid:
-        """The walls that are measured, where no wing is."""
+        """The walls whose volume is measured."""
 
     @property
     @abstractmethod
@@ -126,7 +127,7 @@ class Body(ABC):
 
     @cached_property
     def why_no_volume(self) -> str:
-        """Why the measured walls enclose no volume; empty where they do."""
+        """Why the walls enclose no volume; empty where they do."""
         try:
             EnclosedVolume.of(self.measured, relative=True)
         except InputError as error:
@@ -188,14 +189,23 @@ class MeshBody(Body):
         self.design = self.walls if self.is_section else self._wing()
 
     def _wing(self) -> tuple[str, ...]:
-        """The largest wall that is thin, and thin ones that it joins, beside others that are not; or else all."""
-        thin = [surface for name in self.walls if is_thin(surface := SurfaceGrid.of(self.model, name))]
-        if len(thin) in (0, len(self.walls)):
+        """The largest thin wall, and what joins it: thin ones, and small ones such as its tip; or else all walls."""
+        surfaces = {name: SurfaceGrid.of(self.model, name) for name in self.walls}
+        thin = {name: surface for name, surface in surfaces.items() if is_thin(surface)}
+        if not thin:
             return self.walls
-        parts = [max(thin, key=lambda surface: surface.size)]
-        for part in parts:  # which grows
-            parts += [other for other in thin if other not in parts and np.isin(other.rows, part.rows).any()]
-        return tuple(name for name in self.walls if name in {part.patches[0] for part in parts})
+        wing = [max(thin, key=lambda name: thin[name].size)]
+        for name in wing:  # which grows
+            wing += [other for other in surfaces if other not in wing and self._is_beside(surfaces, name, other)]
+        return tuple(name for name in self.walls if name in wing)
+
+    @staticmethod
+    def _is_beside(surfaces: Mapping[str, SurfaceGrid], name: str, other: str) -> bool:
+        """Whether another wall joins one of a wing, and is thin too, or no higher than that is."""
+        wing, wall = surfaces[name], surfaces[other]
+        up = surface_frame(wing.points, wing.planes).axes[1]
+        is_low = np.ptp(wall.points @ up) <= np.ptp(wing.points @ up)
+        return bool((is_thin(wall) or is_low) and np.isin(wall.rows, wing.rows).any())
 
     @cached_property
     def surface(self) -> SurfaceGrid:

@@ -34,9 +34,6 @@ PathOf = Callable[[str], ast.expr]
 class GridKind(ABC):
     """What differs with the kind of grid of a study."""
 
-    is_reported = True
-    """Whether there is a report page of it."""
-
     @abstractmethod
     def faults(
         self,
@@ -135,8 +132,6 @@ class Blocks(GridKind):
 class Meshes(GridKind):
     """Meshes without structure: files, and models that ``fit`` made of them."""
 
-    is_reported = False
-
     def faults(
         self, document: Mapping[str, Any], measures: Mapping[str, Table], asked: Mapping[tuple[str, ...], str]
     ) -> Iterator[Fault]:
@@ -164,8 +159,6 @@ class Meshes(GridKind):
         for name, aggregate in AGGREGATES.items():
             if not aggregate.of_mixed and (path := _first(asked, name)):
                 yield path, f"is of '{name}', which is of hexahedra in blocks; of cells of any kind there are {judged}"
-        if document.get("output", {}).get("report"):
-            yield ("output", "report"), "is of grids of blocks; leave it out"
         if "grid" in document.get("output", {}):
             yield ("output", "grid"), "is of grids of blocks; a mesh is written as its own file is: leave it out"
 

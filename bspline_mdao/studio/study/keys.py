@@ -87,7 +87,6 @@ GRID = {
     "order": Key(whole(2, 16), "order of the B-splines, degree plus one", otherwise="4, or 3 in short directions"),
     "corrections": Key(whole(0, 100), "cycles of parameter correction of the fit", 0),
     "design": Key(NAMES, "patches that are designed", otherwise="all walls"),
-    "measured": Key(NAMES, "patches that are measured", otherwise="those that are designed"),
     "fixed": Key(NAMES, "patches that stay where they are", otherwise="see moving_mesh"),
     "released": Key(NAMES, "patches that move freely with the grid", otherwise="none"),
     "sliding": Key(NAMES, "planar patches that slide in their planes", otherwise="planes of symmetry"),
@@ -177,6 +176,7 @@ VARIABLES = {
 """Tables ``[variables.NAME]`` by kind."""
 
 _RELATIVE = {"relative": Key(FLAG, "whether it is divided by that of the baseline", True)}
+_MEASURED = {"patches": Key(NAMES, "patches that are measured", otherwise="those that are designed")}
 _MEASURE_STATIONS = {"stations": Key(FRACTIONS, "fractions of the span", [0.1, 0.5, 0.9])}
 
 
@@ -185,14 +185,14 @@ class MeasureKind:
     """A kind of measure of the design surface."""
 
     meaning: str  # what it is
-    keys: dict[str, Key]  # its keys besides ``kind``
+    keys: dict[str, Key]  # its keys besides ``kind`` and ``patches``
     made_by: str  # what makes it: a method of a class of `bspline_mdao.measures`, of the surface
     is_number: bool = True  # whether it is one number, which an objective has to be
 
     @property
     def all_keys(self) -> dict[str, Key]:
-        """Its keys, the common one first."""
-        return _KIND | self.keys
+        """Its keys, the common ones first."""
+        return _KIND | _MEASURED | self.keys
 
 
 MEASURES = {

@@ -105,9 +105,6 @@ class _Script:
         design = [grid["design"]] if grid["design"] else []
         others = {key: grid[key] for key in ("fixed", "released", "sliding") if grid[key]}
         yield statement("wing = made", made=call("bm.DesignSurface.of", expression("model"), *design, **others))
-        if grid["measured"]:
-            made = call("bm.measures.SurfaceGrid.of", expression("model"), grid["measured"])
-            yield statement("surface = made", made=made)
 
     def _path(self, name: str) -> ast.expr:
         """Path of a file that the study names."""

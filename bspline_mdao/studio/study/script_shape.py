@@ -25,8 +25,11 @@ def shape_part(study: Study) -> Iterator[ast.stmt | str]:
         yield statement("axes = made", made={place: call("wing.axis_at", place) for place in places})
     yield statement("variables = made", made=[_variable(name, table) for name, table in _moving(study)])
     if study.measures:
-        surface = expression("surface" if study.grid["measured"] else "wing.surface")
-        yield statement("measures = made", made=[_measure(*item, surface) for item in study.measures.items()])
+        parts = {_names(table["patches"]): table["patches"] for table in study.measures.values() if table["patches"]}
+        if parts:
+            of = {name: call("bm.measures.SurfaceGrid.of", expression("model"), part) for name, part in parts.items()}
+            yield statement("surfaces = made", made=of)
+        yield statement("measures = made", made=[_measure(*item) for item in study.measures.items()])
     yield from study.kind.mover_part(lambda: _mover(study))
     settings: dict[str, Any] = {"measures": expression("measures")} if study.measures else {}
     settings |= study.kind.movement
@@ -72,8 +75,14 @@ def _slices(where: str) -> ast.Tuple:
     return ast.Tuple(parts, ast.Load())
 
 
-def _measure(name: str, table: Table, surface: ast.expr) -> ast.expr:
-    kind = MEASURES[table["kind"]]
+def _names(patches: str | list[str]) -> str:
+    """Patches in one text."""
+    return patches if isinstance(patches, str) else ", ".join(patches)
+
+
+def _measure(name: str, table: Table) -> ast.expr:
+    kind, patches = MEASURES[table["kind"]], table["patches"]
+    surface = expression("surfaces[part]", part=_names(patches)) if patches else expression("wing.surface")
     always = ("n_chord", "n_span", "stations", "relative", "relative_to")
     chosen = [key for key, spec in kind.keys.items() if key in always or table[key] != spec.default]
     chosen.sort(key=lambda key: key == "relative_to")

@@ -6,10 +6,8 @@ from mesh_cases import TETRAHEDRA, body_model, mesh_around_a_body, section_model
 from riding_cases import joined
 from study_cases import study_of
 
-from bspline_mdao.core.background.background_lattice import LatticeSettings
-from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.generators import onera_m6_grid
-from bspline_mdao.grids.cells.mixed_cells import MixedMesh
+from bspline_mdao.meshes import LatticeSettings, MeshModel, MixedMesh
 from bspline_mdao.studio.study.draft import study_draft
 from bspline_mdao.studio.study.draft_body import MeshBody
 
@@ -87,6 +85,7 @@ def test_of_a_wing_beside_a_body_the_wing_is_designed_and_all_is_measured(drafte
     model = MeshModel.of(MixedMesh(mesh.points, mesh.cells, markers), {**kinds, "lid": "wall"}, LatticeSettings(0.4))
     study, text = drafted(model)
     assert study.grid["design"] == ["lid"]
-    assert study.grid["measured"] == ["body", "lid"]
+    assert study.measures["volume"]["patches"] == ["body", "lid"]
+    assert study.measures["surface_area"]["patches"] is None
     assert study.variables["shape"]["where"] == "1:-1, 2:, :"
     assert "what stays is body" in text

@@ -57,7 +57,7 @@ def test_what_is_left_out_has_its_default(tmp_path):
 def test_a_measure_need_not_be_declared(tmp_path):
     text = STUDY + '\n[constraints.volume]\nlower = 1.0\n[constraints.thin]\nof = "thickness"\nlower = 0.8\n'
     study = study_of(tmp_path, text + "[measures.thickness]\nn_span = 3\n")
-    assert study.measures["volume"] == {"kind": "volume", "relative": True}
+    assert study.measures["volume"] == {"kind": "volume", "patches": None, "relative": True}
     assert (study.measures["thickness"]["n_span"], study.measures["thickness"]["n_chord"]) == (3, 5)
 
 
