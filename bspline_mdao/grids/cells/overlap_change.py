@@ -53,7 +53,7 @@ class OverlapChange(OneLine):
                 iblank = grid.blocks[number].iblank
                 if iblank is not None:
                     mine[ids[number][np.broadcast_to(iblank < 0, ids[number].shape)]] = True
-            rows = np.flatnonzero(mine)
+            rows = np.flatnonzero(mine[: mesh.n_stored])  # both planes of a section move alike
             n_fringe += len(rows)
             donors = donors_of_others(before, components, component, mesh.points[rows])
             has_donor = donors.block >= 0

@@ -1,7 +1,7 @@
 """Faces that are overset: outer boundaries of component grids inside others, by blanking or by where they are.
 
 A wall inside the box of cells around it lies inside another grid as well: its first cells tell it apart, which are fine
-by those of their grid lines.
+by those at the other end of their grid lines.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from ...base.text import counted
 from ..topology.grid import Grid
+from ..topology.index_space import Window
 from ..topology.overset import component_numbers, is_fringe, lies_in_others
 from ..topology.topology import Topology
 from .grid_frame import first_cells
@@ -42,13 +43,22 @@ def _judged(grid: Grid, guess: FaceGuess, is_inside: bool) -> FaceGuess:
         return FaceGuess(guess.window, OVERSET, OVERSET, "sure", "its nodes are blanked as interpolated")
     if not is_inside:
         return guess
-    part = first_cells(grid, guess.window)
+    part = _by_other_end(grid, guess.window)
+    cells = "" if part is None else f"; first cells {part:.2g} of those at the other end of their lines"
+    reason = f"it lies inside other grids{cells}"
     if part is not None and part < FINE:
-        reason = f"it lies inside other grids; first cells {part:.2g} of the mean of their lines, as at walls"
-        return replace(guess, name="wall", kind="wall", level="likely", reason=reason)
-    cells = "" if part is None else f"; first cells {part:.2g} of the mean of their lines"
-    level = "unsure" if part is None else "likely"
-    return FaceGuess(guess.window, OVERSET, OVERSET, level, f"it lies inside other grids{cells}")
+        return replace(guess, name="wall", kind="wall", level="likely", reason=f"{reason}, as at walls")
+    return FaceGuess(guess.window, OVERSET, OVERSET, "unsure" if part is None else "likely", reason)
+
+
+def _by_other_end(grid: Grid, window: Window) -> float | None:
+    """Height of the first cells at a face by that at the other end of their grid lines; None in blocks of few cells."""
+    shape = grid.shapes[window.block]
+    axis = max((d for d in range(3) if window.lo[d] == window.hi[d]), key=lambda d: shape[d])
+    at = 0 if window.lo[axis] else shape[axis] - 1
+    lo, hi = ((*end[:axis], at, *end[axis + 1 :]) for end in (window.lo, window.hi))
+    here, there = first_cells(grid, window), first_cells(grid, Window(window.block, lo, hi))
+    return here / there if here is not None and there else None
 
 
 def overlap_text(grid: Grid, topology: Topology, guesses: Sequence[FaceGuess]) -> str:

@@ -8,6 +8,8 @@ from bspline_mdao.core.background.background_lattice import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.grids.cells.overlap_change import OverlapChange
 from bspline_mdao.grids.io.meshes.blocks import marked_grid
+from bspline_mdao.grids.io.plane_grids import lift_plane_grid
+from bspline_mdao.grids.topology.grid import Block, Grid
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +76,15 @@ def test_interpolated_nodes_by_blanking_are_fringes_too(case):
     grid = type(marked.grid)(tuple(blocks))
     change = OverlapChange.of(grid, marked.mesh, np.zeros(0, dtype=int), moved(model))
     assert change.n_fringe == 2 * iblank[:, :, 0].size
+
+
+def test_nodes_of_plane_component_grids_count_once_and_keep_their_places_under_an_affine_move():
+    turn, axes = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]), (np.linspace(-1.0, 1.0, 5), [0.0])
+    inner = np.stack(np.meshgrid(axes[0], axes[0], axes[1], indexing="ij"), axis=-1) @ turn
+    outer = 2.0 * np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, n) for n in (8, 9)], axes[1], indexing="ij"), axis=-1)
+    grid = Grid((Block(inner, "inner"), Block(outer, "outer")), source="plane")
+    mesh = marked_grid(lift_plane_grid(grid)).mesh
+    assert mesh.n_copies == 2
+    change = OverlapChange.of(grid, mesh, np.unique(mesh.markers["overset"]), mesh.points @ (turn * [1.3, 0.7, 1.0]))
+    assert change.n_fringe == change.n_donors == 16
+    assert max(change.largest, change.farthest) < 1e-9
