@@ -37,3 +37,22 @@ def overset_grid(n: int = 5, n_background: int = 13, off_wall: float | None = No
     whole = Window.whole(len(blocks), box.shape)
     far = Patch("far", "farfield", tuple(whole.face(side) for side in range(6)))
     return Grid((*blocks, box), (*patches, far), source="balls")
+
+
+def two_cylinders() -> Grid:
+    """Two cylinders between planes of symmetry, each in a ring of cells, which lie in a box: three blocks."""
+    angles = np.linspace(0.0, -2.0 * np.pi, 25)
+    angles[-1] = 0.0
+    axes = np.linspace(-3.0, 3.0, 22), np.linspace(-2.0, 2.0, 17), np.array([0.0, 1.0])
+    blocks: list[Block] = []
+    patches: list[Patch] = []
+    for name, radius, (x, y) in (("section", 0.5, (-0.7, 0.0)), ("flap", 0.3, (0.6, -0.2))):
+        radii = np.geomspace(radius, 2.0 * radius, 9)
+        theta, r, z = np.meshgrid(angles, radii, axes[2], indexing="ij")
+        blocks.append(Block(np.stack([x + r * np.cos(theta), y + r * np.sin(theta), z], axis=-1), name))
+        patches.append(Patch(name, "wall", (Window.whole(len(blocks) - 1, theta.shape).face(2),)))
+    blocks.append(Block(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1), "box"))
+    wholes = [Window.whole(n, block.shape) for n, block in enumerate(blocks)]
+    patches.append(Patch("far", "farfield", tuple(wholes[2].face(side) for side in range(4))))
+    patches.append(Patch("sides", "symmetry", tuple(whole.face(side) for whole in wholes for side in (4, 5))))
+    return Grid(tuple(blocks), tuple(patches), source="cylinders")

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from overset_cases import two_cylinders
 from riding_cases import mesh, su2_text
 
 from bspline_mdao import FittedModel, design_summary, fit_grid, load_best, read_grid, write_grid
@@ -102,6 +103,17 @@ def test_a_mesh_without_structure_moves_as_the_page_says(tmp_path, monkeypatch):
     rows, before = contents["model"].wall_rows, mesh().points
     moved = read_mesh("moved.su2").mesh.points
     np.testing.assert_allclose(moved[rows], before[rows] * [1.0, 1.0, 1.1], rtol=0, atol=1e-12)
+
+
+def test_overset_grids_move_as_the_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    grid = two_cylinders()
+    write_grid("overset.cgns", grid)
+    assert run_commands("howto/overset.rst") == ["inspect", "fit", "move", "quality"]
+    contents = run_blocks("howto/overset.rst")
+    np.testing.assert_array_equal(contents["same"].to_vector(), read_grid("by_hand.cgns").to_vector())
+    before, after = (each.blocks[0].nodes[:, 0] for each in (grid, contents["same"]))
+    np.testing.assert_allclose(after, before * [1.0, 1.02, 1.0], rtol=0, atol=1e-13)
 
 
 def test_a_case_for_openfoam_is_written_as_the_page_says(folder, monkeypatch):
