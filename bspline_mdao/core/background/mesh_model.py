@@ -456,7 +456,7 @@ class MeshModel(OneLine, Movable):
     def node_map(self) -> MeshMap:
         """Map from the control points to the nodes."""
         mesh, resting, lattice = self.mesh, self.rows_at_rest, self.lattice
-        moving = np.setdiff1d(np.arange(mesh.n_points), resting)
+        moving = np.delete(np.arange(mesh.n_points), resting)
         ends = [(np.searchsorted(moving, np.setdiff1d(plane.rows, resting)), plane) for plane in self.planes]
         evaluator = lattice.evaluator(mesh.points[moving], [(ids, plane.axis, plane.end) for ids, plane in ends])
         planes = [(plane.rows, plane.normal) for plane in self.planes]

@@ -22,6 +22,7 @@ import numpy as np
 from ...base.checks import as_finite_points
 from ...base.display import OneLine
 from ...errors import InputError
+from .marked_faces import faces_at, faces_on
 from .mesh_numbers import require_cells, require_corners
 from .pyramids import Pyramids
 from .quads import area_vectors
@@ -264,17 +265,15 @@ class MixedMesh(OneLine):
         of_cells, _ = self.cell_faces
         is_of_wall = np.zeros(self.n_points, dtype=bool)
         is_of_wall[faces] = True
-        near = of_cells[is_of_wall[of_cells].all(axis=1)]
+        near = of_cells[faces_on(of_cells, is_of_wall)]
         keys, first, counts = np.unique(face_keys(near, self.n_points), return_index=True, return_counts=True)
         wanted = np.isin(keys, face_keys(faces, self.n_points)) & (counts == 1)
         return near[np.sort(first[wanted])][:, ::-1]
 
     def quality(self, points: np.ndarray | None = None) -> CellQuality:
         """Measure its cells, with its nodes somewhere else if these are given, shape (n, 3)."""
-        volumes, (_, cells) = self.pyramids(points).volumes, self.sides
-        least, sums = np.full(self.n_cells, np.inf), np.bincount(cells, volumes, self.n_cells)
-        np.minimum.at(least, cells, volumes)
-        return CellQuality(sums, np.minimum(sums, least) <= 0.0)
+        volumes, least = self.pyramids(points).of_cells.T
+        return CellQuality(volumes, np.minimum(volumes, least) <= 0.0)
 
 
 def face_keys(faces: np.ndarray, n_points: int) -> np.ndarray:
@@ -300,7 +299,7 @@ def first_heights(
     is_wall = np.zeros(mesh.n_points, dtype=bool)
     is_wall[ids] = True
     faces, _ = mesh.cell_faces
-    faces = faces[is_wall[faces].any(axis=1) & ~is_wall[faces].all(axis=1)]
+    faces = faces[faces_at(faces, is_wall)]
     edges = np.concatenate([faces[:, [k, (k + 1) % 4]] for k in range(4)])
     edges = np.concatenate([edges, edges[:, ::-1]])
     edges = np.unique(edges[is_wall[edges[:, 0]] & ~is_wall[edges[:, 1]]], axis=0)

@@ -52,6 +52,15 @@ class Pyramids(OneLine):
         """Volumes of the pyramids (m^3), shape (n_pyramids,)."""
         return self._whole(_volumes(self.points, self.faces, self.cells, self.sums))
 
+    @property
+    def of_cells(self) -> np.ndarray:
+        """Sum and least of the volumes of the pyramids of each cell (m^3), shape (n_cells, 2)."""
+        cells, volumes = self.cells, self.volumes
+        if self.pyramid is not None:
+            cells = np.empty_like(cells, shape=len(volumes))
+            cells[self.pyramid] = self.cells
+        return _sums_and_least(volumes, cells, len(self.sums))
+
     def jvp(self, d_points: np.ndarray) -> np.ndarray:
         """Change of the volumes, shape (n_pyramids,), with the nodes, shape (n, 3)."""
         d_points, d_sums = np.ascontiguousarray(d_points), np.zeros_like(self.sums)
@@ -152,6 +161,16 @@ def _volumes(x, faces, cells, sums):
             a0 * (m0 - sums[at, 0] / area) + a1 * (m1 - sums[at, 1] / area) + a2 * (m2 - sums[at, 2] / area)
         ) / 3.0
     return volumes
+
+
+@njit(cache=True, error_model="numpy")
+def _sums_and_least(volumes, cells, n_cells):
+    found = np.zeros((n_cells, 2))
+    found[:, 1] = np.inf
+    for f in range(len(volumes)):
+        found[cells[f], 0] += volumes[f]
+        found[cells[f], 1] = min(found[cells[f], 1], volumes[f])
+    return found
 
 
 @njit(cache=True, error_model="numpy")
