@@ -12,9 +12,10 @@ import pytest
 from topology_cases import box, c_grid, grid_of, o_grid, patch, smooth_box, sphere_octants, split, turned_and_shuffled
 
 from bspline_mdao import InputError, find_topology, fit_grid, write_grid
-from bspline_mdao.files import CaseField, write_case, write_polymesh
+from bspline_mdao.files import CaseField, read_mesh, write_case, write_polymesh
 from bspline_mdao.generators import ball_grid, flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.cells.hexahedron import cell_quality
+from bspline_mdao.grids.cells.mesh_quality import mesh_quality
 from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.studio.cli.main import run
 
@@ -308,7 +309,7 @@ def check_mesh(case):
 @pytest.mark.parametrize("case", CASES)
 def test_openfoam_finds_topology_and_geometry_of_the_mesh_right(meshes, case):
     folder, _, mesh = meshes[case]
-    report = check_mesh(folder.parents[2])
+    report = check_mesh(folder.parents[1])
     for line in ("Boundary definition", "Cell to face addressing", "Point usage", "Face vertices"):
         assert f"{line} OK." in report
     assert "Number of regions: 1 (OK)." in report
@@ -316,6 +317,13 @@ def test_openfoam_finds_topology_and_geometry_of_the_mesh_right(meshes, case):
     assert "Cell volumes OK." in report
     assert f"cells:            {mesh.owner.max() + 1}\n" in report
     assert "Upper triangular ordering OK." in report
+    found = mesh_quality(read_mesh(folder).mesh)
+    printed = re.search(r"non-orthogonality Max: (\S+) average: (\S+)", report)
+    angles = found.angles.max(initial=0.0), found.mean_angle
+    assert angles == pytest.approx([float(word) for word in printed.groups()], rel=1e-5, abs=1e-4)  # 1 - cos is rounded
+    assert f"Max skewness = {found.skewness.max():.6g} OK." in report
+    assert f"Min volume = {found.volumes.min():.6g}. Max volume = {found.volumes.max():.6g}." in report
+    assert (found.n_beyond, found.n_skewed, found.n_wrong_faces) == (0, 0, 0)
 
 
 def test_cells_with_negative_volumes_are_refused_with_their_number_and_the_worst(tmp_path):
