@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -27,13 +28,32 @@ from bspline_mdao.studio.cli.main import run
 
 pytestmark = pytest.mark.slow
 SHORT = ("--max-iterations", "2")
+AREA = LEAST_AREA.format(grid="@onera_m6:7x9x7", more="n_control = [5, 5, 5]")
 
 
 @pytest.fixture
 def workplace(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("area.toml").write_text(LEAST_AREA.format(grid="@onera_m6:7x9x7", more="n_control = [5, 5, 5]"))
+    Path("area.toml").write_text(AREA)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """Results of a short run."""
+    folder = tmp_path_factory.mktemp("finished")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        Path("area.toml").write_text(AREA)
+        assert run(["optimize", "area.toml", "-o", "out", *SHORT]) == 0
+    return folder / "out"
+
+
+@pytest.fixture
+def done(finished, workplace):
+    """A workplace where a short run has come to its end."""
+    shutil.copytree(finished, "out")
+    return workplace
 
 
 def study(name, old, new, source="area.toml"):
@@ -88,8 +108,7 @@ def test_files_of_the_user_are_neither_replaced_nor_removed(workplace, capsys):
     assert all(Path(name).read_text() == text for name, text in mine.items() if name != "optimize.py")
 
 
-def test_a_result_that_was_changed_is_the_user_s(workplace, capsys):
-    assert run(["optimize", "area.toml", "-o", "out", *SHORT]) == 0
+def test_a_result_that_was_changed_is_the_user_s(done, capsys):
     with open("out/optimize.py", "a") as file:
         file.write("print('on from here')\n")
     capsys.readouterr()
@@ -112,8 +131,7 @@ def test_a_run_replaces_what_the_last_one_wrote_and_what_it_does_not_write_goes(
     assert "out: grid_after/mine.vts would be replaced" in fails(capsys, "vtm.toml", "-o", "out", "--overwrite")
 
 
-def test_a_study_that_fails_at_its_start_leaves_the_old_results(workplace, capsys, monkeypatch):
-    assert run(["optimize", "area.toml", "-o", "out", *SHORT]) == 0
+def test_a_study_that_fails_at_its_start_leaves_the_old_results(done, capsys, monkeypatch):
     write_grid("wing.xyz", onera_m6_grid((7, 9, 7)))
     Path("wing.xyz").write_bytes(Path("wing.xyz").read_bytes()[:999])
     broken = study("broken.toml", "@onera_m6:7x9x7", "wing.xyz")
@@ -133,25 +151,23 @@ def interrupted(*arguments):
     raise KeyboardInterrupt
 
 
-def test_a_run_that_fails_later_keeps_what_there_is(workplace, capsys, monkeypatch):
-    assert run(["optimize", "area.toml", "-o", "out", *SHORT]) == 0
+def test_a_run_that_fails_later_keeps_what_there_is(done, capsys, monkeypatch):
     monkeypatch.setattr(nlopt_driver, "minimise", failing)
     capsys.readouterr()
     words = fails(capsys, "area.toml", "-o", "out", "--overwrite")
     assert words == "no flow; out keeps cases.sql, grid_before.xyz, model.h5, optimize.py"
     assert names_in("out") == RESULTS - {"grid_after.xyz", "summary.csv"}
     monkeypatch.undo()
-    monkeypatch.chdir(workplace)
-    assert run(["optimize", "area.toml", "-o", "out", "--restart"]) == 0
+    monkeypatch.chdir(done)
+    assert run(["optimize", "area.toml", "-o", "out", "--restart", *SHORT]) == 0
 
 
 def failing(settings, functions):
     raise om.AnalysisError("no flow")
 
 
-def test_a_swap_that_is_cut_short_is_no_harm(workplace, monkeypatch):
+def test_a_swap_that_is_cut_short_is_no_harm(done, monkeypatch):
     """The first file alone is put in its place, and the process is killed there."""
-    assert run(["optimize", "area.toml", "-o", "out", *SHORT]) == 0
     begin = RunFolder.begin
 
     def remembered(folder, about):
@@ -311,13 +327,12 @@ def test_two_runs_do_not_work_in_one_folder(workplace, capsys):
     assert not Path("out").exists()
 
 
-def test_what_cannot_go_on_says_why_in_one_line(workplace, capsys):
+def test_what_cannot_go_on_says_why_in_one_line(finished, workplace, capsys):
     words = "out: has no recorded case to go on from; leave --restart out to begin"
     assert fails(capsys, "area.toml", "-o", "out", "--restart") == words
     assert not Path("out").exists()
     assert fails(capsys, "area.toml", "-o", "out", "--restart", "--overwrite").startswith("--overwrite begins anew and")
-    assert run(["optimize", "area.toml", "-o", "out", *SHORT]) == 0
-    capsys.readouterr()
+    shutil.copytree(finished, "out")
     before = contents("out")
     changes = {
         "[variables.chord] stations is 4, and was 3": ("stations = 3", "stations = 4"),
@@ -365,8 +380,7 @@ def test_cases_of_the_script_that_was_run_by_itself_go_on_and_are_not_dropped(wo
     assert count_cases("new/cases.sql") > n
 
 
-def test_damaged_cases_are_named_and_nothing_is_touched(workplace, capsys):
-    assert run(["optimize", "area.toml", "-o", "out", *SHORT]) == 0
+def test_damaged_cases_are_named_and_nothing_is_touched(done, capsys):
     capsys.readouterr()
     random, data = np.random.default_rng(2), Path("out/cases.sql").read_bytes()
     for damaged in (b"no database" * 99, data[: len(data) // 2], data[:5000] + random.bytes(90000) + data[95000:]):
