@@ -1,6 +1,7 @@
 """Curvature of patches: its integral, and a smooth upper bound of the largest.
 
-The two fundamental forms come from differences along the grid lines of structured faces, by the numbers of the nodes.
+The two fundamental forms come from differences along the grid lines of structured faces, by the numbers of the nodes,
+or from polynomials that fit the nodes of triangles and quads around each node best.
 Theory: ``docs/theory/geometry.rst``, "Curvature".
 
 References
@@ -26,6 +27,7 @@ from ...base.numerics.vectors import dots
 from ...errors import InputError
 from ...grids.cells.aggregates import KreisselmeierSteinhauser
 from ..mesh.surface import SurfaceGrid
+from .jets import SmoothCorners, jets
 from .measure import Combinations, relative_to_baseline, single_row
 
 __all__ = ["Curvature", "Forms", "difference_matrices", "face_differences", "forms", "forms_vjp"]
@@ -46,8 +48,9 @@ class Curvature(OneLine):
 
     The curvature is :math:`k_1^2 + k_2^2`, the square of the mean curvature or :math:`k_1 k_2`, from differences of
     second order along the grid lines of every face, one-sided at its edges: kinks between faces do not count. Nodes
-    without a normal on the baseline, where an edge of a face has collapsed, do not count. Make it by `integral` or
-    `largest`.
+    without a normal on the baseline, where an edge of a face has collapsed, do not count. Of triangles and quads
+    without structure, derivatives are those of polynomials that fit the nodes around each node best, on either side of
+    a kink by itself, see `bspline_mdao.core.measures.jets`. Make it by `integral` or `largest`.
 
     Parameters
     ----------
@@ -213,15 +216,29 @@ def _coefficients(kind: str) -> tuple[float, float]:
 
 def _places(surface: SurfaceGrid, patches: str | Sequence[str] | None) -> tuple[Combinations, np.ndarray]:
     """Differences and weights of all nodes with a normal."""
-    faces, structured = surface.part(surface.patches if patches is None else patches), surface.structured("curvature")
+    faces = surface.part(surface.patches if patches is None else patches)
+    if surface.cells:
+        return _smooth_places(surface, faces)
     for number in faces:
-        if min(structured[number].shape) < 3:
+        if min(surface.faces[number].shape) < 3:
             raise InputError(f"curvature: {surface.names[number]} is less than 3 nodes wide; leave its patch out")
     matrices, weights = face_differences(surface, faces)
     along_i, along_j = matrices[0] @ surface.points, matrices[1] @ surface.points
     areas = np.linalg.norm(np.cross(along_i, along_j), axis=1)
     has_normal = areas > _FLAT * np.linalg.norm(along_i, axis=1) * np.linalg.norm(along_j, axis=1)
     return Combinations.of([matrix[has_normal] for matrix in matrices]), weights[has_normal]
+
+
+def _smooth_places(surface: SurfaceGrid, faces: tuple[int, ...]) -> tuple[Combinations, np.ndarray]:
+    """Derivatives at nodes of triangles and quads, on each side of a kink by itself, and the areas that they have."""
+    corners = SmoothCorners(surface.points, np.concatenate([surface.cells[number] for number in faces]))
+    matrices, is_found = jets(corners, np.arange(len(corners.nodes)))
+    if not is_found.any():
+        raise InputError(
+            f"curvature: no node of {surface.names[faces[0]]} has enough others near it without a kink between them; "
+            f"leave its patch out, or take a finer mesh"
+        )
+    return Combinations.of([csr_array(matrix[is_found]) for matrix in matrices]), corners.areas[is_found]
 
 
 class Forms(NamedTuple):

@@ -16,7 +16,7 @@ from ...base.display import OneLine
 from ...base.numerics.vectors import lengths, unit_vectors
 from ...errors import InputError
 from ...grids.cells.aggregates import KreisselmeierSteinhauser
-from ..mesh.frame import TOUCHED, surface_frame
+from ..mesh.frame import TOUCHED, Frame, surface_frame
 from ..mesh.surface import SurfaceGrid
 from .edge_cuts import EdgeCuts, cut_edges, edges_of_quads, root_end
 from .measure import Combinations
@@ -213,9 +213,10 @@ def cuts_along_span(
     # fractions of the span, from 0 to 1, from the plane of symmetry that the wing starts on (`surface_frame`), or from
     # where sections are whole, if it starts at a fuselage (`root_end`)
     fractions: Sequence[float],
+    frame: Frame | None = None,  # directions; found from the box of the wing by default
 ) -> tuple[Cut, ...]:
     """Cut a wing across its span."""
-    frame = surface_frame(surface.points, surface.planes)
+    frame = frame or surface_frame(surface.points, surface.planes)
     stream, _, span = frame.axes
     root = max(root_end(surface.quads, frame.to_local(surface.points)[:, 2]), 0.0)
     root = root if root > TOUCHED * frame.span else 0.0

@@ -17,6 +17,7 @@ from ...errors import InputError
 from ..mesh.frame import Frame
 from ..mesh.surface import SurfaceGrid
 from .measure import Combinations
+from .nose_of_cells import nose_of_cells
 from .section_lines import SectionLines, arc_parameters, polynomial_weights, stencil_matrix
 
 __all__ = ["LeadingEdgeRadius", "TrailingEdgeAngle"]
@@ -38,7 +39,9 @@ class LeadingEdgeRadius(OneLine):
     The polynomial of degree 2 m through the leading edge of a section and m points on either side, in the arc length of
     the baseline, has there the derivatives p' and p'', fixed combinations of the nodes. The radius is
     :math:`|p'|^3 / (p'' \times p' \cdot n)`, whatever the parameter; the normal n is that of the plane through p' and
-    the chord as they are, so that sections may turn in any direction. Make it by `at`.
+    the chord as they are, so that sections may turn in any direction. Of triangles and quads without grid lines, p' and
+    p'' are those of polynomials that fit the nodes around the edge best, see `bspline_mdao.core.measures.jets`. Make it
+    by `at`.
 
     Parameters
     ----------
@@ -99,13 +102,13 @@ class LeadingEdgeRadius(OneLine):
             The surface.
         stations : sequence of float, optional
             Fractions of the span from the first to the last grid line around the leading edge; every such line by
-            default.
+            default. Of triangles, fractions of the span as for `SectionThickness.at`, which have to be given.
         relative_to : str
             ``"metre"``; ``"chord"``, the chord of the section as it is; or ``"baseline"``, the radius on the baseline.
         patches : str or sequence of str, optional
             Patches of the wing by name; all by default.
         n_nodes : int
-            Points m on either side of the edge.
+            Points m on either side of the edge, where there are grid lines.
         frame : Frame, optional
             Directions along stream and span; see `SectionLines.of`.
         name : str
@@ -121,12 +124,15 @@ class LeadingEdgeRadius(OneLine):
                 f"leading-edge radius: relative_to '{relative_to}' and {n_nodes} nodes on either side; "
                 f"choose from {', '.join(REFERENCES)}, and 1 node at least"
             )
-        lines = SectionLines.of(surface, patches, frame)
-        nose = lines.leading(n_nodes)
-        places = lines.stations(np.concatenate([nose, _tail(lines)], axis=1), stations)
-        vectors = Combinations.of(_vectors(lines, nose, places, n_nodes))
         units = "m" if relative_to == "metre" else None
-        senses = _senses(lines, vectors)
+        if surface.has_triangles:
+            places, vectors, plane = nose_of_cells(surface, stations, patches, frame)
+        else:
+            lines = SectionLines.of(surface, patches, frame)
+            nose = lines.leading(n_nodes)
+            places = lines.stations(np.concatenate([nose, _tail(lines)], axis=1), stations)
+            vectors, plane = Combinations.of(_vectors(lines, nose, places, n_nodes)), lines.plane
+        senses = _senses(surface.points, plane, vectors)
         measure = cls(surface, senses, places, vectors, np.ones(len(places)), relative_to == "chord", units, name)
         _require_blunt(measure)
         if relative_to != "baseline":
@@ -171,9 +177,9 @@ class LeadingEdgeRadius(OneLine):
         return self.senses * (dots(second, chord) * dots(first, first) - dots(second, first) * dots(first, chord))
 
 
-def _senses(lines: SectionLines, vectors: Combinations) -> np.ndarray:
+def _senses(points: np.ndarray, plane: np.ndarray, vectors: Combinations) -> np.ndarray:
     """Sense of the turn from the chord to p' in the planes of the sections on the baseline."""
-    first, _, chord = vectors.vectors(lines.points) @ lines.plane.T
+    first, _, chord = vectors.vectors(points) @ plane.T
     return np.sign(cross_2d(chord, first))
 
 
@@ -302,7 +308,7 @@ class TrailingEdgeAngle(OneLine):
         tangents = [_tangents(lines, nodes, places, degree, between) for nodes in sides]
         return cls(
             surface,
-            _senses(lines, Combinations.of(at_edge)),
+            _senses(lines.points, lines.plane, Combinations.of(at_edge)),
             places,
             Combinations.of([*tangents, at_edge[0], at_edge[2]]),
             name,

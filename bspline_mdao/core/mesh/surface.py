@@ -157,14 +157,10 @@ class SurfaceGrid(OneLine):
         """Numbers of the nodes in faces or lines, neighbours joined by edges; -1 between lines."""
         return tuple(map(rings, self.cells)) or self.faces
 
-    def structured(self, what: str) -> tuple[np.ndarray, ...]:
-        """Structured faces; `InputError` that says what needs them where there are none."""
-        if self.cells:
-            raise InputError(
-                f"{what}: follows the lines of structured faces, and {self.names[0]} has triangles and quads without "
-                f"lines; leave it out, or measure a structured grid"
-            )
-        return self.faces
+    @property
+    def has_triangles(self) -> bool:
+        """Whether some of its faces are triangles, through which no grid lines go."""
+        return any((part == np.roll(part, 1, axis=1)).any() for part in self.cells)
 
     def only(self, numbers: Sequence[int]) -> SurfaceGrid:
         """Return the surface with some of its faces, and all of its nodes."""

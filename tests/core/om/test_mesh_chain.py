@@ -19,7 +19,6 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
 from bspline_mdao.measures import (
     Clearance,
-    Curvature,
     EnclosedVolume,
     LeadingEdgeRadius,
     PlaneClearance,
@@ -28,6 +27,7 @@ from bspline_mdao.measures import (
     SurfaceArea,
     SurfaceGrid,
     Thickness,
+    TrailingEdgeAngle,
 )
 from bspline_mdao.movers import moving_mesh
 from bspline_mdao.mphys import SurfaceGeometry, VolumeWarper
@@ -350,8 +350,6 @@ def test_case_files_name_the_mesh_by_its_checksum_and_file(tmp_path):
 def test_what_a_mesh_has_not_is_refused_in_one_line():
     model = body_model()
     surface = SurfaceGrid.of(model)
-    with pytest.raises(InputError, match="curvature: follows the lines of structured faces, and marker body"):
-        Curvature.integral(surface)
     with pytest.raises(InputError, match="comoving=True takes the outer boundary along, and that of mesh stays"):
         om.Problem(GridMovement(model=model, comoving=True), reports=False).setup()
     with pytest.raises(InputError, match="a mesh without structure has no fit"):
@@ -362,8 +360,10 @@ def test_what_a_mesh_has_not_is_refused_in_one_line():
         om.Problem(VolumeWarper(model=model, rows=np.arange(10)), reports=False).setup()
     with pytest.raises(InputError, match=r"1 of 2 points lie outside the mesh .* the first is point 2 at distance 6"):
         model.embed_points(np.array([[0.0, 0.3, 0.0], [10.0, 0.0, 0.0]]))
-    with pytest.raises(InputError, match="triangles have no lines, take Thickness or SectionThickness"):
+    with pytest.raises(InputError, match="marker body has triangles, through which no grid lines go; give stations"):
         LeadingEdgeRadius.at(surface)
+    with pytest.raises(InputError, match="triangles have no lines, take Thickness or SectionThickness"):
+        TrailingEdgeAngle.at(surface)
     with pytest.raises(InputError, match="'fixed' is of grids of blocks"):
         moving_mesh(model, fixed="far_00")
     with pytest.raises(InputError, match="no patch is called 'tail'; the patches are body"):

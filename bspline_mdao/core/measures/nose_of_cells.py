@@ -1,0 +1,87 @@
+"""Derivatives of plane sections at the leading edge of a wing of triangles and quads.
+
+Theory: ``docs/theory/geometry.rst``, "Radius of the leading edge".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from ...base.numerics.vectors import dots
+from ...errors import InputError
+from ..mesh.frame import Frame, surface_frame
+from ..mesh.surface import SurfaceGrid
+from .jets import SmoothCorners, jets, tangents
+from .measure import Combinations
+from .probes import Probes
+from .section_thickness import Cut, cuts_along_span, section_edges
+
+__all__ = ["nose_of_cells"]
+
+WHAT = "leading-edge radius"
+
+
+def nose_of_cells(
+    surface: SurfaceGrid,  # of triangles and quads
+    stations: Sequence[float] | None,  # fractions of the span
+    patches: str | Sequence[str] | None,  # patches of the wing; all by default
+    frame: Frame | None,  # directions; found from the box of the wing by default
+) -> tuple[np.ndarray, Combinations, np.ndarray]:
+    """Find the first and second derivative along sections at their leading edges, and their chords."""
+    # returns places of the sections along the span (m), the vectors p', p'' and chord, and the directions along the
+    # stream and normal to it, shape (2, 3)
+    # 1. The leading edge of a section is a point between two nodes.
+    # 2. At each of them the curve in the plane parallel to the section has p' and p'' on the baseline, combinations of
+    #    the derivatives of the surface, which are combinations of nodes.
+    # 3. Those of the section are between them as the point is.
+    if stations is None:
+        raise InputError(f"{WHAT}: {surface.names[0]} has triangles, through which no grid lines go; give stations")
+    wing = surface if patches is None else surface.only(surface.part(patches))
+    cuts = cuts_along_span(wing, np.atleast_1d(np.asarray(stations, dtype=float)).tolist(), frame)
+    frame = frame or surface_frame(wing.points, wing.planes)
+    leading, trailing = section_edges(wing, cuts, WHAT)  # step 1
+    corners = SmoothCorners(wing.points, wing.quads)
+    first, second = _along_sections(corners, leading, cuts, frame.axes[1])
+    chord = trailing.matrix(wing.n_points) - leading.matrix(wing.n_points)
+    origins = frame.to_local(np.array([cut.origin for cut in cuts]))
+    return origins[:, 2], Combinations.of([first, second, csr_array(chord)]), frame.axes[:2]
+
+
+def _along_sections(
+    corners: SmoothCorners, leading: Probes, cuts: Sequence[Cut], up: np.ndarray
+) -> tuple[csr_array, csr_array]:
+    """Matrices of p', from the lower to the upper side, and p'' of sections, each (n_sections, n_points)."""
+    nodes, inverse = np.unique(leading.nodes, return_inverse=True)
+    inverse = inverse.reshape(leading.nodes.shape)
+    n_places = np.bincount(corners.nodes, minlength=len(corners.points))
+    order = np.argsort(corners.nodes, kind="stable")
+    places = order[np.searchsorted(corners.nodes, nodes, sorter=order)]
+    matrices, is_found = jets(corners, places)
+    is_round = (is_found & (n_places[nodes] == 1))[inverse] | (leading.weights == 0.0)
+    if not is_round.all():
+        x, y, z = corners.points[leading.nodes[~is_round][0]]
+        raise InputError(
+            f"{WHAT}: the surface has a kink at its leading edge, near ({x:g}, {y:g}, {z:g}), or too few nodes around "
+            f"it; take a finer mesh, or leave the section out"
+        )
+    axes, normals = tangents(corners.normals[places]), corners.normals[places]
+    derivatives = np.stack([matrix @ corners.points for matrix in matrices])
+    firsts, seconds = [], []
+    across = np.array([cut.normal for cut in cuts])
+    for number in range(leading.nodes.shape[1]):  # step 2
+        at, weights = inverse[:, number], leading.weights[:, number]
+        along = np.cross(across, normals[at])
+        along /= (np.sign(along @ up) * np.linalg.norm(along, axis=1))[:, None]
+        a, b = dots(along, axes[at, 0]), dots(along, axes[at, 1])
+        second = np.array([a * a, 2.0 * a * b, b * b])
+        out = dots(np.einsum("kn,knx->nx", second, derivatives[2:][:, at]), across)
+        beside = dots(-b[:, None] * derivatives[0][at] + a[:, None] * derivatives[1][at], across)
+        back = -out / beside  # so that the curve does not leave the plane
+        first = (a, b)
+        whole = (-b * back, a * back, *second)
+        firsts.append(sum(diags_array(weights * part) @ matrix[at] for part, matrix in zip(first, matrices)))
+        seconds.append(sum(diags_array(weights * part) @ matrix[at] for part, matrix in zip(whole, matrices)))
+    return csr_array(sum(firsts)), csr_array(sum(seconds))  # step 3
