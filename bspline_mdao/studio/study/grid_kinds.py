@@ -38,8 +38,7 @@ class GridKind(ABC):
     def faults(
         self,
         document: Mapping[str, Any],  # the study as it is written
-        measures: Mapping[str, Table],  # measures by name, and where objective and constraints are of which expression
-        asked: Mapping[tuple[str, ...], str],
+        asked: Mapping[tuple[str, ...], str],  # expressions of objective and constraints by their paths
     ) -> Iterator[Fault]:
         """What a study says that does not go with its grid."""
 
@@ -72,9 +71,7 @@ class GridKind(ABC):
 class Blocks(GridKind):
     """Grids of blocks: files, built-in ones, and what was fitted."""
 
-    def faults(
-        self, document: Mapping[str, Any], measures: Mapping[str, Table], asked: Mapping[tuple[str, ...], str]
-    ) -> Iterator[Fault]:
+    def faults(self, document: Mapping[str, Any], asked: Mapping[tuple[str, ...], str]) -> Iterator[Fault]:
         """What a study says that does not go with its grid."""
         grid = document["grid"]
         for key in ("patches", "n_control", "order", "corrections") if Path(grid["file"]).suffix == MODEL else ():
@@ -132,9 +129,7 @@ class Blocks(GridKind):
 class Meshes(GridKind):
     """Meshes without structure: files, and models that ``fit`` made of them."""
 
-    def faults(
-        self, document: Mapping[str, Any], measures: Mapping[str, Table], asked: Mapping[tuple[str, ...], str]
-    ) -> Iterator[Fault]:
+    def faults(self, document: Mapping[str, Any], asked: Mapping[tuple[str, ...], str]) -> Iterator[Fault]:
         """What a study says that does not go with its grid."""
         grid = document["grid"]
         for key in ("n_control", "order", "corrections", "fixed", "released", "sliding"):
@@ -151,10 +146,6 @@ class Meshes(GridKind):
                 "is 'euler', which is solved on grids of blocks, and this is a mesh without structure; take 'lattice' "
                 "about one half of a wing, leave [flow] out, or connect your own solver in Python",
             )
-        for name, table in measures.items():
-            if table["kind"] == "curvature":
-                path = ("measures", name) if name in document.get("measures", {}) else _first(asked, name)
-                yield path, "is of lines of a grid, which a mesh without structure has not; leave it out"
         judged = ", ".join(name for name, aggregate in AGGREGATES.items() if aggregate.of_mixed)
         for name, aggregate in AGGREGATES.items():
             if not aggregate.of_mixed and (path := _first(asked, name)):

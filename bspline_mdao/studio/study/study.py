@@ -151,7 +151,7 @@ class _Reader(Tables):
         driver = self._driver(constraints, sum(map(_n_values, variables.values())))
         movement, output = self._movement(), self.table("output", OUTPUT)
         kind = kind_of(grid["file"], self.path.parent)
-        for path, complaint in kind.faults(self.document, measures, asked):
+        for path, complaint in kind.faults(self.document, asked):
             raise self.refuse(self._written(path), complaint)
         return Study(
             self.path, grid, variables, measures, flow, conditions, objective, constraints, movement, driver, output

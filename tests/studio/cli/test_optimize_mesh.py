@@ -13,6 +13,7 @@ from test_cli_mesh import lines_but_nodes
 from test_optimize import names_in, summary
 
 from bspline_mdao.files import read_mesh
+from bspline_mdao.meshes import MixedMesh
 from bspline_mdao.studio.cli.main import run
 
 RESULTS = {"optimize.py", "model.h5", "cases.sql", "summary.csv", "grid_before.su2", "grid_after.su2"}
@@ -97,6 +98,30 @@ def test_a_study_of_a_mesh_gives_the_script_that_gives_the_same_and_goes_on(body
     )
 
 
+@pytest.mark.slow
+def test_two_walls_move_by_variables_of_their_own(workplace):
+    """The nose of a block goes upstream, and the rest of it up."""
+    mesh, _ = mesh_around_a_body()
+    faces = mesh.markers["body"]
+    is_nose = (mesh.points[faces][..., 0] < 0.0).any(axis=1)
+    markers = {**mesh.markers, "body": faces[~is_nose], "nose": faces[is_nose]}
+    Path("body.su2").write_text(su2_text(MixedMesh(mesh.points, mesh.cells, markers)))
+    Path("kinds.toml").write_text('[kinds]\n"body" = "wall"\n"nose" = "wall"\n')
+    tables = "".join(
+        f'[variables.{name}]\nkind = "control_points"\npatches = "{name}"\ndirection = "{direction}"\n'
+        f"lower = {-size}\nupper = {size}\nstart = {size}\n"
+        for name, direction, size in (("nose", "x", 0.01), ("body", "z", 0.02))
+    )
+    head, tail = '[grid]\nfile = "body.su2"\npatches = "kinds.toml"\n', BOX.partition("[objective]")[2]
+    Path("study.toml").write_text(f"{head}{tables}[objective]{tail}")
+    run(["optimize", "study.toml", "-o", "out", "--max-iterations", "1"])
+    before, after = (read_mesh(f"out/grid_{when}.su2").mesh for when in ("before", "after"))
+    change = np.abs(after.points - before.points)
+    nose, body = (np.unique(before.markers[name]) for name in ("nose", "body"))
+    assert change[np.setdiff1d(nose, body)].max(axis=0) == pytest.approx([0.01, 0.0, 0.0], abs=1e-12)
+    assert change[np.setdiff1d(body, nose)].max(axis=0) == pytest.approx([0.0, 0.0, 0.02], abs=1e-12)
+
+
 def test_a_run_that_cannot_write_its_mesh_does_not_begin(body, capsys):
     Path("body.su2").rename("other.su2")
     fails_as_expected(["optimize", "study.toml", "-o", "out"], capsys, "body.su2: is not there", "put it back")
@@ -121,7 +146,6 @@ MESH_STUDIES = {
         "[constraints.corner_ks]\nlower = 0.1\n",
         ("line 15: [constraints] 'corner_ks' is of 'corner_ks', which is of hexahedra", "volume_ks"),
     ),
-    "curvature": ("[constraints.curvature]\nupper = 2.0\n", ("line 15: [constraints] 'curvature' is of lines",)),
     "movement": ('[movement]\nmover = "elasticity"\n', ("line 15: 'movement' is of grids of blocks; the lattice",)),
     "format": ('[output]\ngrid = "cgns"\n', ("line 16: [output] 'grid' is of grids of blocks; a mesh is written",)),
 }
