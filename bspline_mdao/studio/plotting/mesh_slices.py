@@ -19,14 +19,17 @@ def mesh_slice(
     box: np.ndarray,  # (2, 3), lower and upper corner of what is wanted (m)
 ) -> np.ndarray:  # (n, 2, 3), ends of the edges (m)
     """Edges of the cells in a slice; those of a file of two dimensions are its own."""
-    is_in = ((nodes >= box[0]) & (nodes <= box[1])).all(axis=1)
     faces, _ = mesh.cell_faces
     if mesh.n_copies > 1:
         faces = faces[(faces < mesh.n_stored).all(axis=1)]
-        return nodes[edges_of(faces[is_in[faces].any(axis=1)])]
-    is_above = nodes[:, axis] > place
-    above = is_above[faces]
+        return nodes[edges_of(faces[_reaches(nodes[faces], box)])]
+    above = (nodes[:, axis] > place)[faces]
     faces = faces[above.any(axis=1) & ~above.all(axis=1)]
-    faces = faces[is_in[faces].any(axis=1)]
+    faces = faces[_reaches(nodes[faces], box)]
     _, first = np.unique(face_keys(faces, mesh.n_points), return_index=True)
     return cut(nodes, faces[first], axis, place)
+
+
+def _reaches(corners: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Whether the boxes of faces, shape (n, 4, 3), reach into a box."""
+    return ((corners.max(axis=1) >= box[0]) & (corners.min(axis=1) <= box[1])).all(axis=1)

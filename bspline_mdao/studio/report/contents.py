@@ -80,7 +80,7 @@ def shapes_of(
         missing += [
             f"{key} is not shown: it is not of the {n_wall_faces:,} wall faces." for key in {*values} - {*fitting}
         ]
-    if not pressures and not _ending(history.outputs, PANEL_PRESSURES):
+    if n_wall_faces and not pressures and not _ending(history.outputs, PANEL_PRESSURES):
         missing.append(f"The case file has no pressures Cp. Where the flow has them, record them: {RECORD}")
     if len(shapes) == 1:
         missing.append("The first evaluation is the best one: there is no shape after.")

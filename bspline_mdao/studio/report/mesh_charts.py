@@ -11,20 +11,27 @@ from ...core.background.mesh_model import MeshModel
 from ..plotting.cuts import cut
 from ..plotting.mesh_slices import mesh_slice
 from .charts import Chart, downstream_text, place_text, places_of, shape_styles
+from .mesh_walls import edge_lines
 from .shape import Axes, Shape
-from .walls import WallHeights, Walls, lines_near, net_lines
+from .walls import WallHeights, Walls, net_lines
 
 __all__ = ["section_charts"]
 
-MOST_EDGES = 30_000
+MOST_EDGES = 20_000
 """Edges of cells that are drawn around a section; of more the longest."""
+
+NEAR_SPANS = 2.5
+"""How far around the section the lattice is drawn, in its narrowest spans."""
 
 AROUND = 0.15
 """How far cells are drawn around a section, in its longest side."""
 
-REACH, LARGEST = 30.0, 0.2
-"""Half the width of what is drawn at an edge of the body, in median heights of the first nodes, and at most, in the
-longest side of the section."""
+REACH, SEGMENTS, LARGEST = 30.0, 3.0, 0.2
+"""Half the width of what is drawn at an edge of the body: in median heights of the first nodes, at least in edges of
+the wall there, and at most in the longest side of the section."""
+
+RATIO, MARGIN = 0.9, 0.15
+"""Height of what is drawn by its width, and what more is drawn at each side: equal scales show more one way."""
 
 
 def section_charts(
@@ -38,7 +45,8 @@ def section_charts(
     if not len(whole):
         return []
     size = float(np.ptp(whole, axis=0).max())
-    window = np.stack([whole.min(axis=0) - AROUND * size, whole.max(axis=0) + AROUND * size])
+    middle, half = 0.5 * (whole.min(axis=0) + whole.max(axis=0)), (0.5 + AROUND) * size
+    window = np.stack([middle - [half, RATIO * half], middle + [half, RATIO * half]])
     charts = []
     for number, (shape, body) in enumerate(zip(shapes, bodies)):
         cells = mesh_slice(model.mesh, shape.nodes, axes.span, place, _box(window, axes))
@@ -64,14 +72,15 @@ def _edge_charts(
     size: float,
 ) -> list[Chart]:
     """Cells at both ends of the section, of the last shape, beside the wall before."""
-    reach = min(REACH * float(np.median(heights.baseline)), LARGEST * size)
     charts = []
     for key, choose in (("leading", np.argmin), ("trailing", np.argmax)):
         points = bodies[-1].reshape(-1, 3)
-        end = points[choose(points[:, axes.downstream])][[axes.downstream, axes.up]]
-        window = np.stack([end - [1.3 * reach, reach], end + [1.3 * reach, reach]])
-        wider = _box(np.stack([end - 3.0 * reach, end + 3.0 * reach]), axes)
-        cells = mesh_slice(model.mesh, shapes[-1].nodes, axes.span, place, wider)
+        at = int(choose(points[:, axes.downstream]))
+        end, segment = points[at][[axes.downstream, axes.up]], bodies[-1][at // 2]
+        local = SEGMENTS * float(np.linalg.norm(segment[1] - segment[0]))
+        reach = min(max(REACH * float(np.median(heights.baseline)), local), LARGEST * size)
+        window = np.stack([end - [reach, RATIO * reach], end + [reach, RATIO * reach]])
+        cells = mesh_slice(model.mesh, shapes[-1].nodes, axes.span, place, _box(window, axes))
         traces = [_lines("cells", cells, axes, "#7d8894", 0.9)]
         for shape, body, style in zip(shapes, bodies, shape_styles(shapes)):
             traces.append(_lines(f"wall, {shape.label.lower()}", body, axes, style["color"], style["width"]))
@@ -88,15 +97,20 @@ def _lattice_chart(
     across = int(np.argmax(np.abs(lattice.axes[:, axes.span])))
     layer = int(np.argmin(np.abs(lattice.lines[across].control_coordinates * lattice.axes[across, axes.span] - place)))
     around = np.concatenate(bodies).reshape(-1, 3)
-    spacing, size = lattice.spacing, float(np.ptp(around, axis=0).max())
+    along = around @ lattice.axes.T
+    near = []  # control points of each direction that are within some spans of the body
+    for axis, line in enumerate(lattice.lines):
+        x, beyond = line.control_coordinates, NEAR_SPANS * lattice.spacing
+        is_near = (x >= along[:, axis].min() - beyond) & (x <= along[:, axis].max() + beyond)
+        near.append([layer] if axis == across else np.flatnonzero(is_near))
+    drawn = [around[:, [axes.downstream, axes.up]]]
     for shape, body, style in zip(shapes, bodies, shape_styles(shapes)):
         if shape.control_points is None:
             continue
         net = model.splines_at(shape.control_points)[1].reshape(*lattice.shape, 3)
-        flat = np.take(net, layer, axis=across)
-        flat[..., axes.span] = place  # seen along the span, so that layers beside the section count as in it
-        lines = lines_near(net_lines([flat]), around, 3.0 * spacing / size)
+        lines = net_lines([np.take(net[np.ix_(*near)], 0, axis=across)])
         x, y = lines[:, axes.downstream], lines[:, axes.up]
+        drawn.append(np.stack([x, y], axis=1))
         data.append(
             {"type": "scatter", "mode": "lines+markers", "name": f"lattice, {shape.label.lower()}", "x": x, "y": y,
              "line": style | {"width": 1.0, "dash": "solid"}, "marker": {"size": 4, "color": style["color"]}}
@@ -104,22 +118,24 @@ def _lattice_chart(
         data.append(_lines(f"wall, {shape.label.lower()}", body, axes, style["color"], 2.2))
     if not data:
         return None
-    low, high = around.min(axis=0), around.max(axis=0)
-    window = np.stack([low - 2.5 * spacing, high + 2.5 * spacing])[:, [axes.downstream, axes.up]]
+    every = np.concatenate(drawn)
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    window = np.stack([low - 0.05 * (high - low), high + 0.05 * (high - low)])
     return _chart("lattice", f"Lattice at {place_text(axes, place)}", data, window, axes, 420)
 
 
 def _box(window: np.ndarray, axes: Axes) -> np.ndarray:
     """Box in space of a window of a chart, shape (2, 3)."""
     box = np.array([[-np.inf] * 3, [np.inf] * 3])
-    box[:, [axes.downstream, axes.up]] = window
+    box[:, [axes.downstream, axes.up]] = window + MARGIN * np.diff(window, axis=0) * [[-1.0], [1.0]]
     return box
 
 
 def _lines(name: str, segments: np.ndarray, axes: Axes, color: str, width: float) -> dict[str, Any]:
     """Trace of segments, shape (n, 2, 3)."""
-    flat = segments[..., [axes.downstream, axes.up]]
-    flat = np.concatenate([flat, np.full((len(flat), 1, 2), np.nan)], axis=1).reshape(-1, 2)
+    flat = segments[..., [axes.downstream, axes.up]].reshape(-1, 2)
+    points, ends = np.unique(flat, axis=0, return_inverse=True)
+    flat = edge_lines(points, np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0))
     line = {"color": color, "width": width}
     return {
         "type": "scattergl", "mode": "lines", "name": name, "x": flat[:, 0].copy(), "y": flat[:, 1].copy(),

@@ -15,8 +15,9 @@ from bspline_mdao.design import Twist
 from bspline_mdao.grids.cells.mesh_quality import mesh_quality
 from bspline_mdao.studio.cli.main import run
 from bspline_mdao.studio.plotting.mesh_slices import mesh_slice
+from bspline_mdao.studio.plotting.thinned_surface import thinned
 from bspline_mdao.studio.report import openmdao_report
-from bspline_mdao.studio.report.mesh_walls import MeshWalls, edge_lines, thinned
+from bspline_mdao.studio.report.mesh_walls import MeshWalls, edge_lines
 from bspline_mdao.studio.report.model_file import find_model
 
 pytest.importorskip("plotly", reason="plotly is not installed")
