@@ -2,6 +2,10 @@
 
 from .studio.plotting.boundary_layers import draw_first_heights as draw_first_heights
 from .studio.plotting.boundary_layers import draw_wall_cells as draw_wall_cells
+from .studio.plotting.field_styles import FIELD_STYLES as FIELD_STYLES
+from .studio.plotting.field_styles import MESH_STYLES as MESH_STYLES
+from .studio.plotting.field_styles import SURFACES as SURFACES
+from .studio.plotting.field_styles import FieldStyle as FieldStyle
 from .studio.plotting.figures import BLUE as BLUE
 from .studio.plotting.figures import GRAY as GRAY
 from .studio.plotting.figures import GREEN as GREEN
@@ -15,9 +19,6 @@ from .studio.plotting.histories import draw_history as draw_history
 from .studio.plotting.histories import draw_optimality as draw_optimality
 from .studio.plotting.histories import driver_colors as driver_colors
 from .studio.plotting.html import html_of as html_of
-from .studio.plotting.panels import FIELD_STYLES as FIELD_STYLES
-from .studio.plotting.panels import SURFACES as SURFACES
-from .studio.plotting.panels import FieldStyle as FieldStyle
 from .studio.plotting.panels import Panel as Panel
 from .studio.plotting.panels import camera_of as camera_of
 from .studio.plotting.panels import sheets_of as sheets_of
@@ -29,11 +30,13 @@ from .studio.plotting.pressures import draw_pressures as draw_pressures
 from .studio.plotting.pressures import faces_around as faces_around
 from .studio.plotting.pressures import wall_quads as wall_quads
 from .studio.plotting.scenes import Camera as Camera
+from .studio.plotting.scenes import Faces as Faces
 from .studio.plotting.scenes import Paint as Paint
 from .studio.plotting.scenes import Scene as Scene
 from .studio.plotting.scenes import draw_scene as draw_scene
 from .studio.plotting.scenes import has_renderer as has_renderer
 from .studio.plotting.scenes import patch_faces as patch_faces
+from .studio.plotting.surfaces import FacetSheet as FacetSheet
 from .studio.plotting.surfaces import Sheet as Sheet
 from .studio.plotting.surfaces import control_sheets as control_sheets
 from .studio.plotting.surfaces import flow_sheets as flow_sheets

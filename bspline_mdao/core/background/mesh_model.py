@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 from scipy.spatial import cKDTree
 
-from ...base.display import OneLine
+from ...base.display import Plottable
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.mixed_quality import MixedQuality
@@ -54,7 +54,7 @@ Smallest volumes of pyHyp's M6 are those of 8 and 0.03 to three digits; with 2 a
 
 
 @dataclass(frozen=True, eq=False)
-class MeshModel(OneLine, Movable):
+class MeshModel(Plottable, Movable):
     """A mesh of tetrahedra, prisms and others, with what moves it. Made by `MeshModel.of`, or by `fit_mesh`.
 
     Its control points are the nodes of its walls and, after them, those of the lattice.
@@ -190,6 +190,15 @@ class MeshModel(OneLine, Movable):
     def n_nodes(self) -> int:
         """Number of nodes of the mesh."""
         return self.mesh.n_points
+
+    def with_nodes(self, nodes: np.ndarray) -> MixedMesh:
+        """Mesh with nodes."""
+        return replace(self.mesh, points=nodes)
+
+    @property
+    def baseline(self) -> MixedMesh:
+        """The mesh."""
+        return self.mesh
 
     @cached_property
     def walls(self) -> WallFaces:

@@ -104,6 +104,11 @@ class FittedModel(Plottable, Model):
     def ownership(self) -> None:
         """None: the model is of all nodes of the grid."""
 
+    @property
+    def baseline(self) -> Grid:
+        """See `regenerate`."""
+        return self.regenerate()
+
     def part(self, subdomain: Subdomain) -> LocalModel:
         """Take what one of several processes needs of the model, see `local_model`."""
         return self.local_model(subdomain)

@@ -20,6 +20,7 @@ from ...errors import InputError
 from ...grids.cells.cell_judge import BlocksJudge
 from ...grids.cells.grid_quality import GridQuality
 from ...grids.cells.pieces import Pieces
+from ...grids.topology.grid import Grid
 from ...grids.topology.node_numbering import NodeNumbering, face_rows, node_copies, source_rows
 from ...grids.topology.partition import Partition, Subdomain
 from ...grids.topology.topology import Topology
@@ -50,6 +51,10 @@ class Model(Movable):
     def n_nodes(self) -> int:
         """Nodes of all blocks of the grid."""
         return self.topology.n_nodes
+
+    def with_nodes(self, nodes: np.ndarray) -> Grid:
+        """Grid with nodes, with its names and patches."""
+        return self.header.grid(self.topology.shapes, nodes)
 
     @property
     def source(self) -> str:

@@ -94,6 +94,15 @@ class Movable(ABC):
     def n_nodes(self) -> int:
         """Number of nodes of all of it."""
 
+    @abstractmethod
+    def with_nodes(self, nodes: np.ndarray) -> Any:
+        """Grid or mesh with all of its nodes somewhere (m), shape (n_nodes, 3)."""
+
+    @property
+    def baseline(self) -> Any:
+        """Grid or mesh as it was fitted; `InputError` of a part of a model."""
+        raise InputError(f"{self.source}: a process has a part of the grid alone; give the whole model")
+
     @property
     @abstractmethod
     def control_ids(self) -> tuple[np.ndarray, ...]:

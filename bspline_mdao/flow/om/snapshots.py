@@ -14,9 +14,10 @@ import openmdao.api as om
 
 from ...base.display import OneLine
 from ...base.numerics.processes import from_all
-from ...core.model.fitted_model import FittedModel
 from ...core.model.model import Model
+from ...core.model.movable import Movable
 from ...errors import InputError
+from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.io.fields import write_with_quality, writer_of
 from ...grids.topology.grid import Block, Grid
 from ...grids.topology.partition import Partition, Subdomain
@@ -33,12 +34,12 @@ class Snapshot(OneLine):
 
     Parameters
     ----------
-    grid : Grid
-        The grid.
+    grid : Grid or MixedMesh
+        The grid, or the mesh without structure.
     title : str
         What pictures call it.
-    model : FittedModel, LocalModel or None
-        The fitted grid that it comes from.
+    model : FittedModel, LocalModel, MeshModel or None
+        The model that it comes from.
     control_points : ndarray or None
         Its control points (m), shape (n_control_points, 3).
     pressures : ndarray or None
@@ -59,9 +60,9 @@ class Snapshot(OneLine):
     Snapshot('baseline', 750 nodes, no flow)
     """
 
-    grid: Grid
+    grid: Any
     title: str
-    model: Model | None = None
+    model: Movable | None = None
     control_points: np.ndarray | None = None
     pressures: np.ndarray | None = None
     states: np.ndarray | None = None
@@ -71,7 +72,8 @@ class Snapshot(OneLine):
 
     def __repr__(self) -> str:
         flow = "no flow" if self.pressures is None else f"Mach {self.mach:.3g}"
-        return f"Snapshot({self.title!r}, {self.grid.n_nodes:,} nodes, {flow})"
+        n_nodes = self.model.n_nodes if self.model is not None else self.grid.to_vector().size // 3
+        return f"Snapshot({self.title!r}, {n_nodes:,} nodes, {flow})"
 
     @classmethod
     def of(cls, what: Any, title: str | None = None) -> Snapshot:
@@ -79,7 +81,7 @@ class Snapshot(OneLine):
 
         Parameters
         ----------
-        what : Grid, FittedModel, openmdao.api.Problem, openmdao.api.Group or Snapshot
+        what : Grid, MixedMesh, FittedModel, MeshModel, openmdao.api.Problem, openmdao.api.Group or Snapshot
             Of a problem or a group of it, the first `GridMovement`, `GridEvaluate` or flow tells the grid, and the
             first `EulerFlow` or `LatticeFlow` the flow.
         title : str, optional
@@ -97,16 +99,17 @@ class Snapshot(OneLine):
         """
         if isinstance(what, cls):
             return what
-        if isinstance(what, Grid):
+        if isinstance(what, Grid | MixedMesh):
             return cls(what, title or what.source)
-        if isinstance(what, FittedModel):
-            return cls(what.regenerate(), title or what.header.source, what, what.control_points)
+        if isinstance(what, Movable):
+            return cls(what.baseline, title or what.source, what, what.control_points)
         if hasattr(what, "model") and hasattr(what.model, "system_iter"):
             return _of_group(what.model, title or "now")
         if hasattr(what, "system_iter"):
             return _of_group(what, title or "now")
         raise InputError(
-            f"nothing to look at in a {type(what).__name__}; give a Grid, a FittedModel, or a problem that has run"
+            f"nothing to look at in a {type(what).__name__}; give a Grid, a FittedModel, a MeshModel, or a problem "
+            f"that has run"
         )
 
     def write(self, path: str | os.PathLike) -> dict[str, Path]:
@@ -128,17 +131,28 @@ class Snapshot(OneLine):
         InputError
             If the suffix is another one, or a file cannot be written.
         """
+        if isinstance(self.grid, MixedMesh):
+            raise InputError(
+                f"{self.title}: a mesh without structure is written into a copy of its own file, by the command move "
+                f"or read_mesh(...).write(...)"
+            )
         path = Path(path)
         written, write = {"grid": path}, writer_of(path)
-        if self.model is not None and self.states is not None and self.pressures is not None and self.mach is not None:
+        model = self.model
+        if (
+            isinstance(model, Model)
+            and self.states is not None
+            and self.pressures is not None
+            and self.mach is not None
+        ):
             states = self.states.reshape(-1, N_STATES)
-            write_flow(path, self.model.topology, self.grid, states, self.pressures, self.mach)
+            write_flow(path, model.topology, self.grid, states, self.pressures, self.mach)
             written["walls"] = wall_path(path)
         else:
             write_with_quality(path, self.grid)
-        if self.model is not None and self.control_points is not None:
-            nets = self.model.mesh.nets(self.control_points)
-            blocks = tuple(Block(net, name) for net, name in zip(nets, self.model.topology.segment_names))
+        if isinstance(model, Model) and self.control_points is not None:
+            nets = model.mesh.nets(self.control_points)
+            blocks = tuple(Block(net, name) for net, name in zip(nets, model.topology.segment_names))
             written["control mesh"] = path.with_name(f"{path.stem}_control{path.suffix}")
             write(written["control mesh"], Grid(blocks, source="control mesh"))
         return written
@@ -149,14 +163,14 @@ def _of_group(group: om.Group, title: str) -> Snapshot:
     systems = list(group.system_iter(include_self=True, recurse=True))
     model = next((found for system in systems if (found := _model_of(system)) is not None), None)
     if model is None:
-        raise InputError("the problem has no GridMovement, GridEvaluate or EulerFlow of a FittedModel to look at")
+        raise InputError("the problem has no GridMovement, GridEvaluate or EulerFlow of a model to look at")
     values = _values(systems)
     if GRID not in values and group.comm.size == 1:  # that of a LatticeFlow is the input of no component
         with suppress(KeyError):
             values[GRID] = np.array(group.get_val(GRID))
     if GRID not in values:
         raise InputError("the problem has no grid yet; run it first: problem.run_model()")
-    grid = model.header.grid(model.topology.shapes, values[GRID].reshape(-1, 3))
+    grid = model.with_nodes(values[GRID].reshape(-1, 3))
     points, mach = values.get(CONTROL_POINTS), values.get("Mach_number")
     return Snapshot(
         grid,
@@ -179,10 +193,10 @@ def _lattice(systems: Iterable[om.System]) -> tuple[np.ndarray | None, np.ndarra
     return None, None
 
 
-def _model_of(system: om.System) -> Model | None:
-    """The fitted grid that a system was made with."""
+def _model_of(system: om.System) -> Movable | None:
+    """The model that a system was made with."""
     found = system.options["model"] if "model" in system.options else None  # noqa: SIM401 (no mapping: it has no get)
-    return found if isinstance(found, Model) else None
+    return found if isinstance(found, Movable) else None
 
 
 def _values(systems: Iterable[om.System]) -> dict[str, np.ndarray]:
@@ -220,5 +234,5 @@ def _subdomain(systems: Iterable[om.System], comm: Any) -> Subdomain:
             return given.subdomain(comm.rank)
         if (model := _model_of(system)) is not None and model.ownership is not None:
             return model.ownership
-    topology = next(model.topology for system in systems if (model := _model_of(system)) is not None)
-    return Partition.of(topology, comm.size).subdomain(comm.rank)
+    model = next(model for system in systems if (model := _model_of(system)) is not None)
+    return model.partition(comm.size).subdomain(comm.rank)

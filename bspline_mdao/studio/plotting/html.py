@@ -6,11 +6,13 @@ import base64
 import importlib.util
 import io
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from html import escape
 from typing import Any
 
 import numpy as np
 
+from ...core.background.mesh_model import MeshModel
 from ...core.model.fitted_model import FittedModel
 from ...flow.om.snapshots import Snapshot
 from ...grids.cells.report import QualityReport
@@ -18,7 +20,9 @@ from ...grids.topology.grid import Grid, Patch
 from .figures import BLUE, STYLE, require
 from .panels import Panel, camera_of
 from .plot import draw_panel
-from .surfaces import Sheet, grid_sheets
+from .surfaces import AnySheet, Sheet
+from .thinned_surface import thinned
+from .view import view_of
 
 __all__ = ["html_of"]
 
@@ -37,7 +41,7 @@ def html_of(what: Any) -> str:
 
     Parameters
     ----------
-    what : FittedModel, Grid or QualityReport
+    what : FittedModel, MeshModel, Grid or QualityReport
         The object.
 
     Returns
@@ -66,6 +70,13 @@ def _rows(what: Any) -> Iterable[tuple[str, Any]]:
         yield "control points", f"{what.mesh.n_control_points:,}"
         yield "RMS of the fit", f"{what.report.rms:.2e} m, {what.report.relative_rms:.1e} of a cell's edge"
         yield "invalid elements", f"{what.report.n_invalid:,}"
+    elif isinstance(what, MeshModel):
+        mesh, lattice = what.mesh, what.lattice
+        yield "mesh", mesh.source
+        yield "nodes", f"{mesh.n_stored:,}"
+        yield "cells", ", ".join(f"{n:,} {kind}" for kind, n in mesh.cell_counts.items())
+        yield "markers", ", ".join(f"{name} ({what.kinds[name]})" for name in mesh.markers or {})
+        yield "lattice", f"{lattice.n_control:,} control points, spans of {lattice.spacing:.3g} m"
     elif isinstance(what, Grid):
         yield from _grid_rows(what.source, what.shapes, what.n_nodes, what.patches)
     else:
@@ -88,25 +99,34 @@ def _grid_rows(
     yield "patches", ", ".join(dict.fromkeys(patch.name for patch in patches)) or "none declared"
 
 
-def _drawn(what: FittedModel | Grid) -> str:
+def _drawn(what: FittedModel | MeshModel | Grid) -> str:
     """Picture of the walls and planes of symmetry."""
     if what.n_nodes > LARGEST:
         return ""
     state = Snapshot.of(what)
-    if not state.grid.patches and 1 not in {n for shape in state.grid.shapes for n in shape}:
+    view = view_of(state.grid, state)
+    if not view.kinds and not view.is_planar:
         return ""  # to find what no block continues may take long
-    sheets = [sheet for sheet in grid_sheets(state.grid) if sheet.kind in ("wall", "symmetry")]
-    n_faces = sum(sheet.points.size // 3 for sheet in sheets)
-    step = max(1, int(np.ceil(np.sqrt(n_faces / MOST_FACES))))
-    sheets = [_thinned(sheet, step) for sheet in sheets]
+    sheets = [sheet for sheet in view.sheets((), None) if sheet.kind in ("wall", "symmetry")]
+    n_faces = sum(len(sheet.quads) for sheet in sheets)
+    sheets = [_thinned(sheet, n_faces) for sheet in sheets]
     panel = Panel(sheets, np.zeros((0, 3)), "")
     return _png(lambda axes: draw_panel(axes, panel, camera_of([panel], size=INCHES), None, (0.0, 1.0), INCHES))
 
 
-def _thinned(sheet: Sheet, step: int) -> Sheet:
-    """Every so manieth line of a sheet, its edges among them."""
-    rows, columns = (np.unique(np.append(np.arange(0, n, step), n - 1)) for n in sheet.points.shape[:2])
-    return Sheet(sheet.name, sheet.kind, sheet.points[np.ix_(rows, columns)], sheet.window)
+def _thinned(sheet: AnySheet, n_faces: int) -> AnySheet:
+    """Fewer faces of a sheet, where all have many: every so manieth line, its edges among them, or larger triangles."""
+    if isinstance(sheet, Sheet):
+        step = max(1, int(np.ceil(np.sqrt(n_faces / MOST_FACES))))
+        rows, columns = (np.unique(np.append(np.arange(0, n, step), n - 1)) for n in sheet.points.shape[:2])
+        return Sheet(sheet.name, sheet.kind, sheet.points[np.ix_(rows, columns)], sheet.window)
+    if n_faces <= MOST_FACES:
+        return sheet
+    triangles = np.concatenate([sheet.quads[:, [0, 1, 2]], sheet.quads[:, [0, 2, 3]]])
+    triangles = triangles[triangles[:, 1] != triangles[:, 2]]
+    most = MOST_FACES * len(sheet.quads) // n_faces
+    fewer = thinned(sheet.corners, triangles, np.zeros(len(triangles), dtype=int), most)
+    return replace(sheet, quads=fewer[:, [0, 1, 2, 2]])
 
 
 def _histogram(report: QualityReport) -> str:

@@ -10,61 +10,17 @@ import numpy as np
 
 from ...errors import InputError
 from ...flow.om.snapshots import Snapshot
-from ...grids.topology.index_space import Window
+from . import block_view, mesh_view  # noqa: F401 - each registers what it knows
+from .field_styles import SURFACES, FieldStyle
 from .scenes import Camera
-from .surfaces import Sheet, control_sheets, flow_sheets, grid_sheets, worst_cells
+from .surfaces import AnySheet
+from .view import View, view_of
 
-__all__ = ["FIELD_STYLES", "SURFACES", "FieldStyle", "Panel", "camera_of", "sheets_of"]
-
-SURFACES = {
-    "walls": ("wall",),
-    "symmetry": ("symmetry",),
-    "farfield": ("farfield",),
-    "boundary": ("wall", "symmetry", "farfield", "overset", "other"),
-    "control mesh": ("control mesh",),
-    "lattice": ("lattice",),
-}
-"""Names of surfaces, and the kinds of sheets that they are."""
+__all__ = ["Panel", "camera_of", "sheets_of"]
 
 
-@dataclass(frozen=True)
-class FieldStyle:
-    """How a field is shown.
-
-    Parameters
-    ----------
-    field : str
-        Its name on sheets.
-    label : str
-        What the colour bar says.
-    colors : str
-        Colour map of matplotlib.
-    is_of_flow : bool
-        Whether it needs a problem that has run.
-    surfaces : tuple of str
-        What is coloured where no surface is named.
-    """
-
-    field: str
-    label: str
-    colors: str
-    is_of_flow: bool = False
-    surfaces: tuple[str, ...] = ("walls", "symmetry")
-
-
-FIELD_STYLES = {
-    "quality": FieldStyle("Q", "orthogonality Q", "viridis"),
-    "corner": FieldStyle("smallest_corner", "smallest corner", "viridis"),
-    "wall height": FieldStyle("wall_height", "height of the first cell (m)", "viridis", surfaces=("walls",)),
-    "block": FieldStyle("block", "block", "tab20"),
-    "patch": FieldStyle("patch", "patch", "tab20", surfaces=("boundary",)),
-    "Cp": FieldStyle("Cp", "pressure coefficient", "RdYlBu_r", True),
-    "Mach": FieldStyle("Mach", "Mach number", "turbo", True),
-    "entropy": FieldStyle("entropy", "entropy", "magma", True),
-    "delta_Cp": FieldStyle("delta_Cp", "pressure difference below - above", "viridis", True, ("lattice", "symmetry")),
-    "total pressure loss": FieldStyle("total_pressure_loss", "loss of total pressure", "magma", True),
-}
-"""Fields that colour the surfaces."""
+TILT = 0.1
+"""Slope from which a mesh of two dimensions is seen, so that its walls are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,42 +29,43 @@ class Panel:
 
     Parameters
     ----------
-    sheets : list of Sheet
+    sheets : list of Sheet or FacetSheet
         What is in it.
     marks : ndarray, shape (n, 3)
         Points that are marked (m).
     title : str
         What stands above it.
+    across : int, optional
+        Axis across the plane of a mesh of two dimensions, which is seen along it.
     """
 
-    sheets: list[Sheet]
+    sheets: list[AnySheet]
     marks: np.ndarray
     title: str
+    across: int | None = None
 
     @classmethod
     def of(cls, state: Snapshot, surfaces: Sequence[str], look: FieldStyle | None, worst: int) -> Panel:
         """Cut what is wanted out of a state."""
-        marks = np.zeros((0, 3))
-        if look is not None and look.field in ("Q", "smallest_corner") and worst:
-            marks = worst_cells(state.grid, worst)
-        return cls(sheets_of(state, surfaces, look), marks, state.title)
+        view = view_of(state.grid, state)
+        return cls(_found(view, surfaces, look), view.marks(look, worst), state.title, view.across)
 
 
-def sheets_of(what: Any, surfaces: Sequence[str], look: FieldStyle | str | None = None) -> list[Sheet]:
+def sheets_of(what: Any, surfaces: Sequence[str], look: FieldStyle | str | None = None) -> list[AnySheet]:
     """Cut surfaces out of what is looked at, with the field that colours them.
 
     Parameters
     ----------
-    what : Grid, FittedModel, openmdao.api.Problem or Snapshot
+    what : Grid, MixedMesh, FittedModel, MeshModel, openmdao.api.Problem or Snapshot
         What is looked at.
     surfaces : sequence of str
-        Keys of `SURFACES` and names of patches.
+        Keys of `SURFACES`, names of patches, and of meshes without structure ``"slice z=0.4"``.
     look : FieldStyle or str, optional
         One of `FIELD_STYLES`, or its key.
 
     Returns
     -------
-    list of Sheet
+    list of Sheet or FacetSheet
 
     Raises
     ------
@@ -116,42 +73,19 @@ def sheets_of(what: Any, surfaces: Sequence[str], look: FieldStyle | str | None 
         If there is nothing of the kind.
     """
     state = Snapshot.of(what)
-    look = FIELD_STYLES[look] if isinstance(look, str) else look
-    topology = None if state.model is None else state.model.topology
-    if look is not None and look.field == "delta_Cp":
-        every = [*_lattice_sheets(state), *grid_sheets(state.grid, topology=topology)]
-    elif look is not None and look.is_of_flow:
-        if state.model is None or state.pressures is None:
-            raise InputError(
-                f"{state.title}: there is no flow to show; give a problem with an EulerFlow that has run, such as "
-                f"plot(problem, 'Cp')"
-            )
-        every = flow_sheets(state.model, state.grid, state.pressures, state.states, state.mach)
-    else:
-        every = grid_sheets(state.grid, look is not None, topology)
-    if "control mesh" in surfaces:
-        if state.model is None:
-            raise InputError(
-                f"{state.title}: a grid has no control mesh; fit it first: fit_grid(grid).plot('control mesh')"
-            )
-        every = every + control_sheets(state.model, state.control_points)
+    view = view_of(state.grid, state)
+    return _found(view, surfaces, view.styles[look] if isinstance(look, str) else look)
+
+
+def _found(view: View, surfaces: Sequence[str], look: FieldStyle | None) -> list[AnySheet]:
+    """Sheets that are wanted of all that there are."""
+    every = view.sheets(surfaces, look)
     kinds = {kind for name in surfaces for kind in SURFACES.get(name, ())}
     found = [sheet for sheet in every if sheet.kind in kinds or sheet.name in surfaces]
     if not found:
         there = sorted({sheet.kind for sheet in every} | {sheet.name for sheet in every})
-        raise InputError(f"{state.title}: nothing to see of {', '.join(surfaces)}; there is {', '.join(there)}")
+        raise InputError(f"{view.title}: nothing to see of {', '.join(surfaces)}; there is {', '.join(there)}")
     return found
-
-
-def _lattice_sheets(state: Snapshot) -> list[Sheet]:
-    """The lattice of a wing, with the pressure differences across its panels."""
-    if state.lattice is None or state.panel_pressures is None:
-        raise InputError(
-            f"{state.title}: there is no lattice to show; give a problem with a LatticeFlow that has run, such as "
-            f"plot(problem, 'delta_Cp')"
-        )
-    window = Window(0, (0, 0, 0), (state.lattice.shape[0] - 1, state.lattice.shape[1] - 1, 0))
-    return [Sheet("lattice", "lattice", state.lattice, window, {"delta_Cp": state.panel_pressures})]
 
 
 def camera_of(
@@ -160,6 +94,7 @@ def camera_of(
     up: Sequence[float] | None = None,
     zoom: float = 1.0,
     size: tuple[float, float] = (1200, 800),
+    focus: Sequence[float] | None = None,
 ) -> Camera:
     """Find a place from which all panels are seen: in front of the middle of the walls, from outside.
 
@@ -173,6 +108,8 @@ def camera_of(
         See `plot`.
     size : tuple of float
         Width and height, of which the ratio counts.
+    focus : sequence of three float, optional
+        See `plot`.
 
     Returns
     -------
@@ -180,16 +117,24 @@ def camera_of(
     """
     sheets = [sheet for panel in panels for sheet in panel.sheets]
     inner = [s for s in sheets if s.kind in ("wall", "lattice", "control mesh")] or sheets
-    points = np.concatenate([sheet.points.reshape(-1, 3) for sheet in inner])
+    points = np.concatenate([sheet.corners for sheet in inner])
     low, high = points.min(axis=0), points.max(axis=0)
     box = high - low
-    rise = np.eye(3)[int(np.argmin(box))] if up is None else np.asarray(up, dtype=float)
+    across = next((panel.across for panel in panels if panel.across is not None), None)
+    shortest = int(np.argmin([np.inf if axis == across else length for axis, length in enumerate(box)]))
+    rise = np.eye(3)[shortest] if up is None else np.asarray(up, dtype=float)
     planes, middle = [s for s in sheets if s.kind == "symmetry"], (low + high) / 2
-    towards = _from_outside(box, rise, planes, middle) if direction is None else np.asarray(direction, dtype=float)
+    if direction is not None:
+        towards = np.asarray(direction, dtype=float)
+    elif across is not None:  # the direction that is neither up nor across points to the right
+        towards = np.cross(np.eye(3)[3 - across - int(np.argmax(np.abs(rise)))], rise) + TILT * rise
+    else:
+        towards = _from_outside(box, rise, planes, middle)
     camera = Camera(_three(middle), _three(towards), 1.0, _three(rise))
     seen = np.ptp(camera.project(points), axis=0)
     height = 1.25 * max(seen[1], seen[0] * size[1] / size[0], 1e-12) / zoom
-    return replace(camera, height=height)
+    middle = middle if focus is None else np.asarray(focus, dtype=float)
+    return replace(camera, height=height, focus=_three(middle))
 
 
 def _three(vector: np.ndarray) -> tuple[float, float, float]:
@@ -197,12 +142,12 @@ def _three(vector: np.ndarray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _from_outside(box: np.ndarray, up: np.ndarray, planes: Sequence[Sheet], middle: np.ndarray) -> np.ndarray:
+def _from_outside(box: np.ndarray, up: np.ndarray, planes: Sequence[AnySheet], middle: np.ndarray) -> np.ndarray:
     """Direction from the nose, above and, beside a plane of symmetry, the side where the body is."""
     rise = int(np.argmax(np.abs(up)))
     along, across = [d for d in range(3) if d != rise]
     if planes:
-        points = np.concatenate([sheet.points.reshape(-1, 3) for sheet in planes])
+        points = np.concatenate([sheet.corners for sheet in planes])
         thin = int(np.argmin(np.ptp(points, axis=0)))
         if np.ptp(points, axis=0)[thin] < 1e-6 * np.ptp(points, axis=0).max() and thin != rise:
             across, along = thin, 3 - rise - thin

@@ -17,11 +17,13 @@ import numpy as np
 
 from ...errors import InputError
 from ...flow.om.snapshots import Snapshot
+from .field_styles import SURFACES, FieldStyle
 from .figures import figure, require
-from .panels import FIELD_STYLES, SURFACES, FieldStyle, Panel, camera_of
+from .panels import Panel, camera_of
 from .plotter import make_plotter
-from .scenes import Camera, Paint, Scene, draw_scene, has_renderer
-from .surfaces import Sheet, joined_sheets
+from .scenes import Camera, Faces, Paint, Scene, draw_scene, has_renderer
+from .surfaces import AnySheet, joined_sheets
+from .view import view_of
 
 __all__ = ["draw_panel", "plot"]
 
@@ -38,6 +40,7 @@ def plot(
     direction: Sequence[float] | None = None,
     up: Sequence[float] | None = None,
     zoom: float = 1.0,
+    focus: Sequence[float] | None = None,
     size: tuple[int, int] = (1200, 800),
     lines: bool = True,
     worst: int = MOST_MARKED,
@@ -46,13 +49,15 @@ def plot(
 
     Parameters
     ----------
-    what : Grid, FittedModel, openmdao.api.Problem or Snapshot
+    what : Grid, MixedMesh, FittedModel, MeshModel, openmdao.api.Problem or Snapshot
         What to look at. Of a problem, the grid and the flow that it has now.
     show : str or sequence of str, optional
         Surfaces: ``"walls"``, ``"symmetry"``, ``"farfield"``, ``"boundary"`` (all of these), ``"control mesh"``, and
         names of patches; and one field that colours them: ``"quality"``, ``"corner"``, ``"wall height"``, ``"block"``,
         ``"patch"``, and of a flow ``"Cp"``, ``"Mach"``, ``"entropy"``, ``"total pressure loss"``, or
-        of a `LatticeFlow` ``"delta_Cp"`` on its ``"lattice"``. By default ``Cp``
+        of a `LatticeFlow` ``"delta_Cp"`` on its ``"lattice"``. Meshes without structure have slices besides, such as
+        ``"slice z=0.4"``, and the fields ``"quality"`` (the non-orthogonality), ``"pyramid"`` (the smallest pyramid of
+        each cell by that before), ``"displacement"``, ``"wall height"`` and ``"patch"``. By default ``Cp``
         where there is a flow, walls, symmetry plane and control mesh of a fitted grid, and otherwise walls and
         symmetry plane, or the whole boundary where nothing is declared.
     file : path-like, optional
@@ -65,6 +70,8 @@ def plot(
         shortest side of the walls' box up.
     zoom : float
         Larger than 1 to see less, in larger.
+    focus : sequence of three float, optional
+        What is in the middle of the picture (m); by default the middle of the walls.
     size : tuple of int
         Width and height of the picture, in pixels; twice as wide with ``before``.
     lines : bool
@@ -98,7 +105,7 @@ def plot(
     surfaces, look = _wanted(what, show)
     panels = [Panel.of(state, surfaces, look, worst) for state in (before, what) if state is not None]
     limits = _limits(panels, look)
-    camera = camera_of(panels, direction, up, zoom, size)
+    camera = camera_of(panels, direction, up, zoom, size, focus)
     size = (size[0] * len(panels), size[1])
     if file is None:
         return _show(make_plotter(panels, camera, look, limits, size, lines=lines, off_screen=_in_notebook()))
@@ -126,27 +133,25 @@ def _before(what: Any, before: Any) -> Snapshot | None:
 
 def _wanted(state: Snapshot, show: str | Sequence[str] | None) -> tuple[tuple[str, ...], FieldStyle | None]:
     """Surfaces and field that are asked for."""
+    view = view_of(state.grid, state)
     names = [show] if isinstance(show, str) else list(show or ())
-    known = {patch.name for patch in state.grid.patches}
-    unknown = [name for name in names if name not in SURFACES and name not in FIELD_STYLES and name not in known]
+    styles, known = view.styles, {*view.kinds}
+    unknown = [n for n in names if not (n in SURFACES or n in styles or n in known or view.knows(n))]
     if unknown:
         raise InputError(
-            f"show: no '{unknown[0]}'; choose from {', '.join([*SURFACES, *FIELD_STYLES])}"
+            f"show: no '{unknown[0]}'; choose from {', '.join([*SURFACES, *styles])}"
             + (f", and the patches {', '.join(sorted(known))}" if known else "")
         )
-    fields = [name for name in names if name in FIELD_STYLES]
+    fields = [name for name in names if name in styles]
     if len(fields) > 1:
         raise InputError(f"show: one field at a time, not {' and '.join(fields)}")
-    kinds = {patch.kind for patch in state.grid.patches}
     if not names and state.pressures is not None:
         fields = ["Cp"]
-    look = FIELD_STYLES[fields[0]] if fields else None
-    surfaces = tuple(name for name in names if name not in FIELD_STYLES)
+    look = styles[fields[0]] if fields else None
+    surfaces = tuple(name for name in names if name not in styles)
     if not surfaces:
-        surfaces = look.surfaces if look else ("walls", "symmetry")
-        if look is None and state.model is not None:
-            surfaces = (*surfaces, "control mesh")
-        if not kinds & {"wall", "symmetry"} and 1 not in {n for shape in state.grid.shapes for n in shape}:
+        surfaces = look.surfaces if look else view.defaults
+        if not {*view.kinds.values()} & {"wall", "symmetry"} and not view.is_planar:
             surfaces = ("boundary",)
     return surfaces, look
 
@@ -239,9 +244,9 @@ def draw_panel(
     """Draw the sheets of a panel into empty axes by matplotlib's polygons."""
     painted = [sheet for sheet in panel.sheets if look is not None and look.field in sheet.values]
     rest = [sheet for sheet in panel.sheets if not any(sheet is other for other in painted)]
-    walls = [sheet.points for sheet in rest if sheet.kind == "wall"]
-    planes = [sheet.points for sheet in rest if sheet.kind not in ("wall", "control mesh")]
-    points = [sheet.points.reshape(-1, 3) for sheet in rest if sheet.kind == "control mesh"]
+    walls = [Faces(sheet.corners, sheet.quads) for sheet in rest if sheet.kind == "wall"]
+    planes = [Faces(sheet.corners, sheet.quads) for sheet in rest if sheet.kind not in ("wall", "control mesh")]
+    points = [sheet.corners for sheet in rest if sheet.kind == "control mesh"]
     marks = np.concatenate([panel.marks, *points])
     paint = _paint(painted, look, limits) if painted and look is not None else None
     scene = Scene(walls, planes, marks, line_width=0.2, paint=paint)
@@ -250,7 +255,7 @@ def draw_panel(
         axes.figure.colorbar(paint.mappable(), ax=axes, label=look.label, shrink=0.7)
 
 
-def _paint(sheets: Sequence[Sheet], look: FieldStyle, limits: tuple[float, float]) -> Paint:
+def _paint(sheets: Sequence[AnySheet], look: FieldStyle, limits: tuple[float, float]) -> Paint:
     """Faces of sheets in the colours of a field."""
     values = np.concatenate([np.ravel(sheet.values[look.field]) for sheet in sheets]).astype(float)
     return Paint(*joined_sheets(sheets), values, limits, look.colors)

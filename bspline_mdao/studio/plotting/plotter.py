@@ -7,14 +7,22 @@ from typing import Any
 
 import numpy as np
 
+from .field_styles import FieldStyle
 from .figures import RED, require
-from .panels import FieldStyle, camera_of
-from .scenes import Camera
-from .surfaces import Sheet, joined_sheets
+from .panels import camera_of
+from .scenes import Camera, polygons
+from .surfaces import AnySheet, joined_sheets
 
 __all__ = ["add_sheets", "as_polydata", "make_plotter"]
 
-COLORS = {"wall": "#8fbbe0", "symmetry": "#eef0f1", "farfield": "#e3e8ec", "overset": "#d5e3d0", "other": "#d9d4c7"}
+COLORS = {
+    "wall": "#8fbbe0",
+    "symmetry": "#eef0f1",
+    "farfield": "#e3e8ec",
+    "overset": "#d5e3d0",
+    "other": "#d9d4c7",
+    "slice": "#eef0f1",
+}
 """Colours of sheets without a field, by their kind."""
 
 LINES, CONTROL = "#2b3238", "#cc3311"
@@ -84,7 +92,7 @@ def make_plotter(
 
 def add_sheets(
     plotter: Any,
-    sheets: Sequence[Sheet],
+    sheets: Sequence[AnySheet],
     look: FieldStyle | None = None,
     limits: tuple[float, float] = (0.0, 1.0),
     *,
@@ -96,7 +104,7 @@ def add_sheets(
     ----------
     plotter : pyvista.Plotter
         Where they go.
-    sheets : sequence of Sheet
+    sheets : sequence of Sheet or FacetSheet
         What is shown.
     look : FieldStyle, optional
         The field that colours them.
@@ -124,7 +132,7 @@ def add_sheets(
             scale = plotter.window_size[1] / 800
             n_steps = round(limits[1] - limits[0]) if look.field == "block" else 256
             bar = {"title": f"{look.label}\n", "color": "black", "n_labels": 5, "title_font_size": round(18 * scale)}
-            bar |= {"fmt": "%.0f" if look.field == "block" else "%.2g", "label_font_size": round(15 * scale)}
+            bar |= {"fmt": "%.0f" if look.field == "block" else "%.3g", "label_font_size": round(15 * scale)}
             bar |= {"width": 0.5, "position_x": 0.25, "height": 0.07, "position_y": 0.02}
             plotter.add_mesh(
                 as_polydata(painted, look.field),
@@ -140,7 +148,7 @@ def add_sheets(
             )
 
 
-def _add_patches(plotter: Any, sheets: Sequence[Sheet], style: dict) -> None:
+def _add_patches(plotter: Any, sheets: Sequence[AnySheet], style: dict) -> None:
     """Add every patch in a colour of its own, and a legend."""
     colors = require("matplotlib").colormaps["tab20"]
     for name in dict.fromkeys(sheet.name for sheet in sheets):
@@ -150,10 +158,10 @@ def _add_patches(plotter: Any, sheets: Sequence[Sheet], style: dict) -> None:
     plotter.add_legend(bcolor="white", border=True, size=(0.22, 0.2), face="rectangle")
 
 
-def as_polydata(sheets: Sequence[Sheet], field: str | None = None) -> Any:
+def as_polydata(sheets: Sequence[AnySheet], field: str | None = None) -> Any:
     """Join sheets to one mesh of PyVista, with the values of a field on its faces."""
     points, quads = joined_sheets(sheets)
-    mesh = require("pyvista").PolyData(points, np.insert(quads, 0, 4, axis=1).ravel())
+    mesh = require("pyvista").PolyData(points, polygons(quads))
     if field is not None:
         mesh.cell_data[field] = np.concatenate([np.ravel(sheet.values[field]) for sheet in sheets])
     return mesh

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ...core.model.fitted_model import FittedModel
 from ...grids.topology.index_space import Window
 from .figures import RED, net_quads, require
 
-__all__ = ["Camera", "Paint", "Scene", "draw_scene", "has_renderer", "patch_faces"]
+__all__ = ["Camera", "Faces", "Paint", "Scene", "draw_scene", "has_renderer", "patch_faces", "polygons"]
 
 WALL, PLANE = ("#9fc3e3", "#2b3238"), ("#fbfbfb", "#5d666e")
 """Colours of the body and of the symmetry plane, each with that of its lines."""
@@ -32,6 +32,21 @@ DPI = 200
 
 MARK = 0.0075
 """Radius of a mark, relative to the height of the picture."""
+
+
+class Faces(NamedTuple):
+    """Faces without structure.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Their points (m).
+    quads : ndarray of int, shape (m, 4)
+        Numbers of the corners of each; triangles have their last corner twice.
+    """
+
+    points: np.ndarray
+    quads: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -71,8 +86,8 @@ class Scene:
 
     Parameters
     ----------
-    walls, planes : list of ndarray, each of shape (n, m, 3)
-        Nets of points on the body and on the symmetry plane (m).
+    walls, planes : list of ndarray, each of shape (n, m, 3), or of Faces
+        Nets of points on the body and on the symmetry plane (m), or faces there.
     marks : ndarray, shape (n, 3)
         Points that are marked with red spheres (m).
     line_width : float
@@ -81,8 +96,8 @@ class Scene:
         Faces in the colours of a scalar.
     """
 
-    walls: list[np.ndarray]
-    planes: list[np.ndarray]
+    walls: Sequence[np.ndarray | Faces]
+    planes: Sequence[np.ndarray | Faces]
     marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     line_width: float = 0.3
     paint: Paint | None = None
@@ -230,15 +245,23 @@ def _rendered(scene: Scene, camera: Camera, size: tuple[float, float]) -> np.nda
     return image
 
 
-def _surface(net: np.ndarray) -> Any:
-    """Turn a net into what PyVista takes."""
+def polygons(quads: np.ndarray) -> np.ndarray:
+    """Faces as PyVista takes them: how many corners each has, and these, one after the other."""
+    n = np.where(quads[:, 2] == quads[:, 3], 3, 4)
+    rows = np.column_stack([n, quads])
+    return rows[np.arange(5) <= n[:, None]]
+
+
+def _surface(net: np.ndarray | Faces) -> Any:
+    """Turn a net or faces into what PyVista takes."""
+    if isinstance(net, Faces):
+        return require("pyvista").PolyData(net.points, polygons(net.quads))
     return require("pyvista").StructuredGrid(*np.moveaxis(net[:, :, None], -1, 0))
 
 
 def _add_paint(plotter: Any, paint: Paint) -> None:
     """Add faces in colours that change smoothly from one to the next."""
-    faces = np.insert(paint.quads, 0, 4, axis=1)
-    mesh = require("pyvista").PolyData(paint.points, faces.ravel())
+    mesh = require("pyvista").PolyData(paint.points, polygons(paint.quads))
     mesh.cell_data["scalar"] = paint.values
     mesh = mesh.cell_data_to_point_data()
     look = {"cmap": paint.colors, "clim": paint.limits, "show_scalar_bar": False}
@@ -262,9 +285,9 @@ def _draw_polygons(axes: Any, scene: Scene, camera: Camera) -> None:
     axes.add_collection(collection, autolim=False)
 
 
-def _quads(net: np.ndarray, camera: Camera, face: str, edge: str, lit: float) -> tuple[np.ndarray, ...]:
+def _quads(net: np.ndarray | Faces, camera: Camera, face: str, edge: str, lit: float) -> tuple[np.ndarray, ...]:
     """Quadrilaterals of a net on the picture, their depths and the colours of their faces and edges."""
-    corners = net_quads(net)
+    corners = net.points[net.quads] if isinstance(net, Faces) else net_quads(net)
     flat = camera.project(corners)
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-300

@@ -19,7 +19,17 @@ from ...grids.topology.grid import Grid
 from ...grids.topology.index_space import Window
 from ...grids.topology.topology import Topology
 
-__all__ = ["Sheet", "control_sheets", "flow_sheets", "grid_sheets", "joined_sheets", "values_behind", "worst_cells"]
+__all__ = [
+    "AnySheet",
+    "FacetSheet",
+    "Sheet",
+    "control_sheets",
+    "flow_sheets",
+    "grid_sheets",
+    "joined_sheets",
+    "values_behind",
+    "worst_cells",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +60,57 @@ class Sheet:
         n, m = self.points.shape[:2]
         return f"Sheet({self.name!r}, {self.kind}, {n} x {m} points, values: {', '.join(self.values) or 'none'})"
 
+    @property
+    def corners(self) -> np.ndarray:
+        """Its points (m), shape (n m, 3)."""
+        return self.points.reshape(-1, 3)
 
-def joined_sheets(sheets: Sequence[Sheet]) -> tuple[np.ndarray, np.ndarray]:
+    @property
+    def quads(self) -> np.ndarray:
+        """Numbers of the corners of its faces, in turn around each, shape (n_faces, 4)."""
+        ids = np.arange(self.points.size // 3).reshape(self.points.shape[:2])
+        return np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4)
+
+
+@dataclass(frozen=True, eq=False)
+class FacetSheet:
+    """A piece of surface of triangles and quads without structure.
+
+    Parameters
+    ----------
+    name : str
+        Name of the patch.
+    kind : str
+        Kind of the patch, ``"control mesh"``, or ``"slice"``.
+    corners : ndarray, shape (n, 3)
+        Its points (m).
+    quads : ndarray of int, shape (m, 4)
+        Numbers of the corners of its faces; triangles have their last corner twice.
+    values : mapping of str to ndarray of shape (m,)
+        Fields on its faces, by name.
+    """
+
+    name: str
+    kind: str
+    corners: np.ndarray
+    quads: np.ndarray
+    values: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        values = ", ".join(self.values) or "none"
+        return f"FacetSheet({self.name!r}, {self.kind}, {len(self.quads)} faces, values: {values})"
+
+
+AnySheet = Sheet | FacetSheet
+
+
+def joined_sheets(sheets: Sequence[AnySheet]) -> tuple[np.ndarray, np.ndarray]:
     """Join sheets to one list of quadrilaterals."""
     # returns points (n, 3): all of their points (m)
     # returns quads int (m, 4): corners of their faces, in turn around each, sheet by sheet
-    layout, quads = BlockLayout.of(sheet.points.shape[:2] for sheet in sheets), []
-    for ids in layout.numbers:
-        quads.append(np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4))
-    return layout.join([sheet.points for sheet in sheets]), np.concatenate(quads)
+    starts = np.cumsum([0, *(len(sheet.corners) for sheet in sheets)])
+    quads = [sheet.quads + start for sheet, start in zip(sheets, starts.tolist())]
+    return np.concatenate([sheet.corners for sheet in sheets]), np.concatenate(quads)
 
 
 def grid_sheets(grid: Grid, fields: bool = False, topology: Topology | None = None) -> list[Sheet]:

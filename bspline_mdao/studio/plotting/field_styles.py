@@ -1,0 +1,66 @@
+"""Surfaces and fields that pictures show, by the names that users give."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["FIELD_STYLES", "MESH_STYLES", "SURFACES", "FieldStyle"]
+
+SURFACES = {
+    "walls": ("wall",),
+    "symmetry": ("symmetry",),
+    "farfield": ("farfield",),
+    "boundary": ("wall", "symmetry", "farfield", "overset", "other"),
+    "control mesh": ("control mesh",),
+    "lattice": ("lattice",),
+}
+"""Names of surfaces, and the kinds of sheets that they are."""
+
+
+@dataclass(frozen=True)
+class FieldStyle:
+    """How a field is shown.
+
+    Parameters
+    ----------
+    field : str
+        Its name on sheets.
+    label : str
+        What the colour bar says.
+    colors : str
+        Colour map of matplotlib.
+    is_of_flow : bool
+        Whether it needs a problem that has run.
+    surfaces : tuple of str
+        What is coloured where no surface is named.
+    """
+
+    field: str
+    label: str
+    colors: str
+    is_of_flow: bool = False
+    surfaces: tuple[str, ...] = ("walls", "symmetry")
+
+
+FIELD_STYLES = {
+    "quality": FieldStyle("Q", "orthogonality Q", "viridis"),
+    "corner": FieldStyle("smallest_corner", "smallest corner", "viridis"),
+    "wall height": FieldStyle("wall_height", "height of the first cell (m)", "viridis", surfaces=("walls",)),
+    "block": FieldStyle("block", "block", "tab20"),
+    "patch": FieldStyle("patch", "patch", "tab20", surfaces=("boundary",)),
+    "Cp": FieldStyle("Cp", "pressure coefficient", "RdYlBu_r", True),
+    "Mach": FieldStyle("Mach", "Mach number", "turbo", True),
+    "entropy": FieldStyle("entropy", "entropy", "magma", True),
+    "delta_Cp": FieldStyle("delta_Cp", "pressure difference below - above", "viridis", True, ("lattice", "symmetry")),
+    "total pressure loss": FieldStyle("total_pressure_loss", "loss of total pressure", "magma", True),
+}
+"""Fields that colour the surfaces."""
+
+MESH_STYLES = {
+    "quality": FieldStyle("angle", "non-orthogonality (deg)", "viridis_r"),
+    "pyramid": FieldStyle("pyramid", "smallest pyramid by that before", "viridis"),
+    "wall height": FIELD_STYLES["wall height"],
+    "displacement": FieldStyle("displacement", "displacement (m)", "magma_r"),
+    "patch": FIELD_STYLES["patch"],
+}
+"""Fields of meshes without structure."""
