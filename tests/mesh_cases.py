@@ -95,6 +95,22 @@ def mesh_around_a_section(n_around: int = 24, n_off: int = 9) -> tuple[MixedMesh
     return mesh, {"airfoil": "wall", "far": "farfield"}
 
 
+def channel_with_a_floor(n: tuple[int, int] = (160, 20)) -> tuple[MixedMesh, dict[str, str]]:
+    """Quads of a long flat channel, in one layer of hexahedra across z, with a wall below."""
+    x, y = np.linspace(0.0, 20.0, n[0] + 1), np.linspace(0.0, 1.0, n[1] + 1) ** 1.5
+    plane = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    ids, size = np.arange(len(plane)).reshape(n[0] + 1, n[1] + 1), len(plane)
+    quads = np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4)
+    points = np.concatenate([np.column_stack([plane, np.full(size, z)]) for z in (0.0, 0.3)])
+
+    def side(row: np.ndarray) -> np.ndarray:
+        return np.stack([row[:-1], row[1:], row[1:] + size, row[:-1] + size], axis=1)
+
+    markers = {"floor": side(ids[:, 0]), "top": side(ids[::-1, -1]), "in": side(ids[0, ::-1]), "out": side(ids[-1])}
+    kinds = {"floor": "wall", "top": "farfield", "in": "farfield", "out": "farfield"}
+    return MixedMesh(points, {"hexahedron": np.concatenate([quads, quads + size], axis=1)}, markers, n_copies=2), kinds
+
+
 def mesh_around_two_sections(gap: float) -> tuple[MixedMesh, dict[str, str]]:
     """Triangles around a large ellipse and a small one below its end, in one layer of wedges across z."""
     angle, sizes = 2.0 * np.pi * np.arange(300) / 300, ((0.5, 0.06), (0.05, 0.02))

@@ -76,13 +76,15 @@ class BackgroundLattice(OneLine):
     def distances(self, points: np.ndarray) -> np.ndarray:
         """Distances of points, shape (n, 3), from the box of the lattice, 0 within (m)."""
         local = points @ self.axes.T
-        ends = np.array([[line.breaks[0], line.breaks[-1]] for line in self.lines])
+        ends = np.array([[-np.inf, np.inf] if line.is_periodic else line.breaks[[0, -1]] for line in self.lines])
         return np.linalg.norm(local - np.clip(local, ends[:, 0], ends[:, 1]), axis=1)
 
     def sides_at(self, points: np.ndarray) -> set[tuple[int, int]]:
         """Sides of the lattice that points, shape (n, 3), reach: the direction across, and its end, 0 or -1."""
         local, found = points @ self.axes.T, set()
         for axis, line in enumerate(self.lines):
+            if line.is_periodic:
+                continue
             if local[:, axis].min() - line.breaks[0] <= ON_PLANE * line.length:
                 found.add((axis, 0))
             if line.breaks[-1] - local[:, axis].max() <= ON_PLANE * line.length:

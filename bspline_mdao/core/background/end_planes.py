@@ -5,7 +5,7 @@ Theory: ``docs/theory/background_lattice.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,13 +18,14 @@ from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.quads import area_vectors
 from ..walls.embedded_points import ON_PLANE
 
-__all__ = ["INNER", "SYMMETRY", "WALL", "EndPlane", "find_end_planes", "lattice_axes", "section_axis"]
+__all__ = ["INNER", "PERIODIC", "SYMMETRY", "WALL", "EndPlane", "find_end_planes", "lattice_axes", "section_axis"]
 
 FLAT = 1e-6
 """Part of the size of a mesh by which nodes of a symmetry plane may be off it: digits of single precision."""
 
-WALL, SYMMETRY, INNER = "wall", "symmetry", "inner"
-"""Kinds of markers: bodies, planes of symmetry, and faces inside the mesh, whose nodes move along. Others are outer."""
+WALL, SYMMETRY, INNER, PERIODIC = "wall", "symmetry", "inner", "periodic"
+"""Kinds of markers: bodies, planes of symmetry, faces inside the mesh, whose nodes move along, and sides that are
+copies of each other. Others are outer."""
 
 PLANE_DIGITS = 4
 """Decimals of the unit normal of a face, and of its place by the size of the mesh, which tell planes apart."""
@@ -45,14 +46,19 @@ class EndPlane(OneLine):
     end: int
 
 
-def find_end_planes(mesh: MixedMesh, kinds: Mapping[str, str], wall_rows: np.ndarray) -> tuple[EndPlane, ...]:
+def find_end_planes(
+    mesh: MixedMesh,
+    kinds: Mapping[str, str],
+    wall_rows: np.ndarray,
+    tied: Collection[str] = (),  # markers whose nodes move as their copies do
+) -> tuple[EndPlane, ...]:
     """Find planes of symmetry, and other planes at the ends of a mesh that its walls end on."""
     # Walls that end on an inlet, an outlet or a side of a wind tunnel would tear cells if its nodes stayed.
     size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
     found: list[EndPlane] = []
     for name, faces in (mesh.markers or {}).items():
         kind, rows = kinds.get(name), np.unique(faces)
-        if kind in (WALL, INNER) or not len(rows):
+        if kind in (WALL, INNER) or name in tied or not len(rows):
             continue
         if kind != SYMMETRY and not np.isin(rows, wall_rows).any():
             continue
@@ -127,7 +133,11 @@ def _merged(found: Sequence[EndPlane]) -> list[EndPlane]:
     return planes
 
 
-def lattice_axes(source: str, planes: Sequence[EndPlane]) -> tuple[np.ndarray, tuple[EndPlane, ...]]:
+def lattice_axes(
+    source: str,
+    planes: Sequence[EndPlane],
+    shifts: Sequence[np.ndarray] = (),  # (3,), from periodic sides to their copies, which are directions if they can be
+) -> tuple[np.ndarray, tuple[EndPlane, ...]]:
     """Directions of the lattice, as rows: those of space, or those of planes; and the sides that planes are."""
     axes: list[np.ndarray] = []
     for plane in planes:
@@ -137,6 +147,10 @@ def lattice_axes(source: str, planes: Sequence[EndPlane]) -> tuple[np.ndarray, t
             raise InputError(f"{source}: the planes of {names} are not at right angles, as the sides of a lattice are")
         if not any(part >= 1.0 - FLAT for part in along):
             axes.append(plane.normal)
+    for shift in shifts:
+        along = shift / np.linalg.norm(shift)
+        if all(abs(axis @ along) <= ALIGNED for axis in axes):
+            axes.append(along)
     while len(axes) < 3:
         rest = np.eye(3) - sum((np.outer(axis, axis) for axis in axes), np.zeros((3, 3)))
         lengths = np.linalg.norm(rest, axis=1)

@@ -1,7 +1,7 @@
 """Knots of one direction of a lattice, in metres, and the integrals of its basis functions.
 
-The spans are even around the body and grow from there to the ends of the mesh's box. Derivatives are taken by the width
-of the span that they are in,
+Beyond the walls spans grow to the ends of the mesh's box, or the line repeats itself, see `.wall_widths` for those
+between. Derivatives are taken by a length h of the span that they are in, its width where nothing asks for less,
 
     G_m,ij = sum over spans of h^(2 m - 1) integral of B_i^(m) B_j^(m) dx ,    m = 0, 1, 2,
 
@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.optimize import brentq
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array
 
 from ..splines.knots import ConstantKnots
 
@@ -29,6 +29,12 @@ DEGREE = 3
 
 SHORTEST = 0.5
 """An end of the box that is nearer to the even spans than this part of one is met by making the last one wider."""
+
+FEWEST = 4
+"""Spans of a period: with fewer, a function would be its own neighbour."""
+
+ROUNDING = 1e-13
+"""Parts of unknowns in control points that are rounding: the others are a sixth at least."""
 
 BEYOND = 3
 """Power of the growth far from the walls, where displacements are small and smooth."""
@@ -42,6 +48,7 @@ class LatticeLine:
     scales: np.ndarray  # (n_spans,), the lengths by which derivatives in the spans are taken (m)
     # whether all control points move alike: across a section, whose two planes are the ends of a single span
     is_tied: bool = False
+    is_periodic: bool = False  # whether it repeats itself beyond its ends: spans are even, and ends move alike
 
     @classmethod
     def between(
@@ -57,6 +64,18 @@ class LatticeLine:
         even = _continued(box, even_breaks(inner[0], inner[-1], width), growth, near)
         middles = 0.5 * (breaks[1:] + breaks[:-1])
         return cls(breaks, np.diff(even)[np.searchsorted(even, middles) - 1])
+
+    @classmethod
+    def periodic(
+        cls,
+        low: float,  # where a period begins (m)
+        period: float,  # its length (m)
+        width: float,  # of spans, at most (m)
+        scale: float,  # length by which derivatives are taken, at most (m)
+    ) -> LatticeLine:
+        """Cut a direction into spans that repeat themselves."""
+        n, n_coarse = (max(FEWEST, int(np.ceil(period / each - 1e-9))) for each in (width, scale))
+        return cls(np.linspace(low, low + period, n + 1), np.full(n, period / n_coarse), is_periodic=True)
 
     @property
     def degree(self) -> int:
@@ -76,7 +95,26 @@ class LatticeLine:
     @property
     def n_unknowns(self) -> int:
         """Number of control points that move by themselves."""
-        return 1 if self.is_tied else self.n_control
+        return self.ties.shape[1]
+
+    @cached_property
+    def ties(self) -> csr_array:
+        """Displacements of the control points from the unknowns, shape (n_control, n_unknowns)."""
+        n = self.n_control
+        if self.is_tied:
+            return csr_array(np.ones((n, 1)))
+        if not self.is_periodic:
+            return csr_array(eye_array(n))
+        # Splines whose ends meet with two derivatives, by those with ends: the same functions at as many places
+        n_spans, p = len(self.breaks) - 1, self.degree
+        knots = self.breaks[0] + self.length / n_spans * np.arange(-p, n_spans + p + 1)
+        wrapped = np.eye(n_spans)[np.arange(n) % n_spans]
+        places = self.control_coordinates
+        there = BSpline(knots, wrapped, p)(places)
+        matrix = np.linalg.solve(BSpline(self.coordinate_knots, np.eye(n), p)(places), there)
+        matrix[np.abs(matrix) < ROUNDING] = 0.0
+        matrix[-1] = matrix[0]
+        return csr_array(matrix)
 
     @cached_property
     def coordinate_knots(self) -> np.ndarray:
@@ -99,10 +137,17 @@ class LatticeLine:
 
     def parameters(self, coordinates: np.ndarray) -> np.ndarray:
         """Parameters of coordinates (m), from 0 to 1."""
-        return np.clip((coordinates - self.breaks[0]) / self.length, 0.0, 1.0)
+        return np.clip((self.wrapped(coordinates) - self.breaks[0]) / self.length, 0.0, 1.0)
+
+    def wrapped(self, coordinates: np.ndarray) -> np.ndarray:
+        """Coordinates within the period (m), where there is one."""
+        if not self.is_periodic:
+            return coordinates
+        return self.breaks[0] + np.mod(coordinates - self.breaks[0], self.length)
 
     def spans(self, coordinates: np.ndarray) -> np.ndarray:
         """Number of the span that each coordinate (m) is in."""
+        coordinates = self.wrapped(coordinates)
         return np.clip(np.searchsorted(self.breaks, coordinates, side="right") - 1, 0, len(self.breaks) - 2)
 
     @cached_property
@@ -116,7 +161,7 @@ class LatticeLine:
         weights = (0.5 * widths[:, None] * weights).ravel()
         local, found = np.repeat(self.scales, len(places)), []
         for m in range(3):
-            basis = BSpline(self.coordinate_knots, np.eye(self.n_control), self.degree)(points, nu=m)
+            basis = BSpline(self.coordinate_knots, np.eye(self.n_control), self.degree)(points, nu=m) @ self.ties
             found.append(csr_array(basis.T @ ((weights * local ** (2 * m - 1))[:, None] * basis)))
         return found[0], found[1], found[2]
 

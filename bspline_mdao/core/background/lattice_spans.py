@@ -5,7 +5,7 @@ Theory: ``docs/theory/background_lattice.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -53,6 +53,7 @@ class MeshBox(OneLine):
     high: np.ndarray
     walls: np.ndarray  # (n_wall, 3), nodes of walls, in these directions (m)
     faces: np.ndarray  # int (n_faces, 4), their faces
+    periods: Mapping[int, float]  # lengths of periods, by directions in which the mesh repeats itself (m)
 
     @classmethod
     def of(
@@ -62,12 +63,13 @@ class MeshBox(OneLine):
         faces: np.ndarray,  # int (n_faces, 4), faces of its walls
         axes: np.ndarray,  # (3, 3), rows are the directions of the lattice
         section_axis: int | None,  # direction across a section
+        periods: Mapping[int, float],  # lengths of periods, by directions (m)
     ) -> MeshBox:
         """Measure a mesh."""
         rows, numbers = np.unique(faces, return_inverse=True)
         points = points @ axes.T
         low, high = points.min(axis=0), points.max(axis=0)
-        return cls(source, axes, section_axis, low, high, points[rows], numbers.reshape(faces.shape))
+        return cls(source, axes, section_axis, low, high, points[rows], numbers.reshape(faces.shape), periods)
 
     def lattice(self, settings: LatticeSettings) -> BackgroundLattice:
         """Lay a lattice; `InputError` if memory does not hold what moves it."""
@@ -114,7 +116,12 @@ class MeshBox(OneLine):
                 asked += asked_in_gap(gap, d, THINNEST * self.bodies[gap.bodies[0]].size(self.sides))
             asked = [(low, high, max(width, narrowest)) for low, high, width in asked]
             asked += [(low, high, width) for axis, low, high, width in settings.refined if axis == d]
-            inner, width = graded_breaks(even, asked, settings.growth), settings.spacing or self.size / settings.spans
+            width = settings.spacing or self.size / settings.spans
+            if d in self.periods:
+                narrow = min(asked_width for _, _, asked_width in asked)
+                lines.append(LatticeLine.periodic(box[0], self.periods[d], narrow, width))
+                continue
+            inner = graded_breaks(even, asked, settings.growth)
             lines.append(LatticeLine.between(box, inner, width, settings.growth, FAR * self.size))
         return BackgroundLattice((lines[0], lines[1], lines[2]), self.axes)
 

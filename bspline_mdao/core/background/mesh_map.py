@@ -12,6 +12,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ...base.display import OneLine
 from ...names import CONTROL_POINTS
@@ -27,6 +28,9 @@ class MeshMap(OneLine):
 
     embedded: EmbeddedMesh  # its nodes by those of the lattice and of its walls
     n_walls: int  # number of nodes of walls, the first control points
+    # nodes of periodic sides, and the matrix that gives each the mean of itself and its copies, which is symmetric
+    tied: np.ndarray
+    means: csr_array
 
     inputs = (CONTROL_POINTS,)
 
@@ -43,7 +47,16 @@ class MeshMap(OneLine):
     def at(self, control_points: np.ndarray) -> MeshState:
         """Nodes for control points, shape (n_control_points, 3), in metres, with their derivative."""
         walls, lattice = control_points[: self.n_walls], control_points[self.n_walls :]
-        return MeshState(self, self.embedded.at(lattice, walls))
+        state = self.embedded.at(lattice, walls)
+        if len(self.tied):
+            state.nodes[self.tied] = self.nodes[self.tied] + self.alike(state.nodes - self.nodes)[self.tied]
+        return MeshState(self, state)
+
+    def alike(self, change: np.ndarray) -> np.ndarray:
+        """Changes of the nodes, shape (n, 3), in place: those of copies are their mean."""
+        # The lattice moves copies alike; what fades around walls on one side alone, and what follows them, does not.
+        change[self.tied] = self.means @ change[self.tied]
+        return change
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
         """Derivatives by all nodes of those by the nodes of this process, which has all."""
@@ -72,11 +85,11 @@ class MeshState:
         if control_points is None:
             return np.zeros_like(self.nodes)
         n = self.of.n_walls
-        return self.embedded_state.jvp(control_points[n:], control_points[:n])
+        return self.of.alike(self.embedded_state.jvp(control_points[n:], control_points[:n]))
 
     def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
         """Transpose of `jvp`."""
-        bars = {}
+        bars, bar = {}, self.of.alike(np.array(bar, dtype=float))
         for name in require_inputs(wrt, self.inputs):
             found = self.embedded_state.vjp(bar)
             bars[name] = np.concatenate([found[WALL], found[CONTROL_POINTS]])

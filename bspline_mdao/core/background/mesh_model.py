@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
-from scipy.spatial import cKDTree
+from scipy.sparse import csr_array
 
+from ...base.checks import as_finite_points
 from ...base.display import Plottable
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
@@ -35,22 +35,23 @@ from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
 from ..riding.wall_faces import WallFaces
 from ..splines.mesh import BSplineMesh
 from ..walls.body_points import Body
-from ..walls.embedded_points import ON_PLANE
 from .background_lattice import BackgroundLattice
-from .end_planes import INNER, WALL, EndPlane, find_end_planes, lattice_axes, section_axis
+from .end_planes import INNER, WALL, EndPlane, section_axis
 from .lattice_settings import DEFAULTS, LatticeSettings
 from .lattice_spans import MeshBox
 from .mesh_file import arrays_of, document_of, read_mesh_model, write_mesh_model
 from .mesh_map import MeshMap
 from .mesh_points import MeshPoints
+from .mesh_walls import FADE, copies_of_walls, following_walls
+from .periodic_sides import PeriodicSides, means_of_copies, sides_of
+from .refinement import refined_settings
 from .thin_plate import ThinPlate
 from .wall_follower import WallFollower
 
 __all__ = ["MeshModel"]
 
-FADE = 4.0, 0.02
-"""As that of meshes that ride along in a fitted grid: lattices miss less of the walls, so that less reach serves.
-Smallest volumes of pyHyp's M6 are those of 8 and 0.03 to three digits; with 2 and 0.01 they are 7 to 12 % less."""
+OF_MESH = ("walls", "wall_rows", "rows_at_rest", "following_walls")
+"""What models with other lattices around the same mesh share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,10 @@ class MeshModel(Plottable, Movable):
         What the lattice is like.
     planes : tuple of EndPlane
         Planes that the mesh ends in, whose nodes stay in them.
+    periodic : tuple of PeriodicSides
+        Sides that are copies of each other, whose nodes move alike.
+    box : MeshBox
+        What the lattice is laid around.
     lattice : BackgroundLattice
         The lattice.
     mesh_file : str
@@ -91,6 +96,8 @@ class MeshModel(Plottable, Movable):
     kinds: Mapping[str, str]
     settings: LatticeSettings
     planes: tuple[EndPlane, ...]
+    periodic: tuple[PeriodicSides, ...]
+    box: MeshBox
     lattice: BackgroundLattice
     mesh_file: str = ""
 
@@ -110,7 +117,8 @@ class MeshModel(Plottable, Movable):
             The mesh on the baseline, with markers of its boundary.
         kinds : mapping of str to str
             Kinds of the markers, see `marker_kinds`: nodes of walls go where they are asked to, those of planes of
-            symmetry stay in these, those inside the mesh or of no marker move along, and all others stay.
+            symmetry stay in these, those inside the mesh or of no marker move along, those of periodic sides that are
+            copies of each other by a shift move alike, and all others stay.
         settings : LatticeSettings
             What the lattice is like.
         mesh_file : path-like
@@ -138,10 +146,10 @@ class MeshModel(Plottable, Movable):
                 f"{mesh.source}: no marker is a wall, or it has no faces, so that nothing moves; say which are"
             )
         faces = np.concatenate([markers[name] for name in walls])
-        planes = find_end_planes(mesh, kinds, np.unique(faces))
-        axes, planes = lattice_axes(mesh.source, planes)
-        box = MeshBox.of(mesh.source, mesh.points, faces, axes, section_axis(mesh.points, planes, axes))
-        return cls(mesh, dict(kinds), settings, planes, box.lattice(settings), os.fspath(mesh_file))
+        axes, planes, sides = sides_of(mesh, kinds, np.unique(faces))
+        section, periods = section_axis(mesh.points, planes, axes), {each.axis: each.period for each in sides}
+        box = MeshBox.of(mesh.source, mesh.points, faces, axes, section, periods)
+        return cls(mesh, dict(kinds), settings, planes, sides, box, box.lattice(settings), os.fspath(mesh_file))
 
     def save(self, path: str | os.PathLike, compress: bool = True) -> None:
         """Write the model to one HDF5 file, see `bspline_mdao.core.background.mesh_file`."""
@@ -170,7 +178,31 @@ class MeshModel(Plottable, Movable):
 
     def with_settings(self, settings: LatticeSettings) -> MeshModel:
         """Lay another lattice around the mesh."""
-        return MeshModel.of(self.mesh, self.kinds, settings, self.mesh_file)
+        other = replace(self, settings=settings, lattice=self.box.lattice(settings))
+        other.__dict__.update({name: self.__dict__[name] for name in OF_MESH if name in self.__dict__})
+        return other
+
+    def refined_for(self, walls: Sequence[np.ndarray]) -> MeshModel:
+        """Refine the lattice for moves that are known, such as those at the bounds of design variables.
+
+        Where the lattice would miss walls by more than the cells above them carry, its spans are halved. That is to be
+        done once, before a study or an optimisation: all its designs then have one lattice.
+
+        Parameters
+        ----------
+        walls : sequence of ndarray, shape (n_walls, 3)
+            Where the moves put the nodes of the walls (m), in the order of ``wall_rows``.
+
+        Returns
+        -------
+        MeshModel
+            This one where the lattice is fine enough.
+        """
+        at = self.mesh.points[self.wall_rows]
+        changes = [as_finite_points(each, len(at), f"{self.source}: nodes of walls") - at for each in walls]
+        reach = FADE[1] * float(np.linalg.norm(np.ptp(at, axis=0)))
+        settings = refined_settings(lambda each: self.with_settings(each).mover, self.settings, changes, reach)
+        return self if settings == self.settings else self.with_settings(settings)
 
     def deformed(self, deformation: Deformation) -> np.ndarray:
         """Where a deformation puts the nodes of the walls that are its surface (m), shape (n_surface, 3)."""
@@ -224,6 +256,7 @@ class MeshModel(Plottable, Movable):
         """Nodes of markers that are neither walls nor in planes, ascending: they stay."""
         markers = self.mesh.markers or {}
         in_planes = {name for plane in self.planes for name in plane.markers}
+        in_planes |= {name for sides in self.periodic for name in sides.markers}
         parts = [
             faces.ravel()
             for name, faces in markers.items()
@@ -247,6 +280,8 @@ class MeshModel(Plottable, Movable):
         for axis in range(3):
             for end in (0, -1):
                 side = np.moveaxis(is_free, axis, 0)[end]
+                if lattice.lines[axis].is_periodic:
+                    continue
                 if (axis, end) in closed:
                     side[..., axis] = False
                 elif (axis, end) not in at_walls:
@@ -269,7 +304,7 @@ class MeshModel(Plottable, Movable):
             volumes=lattice.mesh.volumes,
             surface_faces=np.searchsorted(self.wall_rows, self.walls.faces),
             markers=tuple(self._places()),
-            copies=self._copies,
+            copies=copies_of_walls(self.mesh, self.wall_rows, lattice, self.periodic),
         )
 
     def _places(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
@@ -277,20 +312,6 @@ class MeshModel(Plottable, Movable):
         for number, name in enumerate(self.walls.names):
             rows = np.unique(self.walls.faces[self.walls.marker == number])
             yield name, np.searchsorted(self.wall_rows, rows), rows % self.mesh.n_stored + 1
-
-    @property
-    def _copies(self) -> np.ndarray:
-        """Places among the nodes of walls of those of the file, and of their copies in the other plane of a section."""
-        axis = next((axis for axis, line in enumerate(self.lattice.lines) if line.is_tied), None)
-        if axis is None:
-            return np.zeros((0, 2), dtype=int)
-        places = self.mesh.points[self.wall_rows] @ self.lattice.axes.T
-        is_low = places[:, axis] < self.lattice.lines[axis].breaks.mean()
-        first, second = np.flatnonzero(is_low), np.flatnonzero(~is_low)
-        in_plane = np.delete(places, axis, axis=1)
-        distances, nearest = cKDTree(in_plane[second]).query(in_plane[first])
-        is_copied = distances <= ON_PLANE * np.linalg.norm(np.ptp(self.mesh.points, axis=0))
-        return np.stack([first[is_copied], second[nearest[is_copied]]], axis=1)
 
     def design_mesh(
         self,
@@ -462,29 +483,23 @@ class MeshModel(Plottable, Movable):
         return MixedQuality.of(self.mesh, self.walls.faces, settings["rho"], settings["rho_height"])
 
     @cached_property
+    def following_walls(self) -> RidingWalls:
+        """What follows the walls, whatever the lattice is like."""
+        return following_walls(self.mesh, self.walls, self.nodes_on_planes(), self.rows_at_rest)
+
+    @cached_property
     def node_map(self) -> MeshMap:
         """Map from the control points to the nodes."""
         mesh, resting, lattice = self.mesh, self.rows_at_rest, self.lattice
         moving = np.delete(np.arange(mesh.n_points), resting)
         ends = [(np.searchsorted(moving, np.setdiff1d(plane.rows, resting)), plane) for plane in self.planes]
         evaluator = lattice.evaluator(mesh.points[moving], [(ids, plane.axis, plane.end) for ids, plane in ends])
-        planes = [(plane.rows, plane.normal) for plane in self.planes]
-        walls = RidingWalls.of(mesh, self.walls, planes, resting, np.zeros_like(mesh.points), FADE)
-        walls = replace(walls, fading=_without_rows(walls.fading, resting))
         none, n = np.zeros(0, dtype=int), mesh.n_points
         embedded = EmbeddedMesh(
-            mesh, lattice.control_points, evaluator, moving, none, None, np.zeros(n), walls, mesh.points
+            mesh, lattice.control_points, evaluator, moving, none, None, np.zeros(n), self.following_walls, mesh.points
         )
-        return MeshMap(embedded.with_baseline(), len(self.wall_rows))
-
-
-def _without_rows(matrix: csr_array, rows: np.ndarray) -> csr_array:
-    """Matrix with no entries in some rows."""
-    kept = np.ones(matrix.shape[0])
-    kept[rows] = 0.0
-    matrix = csr_array(diags_array(kept) @ matrix)
-    matrix.eliminate_zeros()
-    return matrix
+        pairs = np.concatenate([np.zeros((0, 2), dtype=int), *(each.pairs for each in self.periodic)])
+        return MeshMap(embedded.with_baseline(), len(self.wall_rows), *means_of_copies(pairs, n))
 
 
 moving_mesh.register(MeshModel, MeshModel.design_mesh)

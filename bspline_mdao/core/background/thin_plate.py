@@ -109,6 +109,10 @@ class ThinPlate(OneLine):
             of_lattice[:, components] = self._unknowns @ part
         return of_lattice @ self.lattice.axes
 
+    def missed(self, of_walls: np.ndarray) -> np.ndarray:
+        """What the lattice alone misses of displacements of the walls, shape (n_walls, 3)."""
+        return self.lattice.evaluator(self.wall_points).forward(self.displacement(of_walls)) - of_walls
+
     def displacement_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `displacement`, from shape (n_control, 3)."""
         bar = self._unknowns.T @ (bar @ self.lattice.axes.T)
@@ -128,23 +132,23 @@ class ThinPlate(OneLine):
         """Control points from unknowns, shape (n_control, n_unknowns): those that are tied have the same."""
         matrix = csr_array(np.ones((1, 1)))
         for line in self.lattice.lines:
-            tied = csr_array(np.ones((line.n_control, 1)))
-            matrix = kron(matrix, tied if line.is_tied else diags_array(np.ones(line.n_control)), format="csr")
+            matrix = kron(matrix, line.ties, format="csr")
         return csr_array(matrix)
 
     @cached_property
     def _walls(self) -> csr_array:
         """Displacements of the nodes of walls from the unknowns, shape (n_walls, n_unknowns)."""
-        return csr_array(self.lattice.evaluator(self._wall_points).matrix() @ self._unknowns)
+        return csr_array(self.lattice.evaluator(self.wall_points).matrix() @ self._unknowns)
 
     @property
-    def _wall_points(self) -> np.ndarray:
+    def wall_points(self) -> np.ndarray:
+        """Nodes of walls on the baseline (m), shape (n_walls, 3)."""
         return self.mesh.points[: self.n_walls]
 
     @cached_property
     def _all_weights(self) -> np.ndarray:
         """Weights of the nodes of walls, and of those at rest."""
-        points = np.concatenate([self._wall_points, self.at_rest])
+        points = np.concatenate([self.wall_points, self.at_rest])
         element = self.lattice.elements(points)
         return self.settings.stiffness * self.lattice.refinement(points) / np.bincount(element)[element]
 

@@ -27,7 +27,8 @@ __all__ = ["draft_kinds", "marker_kinds", "read_kinds", "undecided"]
 
 _HEADER = """Markers of {source}: a draft to be checked.
 Kinds: {kinds}. A name may be a pattern, such as "wing*"; the first that fits counts.
-Walls move, and nodes on planes of symmetry stay in them; markers of kind inner move along, all others stay."""
+Walls move, and nodes on planes of symmetry stay in them; markers of kind inner move along, periodic sides that are
+copies of each other by a shift move alike, and all others stay."""
 
 
 def read_kinds(path: str | os.PathLike, mesh: MixedMesh) -> dict[str, str]:

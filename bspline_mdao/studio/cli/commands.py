@@ -174,6 +174,14 @@ def inspect(**options: Any) -> None:
     metavar="N",
     help="Of a lattice: its spans along the longest side of each body, by default 10.",
 )
+@click.option(
+    "--for",
+    "moves",
+    multiple=True,
+    metavar="DEFORM",
+    help="Of a mesh without structure: refine the lattice for a move that is to come, as --deform of 'move' takes it, "
+    "such as those at the bounds of design variables. May be repeated.",
+)
 @units_option
 @json_option
 def fit(**options: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,7 @@ def fit_model(
     # of such a lattice: width of the spans around walls (m), and how many each body has
     spacing: float | None = None,
     spans: float | None = None,
+    moves: Sequence[str] = (),  # deformations that such a lattice is refined for
 ) -> None:
     """Fit a grid, write the model and show how good it is."""
     # Several processes read, fit and write whole blocks each.
@@ -72,7 +74,7 @@ def fit_model(
     if lattice and not file_of(grid_name):
         raise InputError(f"{grid_name}: is in no file, in which --lattice would write moved nodes; leave it out")
     if file_of(grid_name) and (lattice or is_mesh(grid_name)):
-        fit_mesh(grid_name, output, json, patches, asked_settings(spacing, spans))
+        fit_mesh(grid_name, output, json, patches, asked_settings(spacing, spans), moves)
         return
     grid = topology = None
     if comm.size == 1:
@@ -83,9 +85,9 @@ def fit_model(
             overlap = overlap_of(grid, topology) if lattice is None and file_of(grid_name) else ""
         if overlap:
             print_lines([f"{grid_name}: {overlap}: one lattice moves them; --no-lattice fits each block instead"])
-            fit_mesh(grid_name, output, json, patches, asked_settings(spacing, spans))
+            fit_mesh(grid_name, output, json, patches, asked_settings(spacing, spans), moves)
             return
-    for name, value in (("spacing", spacing), ("spans", spans)):
+    for name, value in (("spacing", spacing), ("spans", spans), ("for", moves or None)):
         if value is not None:
             raise InputError(f"{grid_name}: is a grid of blocks; --{name} is of the lattice of --lattice")
     options: dict[str, Any] = {

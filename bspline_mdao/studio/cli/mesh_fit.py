@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
+from ...core.background.end_planes import PERIODIC
 from ...core.background.fit_mesh import read_marked_mesh
 from ...core.background.lattice_settings import LatticeSettings
 from ...core.background.mesh_model import MeshModel
 from ...core.background.thin_gaps import thin_gaps
+from ...core.design.named_deformations import parse_deformation
 from ...errors import InputError
 from ...grids.io.marker_guess import MarkerGuess
 from .meshes import n_unmarked_faces, unmarked_lines
@@ -28,6 +30,7 @@ def fit_mesh(
     json: Path | None,
     patches: Path | None,  # kinds of the markers
     settings: LatticeSettings,  # what the lattice is to be like
+    moves: Sequence[str] = (),  # deformations that it is refined for
 ) -> None:
     """Lay a lattice around a mesh, write the model and show what it is."""
     with progress_bar() as progress:
@@ -37,6 +40,10 @@ def fit_mesh(
         progress(0.5, "lattice")
         chosen = {name: guess.kind for name, guess in kinds.items()}
         model = MeshModel.of(mesh, chosen, settings, Path(mesh_name).absolute())
+        if moves:
+            progress(0.55, "refining")
+            mesh_of_walls = model.moving_mesh
+            model = model.refined_for([model.deformed(parse_deformation(text, model, mesh_of_walls)) for text in moves])
         progress(0.6, "walls")
         model.node_map  # noqa: B018 - what cannot be moved is refused here
         seconds = time.process_time() - start
@@ -116,6 +123,15 @@ def show_lattice(model: MeshModel) -> None:
         f"{counted(resting, 'node')} at rest on other markers",
         f"lattice of {counts_text(lattice.shape)} control points, the narrowest spans {lattice.spacing:.3g} m wide",
     ]
+    if model.settings.refined:
+        lines.append("refined for moves")
     in_planes = dict.fromkeys(name for plane in model.planes for name in plane.markers)
     lines += [f"nodes of {name} stay in their plane" for name in in_planes]
+    lines += [
+        f"nodes of {' and '.join(sides.markers)} move alike, {sides.period:.4g} m apart" for sides in model.periodic
+    ]
+    tied = {name for sides in model.periodic for name in sides.markers} | set(in_planes)
+    held = [name for name, kind in model.kinds.items() if kind == PERIODIC and name not in tied]
+    if held:
+        lines.append(f"nodes of {', '.join(held)} stay: these sides are no copies of each other by a shift")
     print_lines(lines)

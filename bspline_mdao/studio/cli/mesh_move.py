@@ -54,6 +54,7 @@ class _Moved:
     mesh: MovedMesh
     seconds: float
     overlap: OverlapChange | None = None  # of a grid of blocks
+    n_inverted_before: int = 0  # cells that the lattice of the model inverted, where it was refined for the move
 
     @property
     def cells(self) -> MovedCells:
@@ -77,11 +78,15 @@ def move_mesh(
         file = open_mesh_file(model, output)
         progress(0.4, "moving")
         moved = _move(model, options)
+        if len(moved.cells.newly_inverted) and not options.allow_invalid:
+            progress(0.6, "refining the lattice")
+            refined = _refined(moved, options)
+            if refined is None:
+                progress(0.7, "looking for what cures it")
+                raise MovementError(_complaint(moved, _trials(model, options)))
+            moved = refined
         if isinstance(file, BlockMeshFile):
             moved = replace(moved, overlap=_overlap(model, file, moved.state.nodes))
-        if len(moved.cells.newly_inverted) and not options.allow_invalid:
-            progress(0.7, "looking for what cures it")
-            raise MovementError(_complaint(moved, _trials(model, options)))
         progress(0.9, "writing")
         with written_json(json, _numbers(model_file, output, moved, options)):
             if options.surface:
@@ -121,6 +126,23 @@ def _overlap(model: MeshModel, file: BlockMeshFile, nodes: np.ndarray) -> Overla
     markers = model.mesh.markers or {}
     faces = [faces.ravel() for name, faces in markers.items() if model.kinds.get(name) == INNER]
     return OverlapChange.of(file.grid, model.mesh, np.unique(np.concatenate([np.zeros(0, dtype=int), *faces])), nodes)
+
+
+def _refined(moved: _Moved, options: MoveOptions) -> _Moved | None:
+    """The same move by a lattice that is refined for it; None where that inverts cells as well, or is the same."""
+    model = moved.model
+    walls = model.mesh.points[model.wall_rows].copy()
+    walls[model.design_mesh(options.design or None).surface_ids] = moved.surface
+    refined = model.refined_for([walls])
+    if refined is model:
+        return None
+    try:
+        again = _move(refined, options)
+    except MovementError:
+        return None
+    if len(again.cells.newly_inverted):
+        return None
+    return replace(again, n_inverted_before=len(moved.cells.newly_inverted))
 
 
 def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
@@ -170,6 +192,7 @@ def _numbers(model_file: Path, output: Path, moved: _Moved, options: MoveOptions
         "mesh": str(output),
         "deform": options.deform,
         **lattice_numbers(model),
+        "n_inverted_before_refining": moved.n_inverted_before,
         "largest_displacement": float(np.linalg.norm(moved.state.nodes - model.mesh.points, axis=1).max()),
         "digits": moved.movement.report.digits,
         **moved.mesh.numbers(),
@@ -186,6 +209,9 @@ def _show(output: Path, moved: _Moved) -> None:
     largest = np.linalg.norm(moved.state.nodes - mesh.points, axis=1).max()
     print_lines([f"nodes moved by up to {largest:.3g} m"])
     show_lattice(model)
+    if moved.n_inverted_before:
+        inverted = counted(moved.n_inverted_before, "cell")
+        print_lines([f"refined for this move, since the lattice of the model inverted {inverted}; 'fit --for' does it"])
     moved.mesh.show()
     if moved.overlap is not None:
         print_lines(moved.overlap.lines())

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mesh_cases import mesh_around_two_sections
 from riding_cases import mesh, plane_su2_text, su2_text
 from test_cli import fails_as_expected, numbers
 
@@ -59,6 +60,42 @@ def test_a_model_comes_back_from_its_file_with_the_same_bits(workplace):
     assert again.checksum == model.checksum
     np.testing.assert_array_equal(again.control_points, model.control_points)
     np.testing.assert_array_equal(again.mesh.points, mesh().points)
+
+
+def test_a_lattice_is_refined_for_moves_that_are_to_come(workplace, capsys):
+    assert run(["fit", "wing.su2", "-o", "wing.h5", "--spans", "3", "--json", "coarse.json"]) == 0
+    asked = ["--for", "bumps=0.2", "--for", "twist=1deg"]
+    assert run(["fit", "wing.su2", "-o", "fine.h5", "--spans", "3", *asked, "--json", "fine.json"]) == 0
+    assert "refined for moves" in capsys.readouterr().out
+    assert np.prod(numbers("fine.json")["lattice"]) > np.prod(numbers("coarse.json")["lattice"])
+    assert list(MeshModel.load("fine.h5").lattice.shape) == numbers("fine.json")["lattice"]
+    both = ["fit", "wing.su2", "-o", "both.h5", "--spans", "3", "--spacing", "0.1"]
+    fails_as_expected(both, capsys, "give one of them")
+    fails_as_expected(["fit", "@onera_m6", "--for", "twist=1deg", "-o", "b.h5"], capsys, "--for")
+
+
+def test_a_move_that_inverts_cells_refines_the_lattice_if_that_cures_it(workplace, capsys):
+    mesh, _ = mesh_around_two_sections(0.03)
+    n, faces = mesh.n_stored, mesh.markers or {}
+    lines = ["NDIME= 2", f"NELEM= {mesh.n_cells}", *(f"5 {a} {b} {c}" for a, b, c in mesh.cells["wedge"][:, :3])]
+    lines += [f"NPOIN= {n}", *(f"{x:.17g} {y:.17g}" for x, y in mesh.points[:n, :2]), f"NMARK= {len(faces)}"]
+    for name, each in faces.items():
+        lines += [f"MARKER_TAG= {name}", f"MARKER_ELEMS= {len(each)}", *(f"3 {a} {b}" for a, b in each[:, :2])]
+    (workplace / "two.su2").write_text("\n".join(lines) + "\n")
+    (workplace / "kinds.toml").write_text('[kinds]\nmain = "wall"\nflap = "wall"\nfar = "farfield"\n')
+    fit = ["fit", "two.su2", "--patches", "kinds.toml", "-o"]
+    assert run([*fit, "two.h5"]) == 0
+    assert "less than a span of the lattice" not in capsys.readouterr().out
+    assert run([*fit, "coarse.h5", "--spacing", "0.1"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"flap is 0\.0(29|30|31)\d* m from main at .*, less than a span of the lattice, 0\.0\d+ m", text)
+    move = ["--design", "flap", "--deform", "translate=0.1/-0.02/0", "-o", "moved.su2", "--json", "move.json"]
+    assert run(["move", "coarse.h5", *move]) == 0
+    assert "refined for this move" in capsys.readouterr().out
+    assert numbers("move.json")["n_inverted_before_refining"] > 10
+    assert numbers("move.json")["n_inverted"]["after"] == 0
+    assert run(["move", "two.h5", *move]) == 0
+    assert numbers("move.json")["n_inverted_before_refining"] == 0
 
 
 def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace, capsys):
