@@ -114,6 +114,5 @@ def _reduced(quads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     at = np.flatnonzero(same.sum(axis=1) == 1)
     turn = (np.argmax(same[at], axis=1)[:, None] + 2 + np.arange(4)) % 4
     quads[at] = np.take_along_axis(quads[at], turn, axis=1)
-    is_line = (quads[:, 0] == quads[:, 2]) | (quads[:, 1] == quads[:, 3])
-    kept = np.flatnonzero((same.sum(axis=1) <= 1) & ~is_line)
+    kept = np.flatnonzero(same.sum(axis=1) <= 1)
     return quads[kept], kept

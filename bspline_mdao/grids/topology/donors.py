@@ -27,6 +27,9 @@ STEPS = 40
 NEWTON = 8
 """Iterations for the coordinates in a cell; those of a parallelepiped need one."""
 
+FAR = 1e3
+"""Sides of a cell that a point may be away from it after a move: cells of boundary layers are thin."""
+
 INSIDE = 1e-6
 """Part of a cell by which a point may be out of it: what rounding leaves on the faces between two cells."""
 
@@ -67,7 +70,7 @@ def places_in_cells(nodes: Sequence[np.ndarray], donors: Donors, points: np.ndar
     places = donors.place.copy()
     for number, block_nodes in enumerate(nodes):
         at = np.flatnonzero(donors.block == number)
-        places[at] = _solved(_corners(block_nodes, donors.cell[at]), points[at], places[at])
+        places[at] = _solved(_corners(block_nodes, donors.cell[at]), points[at], places[at], FAR)
     return places
 
 
@@ -113,8 +116,8 @@ def _gradients(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.stack(parts, axis=2)
 
 
-def _solved(corners: np.ndarray, points: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Coordinates of points in cells by Newton's method, held within two cells of it."""
+def _solved(corners: np.ndarray, points: np.ndarray, places: np.ndarray, reach: float = 1.0) -> np.ndarray:
+    """Coordinates of points in cells by Newton's method, held within a reach of the cell, in its sides."""
     tiny = np.finfo(float).tiny
     for _ in range(NEWTON):
         a, b, c = _weights(places)
@@ -122,7 +125,7 @@ def _solved(corners: np.ndarray, points: np.ndarray, places: np.ndarray) -> np.n
         matrix = _gradients(corners, places)
         # where a cell is collapsed, its matrix is singular: a step of least squares
         step = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-12), off) if len(matrix) else off
-        places = np.clip(places + step, -1.0, 2.0)
+        places = np.clip(places + step, -reach, 1.0 + reach)
         if np.abs(step).max(initial=tiny) < 1e-13:
             break
     return places
