@@ -4,6 +4,7 @@ from .core.design.coarse_net import CoarseNet as CoarseNet
 from .core.design.displacement import Local as Local
 from .core.design.free_form import FreeForm as FreeForm
 from .core.design.interior_points import InteriorPoints as InteriorPoints
+from .core.design.junction import Junction as Junction
 from .core.design.lattice import Lattice as Lattice
 from .core.design.lattice_blocks import LatticeBlocks as LatticeBlocks
 from .core.design.lattice_file import read_lattice as read_lattice

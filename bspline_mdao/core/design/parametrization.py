@@ -22,6 +22,7 @@ from ...errors import InputError
 from ...names import ALL_NAMES
 from ..mesh.moving_mesh import MovingMesh, require_mesh
 from .elimination import Elimination, eliminate
+from .junction import Junction, SlidingJunction
 from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, Variable, ones_like
 
 __all__ = ["Parametrization", "SurfacePartials"]
@@ -50,6 +51,8 @@ class Parametrization(OneLine):
         Applied in this order.
     constraints : sequence of LinearConstraint
         Handled by elimination. The symmetry planes of the mesh are always kept.
+    junction : Junction, optional
+        Where a wing slides on a body that keeps its shape: done after the variables.
 
     Raises
     ------
@@ -75,6 +78,7 @@ class Parametrization(OneLine):
     mesh: MovingMesh
     variables: Sequence[Variable]
     constraints: Sequence = ()
+    junction: Junction | None = None
 
     def __post_init__(self) -> None:
         require_list(self.variables, "variable", ("name", "units", "auxiliary", "bind"), "parametrization")
@@ -106,6 +110,11 @@ class Parametrization(OneLine):
     def maps(self) -> dict[str, DesignMap]:
         """Every variable bound to the rows."""
         return {variable.name: variable.bind(self.layout) for variable in self.variables}
+
+    @cached_property
+    def _sliding(self) -> SlidingJunction | None:
+        """The junction bound to the rows."""
+        return None if self.junction is None else self.junction.bind(self.layout)
 
     @cached_property
     def elimination(self) -> Elimination:
@@ -150,6 +159,8 @@ class Parametrization(OneLine):
         rows = self._rows(initial)
         for name, design_map in self.maps.items():
             rows = design_map.apply(rows, values[name])
+        if self._sliding is not None:
+            rows = self._sliding.apply(rows, self._sliding.initial)
         displacement = rows[self.layout.rows()] - initial
         return initial + (self._matrix @ displacement.reshape(-1)).reshape(-1, 3)
 
@@ -257,6 +268,8 @@ class Parametrization(OneLine):
         for name, design_map in self.maps.items():
             yield design_map.partials(rows, values[name])
             rows = design_map.apply(rows, values[name])
+        if self._sliding is not None:
+            yield self._sliding.partials(rows, self._sliding.initial)
 
     def _chain(self, steps: Iterable[MapPartials], matrix: csr_array, rest: csr_array) -> SurfacePartials:
         """Multiply the derivatives of all maps and of the elimination; ``rest`` is what it takes off the identity."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...base.display import OneLine
+from ..design.junction import Junction
 from ..design.parametrization import Parametrization
 from ..design.reference_axis import ReferenceAxis
 from ..design.variable import Variable
@@ -153,7 +154,9 @@ class DesignSurface(OneLine):
         """Area of the surface on the baseline as seen along the normal to its planform (m^2)."""
         return float(ProjectedArea.of(self.surface).evaluate(self.surface.points)[0])
 
-    def parametrization(self, variables: Sequence[Variable], constraints: Sequence = ()) -> Parametrization:
+    def parametrization(
+        self, variables: Sequence[Variable], constraints: Sequence = (), junction: Junction | None = None
+    ) -> Parametrization:
         """Make design variables, and linear constraints among its control points, one parametrization of its mesh.
 
         Parameters
@@ -162,6 +165,8 @@ class DesignSurface(OneLine):
             Applied in this order.
         constraints : sequence of LinearConstraint
             Handled by elimination.
+        junction : Junction, optional
+            Where a wing slides on a body that keeps its shape; the design surface holds both.
 
         Returns
         -------
@@ -172,20 +177,21 @@ class DesignSurface(OneLine):
         InputError
             As `Parametrization`.
         """
-        return Parametrization(self.mesh, variables, constraints)
+        return Parametrization(self.mesh, variables, constraints, junction)
 
     def grid_movement(
         self,
         variables: Sequence[Variable],
         constraints: Sequence = (),
         measures: Sequence[Measure] = (),
+        junction: Junction | None = None,
         **options: Any,
     ) -> GridMovement:
         """Make the group that carries the grid along with design variables.
 
         Parameters
         ----------
-        variables, constraints
+        variables, constraints, junction
             See `parametrization`.
         measures : sequence of Measure
             What is measured of ``surface``, or of other surfaces of the model.
@@ -201,5 +207,5 @@ class DesignSurface(OneLine):
         InputError
             As `Parametrization`.
         """
-        parametrization = self.parametrization(variables, constraints)
+        parametrization = self.parametrization(variables, constraints, junction)
         return GridMovement(model=self.model, parametrization=parametrization, measures=measures, **options)

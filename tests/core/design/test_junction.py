@@ -1,0 +1,104 @@
+"""A wing slides on a body that keeps its shape, and what is beside the junction goes along."""
+
+import numpy as np
+import pytest
+from parametrization_cases import assert_exact
+
+from bspline_mdao.core.design.variable import Layout
+from bspline_mdao.core.mesh.moving_mesh import MovingMesh
+from bspline_mdao.design import Junction, Local, Parametrization, SurfaceRows
+from bspline_mdao.errors import InputError
+
+RADIUS, CHORD, HEIGHT = 1.0, 0.8, 0.12
+"""Of a body that is a cylinder along x, and of the wing's section, an ellipse of half axes CHORD and HEIGHT."""
+
+N_AROUND, N_OUT = 40, 12
+
+
+def wing_on_cylinder():
+    """Triangles of a wing that goes out along z from a cylinder, and of this around it: the wing's nodes last."""
+    angle = 2.0 * np.pi * np.arange(N_AROUND) / N_AROUND
+    part = np.linspace(0.0, 1.0, N_OUT)[:, None]
+    # of the cylinder, unrolled: from the section to a circle around it
+    along = (1.0 - part) * CHORD * np.cos(angle) + part * 1.6 * np.cos(angle)
+    around = (1.0 - part) * HEIGHT * np.sin(angle) + part * 1.3 * np.sin(angle)
+    body = np.stack([along, RADIUS * np.sin(around), RADIUS * np.cos(around)], axis=-1)
+    reach = np.linspace(0.0, 2.0, 9)[1:, None, None]
+    wing = body[0] + reach * [0.2, 0.0, 1.0]
+    rings = [*np.arange(body.size // 3).reshape(N_OUT, -1)]
+    outer = [rings[0], *(body.size // 3 + np.arange(wing.size // 3)).reshape(len(wing), -1)]
+    cells = [band(a, b) for a, b in zip(rings[1:], rings)] + [band(a, b) for a, b in zip(outer, outer[1:])]
+    return np.concatenate([body.reshape(-1, 3), wing.reshape(-1, 3)]), np.concatenate(cells), body.size // 3
+
+
+def band(first, second):
+    a, b, c, d = first, np.roll(first, -1), np.roll(second, -1), second
+    return np.concatenate([np.stack([a, b, c, c], axis=1), np.stack([a, c, d, d], axis=1)])
+
+
+@pytest.fixture(scope="module")
+def case():
+    points, cells, n_body = wing_on_cylinder()
+    n, none = len(points), np.zeros(0, dtype=int)
+    mesh = MovingMesh(
+        blocks=(),
+        names=(),
+        points=points,
+        surface_ids=np.arange(n, dtype=np.int32),
+        is_free=np.zeros((n, 3), dtype=bool),
+        in_plane_rows=none,
+        in_plane_normals=np.zeros((0, 3)),
+        surface_faces=cells,
+        markers=(("walls", np.arange(n), np.arange(1, n + 1)),),
+    )
+    return mesh, n_body
+
+
+def test_the_root_stays_on_the_body_and_what_is_beside_goes_along(case):
+    mesh, n_body = case
+    points, reach = mesh.points, 0.5
+    sliding = Junction(np.arange(n_body), reach).bind(Layout(mesh))
+    asked = points + [0.05, 0.1, 0.02] + 0.05 * points[:, [1]] * [0.0, 1.0, 0.0]
+    moved = sliding.apply(asked, sliding.initial)
+    off = np.hypot(moved[:n_body, 1], moved[:n_body, 2]) - RADIUS
+    root = slice(0, N_AROUND)
+    assert np.abs(np.hypot(*asked[root, 1:].T) - RADIUS).max() > 0.02
+    assert np.abs(off).max() < 6e-4  # asked to leave it by 80 times as much
+    tangent = moved[root] - asked[root]  # the root goes as asked but for what leads off the body
+    normals = points[root] * [0.0, 1.0, 1.0]
+    assert np.linalg.norm(np.cross(tangent, normals), axis=1).max() < 1e-3
+    distance = np.linalg.norm(points[:, None] - points[None, root], axis=2).min(axis=1)
+    is_far, is_body = distance >= reach, np.arange(len(points)) < n_body
+    np.testing.assert_array_equal(moved[is_far & is_body], points[is_far & is_body])
+    np.testing.assert_array_equal(moved[is_far & ~is_body], asked[is_far & ~is_body])
+    change = (moved - points)[N_AROUND : 2 * N_AROUND]  # the first ring of the body goes along
+    assert np.linalg.norm(change - (moved - points)[root], axis=1).max() < 0.25 * np.linalg.norm(change, axis=1).max()
+
+
+def test_nothing_moves_while_the_wing_rests(case):
+    mesh, n_body = case
+    sliding = Junction(np.arange(n_body), 0.5).bind(Layout(mesh))
+    np.testing.assert_allclose(sliding.apply(mesh.points, sliding.initial), mesh.points, atol=1e-15)
+
+
+def test_derivatives_are_exact(case):
+    mesh, n_body = case
+    junction = Junction(np.arange(n_body), 0.5)
+    assert_exact(Layout(mesh), junction)
+    rows = np.concatenate([np.arange(0, N_AROUND, 3), np.arange(n_body, len(mesh.points), 7)])
+    shape = Parametrization(mesh, [Local("bumps", SurfaceRows(rows))], junction=junction)
+    random = np.random.default_rng(1)
+    values = {"bumps": 0.02 * random.normal(size=shape.initial["bumps"].shape)}
+    step = random.normal(size=values["bumps"].shape)
+    moved = shape.apply(mesh.points, {"bumps": values["bumps"] + 1e-30j * step})
+    partials = shape.partials(mesh.points, values)
+    np.testing.assert_allclose(partials.values["bumps"] @ step, moved.imag.ravel() / 1e-30, atol=1e-13)
+
+
+def test_what_makes_no_junction_is_refused(case):
+    mesh, n_body = case
+    layout = Layout(mesh)
+    with pytest.raises(InputError, match="reach 0; give a positive distance"):
+        Junction(np.arange(n_body), 0).bind(layout)
+    with pytest.raises(InputError, match="no node is both of the body and of a face beside it"):
+        Junction(np.arange(len(mesh.points)), 0.5).bind(layout)
