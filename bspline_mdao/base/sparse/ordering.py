@@ -33,12 +33,11 @@ def fill_reducing_order(
     return minimum_degree(starts, neighbours) if is_small else nested_dissection(starts, neighbours)
 
 
-@njit(cache=True)
 def nested_dissection(
     # the graph
-    starts,  # ndarray of int
-    neighbours,  # ndarray of int
-):  # int32 (n,), points in the order of their elimination
+    starts: np.ndarray,  # int
+    neighbours: np.ndarray,  # int
+) -> np.ndarray:  # int32 (n,), points in the order of their elimination
     """Order the points of a graph by nested dissection [1]."""
     # 1. Cut the graph in two by a separator.
     # 2. Number the points of the separator last, and those of each side, in one piece, before them: eliminating one
@@ -46,7 +45,7 @@ def nested_dissection(
     # 3. Treat each side in the same way; order pieces of at most `N_LEAF` points by minimum degree.
     # - [1] A. George, "Nested dissection of a regular finite element mesh", SIAM J. Numer. Anal. 10 (1973), 345-363.
     n = len(starts) - 1
-    order, place = np.arange(n).astype(np.int32), np.full(n, -1, np.int32)
+    order, place = np.arange(n, dtype=np.int32), np.full(n, -1, np.int32)
     edge_weights = common_neighbours(starts, neighbours)
     pieces = [(0, n)]
     while pieces:
