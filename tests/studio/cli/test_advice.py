@@ -20,6 +20,8 @@ NOT_COMMANDS = {"run_script.py"}
 """Files whose options are those of scripts."""
 
 OPTION = r"--[a-z][a-z-]*[a-z]"
+NAMED = rf"(?<![\w-]){OPTION}"
+"""An option where it is named."""
 
 
 def options_of(command):
@@ -41,7 +43,7 @@ ALL = {text for command in COMMANDS.values() for text in options_of(command)} | 
 def texts(path):
     """Messages of a file: strings but docstrings, what is computed in them as {}."""
     source = path.read_text()
-    if "--" not in source:
+    if not re.search(NAMED, source):  # most files, which need no parsing
         return
     tree = ast.parse(source)
     nodes = list(ast.walk(tree))
@@ -60,7 +62,7 @@ MESSAGES = sorted(
         for path in PACKAGE.rglob("*.py")
         if path.name not in NOT_COMMANDS
         for text in texts(path)
-        if re.search(rf"(?<![\w-]){OPTION}", text)
+        if re.search(NAMED, text)
     }
 )
 """File and text of every message that names an option."""
