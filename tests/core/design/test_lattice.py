@@ -425,19 +425,21 @@ def test_what_is_no_lattice_is_refused(make, words):
 
 
 @pytest.mark.parametrize(
-    ("variable", "words"),
+    ("lattice", "options", "words"),
     [
-        (FreeForm("shape", Lattice.box(np.array([[5.0, 5, 5], [6, 6, 6]]))), "no surface control point is inside"),
+        (lambda: Lattice.box(np.array([[5.0, 5, 5], [6, 6, 6]])), {}, "no surface control point is inside"),
         (
-            FreeForm("shape", tip_lattice(moves=InBox(high=(None, None, 0.6)))),
+            lambda: tip_lattice(moves=InBox(high=(None, None, 0.6))),
+            {},
             r"of the \d+ points it is to move lie outside",
         ),
-        (FreeForm("shape", tip_lattice(continuity=4)), "60 are fixed for continuity"),
-        (FreeForm("shape", tip_lattice(), where=np.s_[:, :, 9]), "'shape': where: index 9"),
-        (FreeForm("shape", tip_lattice(), direction=np.ones((7, 3))), "'shape': directions of shape"),
-        (FreeForm("shape", tip_lattice(), direction="normal"), "no direction is called 'normal'"),
+        (lambda: tip_lattice(continuity=4), {}, "60 are fixed for continuity"),
+        (tip_lattice, {"where": np.s_[:, :, 9]}, "'shape': where: index 9"),
+        (tip_lattice, {"direction": np.ones((7, 3))}, "'shape': directions of shape"),
+        (tip_lattice, {"direction": "normal"}, "no direction is called 'normal'"),
     ],
 )
-def test_what_moves_nothing_is_refused(variable, words):
+def test_what_moves_nothing_is_refused(lattice, options, words):
+    variable = FreeForm("shape", lattice(), **options)
     with pytest.raises(InputError, match=words):
         variable.bind(Layout(wing(), variable.auxiliary))
