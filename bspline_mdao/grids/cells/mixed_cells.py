@@ -230,11 +230,11 @@ class MixedMesh(OneLine):
     def sides(self) -> tuple[np.ndarray | None, np.ndarray]:
         """Side of a cell that each face is a piece of, ascending, None where all are whole; and the cells of sides."""
         _, cells = self.cell_faces
-        is_first = np.ones(len(cells), dtype=bool)
-        if self.polygons is not None:
-            begin = len(cells) - len(self.polygons)
-            is_first[begin + 1 :] = (np.diff(cells[begin:]) != 0) | (np.diff(self.polygons) != 0)
-        return (None if is_first.all() else np.cumsum(is_first) - 1), cells[is_first]
+        if self.polygons is None:
+            return None, cells
+        is_first, begin = np.ones(len(cells), dtype=bool), len(cells) - len(self.polygons)
+        is_first[begin + 1 :] = (np.diff(cells[begin:]) != 0) | (np.diff(self.polygons) != 0)
+        return (None, cells) if is_first.all() else (np.cumsum(is_first) - 1, cells[is_first])
 
     def pyramids(self, points: np.ndarray | None = None) -> Pyramids:
         """Pyramids to the sides of all cells, with its nodes somewhere else if these are given, shape (n, 3)."""
