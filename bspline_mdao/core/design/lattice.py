@@ -16,12 +16,15 @@ from numpy.typing import ArrayLike
 from ...base.checks import as_numbers
 from ...errors import InputError
 from ..evaluation.inversion import INSIDE, PointInversion
+from ..mesh.control_net import surface_quads
+from ..mesh.frame import mesh_frame
 from ..mesh.moving_mesh import MovingMesh
 from ..splines.greville import greville_abscissae
 from ..splines.knots import ConstantKnots, Knots
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume, evaluate
 from .embedding import FreeFormVolumes
+from .reference_axis import chord_lines
 from .selection import Selection
 
 __all__ = ["Lattice", "lattice_points", "uniform_volume"]
@@ -29,6 +32,9 @@ __all__ = ["Lattice", "lattice_points", "uniform_volume"]
 BOX = 1e-12
 """Distance, relative to the diagonal, up to which control points count as those of a box: round-off of the user's
 arithmetic. In a box coordinates are found by a product instead of a search."""
+
+SECTIONS = 9
+"""Sections of a wing from which the sides of a lattice around it have their slopes."""
 
 CUBIC = 4
 """Order of a lattice in each direction by default."""
@@ -137,6 +143,70 @@ class Lattice(FreeFormVolumes):
         return cls.hexahedron((low + extent * ends) @ axes, n, orders, **options)
 
     @classmethod
+    def swept(
+        cls,
+        around: MovingMesh,
+        n: Sequence[int] = (4, 2, 5),
+        orders: int | Sequence[int] | None = None,
+        margin: float = 0.05,
+        **options: Any,
+    ) -> Lattice:
+        """Make a lattice whose sides follow the sweep, taper and dihedral of a wing.
+
+        Along the stream and normal to it, its sides are as steep as the edges of the sections, by least squares along
+        the span, and touch the surface; then they move out by the margin.
+
+        Parameters
+        ----------
+        around : MovingMesh
+            The mesh whose surface it surrounds, a wing along its span (`mesh_frame`).
+        n : sequence of three int
+            Points along the stream, normal to it, and along the span.
+        orders : int or sequence of three int, optional
+            As for `Lattice`.
+        margin : float
+            Part of each extent by which it is larger at both ends.
+        **options
+            ``parent``, ``moves`` and ``continuity`` of the lattice.
+
+        Returns
+        -------
+        Lattice
+
+        Raises
+        ------
+        InputError
+            If the surface has no span, or a section of it no chord.
+
+        Examples
+        --------
+        >>> from bspline_mdao import fit_grid
+        >>> from bspline_mdao.generators import onera_m6_grid
+        >>> from bspline_mdao.movers import moving_mesh
+        >>> mesh = moving_mesh(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
+        >>> lattice = Lattice.swept(mesh, margin=0.0)
+        >>> edge = lattice.control_points[0, 0, [0, -1]]  # upstream, at the root and at the tip
+        >>> bool(edge[1, 0] - edge[0, 0] > 0.7)
+        True
+        """
+        frame, points = mesh_frame(around), around.points[around.surface_ids]
+        local = frame.to_local(points)
+        at, quads = np.linspace(0.0, frame.span, SECTIONS), surface_quads(around)
+        lines = chord_lines(points, quads, local[:, 2], at, frame.axes[0])
+        ends = np.stack([frame.to_local(lines.leading), frame.to_local(lines.trailing)])
+        span = np.array([local[:, 2].min(), local[:, 2].max()])
+        span += margin * np.ptp(span) * np.array([-1.0, 1.0])
+        sides = [_bounds(local[:, 0], local[:, 2], [np.polyfit(at, end[:, 0], 1)[0] for end in ends], span, margin)]
+        dihedral = np.polyfit(at, ends[..., 1].mean(axis=0), 1)[0]
+        taper = np.polyfit(at, _thicknesses(local, at), 1)[0]
+        sides.append(_bounds(local[:, 1], local[:, 2], dihedral + taper * np.array([-0.5, 0.5]), span, margin))
+        corners = np.empty((2, 2, 2, 3))
+        corners[..., 0] = sides[0][:, None, :]
+        corners[..., 1] = sides[1][None, :, :]
+        corners[..., 2] = span
+        return cls.hexahedron(frame.to_space(corners), n, orders, **options)
+
+    @classmethod
     def hexahedron(
         cls,
         corners: np.ndarray,
@@ -239,6 +309,23 @@ class Lattice(FreeFormVolumes):
         is_box = np.abs(points[0, 0, 0] + places @ edges - points).max() <= BOX * self.size
         is_flat = abs(np.linalg.det(edges)) <= INSIDE**2 * self.size**3
         return (points[0, 0, 0], np.linalg.inv(edges)) if is_box and not is_flat else None
+
+
+def _bounds(
+    across: np.ndarray, span: np.ndarray, slopes: Sequence[float] | np.ndarray, ends: np.ndarray, margin: float
+) -> np.ndarray:
+    """Lower and upper side, straight along the span and of given slopes, between which all points are: (2, 2)."""
+    low, high = (across - slope * span for slope in slopes)
+    sides = np.array([low.min() + slopes[0] * ends, high.max() + slopes[1] * ends])
+    width = sides[1] - sides[0]
+    return sides + margin * width * np.array([[-1.0], [1.0]])
+
+
+def _thicknesses(local: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Heights of slices of a wing about places along its span (m)."""
+    number = np.abs(local[:, 2:] - at).argmin(axis=1)
+    found = np.array([np.ptp(local[number == k, 1]) if (number == k).any() else np.nan for k in range(len(at))])
+    return np.interp(at, at[~np.isnan(found)], found[~np.isnan(found)])
 
 
 def _corners(around: MovingMesh | ArrayLike) -> np.ndarray:

@@ -128,6 +128,18 @@ def test_a_hexahedron_is_the_volume_of_trilinear_coordinates(n, orders):
     np.testing.assert_allclose(lattice.locate(points)[0], np.stack([x, y, z], axis=1), atol=1e-9)
 
 
+def test_a_swept_lattice_follows_the_wing_and_holds_it_all():
+    box, swept = Lattice.box(wing(), margin=0.0), Lattice.swept(wing(), n=(4, 3, 5), margin=0.0)
+    assert swept.locate(surface_of(wing()))[1].all()
+    leading, trailing = swept.control_points[0, 0], swept.control_points[-1, 0]
+    slopes = [(edge[-1, 0] - edge[0, 0]) / (edge[-1, 2] - edge[0, 2]) for edge in (leading, trailing)]
+    np.testing.assert_allclose(slopes, np.tan(np.deg2rad([30.0, 15.8])), atol=0.03)  # those of the ONERA M6
+    corners = swept.control_points[::3, ::2, ::4]
+    chords, heights = corners[1, ..., 0] - corners[0, ..., 0], corners[:, 1, :, 1] - corners[:, 0, :, 1]
+    assert chords.mean() * heights.mean() * np.ptp(corners[..., 2]) < 0.65 * np.ptp(box.points, axis=0).prod()
+    assert np.all(Lattice.swept(wing(), margin=0.1).locate(swept.points)[1])
+
+
 def test_default_orders_are_cubic_or_bezier():
     assert Lattice.box(wing(), n=(6, 2, 3)).orders == (4, 2, 3)
 
