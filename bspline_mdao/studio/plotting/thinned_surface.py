@@ -53,7 +53,7 @@ def _contracted(
     at[removed] = target
     moved = at[corners]
     is_left = (moved != np.roll(moved, 1, axis=1)).all(axis=1)
-    _, place, counts = np.unique(np.sort(moved[is_left], axis=1), axis=0, return_index=True, return_counts=True)
+    _, place, counts = np.unique(_keys(np.sort(moved[is_left], axis=1)), return_index=True, return_counts=True)
     kept = np.flatnonzero(is_left)[np.sort(place[counts == 1])]  # two on the same corners are a fold
     return nodes[moved[kept]], marker[kept]
 
@@ -81,12 +81,21 @@ def _units(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny)
 
 
+def _keys(rows: np.ndarray) -> np.ndarray:
+    """Numbers of rows of two or three numbers from 0, alike where these are, shape (n,)."""
+    n = 1 + int(rows.max(initial=0))
+    keys = rows[:, 0].astype(np.int64) * n + rows[:, 1]
+    return keys if rows.shape[1] == 2 else np.unique(keys, return_inverse=True)[1].ravel() * n + rows[:, 2]
+
+
 def _sharp_edges(corners: np.ndarray, normals: np.ndarray, marker: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Edges, shape (n, 2), and whether they are sharp: at an angle, between markers, or not of two triangles."""
     ends = np.sort(np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
-    edges, at, counts = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(at.ravel(), kind="stable") % len(corners)
-    first = np.cumsum(counts) - counts
+    keys = _keys(ends)
+    order = np.argsort(keys, kind="stable")
+    first = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    edges, counts = ends[order[first]], np.diff(first, append=len(order))
+    order %= len(corners)
     a, b = order[first], order[first + np.minimum(counts, 2) - 1]
     is_sharp = (counts != 2) | (np.sum(normals[a] * normals[b], axis=1) < SHARP) | (marker[a] != marker[b])
     return edges, is_sharp
