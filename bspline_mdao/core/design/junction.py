@@ -73,10 +73,10 @@ class Junction(OneLine):
         junction = np.intersect1d(quads[on_body], quads[~on_body])
         if not len(junction):
             raise InputError("junction: no node is both of the body and of a face beside it; select other nodes")
-        beside = np.setdiff1d(quads[on_body], junction)
+        others = np.setdiff1d(quads[on_body], junction)
         wing = np.setdiff1d(quads[~on_body], junction)
         tree = cKDTree(points[junction])
-        near_body = beside[tree.query(points[beside])[0] < self.reach]
+        near_body = others[tree.query(points[others])[0] < self.reach]
         near_wing = wing[tree.query(points[wing])[0] < self.reach]
         body = np.concatenate([junction, near_body])
         normals, curvatures = _paraboloids(SmoothCorners(points, quads[on_body]), body, layout)
@@ -84,7 +84,7 @@ class Junction(OneLine):
             layout,
             junction=junction,
             near=near_body,
-            resting=np.setdiff1d(beside, near_body),
+            resting=np.setdiff1d(others, near_body),
             normals=normals,
             curvatures=curvatures,
             into_wing=selector(near_wing, len(layout.points)) @ _fading(tree, points[near_wing], self.reach),

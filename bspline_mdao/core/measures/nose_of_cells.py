@@ -78,8 +78,8 @@ def _along_sections(
         a, b = dots(along, axes[at, 0]), dots(along, axes[at, 1])
         second = np.array([a * a, 2.0 * a * b, b * b])
         out = dots(np.einsum("kn,knx->nx", second, derivatives[2:][:, at]), across)
-        beside = dots(-b[:, None] * derivatives[0][at] + a[:, None] * derivatives[1][at], across)
-        back = -out / beside  # so that the curve does not leave the plane
+        tangent = dots(-b[:, None] * derivatives[0][at] + a[:, None] * derivatives[1][at], across)
+        back = -out / tangent  # so that the curve does not leave the plane
         first = (a, b)
         whole = (-b * back, a * back, *second)
         firsts.append(sum(diags_array(weights * part) @ matrix[at] for part, matrix in zip(first, matrices)))
