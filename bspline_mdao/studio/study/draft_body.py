@@ -196,11 +196,11 @@ class MeshBody(Body):
             return self.walls
         wing = [max(thin, key=lambda name: thin[name].size)]
         for name in wing:  # which grows
-            wing += [other for other in surfaces if other not in wing and self._is_beside(surfaces, name, other)]
+            wing += [other for other in surfaces if other not in wing and self._is_neighbour(surfaces, name, other)]
         return tuple(name for name in self.walls if name in wing)
 
     @staticmethod
-    def _is_beside(surfaces: Mapping[str, SurfaceGrid], name: str, other: str) -> bool:
+    def _is_neighbour(surfaces: Mapping[str, SurfaceGrid], name: str, other: str) -> bool:
         """Whether another wall joins one of a wing, and is thin too, or no higher than that is."""
         wing, wall = surfaces[name], surfaces[other]
         up = surface_frame(wing.points, wing.planes).axes[1]
