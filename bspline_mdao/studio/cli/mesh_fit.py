@@ -131,7 +131,7 @@ def show_lattice(model: MeshModel) -> None:
         f"nodes of {' and '.join(sides.markers)} move alike, {sides.period:.4g} m apart" for sides in model.periodic
     ]
     tied = {name for sides in model.periodic for name in sides.markers} | set(in_planes)
-    held = [name for name, kind in model.kinds.items() if kind == PERIODIC and name not in tied]
-    if held:
-        lines.append(f"nodes of {', '.join(held)} stay: these sides are no copies of each other by a shift")
+    untied = [name for name, kind in model.kinds.items() if kind == PERIODIC and name not in tied]
+    if untied:
+        lines.append(f"nodes of {', '.join(untied)} stay: these sides are no copies of each other by a shift")
     print_lines(lines)
