@@ -100,7 +100,7 @@ def test_a_mesh_without_structure_moves_as_the_page_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mesh.su2").write_text(su2_text(mesh()))
     (tmp_path / "kinds.toml").write_text(code_blocks("howto/unstructured.rst", "toml")[0])
-    commands = ["inspect", "fit", "move", "fit", "fit", "init", "optimize", "report", "report"]
+    commands = ["inspect", "fit", "move", "fit", "fit", "fit", "init", "optimize", "report", "report"]
     assert run_commands("howto/unstructured.rst") == commands
     contents = run_blocks("howto/unstructured.rst")
     rows, before = contents["model"].wall_rows, mesh().points
