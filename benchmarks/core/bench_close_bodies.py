@@ -1,9 +1,10 @@
-"""Sections of several bodies that are close to each other: smallest areas of cells as the bodies move apart.
+"""Bodies that are close to each other: smallest areas or volumes of cells as they move apart.
 
 ``python benchmarks/core/bench_close_bodies.py [--json FILE]``, with Gmsh.
 
 A flap of 0.1 chords is 0.01 chords below the end of a main element; of three elements, slat and flap are 0.015 and
-0.012 away. Layers at walls begin with 1e-5 chords. Each move is made with spans by body and gap, and with one width.
+0.012 away. Layers at their walls begin with 1e-5 chords. A store of 0.6 chords hangs 0.05 below a wing, in
+tetrahedra. Each move is made with spans by body and gap, and with one width.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import argparse
 import json
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import gmsh
@@ -97,6 +99,69 @@ def make_mesh(path: Path, bodies: dict[str, np.ndarray]) -> None:
     gmsh.finalize()
 
 
+def make_store(path: Path) -> None:
+    """Write tetrahedra around half a wing and an ellipsoid below it."""
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    occ, field = gmsh.model.occ, gmsh.model.mesh.field
+
+    def section(start: float, chord: float, z: float) -> int:
+        outline = [start, 0.0] + airfoil(chord, 0.12, 16)
+        points = [occ.addPoint(x, y, z) for x, y in outline]
+        return occ.addWire([occ.addSpline(points[:16]), occ.addSpline([*points[15:], points[0]])])
+
+    wing = occ.addThruSections([section(0.0, 1.0, 0.0), section(0.6, 0.6, 3.0)])[:1]
+    store, middle = [(3, occ.addSphere(0.0, 0.0, 0.0, 1.0))], np.array([0.6, -0.145, 1.2])
+    occ.rotate(store, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, np.pi / 2.0)  # its poles are nose and tail
+    occ.dilate(store, 0.0, 0.0, 0.0, 0.3, 0.04, 0.04)
+    occ.translate(store, *middle)
+    fluid, _ = occ.cut([(3, occ.addBox(-15.0, -15.0, 0.0, 30.0, 30.0, 15.0))], wing + store)
+    occ.synchronize()
+    groups: dict[str, list[int]] = {"symmetry": [], "farfield": [], "store": [], "wing": []}
+    for _, face in gmsh.model.getEntities(2):
+        at = np.array(occ.getCenterOfMass(2, face))
+        which = (at[2] < 1e-6, np.abs(at).max() > 5.0, np.linalg.norm(at - middle) < 0.02, True)
+        groups[list(groups)[which.index(True)]].append(face)
+    sizes = []
+    for name, size in (("wing", 0.06), ("store", 0.021)):
+        distance, growing = field.add("Distance"), field.add("MathEval")
+        field.setNumbers(distance, "SurfacesList", groups[name])
+        field.setNumber(distance, "Sampling", 100)
+        field.setString(growing, "F", f"{size} + 0.3 * F{distance}")
+        sizes.append(growing)
+    least = field.add("Min")
+    field.setNumbers(least, "FieldsList", sizes)
+    field.setAsBackgroundMesh(least)
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+    for name, faces in groups.items():
+        gmsh.model.addPhysicalGroup(2, faces, name=name)
+    gmsh.model.addPhysicalGroup(3, [volume for _, volume in fluid], name="fluid")
+    gmsh.model.mesh.generate(3)
+    gmsh.write(str(path))
+    gmsh.finalize()
+
+
+def moves_of_store(model: MeshModel) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names of moves of the store, and where they put the nodes of walls."""
+    walls = model.mesh.points[model.wall_rows]
+    store = np.searchsorted(model.wall_rows, np.unique((model.mesh.markers or {})["store"]))
+    for name, shift in (
+        ("0.05 down", (0.0, -0.05, 0.0)),
+        ("0.2 down", (0.0, -0.2, 0.0)),
+        ("0.02 up", (0.0, 0.02, 0.0)),
+    ):
+        moved = walls.copy()
+        moved[store] += shift
+        yield f"store goes {name}", moved
+    for degrees in (5.0, 15.0):
+        moved = walls.copy()
+        moved[store, :2] = turned(walls[store, :2], degrees, walls[store, :2].mean(axis=0))
+        yield f"store turns by {degrees:g} degrees", moved
+    moved = walls.copy()
+    moved[store, 0] += 0.1
+    yield "store goes 0.1 aft", moved
+
+
 def moves(model: MeshModel) -> Iterator[tuple[str, np.ndarray]]:
     """Yield names of moves, and where they put the nodes of walls."""
     walls = model.mesh.points[model.wall_rows]
@@ -117,7 +182,8 @@ def moves(model: MeshModel) -> Iterator[tuple[str, np.ndarray]]:
 def judged(name: str, model: MeshModel) -> dict:
     """Make all moves."""
     before, found = model.mesh.quality(), {}
-    for move, walls in moves(model):
+    asked = moves_of_store if "store" in model.kinds else moves
+    for move, walls in asked(model):
         movement = model.mover.move(model.control_points, walls)
         after = model.mesh.quality(model.node_map.at(movement.points).nodes)
         missed = np.linalg.norm(model.mover.missed(walls - model.mesh.points[model.wall_rows]), axis=1).max()
@@ -134,17 +200,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path)
     options, results = parser.parse_args(), []
-    for name, bodies in sections():
+    cases = [(name, partial(make_mesh, bodies=bodies)) for name, bodies in sections()]
+    for name, make in [*cases, ("store", make_store)]:
         with tempfile.TemporaryDirectory() as folder:
-            make_mesh(Path(folder, "mesh.su2"), bodies)
+            make(Path(folder, "mesh.su2"))
             model = fit_mesh(Path(folder, "mesh.su2"))
-        width = float(np.ptp(model.mesh.points[model.wall_rows], axis=0)[:2].max()) / model.settings.spans
+        width = float(np.ptp(model.box.walls, axis=0)[model.box.sides].max()) / model.settings.spans
         for text, each in (("by body", model), ("one width", model.with_settings(LatticeSettings(spacing=width)))):
             results.append(judged(f"{name}, {text}", each))
             print(f"{results[-1]['mesh']}: lattice {results[-1]['lattice']}")
             for move, numbers in results[-1]["moves"].items():
                 print(
-                    f"    {move:26s} inverted {numbers['inverted']}, smallest area by that before "
+                    f"    {move:26s} inverted {numbers['inverted']}, smallest by that before "
                     f"{numbers['area']:.3f}, missed by the lattice {numbers['missed']:.1e}"
                 )
     if options.json:
