@@ -28,38 +28,54 @@ class MeshMap(OneLine):
 
     embedded: EmbeddedMesh  # its nodes by those of the lattice and of its walls
     n_walls: int  # number of nodes of walls, the first control points
-    # nodes of periodic sides, and the matrix that gives each the mean of itself and its copies, which is symmetric
+    # nodes of `embedded` on periodic sides, and the matrix that gives each the mean of itself and its copies: symmetric
     tied: np.ndarray
     means: csr_array
+    # int, places of the nodes of this process among those of `embedded`, which has those of the walls as well; None
+    # where it has all
+    places: np.ndarray | None = None
 
     inputs = (CONTROL_POINTS,)
 
     @property
     def n_asked(self) -> int:
-        """Number of nodes."""
-        return self.embedded.n_points
+        """Number of nodes of this process."""
+        return self.embedded.n_points if self.places is None else len(self.places)
 
     @property
     def nodes(self) -> np.ndarray:
         """Nodes of the baseline (m), shape (n, 3)."""
-        return self.embedded.mesh.points
+        return self.taken(self.embedded.mesh.points)
+
+    def taken(self, of_embedded: np.ndarray) -> np.ndarray:
+        """Vectors of the nodes of this process, shape (n_asked, 3), out of those of `embedded`."""
+        return of_embedded if self.places is None else of_embedded[self.places]
+
+    def spread(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `taken`."""
+        if self.places is None:
+            return bar
+        whole = np.zeros((self.embedded.n_points, 3))
+        np.add.at(whole, self.places, bar)
+        return whole
 
     def at(self, control_points: np.ndarray) -> MeshState:
         """Nodes for control points, shape (n_control_points, 3), in metres, with their derivative."""
         walls, lattice = control_points[: self.n_walls], control_points[self.n_walls :]
         state = self.embedded.at(lattice, walls)
         if len(self.tied):
-            state.nodes[self.tied] = self.nodes[self.tied] + self.alike(state.nodes - self.nodes)[self.tied]
+            before = self.embedded.mesh.points
+            state.nodes[self.tied] = before[self.tied] + self.alike(state.nodes - before)[self.tied]
         return MeshState(self, state)
 
     def alike(self, change: np.ndarray) -> np.ndarray:
-        """Changes of the nodes, shape (n, 3), in place: those of copies are their mean."""
+        """Changes of the nodes of `embedded`, shape (n, 3), in place: those of copies are their mean."""
         # The lattice moves copies alike; what fades around walls on one side alone, and what follows them, does not.
         change[self.tied] = self.means @ change[self.tied]
         return change
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
-        """Derivatives by all nodes of those by the nodes of this process, which has all."""
+        """Derivatives by all nodes of those by the nodes of this process: its nodes are all."""
         return bar
 
 
@@ -73,7 +89,7 @@ class MeshState:
     @property
     def nodes(self) -> np.ndarray:
         """The nodes (m), shape (n, 3)."""
-        return self.embedded_state.nodes
+        return self.of.taken(self.embedded_state.nodes)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -85,11 +101,11 @@ class MeshState:
         if control_points is None:
             return np.zeros_like(self.nodes)
         n = self.of.n_walls
-        return self.of.alike(self.embedded_state.jvp(control_points[n:], control_points[:n]))
+        return self.of.taken(self.of.alike(self.embedded_state.jvp(control_points[n:], control_points[:n])))
 
     def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
         """Transpose of `jvp`."""
-        bars, bar = {}, self.of.alike(np.array(bar, dtype=float))
+        bars, bar = {}, self.of.alike(self.of.spread(np.array(bar, dtype=float)))
         for name in require_inputs(wrt, self.inputs):
             found = self.embedded_state.vjp(bar)
             bars[name] = np.concatenate([found[WALL], found[CONTROL_POINTS]])

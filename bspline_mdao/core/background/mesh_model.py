@@ -10,28 +10,29 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ...base.checks import as_finite_points
 from ...base.display import Plottable
 from ...errors import InputError
+from ...grids.cells.cell_judge import CellJudge
+from ...grids.cells.gathered_quality import GatheredQuality
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.mixed_quality import MixedQuality
+from ...grids.topology.node_partition import NodePartition
 from ...grids.topology.partition import Subdomain
 from ..design.deformation import Deformation
 from ..fit.surface_fit import follower_of
 from ..mesh.boundary import Selection, matching_names, moving_mesh
-from ..mesh.frame import Plane
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid, surface_of
 from ..mesh.surface_map import SurfaceMap, surface_map_of
 from ..model.model_file import checksum_of
 from ..model.movable import Movable
 from ..movement.default_mover import default_mover
-from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
+from ..riding.riding_mesh import RidingWalls
 from ..riding.wall_faces import WallFaces
 from ..splines.mesh import BSplineMesh
 from ..walls.body_points import Body
@@ -41,17 +42,19 @@ from .lattice_settings import DEFAULTS, LatticeSettings
 from .lattice_spans import MeshBox
 from .mesh_file import arrays_of, document_of, read_mesh_model, write_mesh_model
 from .mesh_map import MeshMap
+from .mesh_nodes import map_of_nodes
 from .mesh_points import MeshPoints
+from .mesh_surface import map_to_surface, surface_of_faces
 from .mesh_walls import FADE, copies_of_walls, following_walls
-from .periodic_sides import PeriodicSides, means_of_copies, sides_of
+from .periodic_sides import PeriodicSides, sides_of
 from .refinement import refined_settings
 from .thin_plate import ThinPlate
 from .wall_follower import WallFollower
 
 __all__ = ["MeshModel"]
 
-OF_MESH = ("walls", "wall_rows", "rows_at_rest", "following_walls")
-"""What models with other lattices around the same mesh share."""
+OF_MESH = ("walls", "wall_rows", "rows_at_rest")
+"""What models of the same mesh share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +81,8 @@ class MeshModel(Plottable, Movable):
         The lattice.
     mesh_file : str
         The mesh's own file, in whose bytes moved nodes are written; empty where it is not known.
+    subdomain : Subdomain, optional
+        Nodes of the process whose model this is, see `part`; it has all by default.
 
     Examples
     --------
@@ -100,6 +105,7 @@ class MeshModel(Plottable, Movable):
     box: MeshBox
     lattice: BackgroundLattice
     mesh_file: str = ""
+    subdomain: Subdomain | None = None
 
     @classmethod
     def of(
@@ -179,7 +185,8 @@ class MeshModel(Plottable, Movable):
     def with_settings(self, settings: LatticeSettings) -> MeshModel:
         """Lay another lattice around the mesh."""
         other = replace(self, settings=settings, lattice=self.box.lattice(settings))
-        other.__dict__.update({name: self.__dict__[name] for name in OF_MESH if name in self.__dict__})
+        names = (*OF_MESH, "following_walls")
+        other.__dict__.update({name: self.__dict__[name] for name in names if name in self.__dict__})
         return other
 
     def refined_for(self, walls: Sequence[np.ndarray]) -> MeshModel:
@@ -363,37 +370,12 @@ class MeshModel(Plottable, Movable):
         wanted = self.walls.names if patches is None else matching_names(markers, patches, self.source)
         names = tuple(name for name in markers if name in wanted)
         faces = [self.mesh.into_fluid(markers[name]) for name in names]
-        rows = np.unique(np.concatenate(faces))
-        planes = []
-        for plane in self.planes:
-            heights = self.mesh.points[plane.rows] @ plane.normal
-            offset = float(heights.mean())
-            planes.append(Plane(plane.normal, offset, float(np.abs(heights - offset).max())))
-        return SurfaceGrid(
-            points=self.mesh.points[rows],
-            rows=rows,
-            faces=(),
-            names=tuple(f"marker {name}" for name in names),
-            patches=names,
-            planes=tuple(planes),
-            cells=tuple(np.searchsorted(rows, part) for part in faces),
-        )
+        return surface_of_faces(self.mesh.points, dict(zip(names, faces)), self.planes)
 
     def surface_map(self, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
         """Map from the nodes of walls to those of a surface: the same ones, and those that stay."""
-        rows = np.full(self.n_nodes, -1)
-        rows[self.wall_rows[mesh.surface_ids]] = np.arange(len(mesh.surface_ids))
-        at = rows[surface.rows]
-        others = np.setdiff1d(surface.rows[at < 0], np.concatenate([self.wall_rows, self.rows_at_rest]))
-        if len(others):
-            raise InputError(
-                f"surface: node {others[0] % self.mesh.n_stored + 1} of {self.source} is on no wall and moves along; "
-                f"name walls alone"
-            )
-        of_walls = np.flatnonzero(at >= 0)
-        shape = (len(at), len(mesh.surface_ids))
-        matrix = csr_array((np.ones(len(of_walls)), (of_walls, at[of_walls])), shape=shape)
-        return SurfaceMap(matrix, np.where(at[:, None] < 0, self.mesh.points[surface.rows], 0.0), None)
+        walls = self.wall_rows[mesh.surface_ids]
+        return map_to_surface(self.mesh, walls, np.concatenate([self.wall_rows, self.rows_at_rest]), surface)
 
     @property
     def source(self) -> str:
@@ -441,19 +423,26 @@ class MeshModel(Plottable, Movable):
         return "a mesh without structure has no fit: the nodes of its walls are its surface control points"
 
     @property
-    def ownership(self) -> None:
-        """None: every process has all nodes."""
+    def ownership(self) -> Subdomain | None:
+        """Nodes of the process; None where it has all of them."""
+        return self.subdomain
 
-    def part(self, subdomain: Subdomain) -> NoReturn:
-        """Refuse: every process has all nodes."""
-        raise InputError(
-            f"{self.source}: a mesh without structure has all its nodes on one process, in the order of its file; "
-            f"leave out 'partition' and 'rows'"
-        )
+    def part(self, subdomain: Subdomain) -> MeshModel:
+        """Take what a process with some nodes needs: these, and all of the walls and of the lattice."""
+        if subdomain.n_nodes_of_grid != self.n_nodes:
+            raise InputError(
+                f"{self.source}: a subdomain of {subdomain.n_nodes_of_grid} nodes, but the mesh has {self.n_nodes}; "
+                f"make it of the nodes of this mesh"
+            )
+        return replace(self, subdomain=subdomain)
 
-    def partition(self, n_ranks: int) -> NoReturn:
-        """Refuse: every process has all nodes."""
-        raise InputError(f"{self.source}: a mesh without structure is not dealt out to {n_ranks} processes; take one")
+    def partition(self, n_ranks: int) -> NodePartition:
+        """Deal its nodes out to processes, in the order of the file."""
+        return NodePartition(self.n_nodes, n_ranks)
+
+    def has_cells(self, subdomain: Subdomain | None) -> bool:
+        """Yes: cells are judged by the nodes of all processes."""
+        return True
 
     def map_meeting(self, rows: np.ndarray, whole: Any) -> MeshMap:
         """Walls are met by their control points as they are."""
@@ -478,28 +467,33 @@ class MeshModel(Plottable, Movable):
         """Nodes of the planes that the mesh ends in."""
         return [(plane.rows, plane.normal) for plane in self.planes]
 
-    def judge(self, subdomain: Subdomain | None, comm: Any, **settings: Any) -> MixedQuality:
+    def judge(self, subdomain: Subdomain | None, comm: Any, **settings: Any) -> CellJudge:
         """Judge the cells of the mesh; ``p`` is of p-norms, which cells of mixed kinds have not."""
-        return MixedQuality.of(self.mesh, self.walls.faces, settings["rho"], settings["rho_height"])
+        whole = MixedQuality.of(self.mesh, self.walls.faces, settings["rho"], settings["rho_height"])
+        return whole if subdomain is None else GatheredQuality.of(whole, comm, subdomain.rows)
 
     @cached_property
     def following_walls(self) -> RidingWalls:
         """What follows the walls, whatever the lattice is like."""
-        return following_walls(self.mesh, self.walls, self.nodes_on_planes(), self.rows_at_rest)
+        return following_walls(self.mesh, self.walls, self.nodes_on_planes(), self.rows_at_rest, self.nodes_here)
+
+    @cached_property
+    def nodes_here(self) -> np.ndarray | None:
+        """Nodes mapped here, ascending: those of this process, of walls and periodic sides; None where it has all."""
+        asked = self.subdomain
+        return None if asked is None else np.unique(np.r_[asked.rows, self.wall_rows, self._periodic_pairs.ravel()])
+
+    @property
+    def _periodic_pairs(self) -> np.ndarray:
+        """Nodes of periodic sides and their copies, shape (n_pairs, 2)."""
+        return np.concatenate([np.zeros((0, 2), dtype=int), *(each.pairs for each in self.periodic)])
 
     @cached_property
     def node_map(self) -> MeshMap:
-        """Map from the control points to the nodes."""
-        mesh, resting, lattice = self.mesh, self.rows_at_rest, self.lattice
-        moving = np.delete(np.arange(mesh.n_points), resting)
-        ends = [(np.searchsorted(moving, np.setdiff1d(plane.rows, resting)), plane) for plane in self.planes]
-        evaluator = lattice.evaluator(mesh.points[moving], [(ids, plane.axis, plane.end) for ids, plane in ends])
-        none, n = np.zeros(0, dtype=int), mesh.n_points
-        embedded = EmbeddedMesh(
-            mesh, lattice.control_points, evaluator, moving, none, None, np.zeros(n), self.following_walls, mesh.points
-        )
-        pairs = np.concatenate([np.zeros((0, 2), dtype=int), *(each.pairs for each in self.periodic)])
-        return MeshMap(embedded.with_baseline(), len(self.wall_rows), *means_of_copies(pairs, n))
+        """Map from the control points to the nodes, or to those of this process."""
+        asked = None if self.subdomain is None else self.subdomain.rows
+        nodes = self.mesh, self.planes, self.rows_at_rest, self._periodic_pairs
+        return map_of_nodes(*nodes, self.following_walls, self.lattice, asked, self.nodes_here)
 
 
 moving_mesh.register(MeshModel, MeshModel.design_mesh)

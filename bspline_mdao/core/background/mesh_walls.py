@@ -31,10 +31,13 @@ def following_walls(
     faces: WallFaces,  # its walls
     planes: Sequence[tuple[np.ndarray, np.ndarray]],  # nodes of the planes that it ends in, and unit normals of these
     at_rest: np.ndarray,  # int, nodes that stay
+    # int, ascending: the nodes that this is of, those of walls among them; all by default
+    nodes: np.ndarray | None = None,
 ) -> RidingWalls:
     """Find what follows walls, whatever the lattice is like."""
-    walls = RidingWalls.of(mesh, faces, list(planes), at_rest, np.zeros_like(mesh.points), FADE)
-    return replace(walls, fading=_without_rows(walls.fading, at_rest))
+    walls = RidingWalls.of(mesh, faces, list(planes), at_rest, np.zeros_like(mesh.points), FADE, nodes)
+    resting = at_rest if nodes is None else np.flatnonzero(np.isin(nodes, at_rest))
+    return replace(walls, fading=_without_rows(walls.fading, resting))
 
 
 def _without_rows(matrix: csr_array, rows: np.ndarray) -> csr_array:

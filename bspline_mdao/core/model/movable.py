@@ -17,6 +17,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...grids.cells.cell_judge import CellJudge
+from ...grids.topology.node_partition import NodePartition
 from ...grids.topology.partition import Partition, Subdomain
 from ..evaluation.node_map import NodeState
 from ..splines.mesh import BSplineMesh
@@ -157,8 +158,12 @@ class Movable(ABC):
         """Take what a process with some nodes needs of the model: the model itself where it is made for these."""
 
     @abstractmethod
-    def partition(self, n_ranks: int) -> Partition:
+    def partition(self, n_ranks: int) -> Partition | NodePartition:
         """Deal its nodes out to processes."""
+
+    def has_cells(self, subdomain: Subdomain | None) -> bool:
+        """Whether processes with some nodes have its cells: subdomains that are made of rows have nodes alone."""
+        return subdomain is None or subdomain.windows is not None
 
     @abstractmethod
     def map_meeting(self, rows: np.ndarray, whole: Any) -> ControlPointMap:

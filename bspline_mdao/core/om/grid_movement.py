@@ -194,15 +194,13 @@ class GridMovement(Copied, om.Group):
         self._add("move", ControlMeshMove(mover=mover, certified=certified, processes=self.options["processes"]))
         common = {"model": model, "partition": self.options["partition"]}
         self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(**common, **asked))
-        quality, is_judged = self.options["quality"], self.options["require_valid"] and self._has_cells()
+        quality, is_judged = (
+            self.options["quality"],
+            self.options["require_valid"] and model.has_cells(subdomain_of(self)),
+        )
         if quality or is_judged:
             bounds: dict[str, Any] = {} if quality is True else {"aggregates": quality or ()}
             self._add("quality", Quality(**common, **bounds, require_valid=is_judged))
-
-    def _has_cells(self) -> bool:
-        """Whether processes have cells of the grid: subdomains that are made of rows have nodes alone."""
-        subdomain = subdomain_of(self)
-        return subdomain is None or subdomain.windows is not None
 
     def _require_alone(self, surface: SurfaceGrid) -> None:
         """Refuse what does not go together with nodes of a surface that are given."""

@@ -84,6 +84,8 @@ class RidingWalls(OneLine):
         fixed: np.ndarray,  # nodes that stay
         missed: np.ndarray,  # (n_points, 3), what the volumes miss of all nodes (m)
         fade: tuple[float, float] = FADE,
+        # int, ascending: some nodes of the mesh, those of walls among them, that this is of; all by default
+        nodes: np.ndarray | None = None,
     ) -> RidingWalls:
         """Find what follows walls."""
         rows = np.unique(faces.faces)
@@ -95,10 +97,16 @@ class RidingWalls(OneLine):
         of_wall = [(np.flatnonzero(np.isin(rows, ids)), normal) for ids, normal in planes]
         of_wall = [(ids, normal) for ids, normal in of_wall if len(ids)]
         wall = Wall.of(points, quads, heights, of_wall, faces=faces.marker)
-        layer = WallLayer.of(wall, mesh.points, rows, planes, fixed)
+        missed, around = missed[rows], mesh.points
+        if nodes is not None:
+            around, rows = around[nodes], np.searchsorted(nodes, rows)
+            faces = replace(faces, faces=np.searchsorted(nodes, faces.faces))
+            planes = [(np.flatnonzero(np.isin(nodes, ids)), normal) for ids, normal in planes]
+            fixed, is_here = np.flatnonzero(np.isin(nodes, fixed)), np.isin(above, nodes)
+            at, above = at[is_here], np.searchsorted(nodes, above[is_here])
+        layer = WallLayer.of(wall, around, rows, planes, fixed)
         following = WallFollowing(layer, rows, np.zeros(0, dtype=int), None)
-        fading = _fading(mesh.points, points, quads, fade)
-        return cls(faces, rows, planes, fading, following, missed[rows], at, above)
+        return cls(faces, rows, planes, _fading(around, points, quads, fade), following, missed, at, above)
 
     @property
     def initial(self) -> np.ndarray:

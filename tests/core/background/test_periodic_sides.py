@@ -2,45 +2,18 @@
 
 import numpy as np
 import pytest
-from mesh_cases import TETRAHEDRA
+from mesh_cases import periodic_mesh, periodic_model
 from scipy.interpolate import BSpline
 
 from bspline_mdao.core.background.lattice_line import LatticeLine
 from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
-from bspline_mdao.grids.cells.mixed_cells import MixedMesh
-
-
-def periodic_mesh(lean: float = 0.3, twist: float = 0.0) -> tuple[MixedMesh, dict[str, str]]:
-    """Tetrahedra around a body over a floor, between curved sides, one period apart in y and not if twisted."""
-    axes = np.linspace(-1.5, 2.0, 12), np.linspace(0.0, 1.0, 9), np.linspace(0.0, 1.6, 9)
-    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    ids = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
-    middle = 0.5 * (nodes[:-1, :-1, :-1] + nodes[1:, 1:, 1:])
-    is_body = (np.abs(middle - [0.1, 0.5, 0.7]) < [0.3, 0.13, 0.25]).all(axis=-1)
-    a, b = slice(None, -1), slice(1, None)
-    ring = [(a, a), (b, a), (b, b), (a, b)]
-    hexahedra = np.stack([ids[i, j, k] for k in (a, b) for i, j in ring], axis=-1)[~is_body]
-    corners, points = hexahedra[:, TETRAHEDRA].reshape(-1, 4), nodes.reshape(-1, 3).copy()
-    skin = MixedMesh(points, {"tetra": corners}).skin
-    ends = {"per_1": (1, 0.0), "per_2": (1, 1.0), "floor": (2, 0.0), "top": (2, 1.6), "in": (0, -1.5), "out": (0, 2.0)}
-    on = {name: np.isclose(points[skin][..., axis], end).all(axis=1) for name, (axis, end) in ends.items()}
-    is_wall = ~np.any(list(on.values()), axis=0)
-    used, numbers = np.unique(corners, return_inverse=True)
-    place = np.full(len(points), -1)
-    place[used] = np.arange(len(used))
-    points[:, 1] *= 1.0 + twist * points[:, 0]
-    points[:, 1] += lean * np.sin(points[:, 0]) + 0.2
-    markers = {"body": place[skin[is_wall]], **{name: place[skin[rows]] for name, rows in on.items()}}
-    kinds = {"body": "wall", "floor": "wall", "per_1": "periodic", "per_2": "periodic"}
-    kinds |= dict.fromkeys(("top", "in", "out"), "farfield")
-    return MixedMesh(points[used], {"tetra": numbers.reshape(-1, 4)}, markers), kinds
 
 
 @pytest.fixture(scope="module")
 def model() -> MeshModel:
     """The mesh between periodic sides."""
-    return MeshModel.of(*periodic_mesh(), LatticeSettings(spacing=0.3))
+    return periodic_model()
 
 
 def asked(model: MeshModel, size: float) -> np.ndarray:

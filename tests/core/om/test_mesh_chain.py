@@ -17,6 +17,7 @@ from bspline_mdao.core.om.model_option import named_model
 from bspline_mdao.design import Chord, FreeForm, Lattice, Local, OnPatch, OnSideOfPlane, Sweep, Twist
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
+from bspline_mdao.grids.topology.partition import Subdomain
 from bspline_mdao.measures import (
     Clearance,
     EnclosedVolume,
@@ -356,8 +357,8 @@ def test_what_a_mesh_has_not_is_refused_in_one_line():
         om.Problem(GridMovement(model=model, fit=True), reports=False).setup()
     with pytest.raises(InputError, match="node 306 of marker 'body' is not given, nor are 49 others"):
         om.Problem(GridMovement(model=model, surface=surface, numbers=np.arange(10)), reports=False).setup()
-    with pytest.raises(InputError, match="leave out 'partition' and 'rows'"):
-        om.Problem(VolumeWarper(model=model, rows=np.arange(10)), reports=False).setup()
+    with pytest.raises(InputError, match="a subdomain of 10 nodes, but the mesh has"):
+        model.part(Subdomain.of_rows(np.arange(10), 10))
     with pytest.raises(InputError, match=r"1 of 2 points lie outside the mesh .* the first is point 2 at distance 6"):
         model.embed_points(np.array([[0.0, 0.3, 0.0], [10.0, 0.0, 0.0]]))
     with pytest.raises(InputError, match="marker body has triangles, through which no grid lines go; give stations"):

@@ -1,0 +1,49 @@
+"""The map from control points to the nodes of a mesh, or to those of them that one of several processes holds.
+
+Each process has the lattice, all nodes of walls, which the rotations of walls need, and all of periodic sides, whose
+copies move alike; of the rest it has its own nodes.
+
+Theory: ``docs/parallel.rst``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...grids.cells.mixed_cells import MixedMesh
+from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
+from .background_lattice import BackgroundLattice
+from .end_planes import EndPlane
+from .mesh_map import MeshMap
+from .periodic_sides import means_of_copies
+
+__all__ = ["map_of_nodes"]
+
+
+def map_of_nodes(
+    mesh: MixedMesh,
+    planes: tuple[EndPlane, ...],  # the planes that it ends in
+    resting: np.ndarray,  # int, nodes that stay, ascending
+    pairs: np.ndarray,  # int (n_pairs, 2), nodes of periodic sides and their copies
+    walls: RidingWalls,  # what follows the walls, of the nodes `here`
+    lattice: BackgroundLattice,
+    asked: np.ndarray | None = None,  # int, the nodes of a process, in any order, a node may be there twice; else all
+    here: np.ndarray | None = None,  # int, ascending: these, and those of walls and of periodic sides
+) -> MeshMap:
+    """Find what moves the nodes."""
+    n_walls, ends, places = len(walls.rows), [plane.rows for plane in planes], None
+    if asked is not None and here is not None:
+        resting, *ends = (np.flatnonzero(np.isin(here, rows)) for rows in (resting, *ends))
+        mesh = MixedMesh(mesh.points[here], {}, source=mesh.source)
+        pairs, places = np.searchsorted(here, pairs), np.searchsorted(here, asked)
+    n = mesh.n_points
+    moving = np.delete(np.arange(n), resting)
+    sides = [
+        (np.searchsorted(moving, np.setdiff1d(rows, resting)), plane.axis, plane.end)
+        for rows, plane in zip(ends, planes)
+    ]
+    evaluator, none = lattice.evaluator(mesh.points[moving], sides), np.zeros(0, dtype=int)
+    embedded = EmbeddedMesh(
+        mesh, lattice.control_points, evaluator, moving, none, None, np.zeros(n), walls, mesh.points
+    )
+    return MeshMap(embedded.with_baseline(), n_walls, *means_of_copies(pairs, n), places)

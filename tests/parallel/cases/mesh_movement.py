@@ -1,0 +1,58 @@
+"""A mesh without structure on several ranks: nodes, quality and totals are those of one process."""
+
+import numpy as np
+import openmdao.api as om
+from mesh_cases import body_model
+from mpi4py import MPI
+
+from bspline_mdao import DesignSurface, GridMovement
+from bspline_mdao.base.numerics.processes import summed
+from bspline_mdao.design import Twist
+
+comm, model = MPI.COMM_WORLD, body_model()
+weights = np.random.default_rng(0).standard_normal((model.n_nodes, 3))
+
+
+class Sum(om.ExplicitComponent):
+    """Sum of squares of the nodes with weights; distributed to serial."""
+
+    def setup(self):
+        subdomain = model.partition(self.comm.size).subdomain(self.comm.rank)
+        self.own = weights[subdomain.rows].ravel()
+        self.add_input("grid", shape=len(self.own), distributed=self.comm.size > 1, units="m")
+        self.add_output("total")
+
+    def compute(self, inputs, outputs):
+        outputs["total"] = summed(self.comm, np.array([self.own @ inputs["grid"] ** 2]))
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        row = 2.0 * self.own * inputs["grid"]
+        if mode == "fwd":
+            d_outputs["total"] += summed(self.comm, np.array([row @ d_inputs["grid"]]))
+        else:
+            d_inputs["grid"] += row * d_outputs["total"]
+
+
+def run(comm, mode):
+    """Nodes of a process, bounds of the quality, and totals of all."""
+    design = DesignSurface.of(model)
+    shape = design.parametrization([Twist("twist", design.axis, stations=3)])
+    names = ["volume_ks", "height_low_ks"]
+    problem = om.Problem(reports=None, comm=comm)
+    movement = GridMovement(model=model, parametrization=shape, quality=names)
+    problem.model.add_subsystem("movement", movement, promotes=["*"])
+    problem.model.add_subsystem("sum", Sum(), promotes=["*"])
+    problem.setup(mode=mode)
+    problem.set_val("twist", [1.0, -2.0, 3.0], units="deg")
+    problem.run_model()
+    totals = problem.compute_totals(["total", *names], ["twist"], return_format="array")
+    bounds = np.ravel([problem.get_val(name) for name in ("total", *names)])
+    return problem.get_val("grid", get_remote=False).reshape(-1, 3), bounds, totals
+
+
+for mode in ("fwd", "rev"):
+    (nodes, bounds, totals), (own, found, parts) = run(MPI.COMM_SELF, mode), run(comm, mode)
+    np.testing.assert_allclose(own, nodes[model.partition(comm.size).subdomain(comm.rank).rows], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found, bounds, rtol=1e-12)
+    np.testing.assert_allclose(parts, totals, rtol=0, atol=1e-12 * np.abs(totals).max())
+print("done", comm.rank)
