@@ -73,7 +73,10 @@ def fit_model(
         raise InputError(f"{output}: a fitted model is an HDF5 file; name it .h5")
     if lattice and not file_of(grid_name):
         raise InputError(f"{grid_name}: is in no file, in which --lattice would write moved nodes; leave it out")
-    if file_of(grid_name) and (lattice or is_mesh(grid_name)):
+    is_bare = bool(file_of(grid_name)) and is_mesh(grid_name)
+    if is_bare and lattice is False:
+        raise InputError(f"{grid_name}: is a mesh without structure, which a lattice moves; leave out --no-lattice")
+    if lattice or is_bare:
         fit_mesh(grid_name, output, json, patches, asked_settings(spacing, spans), moves)
         return
     grid = topology = None

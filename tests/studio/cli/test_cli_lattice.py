@@ -62,6 +62,7 @@ def test_the_wrong_output_file_or_a_changed_grid_is_refused_in_one_line(workplac
     grid = read_grid("ball.cgns")
     write_grid("ball.cgns", grid.with_vector(1.01 * grid.to_vector()))
     fails_as_expected([*move, "moved.cgns"], capsys, "has changed since")
+    fails_as_expected(["fit", "mesh.su2", "--no-lattice", "-o", "a.h5"], capsys, "leave out --no-lattice")
     fails_as_expected(["fit", "@flat_plate", "--lattice", "-o", "a.h5"], capsys, "--lattice")
 
 
