@@ -55,9 +55,9 @@ class BlockMeshFile(OneLine):
         """Refuse a name that promises another format than that of the file."""
         check_grid_name(path, self.grid)
         dialect, named = self.grid.dialect, format_of_name(Path(path))
-        read = "CGNS" if isinstance(dialect, CgnsDialect) else "PLOT3D"
-        if named is not None and named.name != read and Path(path).suffix != Path(self.grid.source).suffix:
-            raise InputError(f"{path}: the grid is written as it is read, as {read}; name it so")
+        stored = "CGNS" if isinstance(dialect, CgnsDialect) else "PLOT3D"
+        if named is not None and named.name != stored and Path(path).suffix != Path(self.grid.source).suffix:
+            raise InputError(f"{path}: the grid is written as it is read, as {stored}; name it so")
 
 
 @dataclass(frozen=True, eq=False)
