@@ -534,8 +534,9 @@ def seams(**options: Any) -> None:
 def report(**options: Any) -> None:
     """Write a report on a model or on a recorded optimisation: one HTML file that needs no network.
 
-    It shows the grid and its control mesh in space, quality, wall heights and sections; of a case file of OpenMDAO's
-    SqliteRecorder also histories, first-order optimality, variables with their bounds and the N2 diagram.
+    It shows the grid and its control mesh in space, or a mesh without structure and its lattice, quality, wall heights
+    and sections; of a case file of OpenMDAO's SqliteRecorder also histories, first-order optimality, variables with
+    their bounds and the N2 diagram.
     """
     from .report import report_on
 

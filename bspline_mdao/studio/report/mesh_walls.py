@@ -23,7 +23,7 @@ class MeshWalls:
     edges: np.ndarray  # (k, 2) of int, their edges: not the diagonals of quads where all is drawn
     n_of_all: int  # triangles of the walls
 
-    are_walls = True
+    are_walls, how_fewer = True, "edges are contracted"
 
     @classmethod
     def of(

@@ -262,7 +262,7 @@ def _drawn_text(walls: Walls) -> str:
     what = "the walls" if walls.are_walls else "the boundary, since no patch is a wall"
     line = f"Drawn: {what}, with {walls.n_triangles:,} triangles"
     if walls.n_triangles < walls.n_of_all:
-        return line + f" of {walls.n_of_all:,}: lines are left out."
+        return line + f" of {walls.n_of_all:,}: {walls.how_fewer}."
     return line + ", all that there are."
 
 

@@ -23,6 +23,10 @@ class Walls(Protocol):
     """Walls as they are drawn, or the whole boundary where there are none."""
 
     @property
+    def how_fewer(self) -> str:
+        """How fewer triangles are drawn than there are."""
+
+    @property
     def are_walls(self) -> bool:
         """Whether these are walls."""
 
@@ -85,6 +89,8 @@ class DrawnWalls:
     drawn: tuple[np.ndarray, ...]  # of int, those that are drawn: every n-th line of each face, and its ends
     sources: np.ndarray  # (n_nodes,) of int, row that each node of the grid is a copy of
     are_walls: bool  # whether these are walls
+
+    how_fewer = "lines are left out"
 
     @classmethod
     def of(cls, topology: Topology, nodes: np.ndarray, most_triangles: int) -> DrawnWalls:

@@ -68,7 +68,7 @@ def sphere(n: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.slow
 def test_a_mesh_has_a_page_of_its_own(tmp_path):
     body_model().save(tmp_path / "body.h5")
-    assert run(["report", str(tmp_path / "body.h5"), "-o", str(tmp_path / "body.html")]) == 0
+    assert run(["report", str(tmp_path / "body.h5"), "-o", str(tmp_path / "body.html"), "--triangles", "100"]) == 0
     page = page_of(tmp_path / "body.html")
     assert [a["id"] for a in page.all("section")] == ["space", "sections", "quality", "heights", "contents"]
     mesh, lattice = body_model().mesh, body_model().lattice
@@ -76,6 +76,7 @@ def test_a_mesh_has_a_page_of_its_own(tmp_path):
     assert f"{mesh_quality(mesh).angles.max():.4g}" in page.text
     for words in (*mesh.markers, "cells: tetra", "go where they are asked to", "stay in their plane"):
         assert words in page.text
+    assert "edges are contracted" in page.text
     drawn = {trace["meta"]["layer"] for trace in page.charts["space"]["data"]}
     assert drawn == {"walls", "lines", "control", "symmetry", "worst"}
     assert {"sections", "cells0", "leading-edge", "trailing-edge", "lattice", "quality"} <= set(page.charts)
