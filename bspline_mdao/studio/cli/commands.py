@@ -511,7 +511,7 @@ def seams(**options: Any) -> None:
 
 
 @command("report wing.h5 -o wing.html", "report case.sql --model wing.h5 -o optimum.html")
-@click.argument("source", metavar="MODEL.h5|CASE.sql", type=click.Path(path_type=Path))
+@click.argument("source", metavar="MODEL.h5|CASE.sql|FOLDER", type=click.Path(path_type=Path))
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="PAGE.html", required=True, help="Page to write."
 )

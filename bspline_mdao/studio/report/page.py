@@ -42,6 +42,9 @@ __all__ = ["MOST_TRIANGLES", "Section", "write_report"]
 EXTRA = "report"
 """What installs the libraries that pages are made with."""
 
+CASES = "cases.sql"
+"""Case file in the folder that the command ``optimize`` writes."""
+
 NO_MODEL = "The grid is not shown: each process has a part of it alone."
 """What is missing where a problem has local models alone."""
 
@@ -96,7 +99,8 @@ def write_report(
     path : path-like
         The page, ``something.html``; replaced when the new one is complete.
     source : FittedModel, MeshModel or path-like
-        A model, its file ``MODEL.h5``, or a case file ``case.sql`` of a driver's ``om.SqliteRecorder``. Shapes and
+        A model, its file ``MODEL.h5``, a case file ``case.sql`` of a driver's ``om.SqliteRecorder``, or the folder that
+        the command ``optimize`` wrote. Shapes and
         pressures are shown as far as ``control_points`` (or ``grid``) and ``Cp`` are recorded, optimality where
         derivatives are.
     model : FittedModel, MeshModel or path-like, optional
@@ -148,6 +152,7 @@ def _contents(source: Any, model: Movable | str | os.PathLike | None, title: str
         if model is not None:
             raise InputError(f"{source}: is a model already; leave out the other one")
         return of_model(load_model(source), title or Path(source).name)
+    source = Path(source) / CASES if Path(source).is_dir() else source
     history = read_history(source)
     diagram, missing = _diagram(source)
     contents = Contents(title or Path(source).name, history=history, missing=missing, diagram=diagram)

@@ -88,7 +88,7 @@ def test_an_optimisation_on_a_mesh_is_shown_before_and_after(tmp_path):
     model.save(tmp_path / "section.h5")
     model = MeshModel.load(tmp_path / "section.h5")
     file = recorded(tmp_path, model)
-    numbers = write_report(tmp_path / "page.html", file)  # the model is found by its checksum
+    numbers = write_report(tmp_path / "page.html", file.parent)  # the model is found by its checksum
     page = page_of(tmp_path / "page.html")
     assert not any("grid is not shown" in text for text in numbers["missing"])
     assert {"history", "variables", "diagram", "contents"} <= {a["id"] for a in page.all("section")}
