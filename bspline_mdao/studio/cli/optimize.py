@@ -19,6 +19,7 @@ from ...core.om.drivers.nlopt_driver import NLoptDriver
 from ...errors import InputError, MovementError
 from ...flow.om.induced_gain import InducedGain, induced_gains
 from ...grids.io.disk import deferred_interrupts
+from ...grids.io.formats import POLYMESH
 from ...grids.io.run_folder import RunFolder
 from ..report.design_summary import DesignSummary
 from ..study.same_problem import problem_of
@@ -187,8 +188,9 @@ def _as_seen(words: str, run: _Run, folder: RunFolder) -> str:
 
 
 def _listed(folder: RunFolder) -> str:
-    """Name the results that there are, but for files in folders."""
-    return ", ".join(name for name in folder.names if "/" not in name)
+    """Name the results that there are, but for files in folders; of OpenFOAM's files the folder."""
+    cases = {name.rpartition("/")[0] for name in folder.names if f"/{POLYMESH}/" in name}
+    return ", ".join(sorted([*(name for name in folder.names if "/" not in name), *cases]))
 
 
 def _numbers(problem: om.Problem, before: DesignSummary, after: DesignSummary) -> dict[str, Any]:

@@ -427,4 +427,4 @@ def test_a_body_that_is_no_wing_gets_a_study_of_its_shape(workplace, capsys):
 def test_a_model_is_drafted_with_its_patches(workplace):
     fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)).save("m6.h5")
     assert run(["init", "m6.h5", "-o", "study.toml"]) == 0
-    assert read_study("study.toml").is_fitted
+    assert read_study("study.toml").grid["file"] == "m6.h5"

@@ -12,7 +12,8 @@ from test_cli import fails_as_expected, numbers
 from test_cli_mesh import lines_but_nodes
 from test_optimize import names_in, summary
 
-from bspline_mdao.files import read_mesh
+from bspline_mdao.files import read_mesh, write_polymesh
+from bspline_mdao.generators import brick_grid
 from bspline_mdao.meshes import MixedMesh
 from bspline_mdao.studio.cli.main import run
 
@@ -120,6 +121,24 @@ def test_two_walls_move_by_variables_of_their_own(workplace):
     nose, body = (np.unique(before.markers[name]) for name in ("nose", "body"))
     assert change[np.setdiff1d(nose, body)].max(axis=0) == pytest.approx([0.01, 0.0, 0.0], abs=1e-12)
     assert change[np.setdiff1d(body, nose)].max(axis=0) == pytest.approx([0.0, 0.0, 0.02], abs=1e-12)
+
+
+@pytest.mark.slow
+def test_a_folder_of_openfoam_is_optimised_and_another_one_does_not_go_on(workplace, capsys):
+    write_polymesh("case/polyMesh", brick_grid((4, 4, 4, 4)))
+    Path("study.toml").write_text(BOX.replace("body.h5", "case/polyMesh").replace("0.02\n\n", "0.02\nstart = 0.01\n\n"))
+    run(["optimize", "study.toml", "-o", "out", "--max-iterations", "1"])
+    written = {f"grid_{when}/polyMesh" for when in ("before", "after")}
+    listed = capsys.readouterr().out.splitlines()[-1]
+    assert all(name in listed for name in written)
+    for name in ("faces", "owner", "boundary"):
+        assert Path("out/grid_after/polyMesh", name).read_bytes() == Path("case/polyMesh", name).read_bytes()
+    assert Path("out/grid_before/polyMesh/points").read_bytes() == Path("case/polyMesh/points").read_bytes()
+    before, after = (read_mesh(f"out/grid_{when}/polyMesh").mesh.points for when in ("before", "after"))
+    assert np.abs(after - before)[:, 2].max() > 0.005
+    write_polymesh("case/polyMesh", brick_grid((4, 5, 4, 4)))
+    arguments = ["optimize", "study.toml", "-o", "out", "--restart"]
+    fails_as_expected(arguments, capsys, "[grid] file is another one than in the run that out has cases of")
 
 
 def test_a_run_that_cannot_write_its_mesh_does_not_begin(body, capsys):
