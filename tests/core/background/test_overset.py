@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from overset_cases import CENTRES, overset_grid
 
-from bspline_mdao.core.background.background_lattice import LatticeSettings
+from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.grids.cells.overlap_change import OverlapChange
 from bspline_mdao.grids.io.meshes.blocks import marked_grid
