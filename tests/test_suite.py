@@ -186,8 +186,10 @@ def test_every_variable_constraint_and_measure_is_in_a_table_of_derivative_tests
     from parametrization_cases import CONSTRAINTS, VARIABLES
 
     from bspline_mdao.core.design.interior_points import InteriorPoints
+    from bspline_mdao.core.design.junction import Junction
 
-    inside = {InteriorPoints}  # binds to a model, not to a surface: tests/core/design/test_interior_points.py
+    # These bind to a model and to a part of the surface: tests/core/design/test_interior_points.py and test_junction.py.
+    inside = {InteriorPoints, Junction}
     assert kinds("core.design", "bind") == set(VARIABLES) | inside
     assert kinds("core.design", "equations") == set(CONSTRAINTS)
     assert kinds("core.measures", "surface", "evaluate", "partials") == set(MEASURES)
