@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from ...base.display import OneLine
+from ..cells.marked_faces import faces_on
 from ..cells.mixed_cells import MixedMesh, face_keys
 from ..cells.quads import area_vectors
 from .boundary_planes import OBLIQUE
@@ -28,6 +29,9 @@ __all__ = ["MARKER_KINDS", "MarkerGuess", "guess_kinds", "kind_of_words"]
 MARKER_KINDS = ("wall", "symmetry", "farfield", "periodic", "inner", "other")
 """What markers can be: bodies, planes of symmetry, what fluid passes through, periodic sides, faces inside the mesh or
 between its zones, and others."""
+
+PIECE = 1 << 18
+"""Faces whose corners are gathered at once: those of 10 million cells are 5 gigabytes."""
 
 FLAT = 1e-6
 """Part of the size of a mesh by which a plane may be out of it: files of single precision round so far."""
@@ -195,10 +199,11 @@ class _Places:
 
     @cached_property
     def _faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """Keys of faces of cells, sorted, how often each is there, heights of cells above, and the usual height."""
+        """Keys of faces at markers, sorted, how often each is there, heights of cells above, and the usual height."""
         faces, cells = self.mesh.cell_faces
-        volumes = self.mesh.quality().volumes
-        areas = np.linalg.norm(area_vectors(self.mesh.points[faces]), axis=1)
+        volumes, areas = self.mesh.quality().volumes, np.empty(len(faces))
+        for k in range(0, len(faces), PIECE):
+            areas[k : k + PIECE] = np.linalg.norm(area_vectors(self.mesh.points[faces[k : k + PIECE]]), axis=1)
         if self.mesh.n_copies == 2:  # faces in the two planes of a section say nothing of its cells
             is_upper = faces >= self.mesh.n_stored
             areas[is_upper.all(axis=1) | ~is_upper.any(axis=1)] = 0.0
@@ -206,8 +211,12 @@ class _Places:
         np.maximum.at(largest, cells, areas)
         heights = np.divide(volumes[cells], areas, out=np.zeros_like(areas), where=areas > 0.0)
         usual = np.divide(volumes, largest, out=np.zeros_like(largest), where=largest > 0.0)
-        keys, first, counts = np.unique(face_keys(faces, self.mesh.n_points), return_index=True, return_counts=True)
-        return keys, counts, heights[first], float(np.median(usual)) if len(usual) else 0.0
+        is_marked = np.zeros(self.mesh.n_points, dtype=bool)
+        for of_marker in (self.mesh.markers or {}).values():
+            is_marked[of_marker] = True
+        at = faces_on(faces, is_marked)
+        keys, first, counts = np.unique(face_keys(faces[at], self.mesh.n_points), return_index=True, return_counts=True)
+        return keys, counts, heights[at[first]], float(np.median(usual)) if len(usual) else 0.0
 
     def _of(self, name: str) -> np.ndarray:
         return (self.mesh.markers or {})[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,13 @@ __all__ = ["TextPoints", "blanked", "integers", "integers_by_line", "words_of"]
 LONGEST = 100
 """Characters of a coordinate, at most: four times as many as tell a number of 8 bytes from the next."""
 
+PIECE = 1 << 22
+"""Bytes of text that are taken apart at once: words are objects of some 50 bytes, of 10 million cells 4 gigabytes."""
+
 _BLANKS = np.zeros(256, dtype=bool)
 _BLANKS[list(b" \t\n\v\f\r()")] = True
+
+_OUTSIDE = np.int8(1)  # of the type of what it is put before: else all would take eight bytes
 
 
 def words_of(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -24,7 +30,7 @@ def words_of(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray
     if b"\0" in text:  # at the end of a word NumPy leaves it out
         raise InputError(f"{what}: has a byte that is zero, and is no text; write the file again")
     data = np.frombuffer(text, dtype=np.uint8)
-    edges = np.diff(_BLANKS[data].astype(np.int8), prepend=1, append=1)
+    edges = np.diff(_BLANKS[data].view(np.int8), prepend=_OUTSIDE, append=_OUTSIDE)
     starts = np.flatnonzero(edges == -1)
     return starts, np.flatnonzero(edges == 1), np.searchsorted(np.flatnonzero(data == ord("\n")), starts)
 
@@ -37,9 +43,10 @@ def blanked(text: bytes, comments: re.Pattern[bytes]) -> bytes:
 def integers(text: bytes, n: int, what: str) -> np.ndarray:
     """Whole numbers of a text of ``n`` of them."""
     try:
-        numbers = np.array(text.split(), dtype=np.int64)
+        parts = [np.array(text[a:b].split(), dtype=np.int64) for a, b in _pieces(text)]
     except (ValueError, OverflowError) as error:
         raise InputError(f"{what}: is no list of whole numbers ({reason_of(error)}); write the file again") from error
+    numbers = np.concatenate([np.zeros(0, dtype=np.int64), *parts])
     if len(numbers) != n:
         raise InputError(f"{what}: announces {n:,} whole numbers and holds {len(numbers):,}; write the file again")
     return numbers
@@ -50,10 +57,24 @@ def integers_by_line(
     what: str,  # where they are, for messages
 ) -> tuple[np.ndarray, np.ndarray]:  # numbers: (n,) of int; starts: (n_lines + 1,) of int, first number of each line
     """Whole numbers of a text, and the first of every line that has some."""
-    starts, _, lines = words_of(text, what)
-    numbers = integers(text, len(starts), what)
-    firsts = np.flatnonzero(np.diff(lines, prepend=-1))
-    return numbers, np.append(firsts, len(starts))
+    numbers, firsts, n = [np.zeros(0, dtype=np.int64)], [], 0
+    for begin, end in _pieces(text, at_lines=True):
+        starts, _, lines = words_of(text[begin:end], what)
+        numbers.append(integers(text[begin:end], len(starts), what))
+        firsts.append(n + np.flatnonzero(np.diff(lines, prepend=-1)))
+        n += len(starts)
+    return np.concatenate(numbers), np.concatenate([*firsts, [n]]).astype(np.int64)
+
+
+def _pieces(text: bytes, at_lines: bool = False) -> Iterator[tuple[int, int]]:
+    """Parts of a text, one after another, none of which ends within a word or, if so asked, within a line."""
+    begin = 0
+    while begin < len(text):
+        end = text.find(b"\n", begin + PIECE) + 1 or len(text)
+        if not at_lines and end - begin > 2 * PIECE:  # lists of OpenFOAM may be one line
+            end = text.find(b" ", begin + PIECE) + 1 or end
+        yield begin, end
+        begin = end
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +126,11 @@ class TextPoints:
         longest = int(np.diff(spans, axis=-1).max(initial=0))
         if longest > LONGEST:  # all words take as many bytes as the longest
             raise InputError(f"{what}: a coordinate of {longest:,} characters is no number; write the file again")
+        flat, step = spans.reshape(-1, 2), PIECE // 4
         try:
-            values = np.array([text[a:b] for a, b in spans.reshape(-1, 2).tolist()]).astype(float)
+            values = np.empty(len(flat))
+            for k in range(0, len(flat), step):
+                values[k : k + step] = np.array([text[a:b] for a, b in flat[k : k + step].tolist()]).astype(float)
         except ValueError as error:
             raise InputError(f"{what}: a coordinate is no number ({reason_of(error)}); write the file again") from error
         return cls(text, spans, values.reshape(spans.shape[:2]))
