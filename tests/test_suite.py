@@ -188,7 +188,7 @@ def test_every_variable_constraint_and_measure_is_in_a_table_of_derivative_tests
     from bspline_mdao.core.design.interior_points import InteriorPoints
     from bspline_mdao.core.design.junction import Junction
 
-    # These bind to a model and to a part of the surface: tests/core/design/test_interior_points.py and test_junction.py.
+    # These bind to a model, and to parts of a surface: test_interior_points.py, test_junction.py in tests/core/design.
     inside = {InteriorPoints, Junction}
     assert kinds("core.design", "bind") == set(VARIABLES) | inside
     assert kinds("core.design", "equations") == set(CONSTRAINTS)

@@ -28,7 +28,7 @@ from bspline_mdao.core.design.interior_points import InteriorPoints
 from bspline_mdao.core.design.user_defined import UserVariable
 from bspline_mdao.core.fit.surface_fit import SurfaceFollower
 from bspline_mdao.core.mesh.surface import SurfaceGrid
-from bspline_mdao.design import Parametrization
+from bspline_mdao.design import Junction, Parametrization
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
@@ -133,6 +133,11 @@ def parametrized(variables, constraints=()):
 USERS = {UserVariable: lambda mesh: UserVariable("growth", [1.0], grow, growth)}
 TAPER = (VARIABLES[next(kind for kind in VARIABLES if kind.__name__ == "Taper")],)
 
+
+def joined():
+    return Parametrization(mesh(), [make(mesh()) for make in TAPER], junction=Junction(np.arange(14), 0.5))
+
+
 THINGS = {
     "FittedModel": (wing_model, regenerated),
     **{kind.__name__: (lambda kind=kind: kind(mesh()), moved) for kind in MOVERS},
@@ -141,6 +146,7 @@ THINGS = {
         f"Parametrization, {kind.__name__}": (parametrized([make]), designed)
         for kind, make in {**VARIABLES, **USERS}.items()
     },
+    "Parametrization, Junction": (joined, designed),
     **{
         f"Parametrization, {kind.__name__}": (parametrized(TAPER, [make]), designed)
         for kind, make in CONSTRAINTS.items()

@@ -93,7 +93,7 @@ class Junction(OneLine):
 
 
 @dataclass(frozen=True, eq=False)
-class SlidingJunction:
+class SlidingJunction(OneLine):
     """A junction that is bound to rows: a map without values."""
 
     layout: Layout

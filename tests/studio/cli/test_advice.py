@@ -26,7 +26,12 @@ NAMED = rf"(?<![\w-]){OPTION}"
 
 def options_of(command):
     """Options of a command, and the parameter of each."""
-    return {text: option for option in command.params for text in option.opts if text.startswith("--")}
+    return {
+        text: option
+        for option in command.params
+        for text in [*option.opts, *option.secondary_opts]
+        if text.startswith("--")
+    }
 
 
 CHOICES = {
