@@ -39,21 +39,21 @@ from .surface_measure import SurfaceMeasure
 class GridMovement(Copied, om.Group):
     """Fit, design, move, evaluate, judge: the ordinary chain in one subsystem, named as in `bspline_mdao.names`.
 
-    =================  =================================================================  ============================
-    subsystem          component                                                          is there
-    =================  =================================================================  ============================
-    fit                `Fit`: ``grid_initial`` -> ``control_points_initial``              with ``fit``
-    control            `SurfaceControl`: variables -> ``surface_control_points``          with a ``parametrization``
-    evaluate_surface   `SurfaceEvaluate`: -> ``surface``, of the first measure            with ``measures`` alone
-    evaluate_surface_2 the same for the next surface that is measured, and so on; what    with ``measures`` of several
-                       they give is not promoted                                          surfaces
-    fit_surface        `SurfaceControlFit`: ``surface`` -> ``surface_control_points``     with ``surface``
-    ``measure_...``    `SurfaceMeasure`: ``surface`` -> the measure, by its name          one for each of ``measures``
-    move               `ControlMeshMove`: -> ``control_points``                           always
-    evaluate           `GridEvaluate`, or `LiveGridEvaluate`: -> ``grid``                 always
-    quality            `Quality`: ``grid`` -> its outputs                                 with ``quality``, or with
+    ==================  ================================================================  ============================
+    subsystem           component                                                         is there
+    ==================  ================================================================  ============================
+    fit                 `Fit`: ``grid_initial`` -> ``control_points_initial``             with ``fit``
+    control             `SurfaceControl`: variables -> ``surface_control_points``         with a ``parametrization``
+    evaluate_surface    `SurfaceEvaluate`: -> ``surface``, of the first measure           with ``measures`` alone
+    evaluate_surface_2  the same for the next surface that is measured, and so on; what   with ``measures`` of several
+                        they give is not promoted                                         surfaces
+    fit_surface         `SurfaceControlFit`: ``surface`` -> ``surface_control_points``    with ``surface``
+    ``measure_...``     `SurfaceMeasure`: ``surface`` -> the measure, by its name         one for each of ``measures``
+    move                `ControlMeshMove`: -> ``control_points``                          always
+    evaluate            `GridEvaluate`, or `LiveGridEvaluate`: -> ``grid``                always
+    quality             `Quality`: ``grid`` -> its outputs                                with ``quality``, or with
                                                                                           ``require_valid`` for that
-    =================  =================================================================  ============================
+    ==================  ================================================================  ============================
 
     All inputs start at the values of the model, so that the first run gives the baseline grid. Without a
     parametrization ``surface_control_points`` is an input. With a ``surface`` it is the nodes of this surface that are
