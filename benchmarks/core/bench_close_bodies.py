@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-import gmsh
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -65,6 +64,8 @@ def sections() -> Iterator[tuple[str, dict[str, np.ndarray]]]:
 
 def make_mesh(path: Path, bodies: dict[str, np.ndarray]) -> None:
     """Write triangles around bodies, with layers of quads at them."""
+    import gmsh
+
     gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     geo, field = gmsh.model.geo, gmsh.model.mesh.field
@@ -101,6 +102,8 @@ def make_mesh(path: Path, bodies: dict[str, np.ndarray]) -> None:
 
 def make_store(path: Path) -> None:
     """Write tetrahedra around half a wing and an ellipsoid below it."""
+    import gmsh
+
     gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     occ, field = gmsh.model.occ, gmsh.model.mesh.field

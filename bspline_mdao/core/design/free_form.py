@@ -61,9 +61,9 @@ class FreeForm(OneLine):
     Examples
     --------
     >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.design import Lattice, Parametrization
     >>> from bspline_mdao.generators import onera_m6_grid
     >>> from bspline_mdao.movers import moving_mesh
-    >>> from bspline_mdao.core.design.parametrization import Parametrization
     >>> mesh = moving_mesh(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
     >>> shape = FreeForm("shape", Lattice.box(mesh, n=(4, 2, 3)), direction="y")
     >>> Parametrization(mesh, [shape]).initial["shape"].size
