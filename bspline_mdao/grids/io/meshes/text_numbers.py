@@ -138,9 +138,14 @@ class TextPoints:
     def replaced(self, values: np.ndarray) -> bytes:
         """Return the text with other coordinates, shape (n, n_axes): the words of points that stay are kept."""
         is_new = (values != self.values).any(axis=1)
-        words = [repr(x).encode() for x in values[is_new].ravel().tolist()]
-        spans, view = self.spans[is_new].reshape(-1, 2), memoryview(self.text)
-        kept = zip([0, *spans[:, 1].tolist()], [*spans[:, 0].tolist(), len(self.text)])
-        pieces: list[bytes | memoryview] = [b""] * (2 * len(words) + 1)
-        pieces[::2], pieces[1::2] = [view[a:b] for a, b in kept], words
-        return b"".join(pieces)
+        numbers, spans, view = values[is_new].ravel(), self.spans[is_new].reshape(-1, 2), memoryview(self.text)
+        parts: list[bytes | memoryview] = []
+        at, step = 0, PIECE // 4
+        for k in range(0, len(numbers), step):
+            words, ends = [repr(x).encode() for x in numbers[k : k + step].tolist()], spans[k : k + step]
+            kept = zip([at, *ends[:-1, 1].tolist()], ends[:, 0].tolist())
+            pieces: list[bytes | memoryview] = [b""] * (2 * len(words))
+            pieces[::2], pieces[1::2] = [view[a:b] for a, b in kept], words
+            parts.append(b"".join(pieces))
+            at = int(ends[-1, 1])
+        return b"".join([*parts, view[at:]])
