@@ -14,6 +14,7 @@ from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.cells.mesh_quality import mesh_quality
 from bspline_mdao.grids.io.cgns import write_base
 from bspline_mdao.grids.io.cgns_nodes import add_node
+from bspline_mdao.grids.io.meshes import text_numbers
 from bspline_mdao.grids.io.meshes.foam_lists import FoamFile
 from bspline_mdao.meshes import MixedMesh
 from bspline_mdao.splines import curved_grid
@@ -55,6 +56,26 @@ def test_the_folder_keeps_all_but_points(folder):
     np.testing.assert_array_equal(read_mesh(moved).mesh.points, read.mesh.points * [1.0, 2.0, 1.0])
     read.write(moved, read.mesh.points)
     assert (moved / "points").read_bytes() == (folder / "points").read_bytes()
+
+
+@pytest.mark.parametrize("piece", [4, 61, 1000])
+def test_texts_that_are_taken_in_pieces_give_what_they_give_as_a_whole(folder, piece, monkeypatch):
+    (folder.parent / "wing.su2").write_text(su2_text(mesh()))
+    for path in (folder, folder.parent / "wing.su2"):
+        whole = read_mesh(path)
+        points = whole.mesh.points + np.random.default_rng(2).normal(size=whole.mesh.points.shape)
+        points[::3] = whole.mesh.points[::3]
+        for name, size in (("whole", text_numbers.PIECE), ("parts", piece)):
+            monkeypatch.setattr(text_numbers, "PIECE", size)
+            read = read_mesh(path)
+            np.testing.assert_array_equal(read.mesh.points, whole.mesh.points)
+            for found, expected in zip(read.mesh.cell_faces, whole.mesh.cell_faces):
+                np.testing.assert_array_equal(found, expected)
+            read.write(folder.parent / name / path.name, points)
+        files = [(folder.parent / name / path.name) for name in ("whole", "parts")]
+        first, second = ((file / "points" if file.is_dir() else file).read_bytes() for file in files)
+        assert first == second
+        monkeypatch.undo()
 
 
 def test_faces_of_many_corners_are_cut_into_fans(folder):
