@@ -47,9 +47,10 @@ def fit_mesh(
         progress(0.6, "walls")
         model.node_map  # noqa: B018 - what cannot be moved is refused here
         seconds = time.process_time() - start
-    with written_json(json, fit_mesh_numbers(model, kinds, seconds)):
+    numbers = fit_mesh_numbers(model, kinds, seconds)
+    with written_json(json, numbers):
         model.save(output)
-    show_mesh_fit(model, kinds, output, seconds)
+    show_mesh_fit(model, kinds, output, numbers)
 
 
 def asked_settings(spacing: float | None, spans: float | None) -> LatticeSettings:
@@ -82,17 +83,17 @@ def lattice_numbers(model: MeshModel) -> dict:
     }
 
 
-def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Path, seconds: float) -> None:
+def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Path, numbers: dict) -> None:
     """Print what was fitted and what was written."""
     mesh, faces = model.mesh, model.mesh.markers or {}
     in_plane = " of two dimensions" if mesh.n_copies > 1 else ""
     print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}{in_plane}")
     rows = [(name, f"{len(faces[name]):,}", guess.kind, guess.sure, guess.why) for name, guess in kinds.items()]
     print_table(["marker", "faces", "kind", "how sure", "why"], rows)
-    print_lines(unmarked_lines(n_unmarked_faces(mesh)))
+    print_lines(unmarked_lines(numbers["n_unmarked_faces"]))
     unsure = [name for name, guess in kinds.items() if guess.sure == "unsure"]
     show_lattice(model)
-    print_lines([f"{output} written, {seconds:.2f} s"])
+    print_lines([f"{output} written, {numbers['seconds']:.2f} s"])
     warnings = gap_warnings(model)
     if unsure:
         warnings.append(f"not sure about {', '.join(unsure)}: declare them by --patches FILE.toml if they are not that")
