@@ -111,7 +111,7 @@ class GridWalls:
         fixed = numbering.numbers_of(self.fixed)
         rows = numbering.numbers_of(self.rows)
         return WallLayer.of(
-            self.wall, nodes, rows, planes, fixed[fixed >= 0], numbering.copies, n_threads, by_corners=True
+            self.wall, nodes, rows, planes, fixed[fixed >= 0], numbering.copies, n_threads, least_slope=0.0
         )
 
 

@@ -5,16 +5,17 @@ A node at x0 on the baseline, mapped to y, with the closest points f on the wall
     x = y + sum_f beta_f (W'_f + G_f (x0 - W_f) - y),
 
 where W_f and W'_f are the places of the closest point before and after the move and G_f is its rotation (see
-`.frames`): those of the corners of its triangle, at its barycentric coordinates. Nodes of the grid itself go to
+`.frames`): those of the corners of its triangle, at its barycentric coordinates. Nodes on lines that begin at nodes of
+the wall, as those of a grid do, go to
 
     x = y + sum_f beta_f (sum_n s_n (w'_n + G_n (x0 - w_n)) - y)
 
 over the corners n of that triangle instead, with s_n in proportion to b_n^2 (3 - 2 b_n) of its barycentric coordinates:
-above a corner, where their grid lines begin, they turn about the corner, whatever the facets beside it do. A point of
-another grid on a facet would leave it. The weights beta_f sum to one on the wall and fade to zero at its reach. So a
-wall node goes exactly where it is given, the nodes above it keep their heights, and a rigid motion of the wall is one
-of its layer, wherever the closest points are. All this is a matter of places, not of grid lines: blocks of any
-topology, walls that end inside a grid, and points of other grids are treated alike.
+above a corner, where their lines begin, they turn about the corner, whatever the facets beside it do. A point on a
+facet would leave it. The weights beta_f sum to one on the wall and fade to zero at its reach. So a wall node goes
+exactly where it is given, the nodes above it keep their heights, and a rigid motion of the wall is one of its layer,
+wherever the closest points are. All this is a matter of places, not of grid lines: blocks of any topology, walls that
+end inside a grid, and points of other grids are treated alike.
 
 Closest points and weights are those of the baseline and stay. The map is then linear in y and in the wall's places and
 rotations, and linear in x0 together with W.
@@ -60,6 +61,7 @@ class _Piece:
     barycentric: np.ndarray
     weights: np.ndarray  # (n_closest,), how much the node follows the wall at each, beta_f
     wall_ids: np.ndarray  # (n_corners,) of int, the piece's nodes of the wall, ascending
+    by_corners: bool  # whether nodes turn about the corners of the triangles, and not about the closest points
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +73,6 @@ class WallLayer:
     projectors: np.ndarray  # (n_projectors, 3, 3), projectors of the correction onto planes; the first is the identity
     copies: np.ndarray  # (n_copies, 2) of int, rows that are copies of nodes of the layer, and the rows that they copy
     n_points: int  # number of points of which some follow the wall
-    # whether points turn about the corners of the triangle of their closest point, and not about that point
-    by_corners: bool = False
     # number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
     n_threads: int | None = None
 
@@ -90,8 +90,10 @@ class WallLayer:
         fixed: np.ndarray | None = None,
         copies: np.ndarray | None = None,  # (n_copies, 2) of int, rows that are copies, and the rows that they copy
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
-        # turn points about the corners of the triangle of their closest point: for nodes of the grid whose wall it is
-        by_corners: bool = False,
+        # height of a point above its closest point by how far that is from the nearest corner of its triangle, from
+        # which on the point turns about the corners: 0 for nodes of the grid whose wall it is, all of which do; None
+        # for points of another one, none of which does
+        least_slope: float | None = None,
     ) -> WallLayer:
         """Find the points that follow a wall."""
         points = np.ascontiguousarray(points, dtype=float)
@@ -112,12 +114,15 @@ class WallLayer:
         projectors, plane_of = _projectors(planes, len(points))
         plane_of[wall_rows] = 0
         corners, barycentric, weights, places = _with_wall_nodes(wall.tree, closest, len(wall_rows))
-        if by_corners:
-            barycentric = _by_corners(barycentric)
-        pieces = _cut(rows, counts, places, plane_of[rows], corners, barycentric, weights)
+        by_corners = np.full(len(rows), least_slope is not None)
+        if least_slope:
+            by_corners[len(wall_rows) :] = _slopes(wall.tree, closest, points[free[closest.points]]) >= least_slope
+        turns = np.repeat(by_corners, counts)
+        barycentric[turns] = _by_corners(barycentric[turns])
+        pieces = _cut(rows, counts, places, plane_of[rows], corners, barycentric, weights, by_corners)
         is_followed = np.zeros(len(points), dtype=bool)
         is_followed[rows] = True
-        return cls(wall, pieces, projectors, copies[is_followed[copies[:, 1]]], len(points), by_corners, n_threads)
+        return cls(wall, pieces, projectors, copies[is_followed[copies[:, 1]]], len(points), n_threads)
 
     @property
     def n_followers(self) -> int:
@@ -127,7 +132,8 @@ class WallLayer:
     @property
     def n_bytes(self) -> int:
         """Memory that the nodes of the layer take."""
-        return sum(array.nbytes for piece in self.pieces for array in vars(piece).values()) + self.copies.nbytes
+        arrays = [part for piece in self.pieces for part in vars(piece).values() if isinstance(part, np.ndarray)]
+        return sum(array.nbytes for array in arrays) + self.copies.nbytes
 
     def at(
         self,
@@ -152,7 +158,7 @@ class WallLayer:
     def _arrays(self, piece: _Piece) -> tuple:
         """What the kernels take of a piece, and of the layer."""
         per_node = piece.rows, piece.starts, piece.planes
-        return *per_node, piece.corners, piece.barycentric, piece.weights, self.projectors, self.by_corners
+        return *per_node, piece.corners, piece.barycentric, piece.weights, self.projectors, piece.by_corners
 
     def _over_pieces(self, task: Callable[[_Piece], Any]) -> list:
         """Results of a task for every piece, in order."""
@@ -270,6 +276,15 @@ def _with_wall_nodes(
     )
 
 
+def _slopes(tree: TriangleTree, closest: ClosestPoints, points: np.ndarray) -> np.ndarray:
+    """Heights of points above their nearest closest points by the distances of these from the nearest corners."""
+    first = closest.starts[:-1]
+    corners = tree.points[tree.triangles[closest.triangles[first]]]
+    at = np.einsum("nk,nkd->nd", closest.barycentric[first], corners)
+    off = np.linalg.norm(corners - at[:, None], axis=2).min(axis=1)
+    return np.divide(np.linalg.norm(points - at, axis=1), off, out=np.full(len(at), np.inf), where=off > 0.0)
+
+
 def _by_corners(barycentric: np.ndarray) -> np.ndarray:
     """Weights of the first two corners, in proportion to b^2 (3 - 2 b) of all three barycentric coordinates b."""
     b = np.column_stack([barycentric, 1.0 - barycentric.sum(axis=1)])
@@ -285,13 +300,15 @@ def _cut(
     corners: np.ndarray,
     barycentric: np.ndarray,
     weights: np.ndarray,
+    by_corners: np.ndarray,
 ) -> tuple[_Piece, ...]:
     """Cut the nodes of a layer into pieces, each over a part of the wall."""
     starts = np.concatenate([[0], np.cumsum(counts)])
     order = np.argsort(places, kind="stable")
+    parts = [(turns, order[by_corners[order] == turns]) for turns in (True, False)]
+    cuts = [(turns, part[k : k + CHUNK_NODES]) for turns, part in parts for k in range(0, len(part), CHUNK_NODES)]
     pieces = []
-    for first in range(0, len(rows), CHUNK_NODES):
-        nodes = order[first : first + CHUNK_NODES]
+    for turns, nodes in cuts:
         nodes = nodes[np.argsort(rows[nodes])]
         ends = np.cumsum(counts[nodes])
         closest = np.arange(ends[-1]) + np.repeat(starts[nodes] - ends + counts[nodes], counts[nodes])
@@ -305,6 +322,7 @@ def _cut(
                 barycentric[closest].astype(np.float32),
                 weights[closest].astype(np.float32),
                 wall_ids,
+                turns,
             )
         )
     return tuple(pieces)

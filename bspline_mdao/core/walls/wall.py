@@ -22,7 +22,8 @@ from .frames import WallFrames
 __all__ = ["Wall"]
 
 REACH = (20.0, 3.0)
-"""A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less."""
+"""A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less. Walls of
+meshes without structure have twice as many widths, see `..riding.riding_mesh`."""
 
 VISCOUS = (24.0, 36.0)
 """Widths of quads by first heights, exceeded at a quarter of the nodes, up to which a grid is inviscid and its wall has
@@ -54,6 +55,7 @@ class Wall:
         # meet in a node.
         faces: np.ndarray | None = None,
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
+        widths: float = REACH[1],  # reach above narrow quads, in their widths, if that is less than in first heights
     ) -> Wall:
         """Sort the triangles of a wall, and find its reach and the neighbours of its nodes."""
         points = np.ascontiguousarray(points, dtype=float)
@@ -61,7 +63,8 @@ class Wall:
         heights = np.asarray(heights, dtype=float)
         if heights.shape != (len(points),):
             raise InputError(f"wall layer: heights of shape {heights.shape}; give shape ({len(points)},)")
-        return cls(TriangleTree.of(points, np.asarray(quads), _reach(points, np.asarray(quads), heights)), frames)
+        reach = _reach(points, np.asarray(quads), heights, widths)
+        return cls(TriangleTree.of(points, np.asarray(quads), reach), frames)
 
     @property
     def n_points(self) -> int:
@@ -69,7 +72,7 @@ class Wall:
         return len(self.tree.points)
 
 
-def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray) -> np.ndarray:
+def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray, widths: float) -> np.ndarray:
     """Distance up to which points follow a wall, at its nodes, shape (n,): see `REACH`."""
     x = points[quads]
     diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
@@ -80,7 +83,7 @@ def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray) -> np.nda
     around = _mean_of(quads.ravel(), np.repeat(np.arange(len(quads)), 4), len(points), len(quads))
     adjacent = _mean_of(ends.ravel(), ends[:, ::-1].ravel(), len(points), len(points))
     spacing = around @ width
-    reach = np.maximum(spacing, np.minimum(REACH[0] * heights, REACH[1] * spacing))
+    reach = np.maximum(spacing, np.minimum(REACH[0] * heights, widths * spacing))
     for _ in range(N_SMOOTHINGS):
         reach = 0.5 * (reach + adjacent @ reach)
     return reach * _viscosity(spacing, heights)

@@ -169,24 +169,24 @@ def test_ahead_of_a_nose_of_narrow_faces_no_farther_place_steps_in():
     assert tree.closest_points(ahead[ahead[:, 0] < -0.01]).points.size == 0
 
 
-BOTH_WAYS = pytest.mark.parametrize("by_corners", [False, True])
-"""Points turn about the closest point, or about the corners of its triangle."""
+ALL_WAYS = pytest.mark.parametrize("least_slope", [None, 0.0, 3.0])
+"""Points turn about the closest point, or about the corners of its triangle, or some so and others so."""
 
 
-@BOTH_WAYS
-def test_nothing_moves_at_rest(by_corners):
-    layer, nodes, wall_rows = bumpy_case(np.random.default_rng(2), by_corners=by_corners)
+@ALL_WAYS
+def test_nothing_moves_at_rest(least_slope):
+    layer, nodes, wall_rows = bumpy_case(np.random.default_rng(2), least_slope=least_slope)
     found = layer.at(nodes, nodes.copy(), nodes[wall_rows], nodes[wall_rows])
     np.testing.assert_allclose(found.nodes, nodes, rtol=0, atol=1e-14)
 
 
-@BOTH_WAYS
-def test_a_rigid_motion_of_the_wall_is_one_of_its_layer(by_corners):
+@ALL_WAYS
+def test_a_rigid_motion_of_the_wall_is_one_of_its_layer(least_slope):
     rng = np.random.default_rng(3)
     nodes = bumpy_block(rng)
     wall_rows = ROWS[:, :, 0].ravel()
     wall = Wall.of(nodes[wall_rows], quads_in_turn(np.arange(42).reshape(7, 6)), np.full(42, 1e-4))
-    layer = WallLayer.of(wall, nodes, wall_rows, by_corners=by_corners)
+    layer = WallLayer.of(wall, nodes, wall_rows, least_slope=least_slope)
     turn, shift = Rotation.random(random_state=4).as_matrix(), rng.standard_normal(3)
     moved = nodes @ turn.T + shift
     # nodes that are mapped to one place are put right where they follow fully
@@ -227,11 +227,11 @@ def test_copies_have_the_bits_of_what_they_copy():
 
 
 @pytest.mark.slow
-@BOTH_WAYS
+@ALL_WAYS
 @pytest.mark.parametrize("seed", range(3))
-def test_jvp_is_the_complex_step(seed, by_corners):
+def test_jvp_is_the_complex_step(seed, least_slope):
     rng = np.random.default_rng(10 + seed)
-    layer, nodes, wall_rows = bumpy_case(rng, by_corners=by_corners)
+    layer, nodes, wall_rows = bumpy_case(rng, least_slope=least_slope)
     mapped, asked = random_move(rng, nodes, wall_rows)
     normals = NORMALS + 0.1 * rng.standard_normal((1, 3))
     state = layer.at(nodes, mapped.copy(), nodes[wall_rows], asked, normals)
@@ -246,11 +246,11 @@ def test_jvp_is_the_complex_step(seed, by_corners):
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-11 * np.abs(exact).max())
 
 
-@BOTH_WAYS
+@ALL_WAYS
 @pytest.mark.parametrize("seed", range(3))
-def test_vjp_is_the_transpose_of_jvp(seed, by_corners):
+def test_vjp_is_the_transpose_of_jvp(seed, least_slope):
     rng = np.random.default_rng(20 + seed)
-    layer, nodes, wall_rows = bumpy_case(rng, by_corners=by_corners)
+    layer, nodes, wall_rows = bumpy_case(rng, least_slope=least_slope)
     mapped, asked = random_move(rng, nodes, wall_rows)
     state = layer.at(nodes, mapped, nodes[wall_rows], asked, NORMALS + 0.1 * rng.standard_normal((1, 3)))
     changes = [rng.standard_normal(a.shape) for a in (nodes, mapped, asked, asked, NORMALS)]
@@ -339,13 +339,14 @@ def test_nodes_on_oblique_lines_keep_their_heights_where_the_wall_curves():
     quads, first = quads_in_turn(np.arange(52).reshape(13, 4)), 1e-3
     nodes = np.concatenate([flat, flat + first * np.array([1.0, 0.0, 1.0])])  # lines at 45 degrees
     wall, misses = Wall.of(flat, quads, np.full(52, first)), []
-    for by_corners in (False, True):
-        layer = WallLayer.of(wall, nodes, np.arange(52), by_corners=by_corners)
+    for least_slope in (None, 0.0, 0.5):
+        layer = WallLayer.of(wall, nodes, np.arange(52), least_slope=least_slope)
         mapped = np.concatenate([wavy, wavy + [0.0, 0.0, first]])
         found = layer.at(nodes, mapped, flat, wavy).nodes
         heights = np.sum((found[52:] - found[:52]) * normals, axis=1).reshape(13, 4)[1:-1] / first
         misses.append(np.abs(heights - 1.0).max())
     assert misses[1] < 0.03
+    assert misses[2] == misses[1]
     assert misses[0] > 0.1
 
 
@@ -357,8 +358,25 @@ def test_points_on_a_facet_stay_on_it_where_they_turn_about_their_closest_point(
     weights = rng.dirichlet(np.ones(3), len(wall.tree.triangles))
     moved = nodes[wall_rows] + 0.02 * rng.standard_normal((42, 3))
     before, after = (np.einsum("nk,nkd->nd", weights, x[wall.tree.triangles]) for x in (nodes[wall_rows], moved))
-    found = WallLayer.of(wall, before).at(before, before.copy(), nodes[wall_rows], moved).nodes
-    np.testing.assert_allclose(found, after, rtol=0, atol=1e-6)
+    for least_slope in (None, 0.5):
+        layer = WallLayer.of(wall, before, least_slope=least_slope)
+        found = layer.at(before, before.copy(), nodes[wall_rows], moved).nodes
+        np.testing.assert_allclose(found, after, rtol=0, atol=1e-6)
+
+
+def test_slopes_tell_points_that_turn_about_corners_from_others():
+    layer, nodes, wall_rows = bumpy_case(np.random.default_rng(4), least_slope=3.0)
+    for turns in (True, False):
+        assert sum(len(part.rows) for part in layer.pieces if part.by_corners == turns) > 10
+    mapped, asked = random_move(np.random.default_rng(5), nodes, wall_rows)
+    about_corners, about_points, some_so = (
+        bumpy_case(np.random.default_rng(4), least_slope=slope)[0].at(nodes, mapped.copy(), nodes[wall_rows], asked)
+        for slope in (0.0, None, 3.0)
+    )
+    for part in layer.pieces:
+        same = about_corners if part.by_corners else about_points
+        np.testing.assert_array_equal(some_so.nodes[part.rows], same.nodes[part.rows])
+    assert np.abs(about_corners.nodes - about_points.nodes).max() > 1e-3
 
 
 def test_heights_are_kept_in_a_plane_that_a_wall_meets_at_another_angle():
