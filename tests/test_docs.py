@@ -239,12 +239,16 @@ def test_the_python_examples_of_design_run():
 def test_the_study_of_the_page_on_studies_runs(tmp_path, monkeypatch, capsys):
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     monkeypatch.chdir(tmp_path)
-    study, several = code_blocks("study.rst", "toml")
+    study, several, boxes = code_blocks("study.rst", "toml")
     Path("study.toml").write_text(study.replace("15x13x11", "9x9x7"))
     assert cli(["optimize", "study.toml", "-o", "out", "--max-iterations", "9"]) == 0
     assert "twist[2] (deg)" in capsys.readouterr().out
     Path("several.toml").write_text(several)
     assert list(read_study("several.toml").conditions) == ["cruise", "climb", "pull_up"]
+    for name in ("wing_box.xyz", "tip_box.xyz"):
+        Path(name).touch()
+    Path("boxes.toml").write_text(study.partition("[variables")[0] + boxes + '[objective]\nof = "volume"\n')
+    assert read_study("boxes.toml").variables["tip"]["parent"] == "wing"
 
 
 @pytest.mark.filterwarnings("ignore::openmdao.api.DistributedComponentWarning")

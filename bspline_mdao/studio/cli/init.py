@@ -7,12 +7,13 @@ from pathlib import Path
 
 from ...base.numerics.progress import Progress, progress_bar
 from ...core.background.fit_mesh import fit_mesh
-from ...core.background.mesh_file import is_mesh_model
+from ...core.background.mesh_file import is_mesh_model, mesh_file_in
 from ...core.background.mesh_model import MeshModel
 from ...core.model.fitted_model import FittedModel
 from ...errors import InputError
 from ...grids.io.disk import replaced_file
 from ...grids.io.formats import MODEL
+from ...grids.io.meshes.ffd_boxes import read_ffd_boxes
 from ...grids.io.meshes.files import is_mesh
 from ...grids.topology.detection import find_topology
 from ..study.draft import study_draft
@@ -41,7 +42,12 @@ def draft_study(
         is_of_mesh = file is not None and (is_mesh_model(file) or is_mesh(file))
         body = _mesh_body(str(file), patches) if is_of_mesh else _grid_body(grid_name, patches, progress)
         progress(0.6, "drafting")
-        text = study_draft(_relative_to(file, output) or grid_name, _relative_to(patches, output), body)
+        mesh_file = _mesh_file(str(file)) if is_of_mesh else ""
+        boxes = read_ffd_boxes(mesh_file) if mesh_file.lower().endswith(".su2") else ()
+        names = [_relative_to(each, output) or "" for each in (file, mesh_file)]
+        text = study_draft(
+            names[0] or grid_name, _relative_to(patches, output), body, names[1], [box.name for box in boxes]
+        )
     with replaced_file(output) as part:
         part.write_text(text, encoding="utf-8")
     print_lines([text, f"{output} written; check it, and run 'bspline-mdao optimize {output} -o out'"])
@@ -66,6 +72,12 @@ def _grid_body(grid_name: str, patches: Path | None, progress: Progress) -> Grid
 def _mesh_body(name: str, patches: Path | None) -> MeshBody:
     """Walls of a mesh without structure, or of its model."""
     return MeshBody(MeshModel.load(name) if Path(name).suffix == MODEL else fit_mesh(name, patches))
+
+
+def _mesh_file(name: str) -> str:
+    """A mesh's own file, where it is still there; empty where it is not."""
+    own = mesh_file_in(name) if Path(name).suffix == MODEL else name
+    return own if Path(own).is_file() else ""
 
 
 def _relative_to(file: str | Path | None, output: Path) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -20,8 +20,11 @@ def study_draft(
     name: str,  # name of the grid, or of the model, as the study is to have it
     patches: str | None,  # patches file as the study is to have it
     body: Body,  # its walls
+    box_file: str = "",  # file with free-form boxes as the study is to have it; empty where there is none
+    boxes: Sequence[str] = (),  # names of the boxes in it
 ) -> str:  # TOML
     """Write the draft of a study."""
+    free_form = list(_free_form(body, box_file, boxes))
     lines = [
         f"# A study of {name}: run it by 'bspline-mdao optimize THIS_FILE -o out'.",
         "# Everything below is a guess or a default: go through it, above all where it says so.",
@@ -31,7 +34,7 @@ def study_draft(
         *([f"patches = {json.dumps(patches)}"] if patches else []),
         *_walls(body),
         "",
-        *(_wing(body) if body.is_wing else _shape(body)),
+        *(_wing(body, free_form) if body.is_wing else _shape(body, free_form)),
         *_cells(body),
         "[driver]",
         'optimizer = "LD_SLSQP"  # of NLopt; SLSQP is that of SciPy',
@@ -50,7 +53,7 @@ def _walls(body: Body) -> Iterator[str]:
     yield f"design = {json.dumps(list(body.design))}  # guessed: thin, as a wing is; what stays is {others}"
 
 
-def _wing(body: Body) -> Iterator[str]:
+def _wing(body: Body, free_form: list[str]) -> Iterator[str]:
     """Variables, flow, objective and lift of a wing."""
     yield "[variables.twist]  # degrees at stations from root to tip, nose up"
     yield "stations = 3  # few: with more the twist waves, for gains that are not there in another flow model"
@@ -63,11 +66,12 @@ def _wing(body: Body) -> Iterator[str]:
         yield f"lower = {ALPHA - 6.0}"
         yield f"upper = {ALPHA + 6.0}"
         yield ""
-    yield "# [variables.chord]  # factors; sweep, dihedral, span, taper, camber, thickness, control_points and lattice"
-    yield "# stations = 3       # are there as well"
+    yield "# [variables.chord]  # factors; sweep, dihedral, span, taper, camber, thickness are there too"
+    yield "# stations = 3"
     yield "# lower = 0.7"
     yield "# upper = 1.3"
     yield ""
+    yield from free_form
     yield "[flow]"
     if body.why_no_lattice:
         yield f'kind = "euler"  # guessed: no vortex lattice, for {_line(body.why_no_lattice)}'
@@ -110,13 +114,14 @@ def _lattice(body: Body) -> Iterator[str]:
         yield f'kind = "lattice"  # guessed: one half of a wing; {_line(body.why_no_euler)}'
 
 
-def _shape(body: Body) -> Iterator[str]:
+def _shape(body: Body, free_form: list[str]) -> Iterator[str]:
     """Variables, objective and volume of a body about which there is no flow."""
     lack = body.why_no_lattice if body.is_thin and not body.is_section else "the walls are no wing"
     yield f"# No [flow] was drafted: {_line(lack)};"
     yield f"# {_line(body.why_no_euler) or 'lift and drag of a wing alone are drafted'}."
     yield "# The wetted area is the objective: put yours in its place, or connect that of your own solver in Python."
     yield from _points(body) if body.moves_points else _box(body)
+    yield from free_form
     yield "[objective]"
     yield 'of = "surface_area"'
     yield "ref = 0.01  # of 1 on the baseline, so that the optimizer sees what small changes do"
@@ -173,6 +178,23 @@ def _box(body: Body) -> Iterator[str]:
         yield "lower = 0.7"
         yield "upper = 1.3"
         yield ""
+
+
+def _free_form(body: Body, box_file: str, boxes: Sequence[str]) -> Iterator[str]:
+    """Variables of free form in the place of those above, or beside them, as comments."""
+    yield "# [variables.free_form]  # in the place of those above, or beside them"
+    if boxes:
+        yield '# kind = "ffd"  # a box in the file of the mesh'
+        yield f"# file = {json.dumps(box_file)}"
+        yield f"# box = {json.dumps(boxes[0])}" + (f"  # or {', '.join(boxes[1:])}" if boxes[1:] else "")
+    else:
+        yield '# kind = "lattice"  # points of a box around the walls; "ffd" for one in a file: of pyGeo, DAFoam or SU2'
+    if not body.moves_points:
+        yield '# or kind = "free_lattice": points of the lattice that moves the mesh, those near the walls'
+    size = float(f"{0.01 * body.frame.chord:.1g}")
+    yield f"# lower = {-size}"
+    yield f"# upper = {size}"
+    yield ""
 
 
 def _bounds(length: float, of: str) -> Iterator[str]:

@@ -79,6 +79,10 @@ class Blocks(GridKind):
                 yield ("grid", key), "does not go with a fitted model, which has it; leave it out"
         if "spacing" in grid:
             yield ("grid", "spacing"), "is of the lattice around a mesh without structure; leave it out"
+        for name, table in document["variables"].items():
+            if table.get("kind", name) == "free_lattice":
+                complaint = "is of the lattice around a mesh without structure; take kind = 'lattice' or 'ffd'"
+                yield ("variables", name, *(["kind"] if "kind" in table else [])), complaint
 
     def written(self, when: str, file: Path, output: Table) -> str:
         """Name of the grid that is written."""

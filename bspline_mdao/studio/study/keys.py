@@ -15,6 +15,7 @@ from .kinds import (
     AXES,
     BOUND,
     COORDINATES,
+    CORNER,
     DIRECTION,
     FLAG,
     FRACTIONS,
@@ -114,6 +115,13 @@ _STATIONS = {
     "values": Key(NUMBERS, "which stations are variables, from 1 at the root; others stay", otherwise="all"),
 }
 
+_COORDINATES = {"direction": Key(COORDINATES, "direction of the displacements", "xyz")}
+_WHERE = {"where": Key(SLICES, "which points move, as slices in x, y and z from 0 on", otherwise="all")}
+_LIMITS = {
+    "low": Key(CORNER, "lower corner of the box whose points move, with its sides (m)", otherwise="no limit"),
+    "high": Key(CORNER, "upper corner of that box (m)", otherwise="no limit"),
+}
+
 
 @dataclass(frozen=True)
 class VariableKind:
@@ -160,13 +168,39 @@ VARIABLES = {
         "displacements (m) of the points of a box-shaped free-form lattice about the design surface",
         {
             "n": Key(LATTICE, "points of the lattice in x, y and z", [4, 3, 3]),
-            "direction": Key(COORDINATES, "direction of the displacements", "xyz"),
-            "where": Key(SLICES, "which points move, as slices in x, y and z from 0 on", otherwise="all"),
+            **_COORDINATES,
+            **_WHERE,
             "margin": Key(
                 number("a number from 0 to 10", 0.0, 10.0),
                 "part of each extent by which the box is larger at both ends",
                 0.05,
             ),
+        },
+        "FreeForm",
+        "m",
+    ),
+    "ffd": VariableKind(
+        "displacements (m) of the points of a free-form box (FFD) in a file, PLOT3D of pyGeo and DAFoam or SU2",
+        {
+            "file": Key(TEXT, "file of the box, in the units of the grid", is_required=True),
+            "box": Key(TEXT, "name of the box (FFD_TAG) in a mesh of SU2", otherwise="the only one"),
+            "parent": Key(TEXT, "variable above whose box this one is in, and moves with", otherwise="none"),
+            "continuity": Key(
+                whole(-1, 100), "derivatives that are continuous where the surface leaves the box; -1 fixes nothing", 1
+            ),
+            **_COORDINATES,
+            **_WHERE,
+            **_LIMITS,
+        },
+        "FreeForm",
+        "m",
+    ),
+    "free_lattice": VariableKind(
+        "displacements (m) of those points near the walls of the lattice around a mesh without structure",
+        {
+            "spacing": Key(POSITIVE, "spans of the lattice around the walls (m)", otherwise="those that move the mesh"),
+            **_COORDINATES,
+            **_LIMITS,
         },
         "FreeForm",
         "m",

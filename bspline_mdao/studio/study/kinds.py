@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -105,6 +106,7 @@ BOUND = Kind(
     lambda value: NUMBER.accepts(value) or list_of(NUMBER, "").accepts(value),
 )
 POINT = list_of(number("", -1e9, 1e9), "a list of three numbers up to 1e9 in size", 3)
+CORNER = list_of(number("", -math.inf, math.inf), "a list of three numbers, -inf or inf where there is no limit", 3)
 TRIPLE = list_of(whole(1, 10_000), "a list of three whole numbers", 3)
 _COUNTS = list_of(whole(2, MOST_POINTS), "", 3)
 LATTICE = Kind(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import reduce
+from operator import getitem
 from typing import Any
 
 from ...errors import InputError
@@ -15,12 +17,14 @@ __all__ = ["check_same_problem", "problem_of"]
 _LIMITS = ("lower", "upper", "start", "equals", "ref")
 """Keys of variables, objective and constraints that may change: values of the model at a design stay."""
 
+_FILES = ("grid", "file"), ("grid", "patches"), ("variables", "file")
+"""Tables, and keys of theirs that name files."""
+
 
 def problem_of(study: Study) -> dict[str, Any]:
     """What the values of a study's model depend on, table by table, as JSON gives it back; files by their digests."""
-    grid = {**study.grid, **{key: digest_of(file) for key, file in study.inputs.items()}}
-    found = {
-        "grid": grid,
+    found: dict[str, Any] = {
+        "grid": dict(study.grid),
         "variables": {name: _without_limits(table) for name, table in study.variables.items()},
         "measures": study.measures,
         "flow": study.flow or {},
@@ -29,6 +33,8 @@ def problem_of(study: Study) -> dict[str, Any]:
         "constraints": {name: _without_limits(table) for name, table in study.constraints.items()},
         "movement": study.movement,
     }
+    for (*path, key), file in study.inputs.items():
+        reduce(getitem, path, found)[key] = digest_of(file)
     return json.loads(json.dumps(found))
 
 
@@ -60,8 +66,8 @@ def _difference(old: Mapping[str, Any], new: Mapping[str, Any], *path: str) -> s
             words = ""
         elif isinstance(old.get(name, new.get(name)), Mapping):
             words = f"[{'.'.join(place)}] is {'new, and was not' if name in new else 'left out, and was'}"
-        elif place[0] == "grid" and name in ("file", "patches"):
-            words = f"[grid] {name} is another one than"
+        elif (place[0], name) in _FILES:
+            words = f"[{'.'.join(path)}] {name} is another one than"
         else:
             words = f"[{'.'.join(path)}] {name} is {_written(new.get(name))}, and was {_written(old.get(name))}"
         if words:

@@ -89,7 +89,7 @@ class _Script:
         yield "# of several processes, under mpirun, the first one writes"
         yield statement("IS_FIRST = world().rank == 0")
         yield ""
-        for part in (self._model(), shape_part(self.study), self._problem(), self._before()):
+        for part in (self._model(), shape_part(self.study, self._path), self._problem(), self._before()):
             yield from part
             yield ""
         yield from self._after()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from .keys import MEASURES, MOVEMENT, QUALITIES, VARIABLES, Key
@@ -18,11 +19,19 @@ QUARTER = 0.25
 """Part of the chord where the reference axis of a wing is."""
 
 
-def shape_part(study: Study) -> Iterator[ast.stmt | str]:
+def shape_part(
+    study: Study,  # the study
+    path_of: Callable[[str], ast.expr],  # makes the path of a file that it names
+) -> Iterator[ast.stmt | str]:
     """Statements that make ``variables``, ``measures``, ``mover`` and ``shape`` of ``model`` and ``wing``."""
     places = sorted({table["at"] for table in study.variables.values() if table.get("at", QUARTER) != QUARTER})
     if places:
         yield statement("axes = made", made={place: call("wing.axis_at", place) for place in places})
+    lattices = {name: table for name, table in _moving(study) if table["kind"] in ("ffd", "free_lattice")}
+    if lattices:
+        yield statement("lattices = {}")
+    for name, table in lattices.items():
+        yield statement("lattices[name] = made", name=name, made=_lattice(table, path_of))
     yield statement("variables = made", made=[_variable(name, table) for name, table in _moving(study)])
     if study.measures:
         parts = {_names(table["patches"]): table["patches"] for table in study.measures.values() if table["patches"]}
@@ -56,10 +65,34 @@ def _variable(name: str, table: Table) -> ast.expr:
         box = call("bm.design.Lattice.box", expression("wing.mesh"), tuple(table["n"]), **settings)
         which = [expression("np.s_[slices]", slices=_slices(table["where"]))] if table["where"] else []
         return call(made_by, name, box, *which, direction=table["direction"])
+    if table["kind"] in ("ffd", "free_lattice"):
+        lattice = expression("lattices[name]", name=name)
+        which = [expression("np.s_[slices]", slices=_slices(table["where"]))] if table.get("where") else []
+        limits = {key: _limits(table[key]) for key in ("low", "high") if table[key]}
+        within = f"lattices[name].within({', '.join(f'{key}={key}' for key in limits)})"
+        which += [expression(within, name=name, **limits)] if limits else []
+        return call(made_by, name, lattice, *which, direction=table["direction"])
     axis = "wing.axis" if table["at"] == QUARTER else "axes[place]"
     settings = {"stations": table["stations"]} if "stations" in table else {}
     settings |= changed(table, kind.keys, ("order", "scales_thickness"))
     return call(made_by, name, expression(axis, place=table["at"]), **settings)
+
+
+def _lattice(table: Table, path_of: Callable[[str], ast.expr]) -> ast.expr:
+    """Lattice of a file, or that around the mesh."""
+    if table["kind"] == "free_lattice":
+        settings = call("bm.meshes.LatticeSettings", spacing=table["spacing"])
+        coarser = expression("model.with_settings(settings)", settings=settings) if table["spacing"] else None
+        return call("bm.meshes.free_lattice", coarser or expression("model"))
+    box = [table["box"]] if table["box"] else []
+    options = {"parent": expression("lattices[name]", name=table["parent"])} if table["parent"] else {}
+    options |= changed(table, VARIABLES["ffd"].keys, ("continuity",))
+    return call("bm.design.read_lattice", path_of(table["file"]), *box, **options)
+
+
+def _limits(corner: list[float]) -> tuple[float | None, ...]:
+    """Corner of a box as `within` takes it."""
+    return tuple(None if math.isinf(value) else value for value in corner)
 
 
 def _slices(where: str) -> ast.Tuple:

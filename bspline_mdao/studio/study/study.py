@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from ...core.generators.built_in import generator_of
 from ...core.om.drivers.nlopt_algorithms import ALGORITHMS
@@ -75,10 +76,11 @@ class Study:
         return kind_of(self.grid["file"], self.source.parent)
 
     @property
-    def inputs(self) -> dict[str, Path]:
-        """Files that it names, by their keys in ``[grid]``."""
-        names = {key: self.grid[key] for key in ("file", "patches")}
-        return {key: self.source.parent / name for key, name in names.items() if name and not name.startswith("@")}
+    def inputs(self) -> dict[tuple[str, ...], Path]:
+        """Files that it names, by the paths of their keys."""
+        names: dict[tuple[str, ...], Any] = {("grid", key): self.grid[key] for key in ("file", "patches")}
+        names |= {("variables", name, "file"): table.get("file") for name, table in self.variables.items()}
+        return {path: self.source.parent / name for path, name in names.items() if name and not name.startswith("@")}
 
     @property
     def results(self) -> list[str]:
@@ -247,14 +249,13 @@ class _Reader(Tables):
         return f"is no condition; {advice}"
 
     def _variables(self, flow: Table | None, conditions: Mapping[str, Table]) -> dict[str, Table]:
-        found = {}
+        found: dict[str, Table] = {}
         for name in self.named("variables"):
             kind = self.kind("variables", name, VARIABLES)
             table = self.table("variables", VARIABLES[kind].all_keys, name) | {"kind": kind}
             free = [condition for condition, values in conditions.items() if not values["trim"]]
             self._check_bounds(name, table, len(free) if conditions else 1)
-            if table.get("where"):
-                self._check_where(name, table)
+            self._check_points(name, table, found)
             if kind == "alpha" and name != "alpha":
                 raise self.refuse(("variables", name), "is the angle of attack; call it [variables.alpha]")
             if kind == "alpha" and conditions and not free:
@@ -267,9 +268,23 @@ class _Reader(Tables):
             raise self.refuse(("variables",), "is empty; give a table such as [variables.twist] with lower and upper")
         return found
 
-    def _check_where(self, name: str, table: Table) -> None:
-        """Refuse slices that choose no point of a lattice."""
-        for part, n in zip(slices_of(table["where"]) or (), table["n"]):
+    def _check_points(self, name: str, table: Table, above: Mapping[str, Table]) -> None:
+        """Refuse files and parents that are not there, and slices and boxes that choose no point of a lattice."""
+        file, parent = table.get("file"), table.get("parent")
+        if file and not _is_file(self.path.parent / file):
+            said = f"names '{shortened(file)}', and there is no such file beside {self.path.name}"
+            raise self.refuse(("variables", name, "file"), said)
+        if parent and above.get(parent, {}).get("kind") != "ffd":
+            boxes = [other for other, each in above.items() if each["kind"] == "ffd"]
+            advice = choices(parent, boxes, "there are") if boxes else "write the table of the outer box first"
+            said = f"is '{shortened(parent)}', which is no box in a table above; {advice}"
+            raise self.refuse(("variables", name, "parent"), said)
+        low, high = table.get("low"), table.get("high")
+        if low and high and any(a > b for a, b in zip(low, high)):
+            raise self.refuse(("variables", name, "high"), f"is {high}, below low = {low} in a direction")
+        if (low or high) and table.get("where"):
+            raise self.refuse(("variables", name, "where"), "does not go with low and high; leave one of them out")
+        for part, n in zip(slices_of(table.get("where") or "") or (), table.get("n", ())):
             if part not in range(-n, n) if isinstance(part, int) else not range(n)[part]:
                 said = f"is '{table['where']}', which is no point of a lattice of {table['n']}"
                 raise self.refuse(("variables", name, "where"), said)
