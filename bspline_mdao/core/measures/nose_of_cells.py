@@ -1,4 +1,4 @@
-"""Derivatives of plane sections at the leading edge of a wing of triangles and quads.
+"""Plane sections of a wing of triangles and quads, and their derivatives at the leading edge.
 
 Theory: ``docs/theory/geometry.rst``, "Radius of the leading edge".
 """
@@ -6,6 +6,8 @@ Theory: ``docs/theory/geometry.rst``, "Radius of the leading edge".
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -15,45 +17,59 @@ from ...errors import InputError
 from ..mesh.frame import Frame, surface_frame
 from ..mesh.surface import SurfaceGrid
 from .jets import SmoothCorners, jets, tangents
-from .measure import Combinations
 from .probes import Probes
 from .section_thickness import Cut, cuts_along_span, section_edges
 
-__all__ = ["nose_of_cells"]
-
-WHAT = "leading-edge radius"
+__all__ = ["CellSections", "nose_of_cells"]
 
 
-def nose_of_cells(
-    surface: SurfaceGrid,  # of triangles and quads
-    stations: Sequence[float] | None,  # fractions of the span
-    patches: str | Sequence[str] | None,  # patches of the wing; all by default
-    frame: Frame | None,  # directions; found from the box of the wing by default
-) -> tuple[np.ndarray, Combinations, np.ndarray]:
-    """Find the first and second derivative along sections at their leading edges, and their chords."""
-    # returns places of the sections along the span (m), the vectors p', p'' and chord, and the directions along the
-    # stream and normal to it, shape (2, 3)
+@dataclass(frozen=True, eq=False)
+class CellSections:
+    """Plane sections of a wing of triangles and quads, on its baseline."""
+
+    wing: SurfaceGrid
+    cuts: tuple[Cut, ...]  # their planes
+    frame: Frame  # directions of the wing
+    leading: Probes  # their leading edges
+    trailing: Probes  # their trailing edges, see `section_edges`
+    what: str  # what they are for, for messages
+
+    @classmethod
+    def of(
+        cls,
+        surface: SurfaceGrid,
+        stations: Sequence[float] | None,  # fractions of the span
+        patches: str | Sequence[str] | None,  # patches of the wing; all by default
+        frame: Frame | None,  # directions; found from the box of the wing by default
+        what: str,  # what they are for, for messages
+    ) -> CellSections:
+        """Cut the wing."""
+        if stations is None:
+            raise InputError(f"{what}: {surface.names[0]} has triangles, through which no grid lines go; give stations")
+        wing = surface if patches is None else surface.only(surface.part(patches))
+        cuts = cuts_along_span(wing, np.atleast_1d(np.asarray(stations, dtype=float)).tolist(), frame)
+        frame = frame or surface_frame(wing.points, wing.planes)
+        return cls(wing, cuts, frame, *section_edges(wing, cuts, what), what)
+
+    @cached_property
+    def chord(self) -> csr_array:
+        """Matrix of the chords, (n, n_points)."""
+        return csr_array(self.trailing.matrix(self.wing.n_points) - self.leading.matrix(self.wing.n_points))
+
+    @property
+    def places(self) -> np.ndarray:
+        """Places along the span (m), (n,)."""
+        return self.frame.to_local(np.array([cut.origin for cut in self.cuts]))[:, 2]
+
+
+def nose_of_cells(sections: CellSections) -> tuple[csr_array, csr_array]:
+    """Find the first and second derivative along sections at their leading edges, as combinations of nodes."""
+    # returns matrices of p', from the lower to the upper side, and p'', each (n_sections, n_points)
     # 1. The leading edge of a section is a point between two nodes.
     # 2. At each of them the curve in the plane parallel to the section has p' and p'' on the baseline, combinations of
     #    the derivatives of the surface, which are combinations of nodes.
     # 3. Those of the section are between them as the point is.
-    if stations is None:
-        raise InputError(f"{WHAT}: {surface.names[0]} has triangles, through which no grid lines go; give stations")
-    wing = surface if patches is None else surface.only(surface.part(patches))
-    cuts = cuts_along_span(wing, np.atleast_1d(np.asarray(stations, dtype=float)).tolist(), frame)
-    frame = frame or surface_frame(wing.points, wing.planes)
-    leading, trailing = section_edges(wing, cuts, WHAT)  # step 1
-    corners = SmoothCorners(wing.points, wing.quads)
-    first, second = _along_sections(corners, leading, cuts, frame.axes[1])
-    chord = trailing.matrix(wing.n_points) - leading.matrix(wing.n_points)
-    origins = frame.to_local(np.array([cut.origin for cut in cuts]))
-    return origins[:, 2], Combinations.of([first, second, csr_array(chord)]), frame.axes[:2]
-
-
-def _along_sections(
-    corners: SmoothCorners, leading: Probes, cuts: Sequence[Cut], up: np.ndarray
-) -> tuple[csr_array, csr_array]:
-    """Matrices of p', from the lower to the upper side, and p'' of sections, each (n_sections, n_points)."""
+    corners, leading = SmoothCorners(sections.wing.points, sections.wing.quads), sections.leading  # step 1
     nodes, inverse = np.unique(leading.nodes, return_inverse=True)
     inverse = inverse.reshape(leading.nodes.shape)
     n_places = np.bincount(corners.nodes, minlength=len(corners.points))
@@ -64,13 +80,13 @@ def _along_sections(
     if not is_round.all():
         x, y, z = corners.points[leading.nodes[~is_round][0]]
         raise InputError(
-            f"{WHAT}: the surface has a kink at its leading edge, near ({x:g}, {y:g}, {z:g}), or too few nodes around "
-            f"it; take a finer mesh, or leave the section out"
+            f"{sections.what}: the surface has a kink at its leading edge, near ({x:g}, {y:g}, {z:g}), or too few "
+            f"nodes around it; take a finer mesh, or leave the section out"
         )
     axes, normals = tangents(corners.normals[places]), corners.normals[places]
     derivatives = np.stack([matrix @ corners.points for matrix in matrices])
     firsts, seconds = [], []
-    across = np.array([cut.normal for cut in cuts])
+    _, up, across = sections.frame.axes
     for number in range(leading.nodes.shape[1]):  # step 2
         at, weights = inverse[:, number], leading.weights[:, number]
         along = np.cross(across, normals[at])

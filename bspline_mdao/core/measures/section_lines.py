@@ -63,7 +63,7 @@ class SectionLines:
         sides = _sides(GridLines.of(wing.quads, surface.n_points), local, level)
         span = local[sides[0][:, 0], 2]
         if len(span) == 0:
-            cure = "; triangles have no lines, take Thickness or SectionThickness" if surface.cells else ""
+            cure = "; without lines there are Thickness and SectionThickness" if surface.cells else ""
             raise InputError(
                 f"leading edge: no grid line of the surface turns round it; name the patches of the wing{cure}"
             )

@@ -17,8 +17,9 @@ from ...errors import InputError
 from ..mesh.frame import Frame
 from ..mesh.surface import SurfaceGrid
 from .measure import Combinations
-from .nose_of_cells import nose_of_cells
+from .nose_of_cells import CellSections, nose_of_cells
 from .section_lines import SectionLines, arc_parameters, polynomial_weights, stencil_matrix
+from .tail_of_cells import tail_lines, tail_tangents
 
 __all__ = ["LeadingEdgeRadius", "TrailingEdgeAngle"]
 
@@ -126,7 +127,9 @@ class LeadingEdgeRadius(OneLine):
             )
         units = "m" if relative_to == "metre" else None
         if surface.has_triangles:
-            places, vectors, plane = nose_of_cells(surface, stations, patches, frame)
+            sections = CellSections.of(surface, stations, patches, frame, "leading-edge radius")
+            places, plane = sections.places, sections.frame.axes[:2]
+            vectors = Combinations.of([*nose_of_cells(sections), sections.chord])
         else:
             lines = SectionLines.of(surface, patches, frame)
             nose = lines.leading(n_nodes)
@@ -217,9 +220,11 @@ class TrailingEdgeAngle(OneLine):
     """Angles between the two sides of plane sections at their trailing edges.
 
     The tangent of a side is that of the polynomial, in the arc length of the baseline, that fits its last points best:
-    a fixed combination of the nodes. The angle is taken in the plane through the chord and the tangent of the leading
-    edge as they are, so that sections may turn in any direction. It is positive where the upper side is above the lower
-    one ahead of the edge, and between -180 and 180 degrees; a blunt edge has one too. Make it by `at`.
+    a fixed combination of the nodes; of triangles and quads without grid lines, that of polynomials that fit the nodes
+    of its side around the edge best, see `bspline_mdao.core.measures.jets`. The angle is taken in the plane through the
+    chord and the tangent of the leading edge as they are, so that sections may turn in any direction. It is positive
+    where the upper side is above the lower one ahead of the edge, and between -180 and 180 degrees; a blunt edge has
+    one too. Make it by `at`.
 
     Parameters
     ----------
@@ -274,9 +279,9 @@ class TrailingEdgeAngle(OneLine):
             The surface.
         stations : sequence of float, optional
             Fractions of the span from the first to the last grid line around the leading edge; every such line by
-            default.
+            default. Of triangles, fractions of the span as for `SectionThickness.at`, which have to be given.
         n_nodes : int
-            Points of each side, that at the edge included.
+            Points of each side, that at the edge included, where there are grid lines.
         degree : int, optional
             Degree of the polynomials; ``n_nodes - 1`` by default, through all points.
         between : tuple of float, optional
@@ -292,7 +297,8 @@ class TrailingEdgeAngle(OneLine):
         Raises
         ------
         InputError
-            If there is no leading edge, grid lines are too short, or an option cannot be used.
+            If there is no leading edge, grid lines are too short, the edge of triangles is round and ``between`` is not
+            given, or an option cannot be used.
         """
         degree = n_nodes - 1 if degree is None else degree
         if not 1 <= degree < n_nodes or (between and not 0.0 < between[0] < between[1] <= 1.0):
@@ -300,19 +306,20 @@ class TrailingEdgeAngle(OneLine):
                 f"trailing-edge angle: degree {degree} through {n_nodes} nodes, between {between}; give a degree from "
                 f"1 to n_nodes - 1, and two rising fractions of the chord"
             )
-        lines = SectionLines.of(surface, patches, frame)
-        sides = [lines.trailing(side, _reaching(lines, side, between) if between else n_nodes) for side in range(2)]
-        nose = lines.leading(NOSE)
-        places = lines.stations(np.concatenate([nose, *sides], axis=1), stations)
-        at_edge = _vectors(lines, nose, places, NOSE)
-        tangents = [_tangents(lines, nodes, places, degree, between) for nodes in sides]
-        return cls(
-            surface,
-            _senses(lines.points, lines.plane, Combinations.of(at_edge)),
-            places,
-            Combinations.of([*tangents, at_edge[0], at_edge[2]]),
-            name,
-        )
+        if surface.has_triangles:
+            sections = CellSections.of(surface, stations, patches, frame, "trailing-edge angle")
+            at_edge = [*nose_of_cells(sections), sections.chord]
+            tangents = tail_lines(sections, between) if between else tail_tangents(sections)
+            places, plane = sections.places, sections.frame.axes[:2]
+        else:
+            lines = SectionLines.of(surface, patches, frame)
+            sides = [lines.trailing(side, _reaching(lines, side, between) if between else n_nodes) for side in range(2)]
+            nose = lines.leading(NOSE)
+            places, plane = lines.stations(np.concatenate([nose, *sides], axis=1), stations), lines.plane
+            at_edge = _vectors(lines, nose, places, NOSE)
+            tangents = [_tangents(lines, nodes, places, degree, between) for nodes in sides]
+        senses = _senses(surface.points, plane, Combinations.of(at_edge))
+        return cls(surface, senses, places, Combinations.of([*tangents, at_edge[0], at_edge[2]]), name)
 
     @property
     def shape(self) -> tuple[int]:

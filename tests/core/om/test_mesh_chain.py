@@ -363,7 +363,7 @@ def test_what_a_mesh_has_not_is_refused_in_one_line():
         model.embed_points(np.array([[0.0, 0.3, 0.0], [10.0, 0.0, 0.0]]))
     with pytest.raises(InputError, match="marker body has triangles, through which no grid lines go; give stations"):
         LeadingEdgeRadius.at(surface)
-    with pytest.raises(InputError, match="triangles have no lines, take Thickness or SectionThickness"):
+    with pytest.raises(InputError, match="marker body has triangles, through which no grid lines go; give stations"):
         TrailingEdgeAngle.at(surface)
     with pytest.raises(InputError, match="'fixed' is of grids of blocks"):
         moving_mesh(model, fixed="far_00")
