@@ -6,11 +6,13 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import openmdao.api as om
 import pytest
+from mesh_cases import mesh_around_a_body
 
 from bspline_mdao import EulerFlow, GridMovement, InputError, NLoptDriver, fit_grid
-from bspline_mdao.design import Parametrization, ReferenceAxis, Twist
+from bspline_mdao.design import FreeForm, Lattice, Parametrization, ReferenceAxis, Twist
 from bspline_mdao.flow import SeriesRecorder, Snapshot
 from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.meshes import LatticeSettings, MeshModel
 from bspline_mdao.movers import moving_mesh
 
 
@@ -135,3 +137,34 @@ def test_a_full_disk_leaves_iterations_out_and_does_not_end_the_run(model, tmp_p
     problem.cleanup()
     assert len([each for each in caught if each.category is om.CaseRecorderWarning]) == 1
     assert list(series(tmp_path / "wing.pvd")) == [n for n in numbers if n not in numbers[1:3]]
+
+
+@pytest.mark.slow
+def test_a_mesh_leaves_cells_walls_and_lattice(tmp_path, pyvista):
+    model = MeshModel.of(*mesh_around_a_body(), LatticeSettings(spacing=0.4))
+    mesh = moving_mesh(model)
+    lift = FreeForm("lift", Lattice.box(mesh, (2, 2, 2)), direction="z")
+    shape = Parametrization(mesh, [lift])
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem(
+        "shape", GridMovement(model=model, parametrization=shape, quality=False), promotes=["*"]
+    )
+    problem.driver.add_recorder(SeriesRecorder(tmp_path / "body.pvd", which="all"))
+    problem.setup()
+    problem.set_val("lift", 0.1 * np.arange(lift.point_ids(shape.layout).size))
+    problem.run_driver()
+    (files,) = series(tmp_path / "body.pvd").values()
+    assert list(files) == ["grid", "walls", "control mesh"]
+    cells, walls, lattice = (pyvista.read(file) for file in files.values())
+    nodes = problem.get_val("grid").reshape(-1, 3)
+    np.testing.assert_array_equal(cells.points, nodes)
+    np.testing.assert_allclose(cells.point_data["displacement"], nodes - model.mesh.points, atol=1e-15)
+    assert {"non_orthogonality", "pyramid"} <= set(cells.cell_data)
+    assert np.nanmin(cells.cell_data["pyramid"]) < 0.99
+    assert (walls.n_points, walls.n_cells) == (len(model.wall_rows), len(model.walls.faces))
+    assert np.isfinite(walls.point_data["wall_height"]).all()
+    np.testing.assert_array_equal(walls.cell_data["marker"], 1)
+    assert lattice[0].n_points == model.lattice.n_control
+    with pytest.raises(InputError, match=r"goes to a .vtu file; name it body.vtu"):
+        Snapshot.of(model).write(tmp_path / "body.vtm")
+    assert Snapshot.of(model.mesh).write(tmp_path / "alone.vtu") == {"grid": tmp_path / "alone.vtu"}

@@ -30,8 +30,8 @@ class SeriesRecorder(CaseRecorder):
 
     Added to a driver by ``add_recorder``, it needs nothing else: it finds the fitted grid and the flow of the problem.
     ``wing.pvd`` is the series; the folder ``wing`` has the files of each iteration, by its number: of the grid with the
-    quality and the place of its cells and the flow, of the walls, and of the control mesh. The series is whole after
-    every iteration, so that it can be watched.
+    quality and the place of its cells and the flow, of the walls, and of the control mesh; of a mesh without structure
+    its cells, walls and lattice. The series is whole after every iteration, so that it can be watched.
 
     A major iteration is one at which the driver asks for derivatives, where an algorithm takes a new direction; of
     drivers without derivatives, each run of the model. To be told of these, the recorder sets the recording option
@@ -132,7 +132,7 @@ class SeriesRecorder(CaseRecorder):
             return
         folder = self.path.with_suffix("")
         folder.mkdir(exist_ok=True)
-        for part, (name, file) in enumerate(state.write(folder / f"{number:04d}.vtm").items()):
+        for part, (name, file) in enumerate(state.write(folder / f"{number:04d}{state.suffix}").items()):
             where = quoteattr(f"{folder.name}/{file.name}")
             self._lines.append(f'<DataSet timestep="{number}" part="{part}" name={quoteattr(name)} file={where}/>')
         self._n_written = number

@@ -14,16 +14,13 @@ import openmdao.api as om
 
 from ...base.display import OneLine
 from ...base.numerics.processes import from_all
-from ...core.model.model import Model
 from ...core.model.movable import Movable
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
-from ...grids.io.fields import write_with_quality, writer_of
-from ...grids.topology.grid import Block, Grid
+from ...grids.topology.grid import Grid
 from ...grids.topology.partition import Partition, Subdomain
 from ...names import CONTROL_POINTS, GRID
-from ..euler.fields import wall_path, write_flow
-from ..euler.gas import N_STATES
+from .snapshot_files import FlowFields, suffix_of, write_files
 
 __all__ = ["Snapshot"]
 
@@ -120,6 +117,9 @@ class Snapshot(OneLine):
         path : path-like
             ``something.vtm`` or ``something.dat``: the grid, with the quality and the place of its cells, and the flow,
             see `EulerFlow.write_fields`. Walls go to ``something_walls``, the control mesh to ``something_control``.
+            Of a mesh without structure ``something.vtu``: its cells, with their quality and with what nodes have moved
+            by; of two dimensions those of its plane. Walls go to ``something_walls.vtu``, the lattice to
+            ``something_control.vtm``.
 
         Returns
         -------
@@ -131,31 +131,15 @@ class Snapshot(OneLine):
         InputError
             If the suffix is another one, or a file cannot be written.
         """
-        if isinstance(self.grid, MixedMesh):
-            raise InputError(
-                f"{self.title}: a mesh without structure is written into a copy of its own file, by the command move "
-                f"or read_mesh(...).write(...)"
-            )
-        path = Path(path)
-        written, write = {"grid": path}, writer_of(path)
-        model = self.model
-        if (
-            isinstance(model, Model)
-            and self.states is not None
-            and self.pressures is not None
-            and self.mach is not None
-        ):
-            states = self.states.reshape(-1, N_STATES)
-            write_flow(path, model.topology, self.grid, states, self.pressures, self.mach)
-            written["walls"] = wall_path(path)
-        else:
-            write_with_quality(path, self.grid)
-        if isinstance(model, Model) and self.control_points is not None:
-            nets = model.mesh.nets(self.control_points)
-            blocks = tuple(Block(net, name) for net, name in zip(nets, model.topology.segment_names))
-            written["control mesh"] = path.with_name(f"{path.stem}_control{path.suffix}")
-            write(written["control mesh"], Grid(blocks, source="control mesh"))
-        return written
+        flow = None
+        if self.states is not None and self.pressures is not None and self.mach is not None:
+            flow = FlowFields(self.states, self.pressures, self.mach)
+        return write_files(self.grid, Path(path), self.model, self.control_points, flow)
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of a file of the grid for ParaView."""
+        return suffix_of(self.grid)
 
 
 def _of_group(group: om.Group, title: str) -> Snapshot:

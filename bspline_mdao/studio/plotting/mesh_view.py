@@ -14,6 +14,7 @@ import numpy as np
 from ...core.background.mesh_model import MeshModel
 from ...errors import InputError
 from ...flow.om.snapshots import Snapshot
+from ...grids.cells.mesh_fields import pyramid_ratios, wall_heights
 from ...grids.cells.mesh_quality import mesh_quality
 from ...grids.cells.mixed_cells import MixedMesh, face_keys
 from ...grids.cells.mixed_quality import MixedQuality
@@ -148,15 +149,11 @@ class MeshView(View):
 
     @cached_property
     def _pyramids(self) -> np.ndarray:
-        ratios = self._judge.cell_ratios(self.mesh.points)
-        return np.where(np.isfinite(ratios), ratios, np.nan)
+        return pyramid_ratios(self._judge, self.mesh.points)
 
     @cached_property
     def _heights(self) -> np.ndarray:
-        """Heights of the first nodes at nodes of walls, elsewhere not a number."""
-        heights, found = self._judge.heights, np.full(self.mesh.n_points, np.nan)
-        found[heights.rows] = heights.ratios(self.mesh.points) * heights.baseline
-        return found
+        return wall_heights(self._judge, self.mesh.points)
 
     def _lattice(self) -> FacetSheet:
         """Two families of layers of the lattice around the walls, which have all of its edges."""

@@ -124,7 +124,7 @@ def test_a_bare_mesh_is_shown_by_guessed_markers_and_has_no_lattice():
     with pytest.raises(InputError, match="fit it first"):
         sheets_of(mesh, ("lattice",))
     state = Snapshot.of(body_model())
-    with pytest.raises(InputError, match="copy of its own file"):
+    with pytest.raises(InputError, match="name it body"):
         replace(state, title="body").write("body.vtm")
 
 
