@@ -15,7 +15,8 @@ import numpy as np
 
 from ...base.numerics.vectors import nearest_plane
 from ...grids.topology.index_space import section_rows
-from ...grids.topology.periodic import PeriodicPair, find_periodic
+from ...grids.topology.periodic import find_periodic
+from ...grids.topology.periodic_pair import PeriodicPair
 from ..model.fitted_model import FittedModel
 from .allowed_directions import AllowedDirections, required_planes
 from .boundary import boundary_points, matching_patches

@@ -6,7 +6,7 @@ Format: ``docs/theory/grid_files.rst``.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -23,7 +23,8 @@ from ..topology.index_space import Window
 from ..topology.stored_grid import StoredBlock, StoredGrid
 from ..topology.topology import Topology
 from .adf import copied_cgns, is_adf, opened_cgns
-from .cgns_faces import add_boundaries, add_connections, read_connections, read_patches_of_zones
+from .cgns_connections import add_connections, read_connections
+from .cgns_faces import add_boundaries, read_patches_of_zones
 from .cgns_nodes import (
     add_node,
     children,
@@ -39,6 +40,8 @@ from .cgns_nodes import (
     value,
     word,
 )
+from .cgns_overset import blanking_of, with_overset_patches
+from .cgns_periodic import read_periodic, with_periodic_patches
 from .cgns_units import add_unit, read_unit
 from .disk import deferred_interrupts, replaced_file, replaced_hdf5_file
 from .element_order import HEXAHEDRA
@@ -50,6 +53,9 @@ LIBRARY_VERSION = 3.4
 """Version written into new files; older tools refuse 4.0."""
 
 _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
+
+_Zone = tuple[str, h5py.Group, h5py.Group]
+"""Name, base and node of a zone."""
 
 
 @dataclass(frozen=True)
@@ -74,16 +80,17 @@ def read_cgns(
     # of a lower cell dimension than the highest (surfaces of a volume grid) are left out, which the dialect says.
     # Boundary conditions become patches, named after their family where they have one, by its path where it is in
     # another; their kind is that of the condition or, where it says nothing, of the name. One-to-one connections become
-    # those of the grid. Linked nodes are followed.
+    # those of the grid, periodic ones its pairs of sides; faces of overset connections become a patch, and their points
+    # and holes the blanking. Linked nodes are followed.
     stored = open_cgns(path)
-    blocks = []
     with _opened(stored.source) as file:
-        for name, base, zone in _find_zones(file, stored.source):
-            blocks.append(Block(_read_nodes(base, zone, name, stored.source), name))
+        zones = _find_zones(file, stored.source)
+        blocks = [_read_block(zones, number, stored.source) for number in range(len(zones))]
     fault = find_fault(blocks)
     if fault:
         raise InputError(f"{stored.source}: {fault}")
-    return Grid(tuple(blocks), stored.patches, stored.source, stored.dialect, stored.connections, stored.unit)
+    fields = stored.patches, stored.source, stored.dialect, stored.connections, stored.unit, stored.periodic
+    return Grid(tuple(blocks), *fields)
 
 
 def open_cgns(
@@ -98,12 +105,17 @@ def open_cgns(
         patches, ignored = read_patches_of_zones([(base, zone) for _, base, zone in zones], shapes)
         ignored = _bases_left_out(file) + ignored
         unit = read_unit(source, [(base, zone) for _, base, zone in zones])
-        connections, unfit = read_connections([zone for _, _, zone in zones], names, shapes)
+        nodes = [zone for _, _, zone in zones]
+        connections, unfit = read_connections(nodes, names, shapes)
+        patches, unused = with_overset_patches(patches, nodes, names, shapes)
+        periodic, unclear = read_periodic(nodes, names, shapes, partial(_nodes_at, zones, source), unit)
+        patches = with_periodic_patches(patches, periodic)
     blocks = tuple(
         StoredBlock(shape, name, partial(_read_part, source, number, name))
         for number, (name, shape) in enumerate(zip(names, shapes))
     )
-    return StoredGrid(blocks, patches, source, CgnsDialect(os.path.abspath(path), ignored + unfit), connections, unit)
+    dialect = CgnsDialect(os.path.abspath(path), ignored + unfit + unused + unclear)
+    return StoredGrid(blocks, patches, source, dialect, connections, unit, periodic)
 
 
 @contextmanager
@@ -119,14 +131,30 @@ def _read_part(source: str, number: int, name: str, window: Window | None) -> Bl
         zones = _find_zones(file, source)
         if number >= len(zones) or zones[number][0] != name:
             raise InputError(f"{source}: has changed since it was opened; read it again")
-        block = Block(_read_nodes(zones[number][1], zones[number][2], name, source, window), name)
+        block = _read_block(zones, number, source, window)
     fault = find_fault([block], number + 1, (0, 0, 0) if window is None else window.lo)
     if fault:
         raise InputError(f"{source}: {fault}")
     return block
 
 
-def _find_zones(file: h5py.File, source: str) -> list[tuple[str, h5py.Group, h5py.Group]]:
+def _read_block(zones: Sequence[_Zone], number: int, source: str, window: Window | None = None) -> Block:
+    """Read the nodes of a zone, or of a window of it, and their blanking, where the file has some."""
+    name, base, zone = zones[number]
+    shape = _zone_shape(zone, name, source)
+    blanking = blanking_of(zone, [each for each, _, _ in zones], number, shape)
+    if blanking is not None and window is not None:
+        blanking = blanking[window.slices]
+    return Block(_read_nodes(base, zone, name, source, window), name, blanking)
+
+
+def _nodes_at(zones: Sequence[_Zone], source: str, window: Window) -> np.ndarray:
+    """Read the nodes of a window."""
+    name, base, zone = zones[window.block]
+    return _read_nodes(base, zone, name, source, window)
+
+
+def _find_zones(file: h5py.File, source: str) -> list[_Zone]:
     """Name, base and zone of every block, in block order."""
     bases = children(file, "CGNSBase_t")
     if not bases and file.attrs.get("format") == MODEL_FORMAT:

@@ -19,7 +19,10 @@ from ..cells.marked_faces import faces_on
 from ..cells.mixed_cells import MixedMesh, face_keys
 from ..cells.quads import area_vectors
 from .boundary_planes import OBLIQUE
+from .cgns_connections import PERIODIC_TYPE
 from .cgns_faces import kind_of
+from .cgns_families import BC_OVERSET
+from .cgns_overset import OVERSET_TYPE
 from .grid_frame import GridFrame
 from .patch_certainty import place_of
 from .patch_guess import kind_of_name
@@ -55,9 +58,11 @@ _KIND_OF_TYPE = {
     "cyclicAMI": "periodic",
     "cyclicSlip": "periodic",
     "processor": "inner",
-    "BCOverset": "inner",
+    BC_OVERSET: "inner",
+    OVERSET_TYPE: "inner",
+    PERIODIC_TYPE: "periodic",
 }
-"""Kinds by OpenFOAM's types of patches, where ``patch`` says nothing, and by those of CGNS that it does not have."""
+"""Kinds by OpenFOAM's types of patches, where ``patch`` says nothing, and by what CGNS says beside its conditions."""
 
 _WALL_WORDS = """
     wall wing airfoil aerofoil body fuselage blade hub shroud cylinder sphere naca heated isothermal adiabatic flap slat

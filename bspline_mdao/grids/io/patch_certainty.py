@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..topology.index_space import Window
-from ..topology.periodic import Motion
+from ..topology.periodic_pair import Motion
 
 __all__ = ["FAR", "FINE", "SURENESS", "Certainty", "FaceGuess", "how_sure", "place_of"]
 

@@ -94,6 +94,14 @@ def lift_plane_grid(grid: Grid, height: float | None = None) -> Grid:
         connections=tuple(
             replace(item, a=_deep(item.a, directions), b=_deep(item.b, directions)) for item in grid.connections
         ),
+        periodic=tuple(
+            replace(
+                pair,
+                windows=tuple(_deep(w, directions) for w in pair.windows),
+                others=tuple(_deep(w, directions) for w in pair.others),
+            )
+            for pair in grid.periodic
+        ),
         dialect=PlaneDialect(grid.dialect, directions, tuple(normal.tolist()), float(np.median(nodes @ normal))),
     )
 
@@ -116,7 +124,7 @@ def flattened(grid: Grid) -> Grid:
     if np.abs(normal).max() == 1.0:  # files of two dimensions have no room for round-off
         for block in blocks:
             block.nodes[..., np.argmax(np.abs(normal))] = grid.dialect.offset * normal.sum()
-    return replace(grid, blocks=tuple(blocks), patches=(), connections=(), dialect=grid.dialect.dialect)
+    return replace(grid, blocks=tuple(blocks), patches=(), connections=(), periodic=(), dialect=grid.dialect.dialect)
 
 
 def _lifted(block: Block, flat: int, shift: np.ndarray) -> Block:

@@ -17,6 +17,7 @@ from ...base.display import OneLine, Plottable
 from ...errors import InputError
 from .block_layout import BlockLayout
 from .index_space import Interface, Window
+from .periodic_pair import PeriodicPair
 
 PATCH_KINDS = ("wall", "symmetry", "farfield", "overset", "other")
 """Kinds of boundary conditions; overset are outer boundaries of component grids inside others."""
@@ -126,6 +127,8 @@ class Grid(Plottable):
         the two do not agree.
     unit : str
         Unit of lengths, such as ``"mm"``; empty where nobody says it. Numbers are never rescaled.
+    periodic : tuple of PeriodicPair
+        Sides that the file declares as periodic: their windows, and the motion that lays one side onto the other.
 
     Examples
     --------
@@ -143,6 +146,7 @@ class Grid(Plottable):
     dialect: Any = field(default=None, compare=False)
     connections: tuple[Interface, ...] = ()
     unit: str = ""
+    periodic: tuple[PeriodicPair, ...] = ()
 
     @property
     def length_unit(self) -> str:

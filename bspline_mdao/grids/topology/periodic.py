@@ -21,8 +21,9 @@ from ...base.numerics.vectors import lengths
 from .faces import inward_directions
 from .grid import Grid
 from .index_space import Window, face_layers
+from .periodic_pair import SMALLEST, Motion, PeriodicPair
 
-__all__ = ["PeriodicPair", "find_periodic"]
+__all__ = ["CLOSE", "find_periodic"]
 
 CLOSE = 1e-5
 """Nodes of both sides lie on each other when they are closer than this part of the grid's size."""
@@ -30,77 +31,12 @@ CLOSE = 1e-5
 PLANAR = 1e-6
 """A window is planar when its nodes leave the plane by less than this part of the grid's size."""
 
-SMALLEST = 1e-3
-"""Rotations by less than this angle (rad), and translations by less than this part of the grid's size, are none."""
-
-ALIGNED = 1e-10
-"""An axis whose component along a coordinate axis leaves 1 by less than this is that axis: 1.4e-5 rad."""
-
 SMOOTH = 0.7
 """Windows that meet are one surface when the product of their mean directions inwards is more than this."""
 
 MOST_CORNERS, MOST_TRIED, MOST_OUTER = 1_000, 64, 24
 """Most corners of windows among which pairs are looked for, motions that are tried, the most frequent first, and
 corners of a surface of several windows."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A rotation about an axis, or a translation."""
-
-    axis: tuple[float, ...] = (0.0, 0.0, 0.0)  # direction of the axis, of length 1; zero of a translation
-    angle: float = 0.0  # angle of the rotation (rad)
-    point: tuple[float, ...] = (0.0, 0.0, 0.0)  # the point of the axis nearest to the origin (m)
-    shift: tuple[float, ...] = (0.0, 0.0, 0.0)  # the translation (m)
-    unit: str = "m"  # unit of lengths
-
-    def __str__(self) -> str:
-        if self.is_translation:
-            return f"translation by {_text(self.shift)} {self.unit}"
-        axis = "xyz"[int(np.argmax(self.axis))] if max(self.axis) == 1.0 else f"the direction {_text(self.axis)}"
-        through = f" through {_text(self.point)} {self.unit}" if any(self.point) else ""
-        return f"rotation about {axis}{through} by {np.degrees(self.angle):.6g} deg"
-
-    @property
-    def is_translation(self) -> bool:
-        """Whether it does not turn."""
-        return not any(self.axis)
-
-    @property
-    def is_of_box(self) -> bool:
-        """Whether it may lay the planes of a box onto each other: translations, and rotations by right angles."""
-        quarters = self.angle / (0.5 * np.pi)
-        return abs(quarters - round(quarters)) < SMALLEST
-
-    def inverse(self) -> Motion:
-        """Return the motion from the others back to the windows."""
-        return replace(self, angle=-self.angle, shift=tuple(-s for s in self.shift))
-
-    def turn(self, vectors: np.ndarray) -> np.ndarray:
-        """Turn vectors, shape (n, 3)."""
-        if self.is_translation:
-            return vectors
-        axis = np.asarray(self.axis)
-        along = (vectors @ axis)[:, None] * axis
-        return along + np.cos(self.angle) * (vectors - along) + np.sin(self.angle) * np.cross(axis, vectors)
-
-    def move(self, points: np.ndarray) -> np.ndarray:
-        """Move points, shape (n, 3), in metres."""
-        return self.turn(points - self.point) + self.point + self.shift
-
-
-def _text(vector: tuple[float, ...]) -> str:
-    return f"({', '.join(f'{value:.6g}' for value in vector)})"
-
-
-@dataclass(frozen=True)
-class PeriodicPair:
-    """Windows of the boundary that a motion lays onto each other."""
-
-    # windows, others: both sides, in the order of the boundary
-    windows: tuple[Window, ...]
-    others: tuple[Window, ...]
-    motion: Motion  # it takes the nodes of the windows to those of the others
 
 
 def find_periodic(
@@ -241,20 +177,8 @@ def _rotation(points: np.ndarray, laid: np.ndarray, size: float) -> Motion | Non
     angle = float(np.arctan2(lengths(sine), 0.5 * (np.trace(turn) - 1.0)))
     if not SMALLEST < angle < np.pi - SMALLEST:
         return None
-    axis = sine / lengths(sine)
-    number = int(np.argmax(np.abs(axis)))
-    axis *= np.sign(axis[number])  # the same of a rotation and of its inverse
-    if 1.0 - axis[number] < ALIGNED:
-        axis = np.eye(3)[number]
-    angle *= float(np.sign(axis @ sine))
-    shift = other - turn @ middle
-    if abs(shift @ axis) > CLOSE * size:
-        return None
-    across = shift - (shift @ axis) * axis
-    point = 0.5 * (across + np.cross(axis, across) / np.tan(0.5 * angle))
-    point[np.abs(point) < CLOSE * size] = 0.0
-    motion = Motion(tuple(axis.tolist()), angle, tuple(point.tolist()))
-    return motion if angle > 0.0 else motion.inverse()
+    motion = Motion.about(sine / lengths(sine), angle, other - turn @ middle, CLOSE * size)
+    return motion if motion is None or motion.is_ahead else motion.inverse()
 
 
 def _translations(sides: list[_Side], size: float) -> list[Motion]:

@@ -14,7 +14,8 @@ from scipy.spatial import cKDTree
 from ...base.numerics.vectors import lengths
 from .grid import Grid
 from .index_space import Window
-from .periodic import CLOSE, PeriodicPair, find_periodic
+from .periodic import CLOSE, find_periodic
+from .periodic_pair import PeriodicPair
 from .topology import Topology, describe
 
 __all__ = ["PeriodicGap", "periodic_gaps"]

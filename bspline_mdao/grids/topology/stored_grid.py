@@ -17,6 +17,7 @@ from ...errors import InputError
 from .block_layout import BlockLayout
 from .grid import Block, Grid, Patch
 from .index_space import Interface, Window
+from .periodic_pair import PeriodicPair
 
 __all__ = ["StoredBlock", "StoredGrid"]
 
@@ -50,6 +51,7 @@ class StoredGrid(OneLine):
     dialect: Any = field(default=None, compare=False)  # how the file was written
     connections: tuple[Interface, ...] = ()  # one-to-one connections that the file declares, each once
     unit: str = ""  # unit of lengths; empty where nobody says it
+    periodic: tuple[PeriodicPair, ...] = ()  # sides that the file declares as periodic
 
     @property
     def length_unit(self) -> str:
@@ -104,6 +106,7 @@ class StoredGrid(OneLine):
                 if item.a.block in numbers and item.b.block in numbers
             ),
             self.unit,
+            _pairs_of(self.periodic, numbers),
         )
 
     def _require_block(self, number: int) -> None:
@@ -116,7 +119,7 @@ class StoredGrid(OneLine):
     def of(cls, grid: Grid) -> StoredGrid:
         """See a grid in memory as a stored one."""
         blocks = tuple(StoredBlock(block.shape, block.name, partial(_part, block)) for block in grid.blocks)
-        return cls(blocks, grid.patches, grid.source, grid.dialect, grid.connections, grid.unit)
+        return cls(blocks, grid.patches, grid.source, grid.dialect, grid.connections, grid.unit, grid.periodic)
 
 
 def _part(block: Block, window: Window | None) -> Block:
@@ -138,3 +141,15 @@ def _patches_of(patches: Sequence[Patch], numbers: Sequence[int]) -> tuple[Patch
         for patch in patches
     )
     return tuple(patch for patch in parts if patch.windows)
+
+
+def _pairs_of(pairs: Sequence[PeriodicPair], numbers: Sequence[int]) -> tuple[PeriodicPair, ...]:
+    """Periodic sides of some blocks, which are numbered anew; those of which one side is elsewhere are left out."""
+    parts = (
+        replace(pair, windows=tuple(windows), others=tuple(others))
+        for pair in pairs
+        for windows, others in [
+            ([_renumbered(w, numbers) for w in side if w.block in numbers] for side in (pair.windows, pair.others))
+        ]
+    )
+    return tuple(pair for pair in parts if pair.windows and pair.others)

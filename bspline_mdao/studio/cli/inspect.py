@@ -23,7 +23,8 @@ from ...grids.io.patch_guess import draft_patches, gathered, guess_undeclared
 from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Grid, Patch
 from ...grids.topology.index_space import Window
-from ...grids.topology.periodic import PeriodicPair, find_periodic
+from ...grids.topology.periodic import find_periodic
+from ...grids.topology.periodic_pair import PeriodicPair
 from ...grids.topology.topology import NearMiss, Topology
 from ...grids.topology.topology import describe as named
 from .fit import fit_numbers, show_report
@@ -155,6 +156,7 @@ def grid_numbers(grid: Grid, topology: Topology) -> dict:
         "periodic": [
             {
                 "motion": str(pair.motion),
+                "declared": pair in grid.periodic,
                 "sides": [[_place(window) for window in side] for side in (pair.windows, pair.others)],
             }
             for pair in _periodic(grid, topology)
@@ -200,14 +202,18 @@ def describe(window: Window, grid: Grid) -> str:
 
 
 def _periodic(grid: Grid, topology: Topology) -> tuple[PeriodicPair, ...]:
-    """Pairs of periodic windows among those whose kind nobody declared."""
-    return find_periodic(grid, [face.window for face in topology.boundary if face.kind in (None, "other")])
+    """Pairs of periodic windows: those that the file declares, and those found where nobody declared a kind."""
+    declared = [window for pair in grid.periodic for window in (*pair.windows, *pair.others)]
+    windows = (face.window for face in topology.boundary if face.kind in (None, "other"))
+    bare = [window for window in windows if not any(other.contains(window) for other in declared)]
+    return (*grid.periodic, *find_periodic(grid, bare))
 
 
 def _describe_pair(pair: PeriodicPair, grid: Grid) -> str:
     """Say which faces are periodic, and by which motion."""
     one, other = (" with ".join(describe(window, grid) for window in side) for side in (pair.windows, pair.others))
-    return f"periodic, it seems: {one} and {other}, by a {pair.motion}"
+    how = "as the file declares" if pair in grid.periodic else "it seems"
+    return f"periodic, {how}: {one} and {other}, by a {pair.motion}"
 
 
 def _describe_miss(miss: NearMiss, grid: Grid) -> str:

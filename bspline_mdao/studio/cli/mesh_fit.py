@@ -134,5 +134,8 @@ def show_lattice(model: MeshModel) -> None:
     tied = {name for sides in model.periodic for name in sides.markers} | set(in_planes)
     untied = [name for name, kind in model.kinds.items() if kind == PERIODIC and name not in tied]
     if untied:
-        lines.append(f"nodes of {', '.join(untied)} stay: these sides are no copies of each other by a shift")
+        lines.append(
+            f"nodes of {', '.join(untied)} stay: no shift along a direction of the lattice lays these sides onto each "
+            f"other, and sides that a rotation does are not tied"
+        )
     print_lines(lines)

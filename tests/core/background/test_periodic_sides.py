@@ -8,6 +8,11 @@ from scipy.interpolate import BSpline
 from bspline_mdao.core.background.lattice_line import LatticeLine
 from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.grids.io.cgns_periodic import with_periodic_patches
+from bspline_mdao.grids.io.meshes.blocks import marked_grid
+from bspline_mdao.grids.topology.grid import Block, Grid, Patch
+from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.grids.topology.periodic_pair import Motion, PeriodicPair
 
 
 @pytest.fixture(scope="module")
@@ -93,3 +98,35 @@ def test_sides_that_are_no_copies_by_a_shift_stay():
     assert model.periodic == ()
     rows = np.unique((model.mesh.markers or {})["per_1"])
     assert np.isin(np.setdiff1d(rows, model.wall_rows), model.rows_at_rest).all()
+
+
+def channel(motion: Motion) -> Grid:
+    """A bent channel of one block with a wall below, whose sides are declared as periodic by a motion."""
+    i, j, k = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in (9, 7, 6)), indexing="ij")
+    turned = motion.axis[0] * motion.angle * k
+    y, z = 1.0 + j, 0.2 * np.sin(3.0 * i)
+    nodes = np.stack([3.0 * i, y * np.cos(turned) - z * np.sin(turned), y * np.sin(turned) + z * np.cos(turned)], -1)
+    nodes += k[..., None] * motion.shift
+    whole = Window.whole(0, (9, 7, 6))
+    wall, far = Patch("floor", "wall", (whole.face(2),)), Patch("far", "farfield", (whole.face(0), whole.face(1)))
+    roof = Patch("roof", "farfield", (whole.face(3),))
+    pairs = (PeriodicPair((whole.face(4),), (whole.face(5),), motion),)
+    patches = with_periodic_patches((wall, far, roof), pairs)
+    return Grid((Block(nodes, "block 1"),), patches, "channel", periodic=pairs)
+
+
+@pytest.mark.parametrize("motion", [Motion(shift=(0.0, 0.0, 0.8)), Motion(axis=(1.0, 0.0, 0.0), angle=0.4)])
+def test_sides_that_a_file_declares_are_tied_by_a_shift_and_rest_by_a_rotation(motion):
+    marked = marked_grid(channel(motion))
+    kinds = {name: guess.kind for name, guess in marked.kinds.items()}
+    assert (kinds["periodic_1a"], kinds["periodic_1b"]) == ("periodic", "periodic")
+    model = MeshModel.of(marked.mesh, kinds, LatticeSettings(spacing=0.4))
+    names = ("periodic_1a", "periodic_1b")
+    if motion.is_translation:
+        (sides,) = model.periodic
+        assert set(sides.markers) == set(names)
+        np.testing.assert_allclose(sides.shift, motion.shift, atol=1e-12)
+    else:
+        assert model.periodic == ()
+        sides = np.unique(np.concatenate([marked.mesh.markers[name].ravel() for name in names]))
+        assert np.isin(np.setdiff1d(sides, model.wall_rows), model.rows_at_rest).all()

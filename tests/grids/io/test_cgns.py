@@ -371,7 +371,7 @@ def test_a_copy_gets_the_connections_that_its_file_lacks(tmp_path, n_kept):
 
 
 @pytest.mark.slow
-def test_periodic_connections_are_left_out_and_those_that_fit_no_zone_are_reported(tmp_path):
+def test_connections_that_fit_no_zone_or_have_no_periodic_motion_are_reported(tmp_path):
     path = tmp_path / "grid.cgns"
     write_cgns(path, WRITTEN_GRIDS["boxes"]())
     with h5py.File(path, "r+") as file:
@@ -381,7 +381,8 @@ def test_periodic_connections_are_left_out_and_those_that_fit_no_zone_are_report
         third["Transform/ data"][:] = [1, 1, 3]
     read = read_cgns(path)
     assert len(read.connections) == 33
-    assert [line.split("'")[1] for line in read.dialect.ignored] == ["Interface3", "Interface5"]
+    assert [line.split("'")[1] for line in read.dialect.ignored] == ["Interface3", "Interface5", "Interface1"]
+    assert read.periodic == ()
 
 
 def connections_of(zone):

@@ -14,7 +14,7 @@ from bspline_mdao.generators import ball_grid
 from bspline_mdao.grids.io.cgns import open_cgns, read_cgns, write_cgns
 from bspline_mdao.grids.io.cgns_nodes import add_node
 from bspline_mdao.grids.topology.length_unit import LENGTH_UNITS, in_unit
-from bspline_mdao.grids.topology.periodic import Motion
+from bspline_mdao.grids.topology.periodic_pair import Motion
 from bspline_mdao.studio.cli.main import run
 
 

@@ -31,6 +31,9 @@ from ..plane_grids import PlaneDialect, lift_plane_grid
 __all__ = ["BlockMeshFile", "MarkedGrid", "open_blocks", "read_marked_grid"]
 
 
+PERIODIC = "periodic"
+"""Kind of markers, and what names of guessed patches begin with."""
+
 KIND_OF_MARKER = {OVERSET: "inner"}
 """Kinds of markers by those of patches, where they differ: overset faces are inside the mesh, and move along."""
 
@@ -89,9 +92,21 @@ def marked_grid(grid: Grid) -> MarkedGrid:
         for patch in grid.patches
         if patch.kind != "other"
     }
-    known |= _guessed(guesses)
+    known |= _periodic(grid, topology) | _guessed(guesses)
     known = {name: guess for name, guess in known.items() if name in (mesh.markers or {})}
     return MarkedGrid(mesh, guess_kinds(mesh, known), grid, topology)
+
+
+def _periodic(grid: Grid, topology: Topology) -> dict[str, MarkerGuess]:
+    """Patches of kind other that the file declares as periodic sides."""
+    found = {}
+    for pair in grid.periodic:
+        for windows, motion in ((pair.windows, pair.motion), (pair.others, pair.motion.inverse())):
+            for face in topology.boundary:
+                if face.kind == "other" and face.patch and any(window.contains(face.window) for window in windows):
+                    why = f"its file says that a {motion} lays it onto its partner"
+                    found[face.patch] = MarkerGuess(PERIODIC, "sure", why)
+    return found
 
 
 def _guessed(guesses: tuple[FaceGuess, ...]) -> dict[str, MarkerGuess]:
@@ -99,7 +114,7 @@ def _guessed(guesses: tuple[FaceGuess, ...]) -> dict[str, MarkerGuess]:
     found = {}
     kinds = {guess.name: guess.kind for guess in guesses}
     for name, sure in zip(kinds, how_sure(guesses)):
-        kind = "periodic" if name.startswith("periodic") else KIND_OF_MARKER.get(kinds[name], kinds[name])
+        kind = PERIODIC if name.startswith(PERIODIC) else KIND_OF_MARKER.get(kinds[name], kinds[name])
         found[name] = MarkerGuess(kind, sure.level, sure.reason)
     return found
 

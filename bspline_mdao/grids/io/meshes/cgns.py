@@ -19,6 +19,7 @@ from ....base.display import OneLine
 from ....errors import InputError
 from ...cells.mixed_cells import MixedMesh, face_keys, padded
 from ..adf import copied_cgns, opened_cgns
+from ..cgns_connections import PERIODIC_TYPE, connections_of, periodic_of
 from ..cgns_families import Families
 from ..cgns_nodes import (
     children,
@@ -31,6 +32,7 @@ from ..cgns_nodes import (
     whole_numbers,
     word,
 )
+from ..cgns_overset import OVERSET_TYPE, is_overset
 from ..disk import deferred_interrupts, replaced_file
 from .cgns_polyhedra import NFACE, NGON, Lists, Polygons
 from .layer_of_cells import LayerPoints, SectionSpan
@@ -179,6 +181,17 @@ def _types(zone: h5py.Group, base: h5py.Group, families: Families) -> dict[str, 
     for label, name, condition in _conditions(zone):
         for marker in names.get(label, (label,)):
             found.setdefault(marker, families.meaning_of(base, name, condition).bc_type)
+    return {name: kind for name, kind, _ in _declared_sides(zone)} | found
+
+
+def _declared_sides(zone: h5py.Group) -> list[tuple[str, str, h5py.Group]]:
+    """Name, type and node of the connections of a zone whose faces are of the boundary: periodic and overset ones."""
+    found = []
+    for name, node in connections_of(zone, "GridConnectivity_t"):
+        if periodic_of(node) is not None:
+            found.append((name, PERIODIC_TYPE, node))
+        elif is_overset(node):
+            found.append((name, OVERSET_TYPE, node))
     return found
 
 
@@ -220,15 +233,22 @@ class _Elements:
     polyhedra: tuple[np.ndarray, np.ndarray, np.ndarray] | None
 
     def markers(self, zone: h5py.Group, names: Mapping[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
-        """Faces of boundary conditions by the names of their families; where there are none, of sections."""
+        """Faces of conditions by the names of their families, or else of sections; the others of declared sides."""
         found: dict[str, list[np.ndarray]] = {}
         for label, _, condition in _conditions(zone):
             rows = self._rows_of(condition)
             for marker in names.get(label, (label,)) if len(rows) else ():
-                found.setdefault(marker, []).append(self.faces[rows])
-        if found:
-            return {name: np.concatenate(parts) for name, parts in found.items()}
-        return {name: self.faces[rows] for name, rows in self.sections.items()}
+                found.setdefault(marker, []).append(rows)
+        sides = {name: self._rows_of(node) for name, _, node in _declared_sides(zone)}
+        if not found:
+            declared = np.concatenate([np.zeros(0, dtype=np.int64), *sides.values()])
+            left = {name: np.setdiff1d(rows, declared) for name, rows in self.sections.items()}
+            found = {name: [rows] for name, rows in left.items() if len(rows)}
+        taken = np.concatenate([np.zeros(0, dtype=np.int64), *(rows for parts in found.values() for rows in parts)])
+        for name, rows in sides.items():
+            bare = np.setdiff1d(rows, taken)
+            found |= {name: [*found.get(name, []), bare]} if len(bare) else {}
+        return {name: self.faces[np.concatenate(parts)] for name, parts in found.items()}
 
     def _rows_of(self, condition: h5py.Group) -> np.ndarray:
         """Faces of a condition: those that it lists, or all of whose corners it lists."""
