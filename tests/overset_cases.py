@@ -5,8 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from bspline_mdao.core.background.lattice_settings import LatticeSettings
+from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.generators import ball_grid
 from bspline_mdao.grids import Patch, Window
+from bspline_mdao.grids.io.meshes.blocks import marked_grid
 from bspline_mdao.grids.topology.grid import Block, Grid
 
 CENTRES = ((-0.8, 0.0, 0.0), (0.9, 0.3, 0.1))
@@ -56,3 +59,9 @@ def two_cylinders() -> Grid:
     patches.append(Patch("far", "farfield", tuple(wholes[2].face(side) for side in range(4))))
     patches.append(Patch("sides", "symmetry", tuple(whole.face(side) for whole in wholes for side in (4, 5))))
     return Grid(tuple(blocks), tuple(patches), source="cylinders")
+
+
+def blocks_model(grid: Grid) -> MeshModel:
+    """Blocks, joined or overlapping, that one lattice moves."""
+    marked = marked_grid(grid)
+    return MeshModel.of(marked.mesh, {name: guess.kind for name, guess in marked.kinds.items()}, LatticeSettings(0.5))

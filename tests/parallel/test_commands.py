@@ -6,11 +6,13 @@ import os
 import numpy as np
 import openmdao.api as om
 import pytest
+from overset_cases import overset_grid
 from parallel_cases import run_ranks
 
-from bspline_mdao import read_grid
+from bspline_mdao import read_grid, write_grid
 from bspline_mdao.core.model.fitted_model import FittedModel
 from bspline_mdao.core.om.drivers.case_file import count_cases
+from bspline_mdao.generators import ball_grid
 from bspline_mdao.grids.io.run_folder import MANIFEST
 
 pytestmark = pytest.mark.slow
@@ -63,6 +65,24 @@ def test_quality_of_several_ranks_is_that_of_one(wing, name, n):
     for ranks, file in zip((1, n), files):
         numbers_of(ranks, file, "quality", wing / name, "--baseline", wing / "3.h5")
     assert files[0].read_bytes() == files[1].read_bytes()
+
+
+@pytest.mark.parametrize("lattice", [(), ("--lattice",)])
+def test_blocks_that_a_lattice_moves_are_fitted_and_moved_on_two_ranks_as_on_one(tmp_path, lattice):
+    grid = ball_grid((5, 6, 5, 4), far=3.0, octant=True) if lattice else overset_grid(4, 9)
+    write_grid(tmp_path / "grid.cgns", grid)
+    found = {}
+    for n in (1, 2):
+        model, moved = tmp_path / f"{n}.h5", tmp_path / f"{n}.cgns"
+        fit = ("fit", tmp_path / "grid.cgns", *lattice, "--spacing", "0.5", "-o", model)
+        found[n] = [numbers_of(n, tmp_path / "numbers.json", *fit)]
+        move = ("move", model, "--deform", "stretch=1.05", "-o", moved)
+        found[n].append(numbers_of(n, tmp_path / "numbers.json", *move))
+        found[n].append(read_grid(moved).to_vector())
+    for key in ("lattice", "n_wall_nodes", "markers"):
+        assert found[1][0][key] == found[2][0][key]
+    assert found[1][1].get("overlap") == found[2][1].get("overlap")
+    np.testing.assert_array_equal(found[1][2], found[2][2])
 
 
 TWO_CONDITIONS = """\

@@ -13,12 +13,12 @@ from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.skin_parts import with_markers
 from ...grids.io.marker_guess import MarkerGuess
 from ...grids.io.marker_kinds import marker_kinds, undecided
-from ...grids.io.meshes.blocks import read_marked_grid
+from ...grids.io.meshes.blocks import MarkedGrid, read_marked_grid
 from ...grids.io.meshes.files import is_mesh, read_mesh
 from .lattice_settings import DEFAULTS, LatticeSettings
 from .mesh_model import MeshModel
 
-__all__ = ["fit_mesh", "read_marked_mesh"]
+__all__ = ["fit_mesh", "mesh_of_blocks", "read_marked_mesh"]
 
 
 def fit_mesh(
@@ -68,16 +68,20 @@ def read_marked_mesh(
 ) -> tuple[MixedMesh, dict[str, MarkerGuess]]:
     """Read a mesh and what its markers are; `InputError` if that does not say what moves."""
     if not is_mesh(path):
-        marked = read_marked_grid(path, patches)
-        if not any(guess.kind == "wall" for guess in marked.kinds.values()):
-            raise InputError(
-                f"{path}: no patch is a wall, or looks like one, so that nothing moves; 'bspline-mdao inspect {path} "
-                f"--draft patches.toml' writes patches to mend, for --patches patches.toml"
-            )
-        return marked.mesh, marked.kinds
+        return mesh_of_blocks(path, read_marked_grid(path, patches))
     mesh = with_markers(read_mesh(path).mesh)
     kinds = marker_kinds(mesh, patches)
     complaint = undecided(mesh, kinds)
     if complaint:
         raise InputError(complaint)
     return mesh, kinds
+
+
+def mesh_of_blocks(path: str | os.PathLike, marked: MarkedGrid) -> tuple[MixedMesh, dict[str, MarkerGuess]]:
+    """Mesh of the blocks of a file, and what its markers are; `InputError` if none of them moves."""
+    if not any(guess.kind == "wall" for guess in marked.kinds.values()):
+        raise InputError(
+            f"{path}: no patch is a wall, or looks like one, so that nothing moves; 'bspline-mdao inspect {path} "
+            f"--draft patches.toml' writes patches to mend, for --patches patches.toml"
+        )
+    return marked.mesh, marked.kinds

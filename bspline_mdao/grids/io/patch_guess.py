@@ -18,6 +18,7 @@ from ..topology.grid import Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
 from ..topology.overset import component_numbers
 from ..topology.periodic import find_periodic
+from ..topology.stored_grid import StoredGrid
 from ..topology.topology import Topology
 from .boundary_planes import BoundaryPlane, find_planes
 from .grid_frame import GridFrame, first_cells
@@ -129,12 +130,14 @@ def guess_undeclared(
     return tuple(replace(g, name=f"{g.name}_guessed") if g.name in taken else g for g in guesses)
 
 
+def may_overlap(grid: Grid | StoredGrid, topology: Topology) -> bool:
+    """Whether a grid may be of component grids that overlap: it has several parts, or overset patches."""
+    return any(patch.kind == OVERSET for patch in grid.patches) or bool(component_numbers(topology).max() > 0)
+
+
 def overlap_of(grid: Grid, topology: Topology) -> str:
     """Say that component grids overlap, as declared or as they are found, and how that is known; empty of others."""
-    is_declared = any(patch.kind == OVERSET for patch in grid.patches)
-    if not is_declared and component_numbers(topology).max() == 0:
-        return ""
-    return overlap_text(grid, topology, guess_undeclared(grid, topology))
+    return overlap_text(grid, topology, guess_undeclared(grid, topology)) if may_overlap(grid, topology) else ""
 
 
 def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from ...base.numerics.processes import on_first, world
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
+from ...core.background.fit_mesh import mesh_of_blocks, read_marked_mesh
 from ...core.evaluation.spline_validity import certify_splines
 from ...core.fit.fitting import fit_blocks, fit_grid
 from ...core.model.fitted_blocks import FittedBlocks
@@ -18,12 +19,16 @@ from ...core.model.fitted_model import FittedModel
 from ...core.model.records import CANDIDATES, Fallback, FitReport
 from ...errors import FitWarning, InputError
 from ...grids.cells.certificate import Certificate
+from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.io.formats import MODEL
+from ...grids.io.marker_guess import MarkerGuess
+from ...grids.io.meshes.blocks import marked_grid
 from ...grids.io.meshes.files import is_mesh
-from ...grids.io.patch_guess import overlap_of
+from ...grids.io.patch_guess import may_overlap, overlap_of
 from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Grid
 from ...grids.topology.stored_grid import StoredGrid
+from ...grids.topology.topology import Topology
 from .mesh_fit import asked_settings, fit_mesh
 from .output import (
     MEANING_OF_INVALID,
@@ -76,20 +81,26 @@ def fit_model(
     is_bare = bool(file_of(grid_name)) and is_mesh(grid_name)
     if is_bare and lattice is False:
         raise InputError(f"{grid_name}: is a mesh without structure, which a lattice moves; leave out --no-lattice")
+
+    def lay(read: Callable[[], tuple[MixedMesh, dict[str, MarkerGuess]]]) -> None:
+        """Lay a lattice around what is read."""
+        fit_mesh(grid_name, output, json, read, asked_settings(spacing, spans), moves)
+
     if lattice or is_bare:
-        fit_mesh(grid_name, output, json, patches, asked_settings(spacing, spans), moves)
+        on_first(comm, lambda: lay(lambda: read_marked_mesh(grid_name, patches)))
         return
-    grid = topology = None
-    if comm.size == 1:
-        with progress_bar() as progress:
-            progress(0.0, "reading")
-            grid = load_grid(grid_name, patches, units=units)
-            topology = find_topology(grid)
-            overlap = overlap_of(grid, topology) if lattice is None and file_of(grid_name) else ""
-        if overlap:
-            print_lines([f"{grid_name}: {overlap}: one lattice moves them; --no-lattice fits each block instead"])
-            fit_mesh(grid_name, output, json, patches, asked_settings(spacing, spans), moves)
-            return
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        grid: Grid | StoredGrid
+        grid = (
+            load_grid(grid_name, patches, units=units)
+            if comm.size == 1
+            else stored_grid(grid_name, patches, comm, units=units)
+        )
+        topology = find_topology(grid, comm)
+    is_asked = lattice is None and bool(file_of(grid_name)) and may_overlap(grid, topology)
+    if is_asked and on_first(comm, lambda: _fit_overlapping(grid, topology, grid_name, lay)):
+        return
     for name, value in (("spacing", spacing), ("spans", spans), ("for", moves or None)):
         if value is not None:
             raise InputError(f"{grid_name}: is a grid of blocks; --{name} is of the lattice of --lattice")
@@ -104,15 +115,12 @@ def fit_model(
     }
     with progress_bar() as progress, warnings.catch_warnings():
         warnings.simplefilter("ignore", FitWarning)  # it is in the report
-        progress(0.0, "reading")
+        _warn_of_patches(grid, grid_name)
         model: FittedModel | FittedBlocks
-        if grid is not None:
-            _warn_of_patches(grid, grid_name)
+        if isinstance(grid, Grid):
             model = fit_grid(grid, topology=topology, progress=progress, **options)
         else:
-            stored = stored_grid(grid_name, patches, comm, units=units)
-            _warn_of_patches(stored, grid_name)
-            model = fit_blocks(stored, comm, progress=progress, **options)
+            model = fit_blocks(grid, comm, topology=topology, progress=progress, **options)
         certificate = None
         if not no_certify:
             progress(1.0, "validity")
@@ -120,6 +128,21 @@ def fit_model(
     with written_json(json, fit_numbers(model, certificate), comm):
         model.save(output)
     show_fit(model, output, certificate)
+
+
+def _fit_overlapping(
+    grid: Grid | StoredGrid,
+    topology: Topology,
+    grid_name: str,
+    lay: Callable[[Callable[[], tuple[MixedMesh, dict[str, MarkerGuess]]]], None],  # lays a lattice around what is read
+) -> bool:
+    """Fit blocks by one lattice if they are component grids that overlap; say whether they are."""
+    grid = grid.grid() if isinstance(grid, StoredGrid) else grid
+    overlap = overlap_of(grid, topology)
+    if overlap:
+        print_lines([f"{grid_name}: {overlap}: one lattice moves them; --no-lattice fits each block instead"])
+        lay(lambda: mesh_of_blocks(grid_name, marked_grid(grid, topology)))
+    return bool(overlap)
 
 
 def _certificate(model: FittedModel | FittedBlocks) -> Certificate:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +11,12 @@ import numpy as np
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.background.end_planes import PERIODIC
-from ...core.background.fit_mesh import read_marked_mesh
 from ...core.background.lattice_settings import LatticeSettings
 from ...core.background.mesh_model import MeshModel
 from ...core.background.thin_gaps import thin_gaps
 from ...core.design.named_deformations import parse_deformation
 from ...errors import InputError
+from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.io.marker_guess import MarkerGuess
 from .meshes import n_unmarked_faces, unmarked_lines
 from .output import counts_text, print_lines, print_table, print_title, print_warnings, written_json
@@ -28,14 +28,14 @@ def fit_mesh(
     mesh_name: str,  # file of the mesh, or OpenFOAM's folder
     output: Path,  # output, json: model and numbers to write
     json: Path | None,
-    patches: Path | None,  # kinds of the markers
+    read: Callable[[], tuple[MixedMesh, dict[str, MarkerGuess]]],  # gives the mesh, and what its markers are
     settings: LatticeSettings,  # what the lattice is to be like
     moves: Sequence[str] = (),  # deformations that it is refined for
 ) -> None:
     """Lay a lattice around a mesh, write the model and show what it is."""
     with progress_bar() as progress:
         progress(0.0, "reading")
-        mesh, kinds = read_marked_mesh(mesh_name, patches)
+        mesh, kinds = read()
         start = time.process_time()
         progress(0.5, "lattice")
         chosen = {name: guess.kind for name, guess in kinds.items()}

@@ -10,8 +10,10 @@ from test_cli import fails_as_expected, numbers
 
 from bspline_mdao import read_grid, write_grid
 from bspline_mdao.generators import ball_grid
+from bspline_mdao.grids.io import cgns
 from bspline_mdao.grids.io.plot3d import write_plot3d
 from bspline_mdao.grids.io.plot3d_dialect import Plot3dDialect
+from bspline_mdao.grids.topology import detection
 from bspline_mdao.meshes import LatticeSettings, MeshModel, fit_mesh, open_mesh_file
 from bspline_mdao.studio.cli.main import run
 
@@ -106,3 +108,18 @@ def test_component_grids_that_overlap_move_by_a_lattice_and_keep_their_blanking(
 
 def _face(number: int) -> str:
     return f'{{ block = {number + 1}, face = "kmin" }}'
+
+
+def test_a_fit_of_component_grids_reads_the_file_and_finds_its_topology_once(workplace, monkeypatch):
+    write_grid("overset.cgns", overset_grid(4, 9))
+    counts = {"read_cgns": 0, "_shells": 0}
+    for module, name in ((cgns, "read_cgns"), (detection, "_shells")):
+        function = getattr(module, name)
+
+        def counted(*arguments, name=name, function=function):
+            counts[name] += 1
+            return function(*arguments)
+
+        monkeypatch.setattr(module, name, counted)
+    assert run(["fit", "overset.cgns", "--spacing", "0.5", "-o", "overset.h5"]) == 0
+    assert counts == {"read_cgns": 1, "_shells": 1}

@@ -79,9 +79,9 @@ def read_marked_grid(path: str | os.PathLike, patches: str | os.PathLike | None 
     return marked_grid(grid if patches is None else read_patches(patches, grid))
 
 
-def marked_grid(grid: Grid) -> MarkedGrid:
-    """Take a grid as a mesh: declared patches are markers, and what nobody declared is guessed."""
-    topology = find_topology(grid)
+def marked_grid(grid: Grid, topology: Topology | None = None) -> MarkedGrid:
+    """Take a grid, whose topology may be known, as a mesh: patches are markers, and what nobody declared is guessed."""
+    topology = topology or find_topology(grid)
     guesses = guess_undeclared(grid, topology)
     names = {face.window: face.patch for face in topology.boundary if face.patch is not None}
     names |= {guess.window: guess.name for guess in guesses}
