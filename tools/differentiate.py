@@ -51,6 +51,14 @@ FILES: dict[str, tuple[tuple[str, str, dict, tuple[str, ...]], ...]] = {
             BOTH,
         ),
     ),
+    "bspline_mdao/flow/euler/vortex_state_derivatives.py": (
+        (
+            "bspline_mdao.flow.euler.vortex_state",
+            "vortex_state",
+            {"stream": 5, "lift": 3, "circulation": 0},
+            FORWARD,
+        ),
+    ),
     "bspline_mdao/flow/euler/face_centre_derivatives.py": (
         ("bspline_mdao.flow.euler.face_centre", "face_centre", {"a": 3, "b": 3, "c": 3, "d": 3}, BOTH),
     ),

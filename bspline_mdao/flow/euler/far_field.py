@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from ...base.numerics.halo import Halo
 from ...base.numerics.processes import largest, summed, summed_number
@@ -32,6 +33,8 @@ from ...grids.cells.cell_faces import CellFaces
 from ...grids.cells.quads import area_vectors
 from .gas import GAMMA, N_STATES
 from .reconstruction import Stencil
+from .vortex_state import vortex_state
+from .vortex_state_derivatives import vortex_state_jvp
 
 __all__ = ["FarVortex", "VortexTangent"]
 
@@ -104,10 +107,8 @@ class FarVortex:
         by_stream[4] = -summed_number(self.halo.comm, by_pressure.sum())
         by_state = np.zeros_like(states)
         np.add.at(by_state[:, 4], self.cells, self.weights * by_pressure[:, None])
-        columns = [self._disturbed_jvp(stream, circulation, *one) for one in zip(_STREAMS, _CIRCULATIONS)]
-        return VortexTangent(
-            self, np.stack(columns, axis=2), self.halo.fold(by_state), rise[:, None] * push / impulse, by_stream
-        )
+        outside = self._disturbed_jvp(stream, circulation)
+        return VortexTangent(self, outside, self.halo.fold(by_state), rise[:, None] * push / impulse, by_stream)
 
     def _pressures(self, states: np.ndarray) -> np.ndarray:
         """Pressures on the walls, shape (n_wall,)."""
@@ -121,44 +122,46 @@ class FarVortex:
 
     def _disturbed(self, stream: np.ndarray, circulation: float) -> np.ndarray:
         """States of the stream with a vortex. Faster than sound nothing of it comes upstream."""
-        rho, u, p = stream[0], stream[1:4], stream[4]
-        speed, sound = u @ u, GAMMA * p / rho
-        if (speed / sound).real >= 1.0:
+        if _is_supersonic(stream):
             return np.tile(stream, (len(self.faces), 1))
-        lift = self.turn @ u
-        beta, x, y = np.sqrt(1.0 - speed / sound), self.offsets @ u, self.offsets @ lift
-        factor = circulation * beta / (2.0 * np.pi) / (x * x + beta * beta * y * y)
-        v = u + factor[:, None] * (y[:, None] * u - x[:, None] * lift)
-        heat = 1.0 + 0.5 * (GAMMA - 1.0) * (speed - np.sum(v * v, axis=1)) / sound
-        return np.column_stack([rho * heat ** (1.0 / (GAMMA - 1.0)), v, p * heat ** (GAMMA / (GAMMA - 1.0))])
+        states = np.empty((len(self.faces), N_STATES), dtype=np.result_type(stream, circulation))
+        _disturbed(tuple(stream), tuple(self.turn @ stream[1:4]), circulation, self.offsets, states)
+        return states
 
-    def _disturbed_jvp(
-        self, stream: np.ndarray, circulation: float, d_stream: np.ndarray, d_circulation: float
-    ) -> np.ndarray:
-        """Change of these states with the stream and the circulation."""
-        rho, u, p = stream[0], stream[1:4], stream[4]
-        d_rho, du, dp = d_stream[0], d_stream[1:4], d_stream[4]
-        speed, sound = u @ u, GAMMA * p / rho
-        d_speed, d_sound = 2.0 * (u @ du), sound * (dp / p - d_rho / rho)
-        if speed / sound >= 1.0:
-            return np.tile(d_stream, (len(self.faces), 1))
-        lift, d_lift = self.turn @ u, self.turn @ du
-        beta, x, y = np.sqrt(1.0 - speed / sound), self.offsets @ u, self.offsets @ lift
-        d_beta = -0.5 / beta * (d_speed - speed * d_sound / sound) / sound
-        dx, dy = self.offsets @ du, self.offsets @ d_lift
-        square = x * x + beta * beta * y * y
-        d_square = 2.0 * (x * dx + beta * d_beta * y * y + beta * beta * y * dy)
-        factor = circulation * beta / (2.0 * np.pi) / square
-        d_factor = (d_circulation * beta + circulation * d_beta) / (2.0 * np.pi) / square - factor * d_square / square
-        swirl = y[:, None] * u - x[:, None] * lift
-        d_swirl = dy[:, None] * u + y[:, None] * du - dx[:, None] * lift - x[:, None] * d_lift
-        v, dv = u + factor[:, None] * swirl, du + d_factor[:, None] * swirl + factor[:, None] * d_swirl
-        fall, d_fall = speed - np.sum(v * v, axis=1), d_speed - 2.0 * np.sum(v * dv, axis=1)
-        heat = 1.0 + 0.5 * (GAMMA - 1.0) * fall / sound
-        d_heat = 0.5 * (GAMMA - 1.0) * (d_fall - fall * d_sound / sound) / sound
-        density, pressure = rho * heat ** (1.0 / (GAMMA - 1.0)), p * heat ** (GAMMA / (GAMMA - 1.0))
-        d_density = density * (d_rho / rho + d_heat / heat / (GAMMA - 1.0))
-        return np.column_stack([d_density, dv, pressure * (dp / p + GAMMA / (GAMMA - 1.0) * d_heat / heat)])
+    def _disturbed_jvp(self, stream: np.ndarray, circulation: float) -> np.ndarray:
+        """Derivatives of these states with respect to the stream and the circulation, shape (n_far, 5, 6)."""
+        found = np.zeros((len(self.faces), N_STATES, N_STATES + 1))
+        if _is_supersonic(stream):
+            found[:, range(N_STATES), range(N_STATES)] = 1.0
+            return found
+        at = tuple(stream), tuple(self.turn @ stream[1:4]), circulation
+        for column, d_stream in enumerate(_STREAMS):
+            change = tuple(d_stream), tuple(self.turn @ d_stream[1:4]), float(column == N_STATES)
+            _disturbed_jvp(*at, self.offsets, *change, found[:, :, column])
+        return found
+
+
+def _is_supersonic(stream: np.ndarray) -> bool:
+    """Whether the stream is as fast as sound or faster."""
+    return bool((stream[1:4] @ stream[1:4] / (GAMMA * stream[4] / stream[0])).real >= 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _disturbed(stream, lift, circulation, offsets, states):
+    for f in range(len(offsets)):
+        offset = offsets[f, 0], offsets[f, 1], offsets[f, 2]
+        states[f, 0], states[f, 1], states[f, 2], states[f, 3], states[f, 4] = vortex_state(
+            stream, lift, circulation, offset
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def _disturbed_jvp(stream, lift, circulation, offsets, d_stream, d_lift, d_circulation, changes):
+    for f in range(len(offsets)):
+        offset = offsets[f, 0], offsets[f, 1], offsets[f, 2]
+        changes[f, 0], changes[f, 1], changes[f, 2], changes[f, 3], changes[f, 4] = vortex_state_jvp(
+            stream, lift, circulation, offset, d_stream, d_lift, d_circulation
+        )
 
 
 def _ends(comm: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -168,8 +171,6 @@ def _ends(comm: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 _STREAMS = np.vstack([np.eye(N_STATES), np.zeros(N_STATES)])
-
-_CIRCULATIONS = np.append(np.zeros(N_STATES), 1.0)
 
 
 @dataclass(frozen=True, eq=False)
