@@ -59,7 +59,7 @@ class ElementRotations:
         """Rotations in a displacement, a sum of parts, shape (n_parts, n_points, 3)."""
         seen = np.eye(3) + _mean_gradients(*_arguments(elements), parts)
         matrices, stiffness, is_fine = seen.copy(), np.empty_like(seen), np.empty(len(seen), dtype=np.bool_)
-        nearest_rotations(0, len(seen), matrices, stiffness, is_fine)
+        nearest_rotations(matrices, stiffness, is_fine, (0, len(seen)))
         lost = np.flatnonzero(~is_fine)
         matrices[lost] = nearest_to_any(seen[lost])
         left = matrices[lost].transpose(0, 2, 1) @ seen[lost]
@@ -76,13 +76,13 @@ class ElementRotations:
     def jvp(self, d_points: np.ndarray, d_parts: np.ndarray) -> np.ndarray:
         """Change of the rotations, shape (n_elements, 3, 3), with that of the displacement as a sum of parts."""
         change = _mean_gradients_jvp(*_arguments(self.elements), self.parts, d_points, d_parts)
-        rotation_changes(0, len(change), self.matrices, self.stiffness, change)
+        rotation_changes(self.matrices, self.stiffness, change, (0, len(change)))
         return change
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `jvp`: for the points, and for the displacement as a sum of two parts."""
         back = np.array(bar, order="C")
-        rotation_changes(0, len(back), self.matrices, self.stiffness, back)
+        rotation_changes(self.matrices, self.stiffness, back, (0, len(back)))
         return _mean_gradients_vjp(*_arguments(self.elements), self.parts, back)
 
 

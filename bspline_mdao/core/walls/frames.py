@@ -297,8 +297,8 @@ def _project_out(normals, lengths, change):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sum_products(first, last, first_sides, weights, u, v, sums):
-    for i in range(first, last):
+def _sum_products(first_sides, weights, u, v, sums, piece):
+    for i in range(piece[0], piece[1]):
         for d in range(9):
             sums[i, d // 3, d % 3] = 0.0
         for s in range(first_sides[i], first_sides[i + 1]):
@@ -308,13 +308,13 @@ def _sum_products(first, last, first_sides, weights, u, v, sums):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pull_normals(first, last, first_sides, weights, before, after, bar, matrices, before_bar, after_bar):
+def _pull_normals(first_sides, weights, before, after, bar, matrices, before_bar, after_bar, piece):
     """Derivatives with respect to the normals, from those with respect to C = sum w after (x) before in B G = C + E R.
 
     With those with respect to B, which are -bar G^T, the normals after the move get
     w (bar before - (bar G^T + G bar^T) after).
     """
-    for i in range(first, last):
+    for i in range(piece[0], piece[1]):
         x, g = bar[i], matrices[i]
         for s in range(first_sides[i], first_sides[i + 1]):
             n = after[s]
@@ -331,10 +331,10 @@ def _pull_normals(first, last, first_sides, weights, before, after, bar, matrice
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(first, last, stiffness, right):
+def _solve(stiffness, right, piece):
     """Solve symmetric systems of three with three right-hand sides each, in their place."""
     c, x = np.empty_like(stiffness[0]), np.empty_like(right[0])
-    for i in range(first, last):
+    for i in range(piece[0], piece[1]):
         det = cofactors(stiffness[i], c)
         for d in range(3):
             for e in range(3):
@@ -344,9 +344,9 @@ def _solve(first, last, stiffness, right):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _take_off(first, last, half, matrices, right):
+def _take_off(half, matrices, right, piece):
     """``right -= (half + half^T) matrix``."""
-    for i in range(first, last):
+    for i in range(piece[0], piece[1]):
         for d in range(3):
             for k in range(3):
                 s = half[i, d, k] + half[i, k, d]

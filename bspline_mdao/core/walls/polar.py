@@ -18,7 +18,7 @@ __all__ = ["cofactors", "nearest_rotations", "rotation_changes"]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest_rotations(first, last, matrices, stiffness, is_fine):
+def nearest_rotations(matrices, stiffness, is_fine, piece):
     """Put the nearest rotation in the place of every matrix, and ``tr(S) I - S`` beside it."""
     # M + cof(M) / norm(M) has the same rotation: both factors of cof(M) = R cof(S) belong to those of M. But it has
     # full rank where all edges lie in a plane, and a positive determinant somewhat beyond. Newton's iteration X <- (X +
@@ -29,7 +29,7 @@ def nearest_rotations(first, last, matrices, stiffness, is_fine):
     # 3. Scale X so that it and X^-T are of the same size (the scaling in the Frobenius norm of Higham 1986).
     # 4. Replace X by the mean of both. After a step of less than 1e-5 one more is exact to round-off.
     r, c = np.empty_like(matrices[0]), np.empty_like(matrices[0])
-    for i in range(first, last):
+    for i in range(piece[0], piece[1]):
         m = matrices[i]
         size = np.sqrt(_square(m))  # step 1
         cofactors(m, c)
@@ -62,10 +62,10 @@ def nearest_rotations(first, last, matrices, stiffness, is_fine):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def rotation_changes(first, last, matrices, stiffness, change):
+def rotation_changes(matrices, stiffness, change, piece):
     """Turn changes of M into changes of R, or derivatives with respect to R into those with respect to M, in place."""
     c = np.empty_like(stiffness[0])
-    for i in range(first, last):
+    for i in range(piece[0], piece[1]):
         w = _solve(stiffness[i], c, _axial(matrices[i], change[i]))
         _set_turned(matrices[i], w, change[i])
 

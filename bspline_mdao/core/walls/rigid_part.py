@@ -46,7 +46,7 @@ class RigidPart(OneLine):
             matrices[:], stiffness[:] = np.eye(3), np.eye(3)
         else:
             mirrored = MirrorMeans.of([(np.zeros(1, dtype=int), normal) for normal in along], None, matrices)
-            nearest_rotations(0, 1, matrices, stiffness, is_fine)
+            nearest_rotations(matrices, stiffness, is_fine, (0, 1))
         if not is_fine[0]:
             raise MovementError("movement: the surface is turned inside out as a whole; take a smaller step")
         means = initial.mean(axis=0), moved.mean(axis=0)
@@ -82,7 +82,7 @@ class RigidMotion:
         if self.mirrored is not None:
             change[0] = d_moved.T @ self.arms[0] + self.arms[1].T @ d_initial  # arms sum to zero: means do not matter
             self.mirrored.jvp(change, None)
-            rotation_changes(0, 1, self.rotation[None], self.stiffness, change)
+            rotation_changes(self.rotation[None], self.stiffness, change, (0, 1))
         d_shift = d_moved.mean(axis=0) - self.rotation @ d_initial.mean(axis=0) - change[0] @ self.mean
         return change[0], self.in_planes @ d_shift
 
@@ -93,7 +93,7 @@ class RigidMotion:
         moved_bar = np.tile(shift_bar / n, (n, 1))
         if self.mirrored is not None:
             bar = (rotation_bar - np.outer(shift_bar, self.mean))[None]
-            rotation_changes(0, 1, self.rotation[None], self.stiffness, bar)
+            rotation_changes(self.rotation[None], self.stiffness, bar, (0, 1))
             self.mirrored.vjp(bar)
             moved_bar += self.arms[0] @ bar[0].T
             initial_bar += self.arms[1] @ bar[0]

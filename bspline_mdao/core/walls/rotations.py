@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -235,10 +236,9 @@ class LocalRotations:
         return mix, np.flatnonzero(_is_alone(seen))
 
     def over_points(self, kernel: Callable[..., None], *arguments: Any) -> None:
-        """Call a kernel with the first and last points of pieces of them, and with its arguments."""
+        """Call a kernel with its arguments and each piece of the points: its first one, and the one after its last."""
         cuts = [*range(0, self.n_points, CHUNK_POINTS), self.n_points]
-        pieces = list(zip(cuts, cuts[1:]))
-        run_tasks(lambda piece: kernel(*piece, *arguments), pieces, thread_count(self.n_threads))
+        run_tasks(partial(kernel, *arguments), list(zip(cuts, cuts[1:])), thread_count(self.n_threads))
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,9 +411,9 @@ def _add_product(m, scale, u, v):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _moments(
-    first, last, starts, neighbours, scales, corner_starts, corners, quad_scales, before, after, areas, new_areas, sums
+    starts, neighbours, scales, corner_starts, corners, quad_scales, before, after, areas, new_areas, sums, piece
 ):
-    for i in range(first, last):
+    for i in range(piece[0], piece[1]):
         m = sums[i]
         for d in range(9):
             m[d // 3, d % 3] = 0.0
@@ -444,9 +444,9 @@ def _diagonal_pulls(bar, quads, quad_scales, areas, asked, pulls):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(first, last, starts, neighbours, scales, corner_starts, corners, bar, points, pulls, out):
+def _gather(starts, neighbours, scales, corner_starts, corners, bar, points, pulls, out, piece):
     """Sum up what edges and quads pull at every point; an edge is seen from both ends."""
-    for i in range(first, last):
+    for i in range(piece[0], piece[1]):
         x, y, z = 0.0, 0.0, 0.0
         for k in range(starts[i], starts[i + 1]):
             j = neighbours[k]

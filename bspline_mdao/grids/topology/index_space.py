@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -53,7 +54,7 @@ class Window(OneLine):
     lo: tuple[int, ...]
     hi: tuple[int, ...]
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, ...]:
         """Number of nodes in each direction."""
         return tuple(h - l + 1 for l, h in zip(self.lo, self.hi))

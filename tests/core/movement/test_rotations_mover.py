@@ -127,7 +127,7 @@ def test_rotations_of_elements_are_the_nearest_to_their_mean_gradients_folded_or
     u, _, v = np.linalg.svd(seen)
     flip = np.sign(np.linalg.det(u @ v))
     is_found = np.empty(len(seen), dtype=bool)
-    nearest_rotations(0, len(seen), seen, np.empty_like(seen), is_found)
+    nearest_rotations(seen, np.empty_like(seen), is_found, (0, len(seen)))
     assert (~is_found).any() == (n_folded > 0)
     u[:, :, 2] *= flip[:, None]
     np.testing.assert_allclose(rotations, u @ v, atol=1e-8)
