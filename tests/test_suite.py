@@ -261,6 +261,7 @@ print(len(dispatchers), sum(len(d.stats.cache_hits) for d in dispatchers.values(
 
 def test_kernels_are_restored_for_the_sources_that_they_were_compiled_from_alone(tmp_path):
     sources = {
+        "__init__.py": "",
         "kernel.py": "from numba import njit\nfrom .constants import TWO",
         "constants.py": "TWO = 2",
         "rest.py": "",
@@ -269,6 +270,8 @@ def test_kernels_are_restored_for_the_sources_that_they_were_compiled_from_alone
     for path in (program, package / "__pycache__" / "kernel.nbi"):
         path.parent.mkdir(parents=True)
     shutil.copy(ROOT / ".ci" / "kernels", program)
+    (tmp_path / "docs").mkdir()
+    shutil.copy(ROOT / "docs" / "make_map.py", tmp_path / "docs")
     for name, text in sources.items():
         (package / name).write_text(text)
     (package / "__pycache__" / "kernel.nbi").write_text("compiled")
