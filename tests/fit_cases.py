@@ -1,8 +1,17 @@
 """Grids for the tests of the fit: small, curved, of unequal sizes."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from bspline_mdao.core.fit import fitting
+from bspline_mdao.core.fit.settings import FITTING
 from bspline_mdao.grids.topology.grid import Block, Grid
+
+
+def fit_with(monkeypatch, **settings):
+    """Have all fits of a test made with other settings."""
+    monkeypatch.setitem(fitting._fit.__kwdefaults__, "settings", replace(FITTING, **settings))
 
 
 def bend(points):

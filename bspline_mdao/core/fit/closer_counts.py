@@ -17,35 +17,11 @@ import numpy as np
 
 from ...grids.topology.sharing import direction_classes
 from ...grids.topology.topology import Topology
-from .control_counts import LARGEST_FACTOR, LONG, ControlCounts, is_affordable, predict_factor_bytes
+from .control_counts import ControlCounts, is_affordable, predict_factor_bytes
 from .fit_nodes import FitNodes
 from .line_errors import class_errors
 from .requested_counts import RequestedCounts
-
-LARGEST_MISS = 4.0
-"""Residual, by the width of the cells, beyond which numbers are raised.
-
-On the grids about the M6 with first cells 1e-5 high, elasticity folds 685 cells in twelve moves where it is 7.3, and 4
-where it is 3.9.
-"""
-
-LAYER = 1e-3
-"""Height of the flattest cell, by its width, of grids whose numbers may be raised: those with boundary layers.
-
-Generated grids for inviscid flow have cells of 1.2e-3, those with first cells 1e-3 high of 5e-4.
-"""
-
-LARGEST_LINE_MISS = 1.0
-"""Up to how much, by the width of the cells, a raised direction may miss its lines. With 3 too little is gained."""
-
-MOST_PER_NODE = 0.5, 0.75, 1.0
-"""Most control points by the nodes of a raised direction: each is tried where those before do not do."""
-
-MOST_PER_SHORT_NODE = 0.75
-"""The same of directions of fewer than `LONG` nodes, which fold where they have as many control points."""
-
-STEP = 12
-"""A number rises by one for each so many control points, and by one at least, from trial to trial."""
+from .settings import FITTING, FittingSettings
 
 
 @dataclass(frozen=True)
@@ -57,12 +33,11 @@ class CloserCounts:
     counts: ControlCounts  # the numbers
     factor_bytes: int | None
 
-    @property
-    def is_affordable(self) -> bool:
+    def is_affordable(self, settings: FittingSettings = FITTING) -> bool:
         """Whether least squares and a mover can take them."""
-        if not is_affordable(self.counts.n_control, self.counts.orders):
+        if not is_affordable(self.counts.n_control, self.counts.orders, settings):
             return False
-        return self.factor_bytes is None or self.factor_bytes <= LARGEST_FACTOR
+        return self.factor_bytes is None or self.factor_bytes <= settings.largest_factor
 
 
 def closer_counts(
@@ -72,12 +47,14 @@ def closer_counts(
     sharing: FitNodes,  # nodes of the segments of this process; all processes call this
     nodes: np.ndarray,  # (n_rows, 3), its nodes (m)
     parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
-    most_per_node: float,  # see `MOST_PER_NODE`
+    most_per_node: float,  # one of those of the settings
+    settings: FittingSettings = FITTING,
 ) -> CloserCounts:
     """Raise numbers of control points where lines of the grid are missed."""
     classes = direction_classes(topology)
     first, lengths = _of_classes(classes, counts.n_control), _of_classes(classes, _lengths(topology))
-    limit = np.where(lengths < LONG, min(most_per_node, MOST_PER_SHORT_NODE), most_per_node)
+    of_short = min(most_per_node, settings.most_per_short_node)
+    limit = np.where(lengths < settings.long, of_short, most_per_node)
     most = np.maximum(first, (limit * lengths).astype(int))
     raised, tried, least = first.copy(), first.copy(), np.full(len(first), np.inf)
     is_wanted = _open_classes(topology, requested, classes)
@@ -86,10 +63,10 @@ def closer_counts(
         errors = class_errors(classes, numbers, sharing, nodes, parameters, tried[classes], counts.orders)
         is_less = is_wanted & (errors < least)
         raised[is_less], least[is_less] = tried[is_less], errors[is_less]
-        is_wanted &= (errors > LARGEST_LINE_MISS) & (tried < most)
-        tried[is_wanted] = np.minimum(tried + np.maximum(tried // STEP, 1), most)[is_wanted]
+        is_wanted &= (errors > settings.largest_line_miss) & (tried < most)
+        tried[is_wanted] = np.minimum(tried + np.maximum(tried // settings.points_per_rise, 1), most)[is_wanted]
     closer = replace(counts, n_control=raised[classes])
-    return CloserCounts(closer, predict_factor_bytes(topology, closer.n_control))
+    return CloserCounts(closer, predict_factor_bytes(topology, closer.n_control, settings))
 
 
 def _open_classes(topology: Topology, requested: RequestedCounts, classes: np.ndarray) -> np.ndarray:

@@ -29,30 +29,10 @@ from ..mesh.boundary import boundary_points
 from ..mesh.moving_mesh import MovingMesh
 from ..movement.equilibrium import Unknowns
 from .requested_counts import RequestedCounts, per_block
-
-LARGEST_FACTOR = 2**30
-"""Bytes of one factor that numbers of control points chosen from the grid lead to; five increments keep five."""
-
-SMALL_MESH = 10_000
-"""Control points below which a factor is not predicted: it takes less than 0.2 GB."""
-
-_GROWTH = 4.2
-"""Power of the spans per direction with which a factor grows, about."""
-
-_MOST_CELLS = 64
-"""Most cells along a span; numbers do not fall any further."""
-
-NODES_PER_SPAN = 4
-"""Cells along a knot span where the number of control points is chosen from the grid."""
-
-LARGEST_CHOICE = 2**29
-"""Bytes of the largest Gram matrix that numbers chosen from the grid lead to; it takes some seconds to factorize."""
+from .settings import FITTING, FittingSettings
 
 HIGHEST_ORDER = 16
 """Beyond it B-splines of 8-byte reals lose too many digits, and a fit takes long."""
-
-FEW_PLANES = 6
-"""A direction with no more nodes than this keeps one control point per node, where its order is asked for."""
 
 CHOSEN, PART_OF_ALL, OF_ALL, PART_OF_NAMED, OF_NAMED = range(5)
 """Levels of a number of control points, the highest of which counts where interfaces join directions: it is chosen, or
@@ -60,9 +40,6 @@ asked of all blocks or of one by itself, and each of these for a part of a cut b
 
 FIRM = OF_ALL, OF_NAMED
 """Levels at which different counts are a contradiction."""
-
-SHORT_ORDER, LONG_ORDER, LONG = 3, 4, 13
-"""Order of short directions, order of long ones, and nodes from which on one is long; shorter ones fold at order 4."""
 
 
 @dataclass(frozen=True)
@@ -77,20 +54,20 @@ class ControlCounts:
 
 def choose_affordable_counts(
     topology: Topology,  # segments and their links
-    # see `choose_counts`. Where numbers are not given, spans are widened until a factor takes no more than
-    # `LARGEST_FACTOR`
+    # see `choose_counts`. Where numbers are not given, spans are widened until a factor takes no more than the largest
     n_control: Any = None,
     order: int | None = None,
+    settings: FittingSettings = FITTING,
 ) -> tuple[ControlCounts, int | None]:  # factor_bytes: see `predict_factor_bytes`
     """Numbers of control points and orders, and the memory of a factor of the mover's matrix."""
     # `InputError` as `choose_counts`
-    cells, requested = NODES_PER_SPAN, RequestedCounts.of(n_control, topology)
-    counts = choose_counts(topology, requested, order)
-    n_bytes = predict_factor_bytes(topology, counts.n_control)
-    while not requested.is_complete and n_bytes is not None and n_bytes > LARGEST_FACTOR and cells < _MOST_CELLS:
-        cells *= 1.01 * (n_bytes / LARGEST_FACTOR) ** (1 / _GROWTH)
-        counts = choose_counts(topology, requested, order, cells)
-        n_bytes = predict_factor_bytes(topology, counts.n_control)
+    requested, most, cells = RequestedCounts.of(n_control, topology), settings.largest_factor, settings.cells_per_span
+    counts = choose_counts(topology, requested, order, settings)
+    n_bytes = predict_factor_bytes(topology, counts.n_control, settings)
+    while not requested.is_complete and n_bytes is not None and n_bytes > most and cells < settings.most_cells_per_span:
+        cells *= 1.01 * (n_bytes / most) ** (1 / settings.factor_growth)
+        counts = choose_counts(topology, requested, order, settings, cells)
+        n_bytes = predict_factor_bytes(topology, counts.n_control, settings)
     return counts, n_bytes
 
 
@@ -98,12 +75,13 @@ def predict_factor_bytes(
     # segments, links and boundary. All of it is taken as given or fixed, but for planes of symmetry
     topology: Topology,
     n_control: np.ndarray,  # int (n_segments, 3), control points of every segment
-) -> int | None:  # bytes; None for fewer than `SMALL_MESH` control points, and for planar grids, which do not move
+    settings: FittingSettings = FITTING,
+) -> int | None:  # bytes; None for small meshes, and for planar grids, which do not move
     """Memory of one factor of the matrix with which linear elasticity moves a control mesh."""
     shapes = [(int(n_0), int(n_1), int(n_2)) for n_0, n_1, n_2 in n_control]
     ids = tuple(shared_ids(shapes, topology.links, topology.collapses, topology.segment_names))
     n_points = 1 + max(int(block.max()) for block in ids)
-    if n_points < SMALL_MESH or np.min(n_control) == 1:
+    if n_points < settings.small_mesh or np.min(n_control) == 1:
         return None
     is_free = np.ones((n_points, 3), dtype=bool)
     for face, points in boundary_points(topology, ids):
@@ -123,20 +101,23 @@ def choose_counts(
     # are, or all where an order is asked for
     n_control: Any = None,  # optional
     # order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered where a
-    # direction has fewer control points. None: 4, or 3 in directions of fewer than `LONG` nodes where the number of
-    # control points is chosen, too
+    # direction has fewer control points. None: 4, or 3 in short directions where the number of control points is
+    # chosen, too
     order: int | None = None,  # None, int, triple of int or sequence of triples
-    cells: float = NODES_PER_SPAN,  # cells along a knot span where numbers are chosen
+    settings: FittingSettings = FITTING,
+    cells: float | None = None,  # cells along a knot span where numbers are chosen; by default those of the settings
 ) -> ControlCounts:
     """Numbers of control points and orders of all segments, equal on both sides of every interface."""
     # `InputError` if numbers do not fit the blocks or each other
     requested = RequestedCounts.of(n_control, topology)
+    cells = settings.cells_per_span if cells is None else cells
     if order is None:
-        orders = np.where(requested.counts > 0, LONG_ORDER, 0)
+        orders = np.where(requested.counts > 0, settings.long_order, 0)
     else:
         orders = per_block(order, topology, "order")
     requests = [
-        [_request(topology, s, d, requested, orders, cells) for d in range(3)] for s in range(len(topology.segments))
+        [_request(topology, s, d, requested, orders, settings, cells) for d in range(3)]
+        for s in range(len(topology.segments))
     ]
     classes = direction_classes(topology)
     n_result, p_result = np.empty_like(classes), np.empty_like(classes)
@@ -147,7 +128,8 @@ def choose_counts(
     is_open = np.isin(classes, classes[~is_chosen], invert=True)
     said = [*_warn_of_clipped(topology, requested)]
     if is_open.any():
-        said += [*_warn_of_wide_spans(topology, cells), *_limit_size(topology, classes, n_result, p_result, is_open)]
+        said += _warn_of_wide_spans(topology, cells, settings.cells_per_span)
+        said += _limit_size(topology, classes, n_result, p_result, is_open, settings.largest_choice)
     return ControlCounts(n_result, p_result, (*said, *_warn_of_lowered_orders(topology, orders, p_result)))
 
 
@@ -162,7 +144,13 @@ class _Request:
 
 
 def _request(
-    topology: Topology, segment: int, d: int, requested: RequestedCounts, orders: np.ndarray, cells: float
+    topology: Topology,
+    segment: int,
+    d: int,
+    requested: RequestedCounts,
+    orders: np.ndarray,
+    settings: FittingSettings,
+    cells: float,
 ) -> _Request:
     window = topology.segments[segment]
     n_nodes, n_block = window.shape[d], topology.shapes[window.block][d]
@@ -171,8 +159,8 @@ def _request(
         raise InputError(f"{topology.source}: order {order} of block {window.block + 1}; give 2 to {HIGHEST_ORDER}")
     whole = min(int(requested.counts[window.block, d]), n_block)
     if not whole:
-        count = _sound_count(n_nodes, order, cells)
-        return _Request(count, min(order or sound_order(n_nodes), count), CHOSEN, order)
+        count = _sound_count(n_nodes, order, settings, cells)
+        return _Request(count, min(order or sound_order(n_nodes, settings), count), CHOSEN, order)
     if n_block > 1 and whole == 1:
         raise InputError(
             f"{topology.source}: 1 control point in direction {'ijk'[d]} of block {window.block + 1} does not go "
@@ -186,24 +174,24 @@ def _request(
     return _Request(count, min(order, count), PART_OF_NAMED if is_named else PART_OF_ALL, order)
 
 
-def sound_order(n_nodes: int) -> int:
+def sound_order(n_nodes: int, settings: FittingSettings = FITTING) -> int:
     """Order for so many nodes that rarely folds where their spacing varies a lot."""
-    return SHORT_ORDER if n_nodes < LONG else LONG_ORDER
+    return settings.short_order if n_nodes < settings.long else settings.long_order
 
 
-def _sound_count(n_nodes: int, order: int, cells: float) -> int:
+def _sound_count(n_nodes: int, order: int, settings: FittingSettings, cells: float) -> int:
     """Control points of a direction with so many nodes."""
-    if n_nodes <= FEW_PLANES:
-        return n_nodes if order else max(min(n_nodes, SHORT_ORDER), n_nodes - 2)
-    order = order or LONG_ORDER
+    if n_nodes <= settings.few_planes:
+        return n_nodes if order else max(min(n_nodes, settings.short_order), n_nodes - 2)
+    order = order or settings.long_order
     return min(max(round((n_nodes - 1) / cells) + order - 2, order + 1), n_nodes)
 
 
-def _warn_of_wide_spans(topology: Topology, cells: float) -> Iterator[str]:
+def _warn_of_wide_spans(topology: Topology, cells: float, usual: float) -> Iterator[str]:
     """Warn in one line where spans are wider than usual."""
-    if cells != NODES_PER_SPAN:
+    if cells != usual:
         yield (
-            f"a grid of {topology.n_nodes:,} nodes gets one span to {cells:.1f} cells instead of {NODES_PER_SPAN}, so "
+            f"a grid of {topology.n_nodes:,} nodes gets one span to {cells:.1f} cells instead of {usual}, so "
             f"that movers can take its control mesh; give numbers of control points for others (n_control, --n-control)"
         )
 
@@ -221,13 +209,18 @@ def _warn_of_clipped(topology: Topology, requested: RequestedCounts) -> Iterator
 
 
 def _limit_size(
-    topology: Topology, classes: np.ndarray, n_control: np.ndarray, orders: np.ndarray, is_open: np.ndarray
+    topology: Topology,
+    classes: np.ndarray,
+    n_control: np.ndarray,
+    orders: np.ndarray,
+    is_open: np.ndarray,
+    largest: int,
 ) -> Iterator[str]:
     """Lower open counts in place until the least squares of interiors are of reasonable size; warn in one line."""
     chosen = n_control.copy()
     for s in range(len(classes)):
         is_lower = np.zeros(3, dtype=bool)
-        while not is_lower.all() and _gram_bytes(n_control[s], orders[s]) > LARGEST_CHOICE:
+        while not is_lower.all() and _gram_bytes(n_control[s], orders[s]) > largest:
             is_lower = ~is_open[s] | (n_control[s] <= orders[s])
             steps = np.where(is_lower, 0, n_control[s] - orders[s]) // 16
             steps[np.argmax(np.where(is_lower, 0, n_control[s]))] += not (steps.any() or is_lower.all())
@@ -241,9 +234,9 @@ def _limit_size(
         )
 
 
-def is_affordable(n_control: np.ndarray, orders: np.ndarray) -> bool:
+def is_affordable(n_control: np.ndarray, orders: np.ndarray, settings: FittingSettings = FITTING) -> bool:
     """Whether least squares of all interiors are of reasonable size, for counts and orders of all segments."""
-    return all(_gram_bytes(*segment) <= LARGEST_CHOICE for segment in zip(n_control, orders))
+    return all(_gram_bytes(*segment) <= settings.largest_choice for segment in zip(n_control, orders))
 
 
 def _gram_bytes(n_control: np.ndarray, orders: np.ndarray) -> int:

@@ -20,24 +20,13 @@ from ...grids.topology.index_space import Orientation, Section, inner_slices, se
 from ..splines.volume import Volume, point_and_gradient, volume_basis_gradients
 from .entities import Entity
 from .problem import FitProblem, FitSolution, Progress, part_of, solve_fit
-
-LARGEST_STEP = 0.45
-"""Largest step of a parameter relative to the room to its neighbours: the order along grid lines is kept."""
-
-SMALLEST_GAP = 0.1
-"""Smallest distance of two neighbouring parameters, relative to their distance before the steps."""
-
-CLOSE = 1e-3
-"""A node closer than this fraction of the initial RMS distance of its section is left alone by default."""
+from .settings import FITTING, FittingSettings
 
 _CHUNK = 2048
 """Points at a time, so that their basis functions stay in the cache."""
 
 _DAMPING = 1e-12
 """Damping of the scaled normal equations for directions in which the mapping does not move, far below their entries."""
-
-STEPS = 3
-"""Gauss-Newton steps in each cycle."""
 
 CYCLE_COST = 6
 """Time of a cycle relative to that of the least squares alone, about; most of it goes into the steps."""
@@ -52,6 +41,7 @@ def correct_parameters(
     progress: Progress,  # see `bspline_mdao.core.fit.fitting.fit_grid`
     # fit for given parameters: called with the problem, parameters and nodes
     solve: Callable[..., FitSolution] = solve_fit,
+    settings: FittingSettings = FITTING,
 ) -> tuple[list[np.ndarray], FitSolution]:  # parameters: the new parameters; solution: the fit for them
     """Correct the parameters of a fit; knots stay as they are."""
     # A cycle, after Hoschek:
@@ -64,7 +54,7 @@ def correct_parameters(
     for cycle in range(cycles):
         moving = part_of(progress, cycle / cycles, (cycle + 1) / cycles)
         # steps 1 and 2
-        moved = _move(problem, followers, parameters, nodes, solution.control_points, moving)
+        moved = _move(problem, followers, parameters, nodes, solution.control_points, moving, settings)
         # step 3
         refitted = solve(problem, moved, nodes)
         # step 4
@@ -85,6 +75,7 @@ def _move(
     nodes: np.ndarray,
     control_points: np.ndarray,
     progress: Progress,
+    settings: FittingSettings,
 ) -> list[np.ndarray]:
     """Move the parameters of all entities for fixed control points."""
     n_done, n_nodes = 0, problem.topology.n_nodes
@@ -93,7 +84,7 @@ def _move(
         if any(entity.is_free):
             section, s = parameters[entity.segment][whole_slices(entity.section)], entity.segment
             volume, inner_nodes = problem.mesh.volumes[s], nodes[entity.rows]
-            section[...], _ = project(volume, nets[s], section, entity.is_free, inner_nodes, STEPS)
+            section[...], _ = project(volume, nets[s], section, entity.is_free, inner_nodes, settings)
             n_done += len(inner_nodes)
             progress(n_done / n_nodes, "parameter correction")
     for follower in followers:
@@ -108,8 +99,7 @@ def project(
     parameters: np.ndarray,  # (m0, m1, m2, 3)
     is_free: Sequence[bool],  # directions in which the section extends
     nodes: np.ndarray,  # (n, 3), inner nodes of the section, in C order (m)
-    n_steps: int,  # largest number of steps
-    close: float = CLOSE,  # a node closer than this fraction of the initial RMS distance is left alone
+    settings: FittingSettings = FITTING,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Move parameters so that the mapping comes closer to the nodes, by damped Gauss-Newton steps."""
     # A node of an edge has one parameter to move, of a face two, of an interior three. One round:
@@ -124,11 +114,11 @@ def project(
     current = parameters[inner].reshape(-1, 3).copy()
     points, steps = _gauss_newton(volume, control_points, current, free, nodes)
     distances = ((nodes - points) ** 2).sum(axis=1)
-    least_gaps = [SMALLEST_GAP * gaps for gaps in _gaps(parameters, inner, free)]
-    enough = close**2 * distances.mean()
-    for _ in range(n_steps):
+    least_gaps = [settings.smallest_gap * gaps for gaps in _gaps(parameters, inner, free)]
+    enough = settings.close**2 * distances.mean()
+    for _ in range(settings.correction_steps):
         # step 1
-        steps *= _step_limits(parameters, inner, free, least_gaps, steps)
+        steps *= _step_limits(parameters, inner, free, least_gaps, steps, settings.largest_step)
         # step 2
         far = np.flatnonzero(distances > enough)
         trial = current[far] + steps[far]
@@ -156,12 +146,13 @@ def _step_limits(
     free: np.ndarray,
     least_gaps: Sequence[np.ndarray],
     steps: np.ndarray,
+    largest: float,
 ) -> np.ndarray:
     """Fraction of each step that keeps the order of the parameters, shape (n, 1)."""
     limits = np.ones(len(steps))
     for d, gaps, least in zip(free, _gaps(parameters, inner, free), least_gaps):
         room = np.moveaxis(gaps - least, d, 0)
-        allowed = LARGEST_STEP * np.moveaxis(np.minimum(room[:-1], room[1:]), 0, d).ravel().clip(min=0.0)
+        allowed = largest * np.moveaxis(np.minimum(room[:-1], room[1:]), 0, d).ravel().clip(min=0.0)
         size = np.abs(steps[:, d])
         is_long = size > allowed
         limits[is_long] = np.minimum(limits[is_long], allowed[is_long] / size[is_long])

@@ -18,11 +18,12 @@ from ...base.numerics.processes import ONE, summed
 from ...grids.topology.block_layout import BlockLayout
 from ..model.records import CANDIDATES, BlockError, Fallback, FitReport, InvalidElement, WorstNode
 from ..splines.volume import Volume
-from .control_counts import LONG, sound_order
+from .control_counts import sound_order
 from .fit_nodes import FitNodes
 from .local_errors import worst_local_errors
 from .problem import FitProblem, FitSolution
 from .quasi_interpolant import parametric_places
+from .settings import FITTING
 from .validity import corner_measures, first_marked, folded_cells
 
 FEWER = "fewer control points leave fewer of them (n_control, --n-control)"
@@ -213,4 +214,4 @@ def _advise(problem: FitProblem, solution: FitSolution, invalid: Sequence[Invali
 
 def _is_high(shape: Sequence[int], volume: Volume) -> bool:
     """Whether an order is higher than what short directions take without folds."""
-    return any(order > sound_order(n_nodes) for n_nodes, order in zip(shape, volume.orders) if n_nodes < LONG)
+    return any(order > sound_order(n_nodes) for n_nodes, order in zip(shape, volume.orders) if n_nodes < FITTING.long)

@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from ..model.fitted_model import FittedModel
 from ..model.records import FitSettings, GridHeader, Raised
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
-from .closer_counts import LARGEST_MISS, LAYER, MOST_PER_NODE, closer_counts, warn_of_misses
+from .closer_counts import closer_counts, warn_of_misses
 from .control_counts import ControlCounts, choose_affordable_counts, predict_factor_bytes
 from .correction import CYCLE_COST, correct_parameters
 from .edge_knots import knots_of_segments, require_agreement
@@ -36,22 +37,35 @@ from .options import EXPONENTS, METHODS
 from .parameters import as_parameters, chord_length_parameters
 from .problem import FitProblem, FitSolution, no_progress, part_of, problem_of_mesh, solve_fit
 from .requested_counts import RequestedCounts
+from .settings import FITTING, FittingSettings
 from .validity import make_valid
 
 
 def _solve_valid(
-    problem: FitProblem, parameters: Sequence[np.ndarray], nodes: np.ndarray, progress: Progress = no_progress
+    settings: FittingSettings,
+    problem: FitProblem,
+    parameters: Sequence[np.ndarray],
+    nodes: np.ndarray,
+    progress: Progress = no_progress,
 ) -> FitSolution:
-    return make_valid(problem, parameters, nodes, solve_fit(problem, parameters, nodes, progress))
+    return make_valid(problem, parameters, nodes, solve_fit(problem, parameters, nodes, progress), settings)
+
+
+def _solve_least_squares(settings: FittingSettings, *arguments: Any) -> FitSolution:
+    return solve_fit(*arguments)
 
 
 def _interpolate(
-    problem: FitProblem, parameters: Sequence[np.ndarray], nodes: np.ndarray, progress: Progress = no_progress
+    settings: FittingSettings,
+    problem: FitProblem,
+    parameters: Sequence[np.ndarray],
+    nodes: np.ndarray,
+    progress: Progress = no_progress,
 ) -> FitSolution:
-    return make_valid(problem, parameters, nodes, None)
+    return make_valid(problem, parameters, nodes, None, settings)
 
 
-_SOLVERS = dict(zip(METHODS, (_solve_valid, solve_fit, _interpolate), strict=True))
+_SOLVERS = dict(zip(METHODS, (_solve_valid, _solve_least_squares, _interpolate), strict=True))
 
 
 def fit_grid(
@@ -229,6 +243,7 @@ def _fit(
     method: str = "valid",
     *,
     progress: Progress,
+    settings: FittingSettings = FITTING,
 ) -> tuple[FitNodes, list[np.ndarray], np.ndarray, dict[str, Any]]:
     """Fit a grid: the nodes of this process, their parameters and residual, and the rest of the model."""
     start = time.perf_counter()
@@ -255,17 +270,19 @@ def _fit(
     requested = RequestedCounts.of(n_control, topology, names)
     fraction = 1 / (1 + CYCLE_COST * corrections)
 
-    def solve(problem: FitProblem) -> FitSolution:
-        return _SOLVERS[method](problem, parameters, nodes, part_of(progress, 0, fraction))
+    solver = partial(_SOLVERS[method], settings)
 
-    sized = _size(topology, parameters, requested, order, knots, sharing)
+    def solve(problem: FitProblem) -> FitSolution:
+        return solver(problem, parameters, nodes, part_of(progress, 0, fraction))
+
+    sized = _size(topology, parameters, requested, order, knots, sharing, settings)
     solution, raised = solve(sized.problem), None
     if sized.counts is not None:
-        sized, solution, raised = _come_closer(sized, solution, solve, requested, knots, parameters, nodes)
+        sized, solution, raised = _come_closer(sized, solution, solve, requested, knots, parameters, nodes, settings)
     problem = sized.problem
     if corrections:
         rest = part_of(progress, fraction, 1)
-        arguments = problem, parameters, nodes, solution, corrections, rest, _SOLVERS[method]
+        arguments = problem, parameters, nodes, solution, corrections, rest, solver, settings
         parameters, solution = correct_parameters(*arguments)
     report = report_errors(problem, names, parameters, nodes, solution)
     said, seconds = (*topology.warnings, *sized.warnings, *report.warnings), time.perf_counter() - start
@@ -318,14 +335,16 @@ def _size(
     order: Any,
     knots: Any,
     sharing: FitNodes,
+    settings: FittingSettings,
 ) -> _Sized:
     """Set up a fit with numbers of control points that are asked for, or chosen from the grid alone."""
     if isinstance(knots, str):
-        counts, factor_bytes = choose_affordable_counts(topology, requested, order)
+        counts, factor_bytes = choose_affordable_counts(topology, requested, order, settings)
         problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots, sharing)
         return _Sized(problem, None if requested.is_complete else counts, counts.warnings, factor_bytes)
     problem = set_up_fit(topology, parameters, None, None, knots, sharing)
-    factor_bytes = predict_factor_bytes(topology, np.array([v.n_control for v in problem.mesh.volumes]))
+    n_control = np.array([volume.n_control for volume in problem.mesh.volumes])
+    factor_bytes = predict_factor_bytes(topology, n_control, settings)
     return _Sized(problem, None, (), factor_bytes)
 
 
@@ -337,6 +356,7 @@ def _come_closer(
     knots: Any,
     parameters: Sequence[np.ndarray],
     nodes: np.ndarray,
+    settings: FittingSettings,
 ) -> tuple[_Sized, FitSolution, Raised | None]:
     """Fit again with more control points while cells are missed by several of their widths; keep what gains most."""
     if sized.counts is None:
@@ -344,14 +364,15 @@ def _come_closer(
     counts, sharing, topology = sized.counts, sized.problem.sharing, sized.problem.topology
     n_first, n_last = 2 * (sized.problem.mesh.n_control_points,)
     at_first = missed = _missed(sharing, nodes, solution)
-    if missed <= LARGEST_MISS or flattest_cell(sharing, nodes[: sharing.n_owned]) > LAYER:
+    most = settings.largest_miss
+    if missed <= most or flattest_cell(sharing, nodes[: sharing.n_owned]) > settings.layer:
         return sized, solution, None
     n_invalid, too_many, raised = count_invalid(sized.problem, solution), None, None
-    for most_per_node in MOST_PER_NODE:
-        if missed <= LARGEST_MISS:
+    for most_per_node in settings.most_per_node:
+        if missed <= most:
             break
-        found = closer_counts(topology, requested, counts, sharing, nodes, parameters, most_per_node)
-        if not found.is_affordable:
+        found = closer_counts(topology, requested, counts, sharing, nodes, parameters, most_per_node, settings)
+        if not found.is_affordable(settings):
             too_many = found
             break
         problem = set_up_fit(topology, parameters, found.counts.n_control, found.counts.orders, knots, sharing)
@@ -361,7 +382,7 @@ def _come_closer(
             if less < missed and count_invalid(problem, other) <= n_invalid:
                 sized = _Sized(problem, found.counts, sized.warnings, found.factor_bytes)
                 solution, missed, raised = other, less, Raised(n_first, at_first)
-    if missed > LARGEST_MISS and (n_last > n_first or too_many):
+    if missed > most and (n_last > n_first or too_many):
         said = warn_of_misses(topology, counts, too_many, missed)
         sized = replace(sized, warnings=(*sized.warnings, said))
     return sized, solution, raised

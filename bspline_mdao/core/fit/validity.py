@@ -23,24 +23,10 @@ from ..model.records import CANDIDATES
 from ..splines.mesh import BSplineMesh
 from .problem import FitProblem, FitSolution
 from .quasi_interpolant import Mixture, QuasiInterpolant
-
-MARGIN = 0.3
-"""An element moves where its smallest corner triple product is below this fraction of that in the base."""
-
-LEAST_MARGIN = 1e-3
-"""The same where the base is the coarse grid, which is far from the grid itself."""
-
-LARGEST_MARGIN = 0.85
-"""The same where least squares move: next to their folds they are uneven, which a mover turns into flat cells."""
+from .settings import FITTING, FittingSettings
 
 FLAT = 1e-9
 """A cell of the grid with a corner triple product up to this is flat: its sign is round-off."""
-
-STEP = 0.25
-"""How far, of the way to the base, the points of such an element move in one round."""
-
-FADE = 0.25
-"""How much less far their neighbours move."""
 
 
 def corner_measures(
@@ -61,13 +47,14 @@ def make_valid(
     parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
     nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
     least_squares: FitSolution | None,  # the fit by least squares; None leaves them out
+    settings: FittingSettings = FITTING,
 ) -> FitSolution:  # the least squares themselves where they are valid
     """Keep least squares where their control mesh is valid, and mix candidates where it is not."""
     if least_squares is not None and is_valid(problem.mesh.nets(least_squares.control_points)):
         return least_squares
     points, said = (None, ()) if least_squares is None else (least_squares.control_points, least_squares.warnings)
     quasi = QuasiInterpolant.of(problem.mesh, problem.sharing, parameters)
-    weights = choose_weights(problem, quasi, nodes, points)
+    weights = choose_weights(problem, quasi, nodes, points, settings)
     mixed = Mixture(weights, quasi).forward(np.zeros((len(weights), 3)) if points is None else points, nodes)
     return FitSolution(mixed, _evaluated(problem, parameters, mixed), said, weights, least_squares)
 
@@ -92,6 +79,7 @@ def choose_weights(
     nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
     # control points by least squares (m); None leaves them out
     least_squares: np.ndarray | None,  # (n_control_points, 3), or None
+    settings: FittingSettings = FITTING,
 ) -> np.ndarray:  # (n_control_points, 6), weights of `CANDIDATES` in each control point; their sum is 1
     """Mix candidates so that the control mesh is valid wherever the grid is."""
     # 1. Start from the most robust candidate, the coarse grid, as the base.
@@ -106,15 +94,17 @@ def choose_weights(
     weights[:, -1] = 1.0
     for number in range(len(CANDIDATES) - 2, -1 if least_squares is not None else 0, -1):
         # step 2
-        margin = LEAST_MARGIN if number == len(CANDIDATES) - 2 else MARGIN if number else LARGEST_MARGIN
-        least = [np.where(m > 0.0, margin * m, m - MARGIN) for m in corner_measures(mesh.nets(base))]
+        margin = settings.margin if number else settings.largest_margin
+        if number == len(CANDIDATES) - 2:
+            margin = settings.least_margin
+        least = [np.where(m > 0.0, margin * m, m - settings.margin) for m in corner_measures(mesh.nets(base))]
         if number == len(CANDIDATES) - 2:  # step 3
             folded = folded_cells(problem, nodes)
             covered = elements_with([quasi.places[s] for s in problem.sharing.here], folded)
             for bound, is_folded in zip(least, problem.sharing.of_all_segments(covered)):
                 bound[is_folded] = -np.inf
         # step 4
-        towards = _retreat(mesh, candidates[number], base, least)
+        towards = _retreat(mesh, candidates[number], base, least, settings)
         # step 5
         base = _mixed(candidates[number], base, towards)
         weights *= towards[:, None]
@@ -167,7 +157,9 @@ def _box(corners: np.ndarray, shape: Sequence[int]) -> tuple[np.ndarray, np.ndar
     return low, np.ceil(corners.max(axis=0)).astype(int).clip(min=low + 1)
 
 
-def _retreat(mesh: BSplineMesh, candidate: np.ndarray, base: np.ndarray, least: Sequence[np.ndarray]) -> np.ndarray:
+def _retreat(
+    mesh: BSplineMesh, candidate: np.ndarray, base: np.ndarray, least: Sequence[np.ndarray], settings: FittingSettings
+) -> np.ndarray:
     """Weight of the base in each control point that makes its elements good enough, shape (n_control_points,)."""
     towards = np.zeros(mesh.n_control_points)
     while True:
@@ -176,8 +168,8 @@ def _retreat(mesh: BSplineMesh, candidate: np.ndarray, base: np.ndarray, least: 
         moving = _points_of(mesh, is_bad) & (towards < 1.0)
         if not moving.any():
             return towards
-        towards[moving] = np.minimum(towards[moving] + STEP, 1.0)
-        towards = _fade(mesh, towards)
+        towards[moving] = np.minimum(towards[moving] + settings.retreat, 1.0)
+        towards = _fade(mesh, towards, settings.fade)
 
 
 def _mixed(candidate: np.ndarray, base: np.ndarray, towards: np.ndarray) -> np.ndarray:
@@ -194,12 +186,12 @@ def _points_of(mesh: BSplineMesh, is_marked: Sequence[np.ndarray]) -> np.ndarray
     return result
 
 
-def _fade(mesh: BSplineMesh, towards: np.ndarray) -> np.ndarray:
-    """Raise each value to that of its neighbours in any element, less `FADE`."""
+def _fade(mesh: BSplineMesh, towards: np.ndarray, fade: float) -> np.ndarray:
+    """Raise each value to that of its neighbours in any element, less a difference."""
     while True:
         raised = towards.copy()
         for ids in mesh.control_ids:
-            np.maximum.at(raised, ids.ravel(), maximum_filter(towards[ids], 3, mode="nearest").ravel() - FADE)
+            np.maximum.at(raised, ids.ravel(), maximum_filter(towards[ids], 3, mode="nearest").ravel() - fade)
         if np.array_equal(raised, towards):
             return towards
         towards = raised

@@ -4,17 +4,18 @@ from itertools import count
 
 import numpy as np
 import pytest
-from fit_cases import bend, grid_of, lattice, two_blocks
+from fit_cases import bend, fit_with, grid_of, lattice, two_blocks
 from scipy.interpolate import BSpline
 
 from bspline_mdao import fit_grid
-from bspline_mdao.core.fit import closer_counts, control_counts, fitting
+from bspline_mdao.core.fit import closer_counts, fitting
 from bspline_mdao.core.fit.closer_counts import CloserCounts, request_for
 from bspline_mdao.core.fit.control_counts import choose_counts
 from bspline_mdao.core.fit.edge_knots import edge_knots
 from bspline_mdao.core.fit.fit_nodes import FitNodes
 from bspline_mdao.core.fit.line_errors import class_errors, squared_errors
 from bspline_mdao.core.fit.parameters import chord_length_parameters
+from bspline_mdao.core.fit.settings import FITTING
 from bspline_mdao.generators import Spacing, onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.sharing import direction_classes
@@ -134,8 +135,7 @@ def test_more_control_points_that_leave_more_invalid_elements_are_not_taken(monk
 
 def test_what_a_mover_cannot_take_is_not_taken_and_can_be_typed(monkeypatch):
     found = []
-    monkeypatch.setattr(control_counts, "SMALL_MESH", 1)
-    monkeypatch.setattr(closer_counts, "LARGEST_FACTOR", 1)
+    fit_with(monkeypatch, small_mesh=1, largest_factor=1, most_cells_per_span=4)
     monkeypatch.setattr(fitting, "warn_of_misses", lambda *arguments: found.append(arguments) or "said")
     report = fit_grid(kinked()).report
     assert report.raised is None
@@ -161,5 +161,5 @@ def test_a_request_covers_all_classes_with_few_blocks():
 
 def test_numbers_are_affordable_up_to_the_memory_of_a_factor():
     counts = choose_counts(find_topology(two_blocks()))
-    sizes = [None, control_counts.LARGEST_FACTOR, control_counts.LARGEST_FACTOR + 1]
-    assert [CloserCounts(counts, size).is_affordable for size in sizes] == [True, True, False]
+    sizes = [None, FITTING.largest_factor, FITTING.largest_factor + 1]
+    assert [CloserCounts(counts, size).is_affordable() for size in sizes] == [True, True, False]

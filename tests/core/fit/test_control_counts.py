@@ -1,15 +1,20 @@
 """Numbers of control points and orders."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fit_cases import bend, bent_block, c_grid, grid_of, lattice, two_blocks
 
 from bspline_mdao import fit_grid
-from bspline_mdao.core.fit import control_counts
 from bspline_mdao.core.fit.control_counts import choose_counts
 from bspline_mdao.core.fit.requested_counts import RequestedCounts
+from bspline_mdao.core.fit.settings import FITTING
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.topology.detection import find_topology
+
+SMALL = replace(FITTING, largest_choice=2000)
+"""Settings with which Gram matrices stay small."""
 
 
 def counts_of(grid, *arguments, **options):
@@ -136,9 +141,8 @@ def test_what_is_asked_of_no_block_is_an_error(n_control, names, message):
         RequestedCounts.of(n_control, find_topology(two_blocks()), names)
 
 
-def test_counts_that_are_asked_for_are_not_lowered_where_others_are(monkeypatch):
-    monkeypatch.setattr(control_counts, "LARGEST_CHOICE", 2000)
-    counts = counts_of(two_blocks(), {1: (7, 7, 7)})
+def test_counts_that_are_asked_for_are_not_lowered_where_others_are():
+    counts = counts_of(two_blocks(), {1: (7, 7, 7)}, settings=SMALL)
     np.testing.assert_array_equal(counts.n_control, [[7, 7, 7], [7, 4, 7]])
 
 
@@ -170,13 +174,12 @@ def test_a_direction_of_one_node_may_have_order_1():
     np.testing.assert_array_equal(counts.orders, [[4, 3, 1]])
 
 
-def test_choice_keeps_the_least_squares_of_large_blocks_small(monkeypatch):
+def test_choice_keeps_the_least_squares_of_large_blocks_small():
     usual = counts_of(two_blocks())
-    monkeypatch.setattr(control_counts, "LARGEST_CHOICE", 2000)
-    counts = counts_of(two_blocks())
+    counts = counts_of(two_blocks(), settings=SMALL)
     assert (counts.n_control <= usual.n_control).all()
     assert counts.n_control[0, 1] == counts.n_control[1, 2]
     assert all(8 * np.prod(n - 2) ** 2 <= 2000 for n in counts.n_control)
     assert "block 1, 2" in counts.warnings[0]
     given = [(5, 7, 6), (6, 8, 7)]
-    np.testing.assert_array_equal(counts_of(two_blocks(), given).n_control, given)
+    np.testing.assert_array_equal(counts_of(two_blocks(), given, settings=SMALL).n_control, given)

@@ -1,5 +1,7 @@
 """Parameter correction."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fit_cases import ALL_SHAPES, bend, bent_block, grid_of, lattice, two_blocks
@@ -8,6 +10,7 @@ from bspline_mdao.core.fit import correction
 from bspline_mdao.core.fit.correction import project
 from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.core.fit.problem import problem_of_mesh
+from bspline_mdao.core.fit.settings import FITTING
 from bspline_mdao.core.splines.knots import ConstantKnots
 from bspline_mdao.core.splines.volume import Volume, evaluate
 
@@ -65,6 +68,10 @@ def test_the_residual_belongs_to_the_corrected_parameters(shape):
         np.testing.assert_allclose(evaluate(volume, net, x[own]), fitted[r[own]], atol=1e-12)
 
 
+def several_steps(n):
+    return replace(FITTING, close=0.0, correction_steps=n)
+
+
 def test_newton_finds_the_parameters_of_points_inside():
     model = fit_grid(bent_block(), n_control=(6, 7, 5))
     volume, net = model.mesh.volumes[0], model.mesh.nets(model.control_points)[0]
@@ -72,7 +79,7 @@ def test_newton_finds_the_parameters_of_points_inside():
     target = start.copy()
     target[1:-1, 1:-1, 1:-1] += (0.08 * start * (1 - start) * np.sin(9 * start[..., [1, 2, 0]]))[1:-1, 1:-1, 1:-1]
     points = evaluate(volume, net, target[1:-1, 1:-1, 1:-1].reshape(-1, 3))
-    found, reached = project(volume, net, start, (True, True, True), points, 8, close=0.0)
+    found, reached = project(volume, net, start, (True, True, True), points, several_steps(8))
     np.testing.assert_allclose(reached, points, atol=1e-12)
     np.testing.assert_allclose(found, target, atol=1e-10)
 
@@ -82,6 +89,8 @@ def test_a_point_off_a_curve_goes_to_its_foot():
     net = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], dtype=float)[:, None, None]
     parameters = np.zeros((3, 1, 1, 3))
     parameters[:, 0, 0, 0] = [0, 0.5, 1]
-    found, reached = project(volume, net, parameters, (True, False, False), np.array([[1.8, 4.0, -2.0]]), 6, close=0.0)
+    found, reached = project(
+        volume, net, parameters, (True, False, False), np.array([[1.8, 4.0, -2.0]]), several_steps(6)
+    )
     np.testing.assert_allclose(reached, [[1.8, 0, 0]], atol=1e-12)
     assert found[1, 0, 0, 0] == pytest.approx(0.6)

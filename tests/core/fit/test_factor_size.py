@@ -1,20 +1,17 @@
 """The memory of a mover's factors: predicted without a fit, bounded by what is chosen, kept for derivatives alone."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import openmdao.api as om
 import pytest
+from fit_cases import fit_with
 
 from bspline_mdao import ControlMeshMove, find_topology, fit_grid
 from bspline_mdao.core.evaluation.family import refined_topology
-from bspline_mdao.core.fit import control_counts as factor_size
-from bspline_mdao.core.fit.control_counts import (
-    LARGEST_FACTOR,
-    choose_affordable_counts,
-    choose_counts,
-    predict_factor_bytes,
-)
+from bspline_mdao.core.fit.control_counts import choose_affordable_counts, choose_counts, predict_factor_bytes
+from bspline_mdao.core.fit.settings import FITTING
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.movers import LinearElasticity, TorsionalSprings, moving_mesh
 from bspline_mdao.studio.cli.main import run
@@ -28,7 +25,7 @@ def topology():
 
 
 def test_the_predicted_factor_is_that_of_the_mover(monkeypatch):
-    monkeypatch.setattr(factor_size, "SMALL_MESH", 100)
+    fit_with(monkeypatch, small_mesh=100)
     model = fit_grid(onera_m6_grid((13, 17, 14)))
     mover = LinearElasticity(moving_mesh(model), n_increments=1)
     surface = model.control_points[mover.mesh.surface_ids]
@@ -37,7 +34,7 @@ def test_the_predicted_factor_is_that_of_the_mover(monkeypatch):
 
 
 def test_the_factor_of_knots_that_are_given_is_predicted_from_them(monkeypatch):
-    monkeypatch.setattr(factor_size, "SMALL_MESH", 100)
+    fit_with(monkeypatch, small_mesh=100)
     grid = onera_m6_grid((11, 10, 9))
     chosen = fit_grid(grid, n_control=(7, 8, 6))
     given = fit_grid(grid, knots=[volume.knots for volume in chosen.mesh.volumes])
@@ -54,7 +51,7 @@ def test_default_numbers_of_grids_of_two_million_nodes_are_one_span_to_four_cell
     assert 2.0e6 < usual.n_nodes < 2.3e6
     counts, n_bytes = choose_affordable_counts(usual)
     np.testing.assert_array_equal(counts.n_control, choose_counts(usual).n_control)
-    assert LARGEST_FACTOR / 8 < n_bytes < LARGEST_FACTOR
+    assert FITTING.largest_factor / 8 < n_bytes < FITTING.largest_factor
     assert counts.warnings == ()
 
 
@@ -62,23 +59,23 @@ def test_default_numbers_of_large_grids_stay_within_what_movers_can_take(topolog
     large = refined_topology(topology, 9.0)
     assert large.n_nodes > 4.9e6
     counts, n_bytes = choose_affordable_counts(large)
-    assert LARGEST_FACTOR / 2 < n_bytes <= LARGEST_FACTOR
+    assert FITTING.largest_factor / 2 < n_bytes <= FITTING.largest_factor
     assert (counts.n_control < choose_counts(large).n_control).all()
     np.testing.assert_array_equal(counts.orders, 4)
     assert "instead of 4, so that movers can take its control mesh" in counts.warnings[0]
 
 
-def test_numbers_that_the_user_gives_are_taken_and_predicted(topology, monkeypatch):
-    monkeypatch.setattr(factor_size, "LARGEST_FACTOR", 2**26)
+def test_numbers_that_the_user_gives_are_taken_and_predicted(topology):
+    settings = replace(FITTING, largest_factor=2**26)
     larger = refined_topology(topology, 5.0)
-    counts, n_bytes = choose_affordable_counts(larger, (13, 18, 10))
+    counts, n_bytes = choose_affordable_counts(larger, (13, 18, 10), settings=settings)
     np.testing.assert_array_equal(counts.n_control, [[13, 18, 10]] * 12)
     assert n_bytes > 2**27
-    assert choose_affordable_counts(larger)[1] is None  # fewer than 10,000 control points
+    assert choose_affordable_counts(larger, settings=settings)[1] is None  # fewer than 10,000 control points
 
 
 def test_the_command_fit_names_the_predicted_memory(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(factor_size, "SMALL_MESH", 100)
+    fit_with(monkeypatch, small_mesh=100)
     files = [str(tmp_path / name) for name in ("m.h5", "m.json")]
     assert run(["fit", "@onera_m6:13x17x14", "-o", files[0], "--json", files[1]]) == 0
     with open(files[1]) as file:

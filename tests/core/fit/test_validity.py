@@ -168,7 +168,7 @@ def test_how_far_points_move_falls_by_a_quarter_from_each_to_its_neighbours_acro
     (shared,) = {first[-1, 0, 0]} & {second[0, -1, 0]}
     towards = np.zeros(mesh.n_control_points)
     towards[shared], towards[second[-1, 0, -1]] = 1.0, 0.1  # less than a quarter reaches no neighbour
-    found = _fade(mesh, towards)
+    found = _fade(mesh, towards, 0.25)
     for ids, place in ((first, (5, 0, 0)), (second, (0, 6, 0))):
         steps = np.abs(np.moveaxis(np.indices(ids.shape), 0, -1) - place).max(axis=-1)
         expected = np.maximum(1.0 - 0.25 * steps, 0.0)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 import pytest
+from fit_cases import fit_with
 
 from bspline_mdao.studio.cli.commands import bspline_mdao
 from bspline_mdao.studio.cli.main import run
@@ -110,11 +111,15 @@ def test_values_that_messages_give_to_options_are_taken(file, text):
 @pytest.mark.slow
 def test_what_a_fit_says_to_type_against_too_much_memory_is_taken(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("bspline_mdao.core.fit.control_counts.SMALL_MESH", 1)
-    monkeypatch.setattr("bspline_mdao.core.fit.closer_counts.LARGEST_FACTOR", 1)
-    monkeypatch.setattr("bspline_mdao.core.fit.fitting.LARGEST_MISS", 0.3)
-    monkeypatch.setattr("bspline_mdao.core.fit.fitting.LAYER", 1.0)
-    monkeypatch.setattr("bspline_mdao.core.fit.closer_counts.LARGEST_LINE_MISS", 0.1)
+    fit_with(
+        monkeypatch,
+        small_mesh=1,
+        largest_factor=1,
+        most_cells_per_span=4,
+        largest_miss=0.3,
+        layer=1.0,
+        largest_line_miss=0.1,
+    )
     assert run(["fit", "@onera_m6:17x17x15", "-o", "wing.h5", "--no-certify"]) == 0
     advised = re.findall(r"--n-control \d+=\d+x\d+x\d+", capsys.readouterr().out)
     assert advised
