@@ -1,6 +1,6 @@
 """Settings of the fit that no option of its users asks for, each with the case behind its default.
 
-What users choose, and a model records,
+What a setting brings is measured by ``benchmarks/core/sweep_settings.py``. What users choose, and a model records,
 is `bspline_mdao.core.model.records.FitSettings`.
 
 Theory: ``docs/theory/fit.rst``.

@@ -36,6 +36,7 @@ from ..walls.closest_points import TriangleTree
 from ..walls.embedded_points import ON_PLANE, planes_of
 from ..walls.frames import Frames
 from ..walls.layer import WallLayer
+from ..walls.settings import MESH_LAYER
 from ..walls.wall import Wall
 from ..walls.wall_following import Followed, WallFollowing
 from .section_span import require_planes_of_section
@@ -50,12 +51,6 @@ FADE = 8.0, 0.1
 """Widths of the faces of a wall over which a difference between where its nodes are asked to be and where the volumes
 put them fades, but at least this part of the size of all walls: next to narrow faces at edges, widths alone are less
 than the difference, and cells fold (127 of pyHyp's M6 as wedges, bent by 30 degrees at half span; none so)."""
-
-WIDTHS = 6.0
-"""Reach of walls above narrow faces, in their widths (see `..walls.wall.REACH`): what carries these meshes strains the
-layer more than volumes that are fitted to the wall do. Faces of the blunt trailing edge of pyHyp's M6 are as wide as
-first cells are high there; 3 widths leave up to 0.24 of what the map does to these cells. Bent by 60 degrees, heights
-are 0.992 at 1 %, and 0.999 with 6. With 8, a winglet inverts 109 cells above edges of the H-H wing, 78 with 6."""
 
 LEAST_SLOPE = 0.5
 """Slope of the line from the nearest corner of a face of a wall to a node, from which on the node turns about corners
@@ -107,7 +102,7 @@ class RidingWalls(OneLine):
         heights[at] = np.maximum(np.einsum("nd,nd->n", mesh.points[above] - points[at], normals[at]), 0.0)
         of_wall = [(np.flatnonzero(np.isin(rows, ids)), normal) for ids, normal in planes]
         of_wall = [(ids, normal) for ids, normal in of_wall if len(ids)]
-        wall = Wall.of(points, quads, heights, of_wall, faces=faces.marker, widths=WIDTHS)
+        wall = Wall.of(points, quads, heights, of_wall, faces=faces.marker, settings=MESH_LAYER)
         missed, around = missed[rows], mesh.points
         if nodes is not None:
             around, rows = around[nodes], np.searchsorted(nodes, rows)

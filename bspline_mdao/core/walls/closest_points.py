@@ -1,7 +1,7 @@
 """Points of a wall that are closest to given points: local minima of the distance, with smooth weights.
 
 There is one closest point beside a smooth or convex wall; in a concave corner, a cove or a gap there are several, and
-the nearest one jumps where two are equally near. So a point takes all local minima of its distance up to `FARTHEST`
+the nearest one jumps where two are equally near. So a point takes all local minima of its distance up to a few
 times as far as the nearest, with weights that come in smoothly. Whether a place is one is a matter of the surface
 alone, not of its reach: beside a nose with narrow faces, which reach less far, no farther place steps in.
 
@@ -20,6 +20,7 @@ import numpy as np
 from ...base.numerics.threads import run_tasks, thread_count
 from .closest_search import MAX_CLOSEST, find_closest
 from .normal_cones import cones_of, unit_normals
+from .settings import LAYER
 
 __all__ = ["ClosestPoints", "TriangleTree"]
 
@@ -64,9 +65,12 @@ class TriangleTree:
     leaf_starts: np.ndarray  # (n_leaves + 1,) of int, first triangle of every leaf
     around_starts: np.ndarray  # (n + 1,) of int, first triangle around every corner
     around: np.ndarray  # (3 n_triangles,) of int, triangles around corners
+    farthest: float  # a local minimum this many times as far as the nearest one has no weight
 
     @classmethod
-    def of(cls, points: np.ndarray, quads: np.ndarray, reach: np.ndarray) -> TriangleTree:
+    def of(
+        cls, points: np.ndarray, quads: np.ndarray, reach: np.ndarray, farthest: float = LAYER.farthest
+    ) -> TriangleTree:
         """Halve the quads of a surface along their shorter diagonals and sort the halves, but for those without area.
 
         Parameters
@@ -77,6 +81,8 @@ class TriangleTree:
             Corners of every quad in turn, around the normal into the fluid.
         reach : ndarray, shape (n,)
             Distance (m) up to which points follow the surface, at its corners.
+        farthest : float
+            See `bspline_mdao.core.walls.settings.LayerSettings`.
         """
         triangles = _halves(points, quads)
         corners = points[triangles]
@@ -97,7 +103,7 @@ class TriangleTree:
         around_starts = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=len(points)))])
         boxes = boxes * np.repeat([1.0, -1.0], 3)
         cones, facing = cones_of(points, triangles, starts, boxes)
-        return cls(points, triangles, reach, boxes, far, cones, facing, starts, around_starts, around)
+        return cls(points, triangles, reach, boxes, far, cones, facing, starts, around_starts, around, farthest)
 
     def closest_points(
         self,
@@ -114,7 +120,7 @@ class TriangleTree:
             part = points[first : first + CHUNK_POINTS]
             counts, triangles = np.zeros(len(part), dtype=np.int64), np.empty((len(part), MAX_CLOSEST), dtype=np.int32)
             barycentric, weights = np.empty((len(part), MAX_CLOSEST, 3)), np.empty((len(part), MAX_CLOSEST))
-            find_closest(part, *tree, *around, size, counts, triangles, barycentric, weights)
+            find_closest(part, *tree, *around, size, self.farthest, counts, triangles, barycentric, weights)
             is_found, near = np.arange(MAX_CLOSEST) < counts[:, None], np.flatnonzero(counts)
             results = triangles[is_found], barycentric[is_found], weights[is_found]
             return first + near, counts[near], *results

@@ -10,13 +10,10 @@ from numba import njit
 
 from .normal_cones import BEHIND, has_no_minimum
 
-__all__ = ["FARTHEST", "MAX_CLOSEST", "fade", "find_closest"]
+__all__ = ["MAX_CLOSEST", "fade", "find_closest"]
 
 MAX_CLOSEST = 4
 """Closest points of a point, at most."""
-
-FARTHEST = 5.0
-"""A local minimum this many times as far as the nearest one has no weight."""
 
 SAME_DISTANCE = 1e-9
 """Distances that differ by less than this part of them are the same: round-off of coordinates decides."""
@@ -232,6 +229,7 @@ def find_closest(
     around_starts,
     around,
     size,
+    farthest,
     counts,
     out_triangles,
     out_barycentric,
@@ -248,7 +246,7 @@ def find_closest(
         if nearest == np.inf:
             continue
         nearest = _nearest_square(p, points, triangles, boxes, leaf_starts, nearest, stack, left, place)
-        bound = FARTHEST**2 * (nearest + (1e-13 * size) ** 2)  # else round-off could leave out the nearest itself
+        bound = farthest**2 * (nearest + (1e-13 * size) ** 2)  # else round-off could leave out the nearest itself
         nearest = np.sqrt(nearest)
         same = nearest * (1.0 + SAME_DISTANCE) + 1e-13 * size
         while True:
@@ -293,7 +291,7 @@ def find_closest(
             away,
         )
         counts[i] = _set_weights(
-            n_closest, nearest, closest, away, found, squares, barycentric, triangles, reach, out_weights[i]
+            n_closest, nearest, farthest, closest, away, found, squares, barycentric, triangles, reach, out_weights[i]
         )
         for k in range(counts[i]):
             out_triangles[i, k] = found[closest[k]]
@@ -445,7 +443,7 @@ def _is_on_fluid_side(p, t, barycentric, points, triangles):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _set_weights(n_closest, nearest, closest, away, found, squares, barycentric, triangles, reach, weights):
+def _set_weights(n_closest, nearest, farthest, closest, away, found, squares, barycentric, triangles, reach, weights):
     """Set the weights of the closest points; return the number of those that have one."""
     # 1. A weight fades with the distance relative to the reach, and with that relative to the nearest place's.
     # 2. Points in nearly the same direction, as beside the edge between two facets, get the weight of one.
@@ -458,7 +456,7 @@ def _set_weights(n_closest, nearest, closest, away, found, squares, barycentric,
             up_to += barycentric[closest[k], corner] * reach[triangles[found[closest[k]], corner]]
         fades[k] = sizes[k] = fade(distance / up_to)
         if distance > nearest:
-            sizes[k] *= 1.0 - fade((nearest / distance - 1.0 / FARTHEST) / (1.0 - 1.0 / FARTHEST))
+            sizes[k] *= 1.0 - fade((nearest / distance - 1.0 / farthest) / (1.0 - 1.0 / farthest))
     for k in range(n_closest):  # step 2
         n_alike = 1.0
         for other in range(n_closest):

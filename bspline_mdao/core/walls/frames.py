@@ -28,16 +28,9 @@ from numba import njit
 from ...errors import InputError
 from .polar import cofactors
 from .rotations import MOVES, LocalRotations, Rotations
+from .settings import LAYER, LayerSettings
 
 __all__ = ["Frames", "WallFrames"]
-
-STIFFNESS = 0.01
-"""E: weight of the rotations beside that of the normals, 1. Small, so that heights are kept to about a per cent of the
-bending; not zero, since the normals alone do not determine the matrices."""
-
-FOLDED = -0.5
-"""Cosine of the angle between the normals of two quads of a face at a point, below which it is folded upon itself
-there: quads at a convex edge of up to 120 degrees are one side."""
 
 KNIFE_EDGE = 1e-6
 """Length of the summed areas around a point, relative to the sum of their lengths, below which there is no normal:
@@ -56,6 +49,7 @@ class WallFrames:
     # (n_sides,), squares of negligible areas, added to the squared lengths of normals so that none is divided by zero
     least_squares: np.ndarray
     in_planes: tuple[np.ndarray, ...] = ()  # of int, sides at the nodes in each of the rotations' planes
+    rotation_weight: float = LAYER.rotation_weight  # E
 
     @classmethod
     def of(
@@ -70,6 +64,7 @@ class WallFrames:
         faces: np.ndarray | None = None,
         # number of threads; by default ``NUMBA_NUM_THREADS``. Results do not depend on it.
         n_threads: int | None = None,
+        settings: LayerSettings = LAYER,
     ) -> WallFrames:
         """Find the neighbours, the quads and the sides at every node."""
         rotations = LocalRotations.of(points, quads=quads, planes=planes, fixed=fixed, n_threads=n_threads)
@@ -80,7 +75,7 @@ class WallFrames:
         corners, areas = rotations.corners, rotations.areas(np.ascontiguousarray(points, dtype=float))
         order = np.lexsort((faces[corners // 4], at))
         starts = _group_starts(at[order], faces[corners[order] // 4])
-        is_back = _is_back(starts, corners[order], areas)
+        is_back = _is_back(starts, corners[order], areas, settings.folded)
         again = np.lexsort((is_back, faces[corners[order] // 4], at[order]))
         corners, at, is_back = corners[order][again], at[order][again], is_back[again]
         starts = _group_starts(at, faces[corners // 4], is_back)
@@ -92,7 +87,8 @@ class WallFrames:
         weights[weights < KNIFE_EDGE**2] = 0.0
         in_planes = tuple(np.flatnonzero(np.isin(at[starts[:-1]], ids)) for ids, _ in rotations.planes)
         least_squares = KNIFE_EDGE**2 * np.maximum(squares, 1e-300)  # 1e-300: of sides that have no area at all
-        return cls(rotations, first_sides, starts, corners, weights, least_squares, in_planes)
+        sides = first_sides, starts, corners, weights, least_squares, in_planes
+        return cls(rotations, *sides, settings.rotation_weight)
 
     def at(
         self,
@@ -105,8 +101,8 @@ class WallFrames:
         at_rest = np.reshape([normal for _, normal in self.rotations.planes], (-1, 3))
         planes = at_rest, at_rest if normals is None else np.asarray(normals)
         before, after = (_Normals.of(self, areas, planes) for areas, planes in zip(rotations.areas, planes))
-        stiffness = self._products(after.vectors, after.vectors) + STIFFNESS * np.eye(3)
-        matrices = self._products(after.vectors, before.vectors) + STIFFNESS * rotations.matrices
+        stiffness = self._products(after.vectors, after.vectors) + self.rotation_weight * np.eye(3)
+        matrices = self._products(after.vectors, before.vectors) + self.rotation_weight * rotations.matrices
         self._solve(stiffness, matrices)
         matrices[self.rotations.fixed] = np.eye(3)
         return Frames(self, rotations, before, after, stiffness, matrices)
@@ -207,7 +203,7 @@ class Frames:
     ) -> np.ndarray:
         """Change of the matrices, shape (n, 3, 3)."""
         of, before, after = self.of, self.before.vectors, self.after.vectors
-        change = STIFFNESS * self.rotations.jvp(d_initial, d_moved, d_normals)
+        change = self.of.rotation_weight * self.rotations.jvp(d_initial, d_moved, d_normals)
         d_after = self.after.jvp(of.rotations.areas_jvp(self.moved, d_moved), d_normals)
         change += of._products(d_after, before)
         if d_initial is not None:
@@ -243,7 +239,7 @@ class Frames:
         bars = np.empty((2, *before.shape), dtype=bar.dtype)
         numbers = of.first_sides, of.weights
         of.rotations.over_points(_pull_normals, *numbers, before, after, bar, self.matrices, *bars)
-        return STIFFNESS * bar, *bars
+        return of.rotation_weight * bar, *bars
 
 
 def _group_starts(*keys: np.ndarray) -> np.ndarray:
@@ -252,12 +248,12 @@ def _group_starts(*keys: np.ndarray) -> np.ndarray:
     return np.append(np.flatnonzero(is_first), len(keys[0]))
 
 
-def _is_back(starts: np.ndarray, corners: np.ndarray, areas: np.ndarray) -> np.ndarray:
+def _is_back(starts: np.ndarray, corners: np.ndarray, areas: np.ndarray, folded: float) -> np.ndarray:
     """Whether the quad of each corner looks away from the first one of its group."""
     first = areas[corners[np.repeat(starts[:-1], np.diff(starts))] // 4]
     second = areas[corners // 4]
     lengths = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
-    return np.sum(first * second, axis=1) < FOLDED * lengths
+    return np.sum(first * second, axis=1) < folded * lengths
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

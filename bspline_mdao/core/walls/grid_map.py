@@ -29,6 +29,7 @@ from ..splines.mesh import BSplineMesh
 from .grid_walls import GridWalls
 from .node_vectors import Vectors
 from .rotation_map import RotationMap, RotationState
+from .settings import LAYER, LayerSettings
 from .wall_correction import WallCorrection
 from .wall_following import Followed, WallFollowing
 
@@ -63,10 +64,11 @@ class GridMap(OneLine):
         residual_lengths: np.ndarray | None,
         wall_layer: bool,  # whether nodes follow walls and the residual turns; without, the map is ``A b + r``
         evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_grid`
+        settings: LayerSettings = LAYER,
     ) -> GridMap:
         """Prepare the map of a fitted grid."""
         nodes = _baseline(evaluator, control_points, residual)
-        walls = GridWalls.of(topology, nodes, evaluator.n_threads) if wall_layer else None
+        walls = GridWalls.of(topology, nodes, evaluator.n_threads, settings) if wall_layer else None
         numbering = NodeNumbering.of_grid(topology)
         local = [x.reshape(-1, 3)[places] for x, places in zip(parameters, numbering.places)]
         return cls.of_nodes(

@@ -29,6 +29,7 @@ from ...grids.topology.node_numbering import (
 from ...grids.topology.topology import BoundaryFace, Topology
 from .layer import WallLayer
 from .planes import PlaneNormal
+from .settings import LAYER, LayerSettings
 from .wall import Wall
 
 __all__ = ["GridWalls"]
@@ -61,6 +62,7 @@ class GridWalls:
         topology: Topology,  # topology of the grid; faces of kind "wall" are walls
         nodes: np.ndarray | NodesByRow,  # (n_nodes, 3), the baseline (m), or those nodes of it that are in `rows_seen`
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
+        settings: LayerSettings = LAYER,
     ) -> GridWalls | None:  # none where there is no wall
         """Find the walls of a grid, and the planar faces of its boundary."""
         # Planes are told apart to five digits of their normals and places: faces of one plane, whose corners leave it
@@ -87,7 +89,8 @@ class GridWalls:
         is_met = [np.isin(rows, surface.rows) for rows, _ in found]
         of_wall = [(np.searchsorted(surface.rows, rows[m]), n) for (rows, n), m in zip(found, is_met) if m.any()]
         quads, faces = surface.quads, surface.quad_faces
-        wall = Wall.of(nodes[surface.rows], quads, surface.heights, of_wall, faces=faces, n_threads=n_threads)
+        parts = nodes[surface.rows], quads, surface.heights, of_wall, None, faces
+        wall = Wall.of(*parts, n_threads, settings)
         outlines = [PlaneNormal.of_outline(f) for (_, f), m in zip(planes.values(), is_met) if m.any()]
         plane_rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(outline.ids for outline in outlines)]))
         normals = tuple(outline.among(plane_rows) for outline in outlines)

@@ -12,26 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, diags_array
 
 from ...errors import InputError
 from .closest_points import TriangleTree
 from .closest_search import fade
 from .frames import WallFrames
+from .settings import LAYER, LayerSettings
 
 __all__ = ["Wall"]
-
-REACH = (20.0, 3.0)
-"""A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less. Walls of
-meshes without structure have twice as many widths, see `..riding.riding_mesh`."""
-
-VISCOUS = (24.0, 36.0)
-"""Widths of quads by first heights, exceeded at a quarter of the nodes, up to which a grid is inviscid and its wall has
-no layer, and from which on it has its whole reach. Grids have 1 to 24, or 36 to 16,000."""
-
-N_SMOOTHINGS = 3
-"""Times that the reach of a wall is averaged with that of the neighbours: it then varies over several quads, and the
-layer ends smoothly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +43,16 @@ class Wall:
         # meet in a node.
         faces: np.ndarray | None = None,
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
-        widths: float = REACH[1],  # reach above narrow quads, in their widths, if that is less than in first heights
+        settings: LayerSettings = LAYER,
     ) -> Wall:
         """Sort the triangles of a wall, and find its reach and the neighbours of its nodes."""
         points = np.ascontiguousarray(points, dtype=float)
-        frames = WallFrames.of(points, quads, planes, fixed, faces, n_threads)
+        frames = WallFrames.of(points, quads, planes, fixed, faces, n_threads, settings)
         heights = np.asarray(heights, dtype=float)
         if heights.shape != (len(points),):
             raise InputError(f"wall layer: heights of shape {heights.shape}; give shape ({len(points)},)")
-        reach = _reach(points, np.asarray(quads), heights, widths)
-        return cls(TriangleTree.of(points, np.asarray(quads), reach), frames)
+        reach = _reach(points, np.asarray(quads), heights, settings)
+        return cls(TriangleTree.of(points, np.asarray(quads), reach, settings.farthest), frames)
 
     @property
     def n_points(self) -> int:
@@ -72,33 +60,24 @@ class Wall:
         return len(self.tree.points)
 
 
-def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray, widths: float) -> np.ndarray:
-    """Distance up to which points follow a wall, at its nodes, shape (n,): see `REACH`."""
+def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray, settings: LayerSettings) -> np.ndarray:
+    """Distance up to which points follow a wall, at its nodes, shape (n,)."""
     x = points[quads]
     diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
     area = 0.5 * np.linalg.norm(np.cross(*diagonals), axis=1)
     longest = np.max([np.linalg.norm(d, axis=1) for d in diagonals], axis=0)
     width = np.divide(area, longest, out=np.zeros(len(quads)), where=longest > 0.0)
-    ends = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
-    around = _mean_of(quads.ravel(), np.repeat(np.arange(len(quads)), 4), len(points), len(quads))
-    adjacent = _mean_of(ends.ravel(), ends[:, ::-1].ravel(), len(points), len(points))
-    spacing = around @ width
-    reach = np.maximum(spacing, np.minimum(REACH[0] * heights, widths * spacing))
-    for _ in range(N_SMOOTHINGS):
-        reach = 0.5 * (reach + adjacent @ reach)
-    return reach * _viscosity(spacing, heights)
+    sums, counts = (np.bincount(quads.ravel(), each, len(points)) for each in (np.repeat(width, 4), None))
+    spacing = sums / np.maximum(counts, 1)
+    reach = np.maximum(spacing, np.minimum(settings.first_heights * heights, settings.widths * spacing))
+    return reach * _viscosity(spacing, heights, settings)
 
 
-def _viscosity(spacing: np.ndarray, heights: np.ndarray) -> float:
+def _viscosity(spacing: np.ndarray, heights: np.ndarray, settings: LayerSettings) -> float:
     """Fraction of its reach that a wall has: where cells are as high as wide, a layer is useless and costs quality."""
     has_height = heights > 0.0
     if not has_height.any():
         return 0.0
     flatness = np.quantile(spacing[has_height] / heights[has_height], 0.75)
-    return 1.0 - fade(np.log(max(flatness, 1.0) / VISCOUS[0]) / np.log(VISCOUS[1] / VISCOUS[0]))
-
-
-def _mean_of(rows: np.ndarray, columns: np.ndarray, n_rows: int, n_columns: int) -> csr_array:
-    """Matrix of the means of the values at the columns that go with each row."""
-    sums = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_rows, n_columns)).tocsr()
-    return diags_array(1.0 / np.maximum(sums @ np.ones(n_columns), 1.0)) @ sums
+    least = settings.inviscid
+    return 1.0 - fade(np.log(max(flatness, 1.0) / least) / np.log(settings.viscous / least))

@@ -6,9 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from bspline_mdao import read_grid
 from bspline_mdao.core.walls.closest_points import TriangleTree
-from bspline_mdao.core.walls.closest_search import FARTHEST, SAME_DISTANCE, _by_lines, _closest
+from bspline_mdao.core.walls.closest_search import SAME_DISTANCE, _by_lines, _closest
 from bspline_mdao.core.walls.frames import WallFrames
 from bspline_mdao.core.walls.layer import CHUNK_NODES, WallLayer
+from bspline_mdao.core.walls.settings import LAYER
 from bspline_mdao.core.walls.wall import Wall
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.first_cells import FirstCells
@@ -92,7 +93,7 @@ def test_points_between_two_walls_follow_both_smoothly():
     low = np.zeros(981)
     is_low = closest.barycentric @ [1.0, 1.0, 1.0] * points[tree.triangles[closest.triangles]][:, 0, 2] < 0.5
     np.add.at(low, np.repeat(closest.points, np.diff(closest.starts))[is_low], closest.weights[is_low])
-    np.testing.assert_array_equal(low[z > FARTHEST / (1 + FARTHEST)], 0.0)
+    np.testing.assert_array_equal(low[z > LAYER.farthest / (1 + LAYER.farthest)], 0.0)
     assert low[0] == pytest.approx(1.0, abs=1e-4)
     assert np.all(np.diff(low) <= 0.0)
     assert np.abs(np.diff(low, 2)).max() < 1e-4
