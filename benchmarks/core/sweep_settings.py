@@ -2,15 +2,15 @@
 
 Grids are those of ``bench_flow_grids.py`` with every other node, three more of the folder that BSPLINE_MDAO_GRIDS
 names, and one about the M6 with a boundary layer; all of their walls are twisted, bent and given bumps. The fit is
-judged by its control points, errors and invalid elements, with one cycle of parameter correction as well, and both it
-and the layer by what the moves make of the cells::
+judged by its control points, errors and elements, with one cycle of parameter correction as well, the layer by what
+the moves make of the cells::
 
     python benchmarks/core/sweep_settings.py {fit,layer} [NAME|NAME=VALUE...] [--grids GRID...]
 
 All settings are swept, or those that are named, or take the values that are given. For each the largest change of each
 measure is printed, in per cent, with the grid where it is; a setting that changes none by 2 % of any grid is not worth
-its line. The smallest Q counts from `LEAST_Q` on: below, cells are lost. Counts of inverted cells and invalid elements
-are summed over all grids.
+its line. Smallest Q and corners count from `LEAST_Q` on: below, cells are lost. Counts of inverted cells and invalid
+elements are summed over all grids.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from bench_following_faces import Judge
 import bspline_mdao as bm
 from bspline_mdao.core.fit.fitting import fit_blocks
 from bspline_mdao.core.fit.settings import FITTING, FittingSettings
+from bspline_mdao.core.fit.validity import corner_measures
 from bspline_mdao.core.walls.grid_map import GridMap
 from bspline_mdao.core.walls.settings import LAYER, LayerSettings
 from bspline_mdao.core.walls.wall_correction import WallCorrection
@@ -55,17 +57,15 @@ STEP = {"pyhyp_m6_9blocks.xyz": 4, "section_o_grid": 4, "aither_rae2822.xyz": 4}
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A grid, its model with the defaults, and how each move moves its control points and walls."""
+    """The model of a grid, and how each move moves its control points and walls."""
 
-    name: str
-    grid: bm.Grid
     judge: Judge
     moves: dict[str, tuple[np.ndarray, np.ndarray]]
 
     @classmethod
-    def of(cls, name: str, grid: bm.Grid, settings: FittingSettings = FITTING) -> Place:
+    def of(cls, grid: bm.Grid) -> Place:
         """Fit a grid, and move it in all ways."""
-        judge, moves = Judge(fitted(grid, settings)), {}
+        judge, moves = Judge(bm.fit_grid(grid, progress=False)), {}
         mover = bm.movers.Rotations(judge.mesh)
         for move in MOVES:
             try:
@@ -75,9 +75,9 @@ class Place:
                 continue
             asked = judge.follower.at(wall).control_points
             moves[move] = mover.move(judge.model.control_points, asked).points, wall
-        return cls(name, grid, judge, moves)
+        return cls(judge, moves)
 
-    def cells(self, settings: LayerSettings = LAYER) -> dict[str, float]:
+    def cells(self, settings: LayerSettings) -> dict[str, float]:
         """Cells after all moves, and how well heights of first cells are kept."""
         model = self.judge.model
         found: dict[str, float] = {}
@@ -115,21 +115,21 @@ def grids(names: list[str]) -> Iterator[tuple[str, bm.Grid]]:
             yield name, grid
 
 
-def errors_of_fit(grid: bm.Grid, settings: FittingSettings) -> dict[str, float]:
-    """Control points, errors and invalid elements, with and without parameter correction."""
+def elements(grid: bm.Grid, settings: FittingSettings) -> dict[str, float]:
+    """Control points, errors and elements of a fit, with and without parameter correction."""
     found: dict[str, float] = {}
-    for label, corrections in (("", 0), ("corrected ", 1)):
-        report = fitted(grid, settings, corrections=corrections).report
-        found |= {f"{label}control points": report.n_control_points, f"{label}RMS": float(np.linalg.norm(report.rms))}
-        found |= {f"{label}largest error": float(np.max(report.max_error)), f"{label}invalid": report.n_invalid}
+    for label, corrections in (("plain", 0), ("corrected", 1)):
+        model = fitted(grid, settings, corrections=corrections)
+        corners = np.concatenate([part.ravel() for part in corner_measures(model.mesh.nets(model.control_points))])
+        found |= {
+            f"{label}: control points": model.report.n_control_points,
+            f"{label}: RMS": float(np.linalg.norm(model.report.rms)),
+            f"{label}: largest error": float(np.max(model.report.max_error)),
+            f"{label}: mean corner": float(corners.mean()),
+            f"{label}: smallest corner": max(float(corners.min()), LEAST_Q),
+            f"{label}: invalid": model.report.n_invalid,
+        }
     return found
-
-
-def measures_of(place: Place, settings: FittingSettings | LayerSettings) -> dict[str, float]:
-    """All measures of a grid with some settings."""
-    if isinstance(settings, LayerSettings):
-        return place.cells(settings)
-    return errors_of_fit(place.grid, settings) | Place.of(place.name, place.grid, settings).cells()
 
 
 def variants(defaults: Any, names: list[str]) -> Iterator[tuple[str, Any]]:
@@ -172,17 +172,16 @@ def print_row(
 def main(what: str, names: list[str], only: list[str]) -> None:
     """Print a row for each setting that is swept."""
     warnings.simplefilter("ignore")
-    places = [Place.of(name, grid) for name, grid in grids(only)]
+    measure: dict[str, Callable[[Any], dict[str, float]]] = {}
+    for name, grid in grids(only):
+        measure[name] = partial(elements, grid) if what == "fit" else Place.of(grid).cells
     defaults = FITTING if what == "fit" else LAYER
-    base = {place.name: measures_of(place, defaults) for place in places}
-    for place in places:
-        n_cells = place.judge.model.report.n_control_points
-        print(
-            f"{place.name}: {n_cells} control points, " + ", ".join(f"{k} {v:.4g}" for k, v in base[place.name].items())
-        )
+    base = {name: measured(defaults) for name, measured in measure.items()}
+    for name, measures in base.items():
+        print(f"{name}: " + ", ".join(f"{kind} {value:.4g}" for kind, value in measures.items()))
     for label, settings in variants(defaults, names):
         start = time.process_time()
-        found = {place.name: measures_of(place, settings) for place in places}
+        found = {name: measured(settings) for name, measured in measure.items()}
         print_row(label, found, base, time.process_time() - start)
 
 

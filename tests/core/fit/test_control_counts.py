@@ -12,6 +12,7 @@ from bspline_mdao.core.fit.requested_counts import RequestedCounts
 from bspline_mdao.core.fit.settings import FITTING
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.topology.detection import find_topology
+from bspline_mdao.splines import fit_blocks
 
 SMALL = replace(FITTING, largest_choice=2000)
 """Settings with which Gram matrices stay small."""
@@ -183,3 +184,13 @@ def test_choice_keeps_the_least_squares_of_large_blocks_small():
     assert "block 1, 2" in counts.warnings[0]
     given = [(5, 7, 6), (6, 8, 7)]
     np.testing.assert_array_equal(counts_of(two_blocks(), given, settings=SMALL).n_control, given)
+
+
+def test_fits_take_other_settings():
+    grid = two_blocks()
+    usual = fit_blocks(grid, corrections=1)
+    finer = fit_blocks(grid, corrections=1, settings=replace(FITTING, cells_per_span=2))
+    assert finer.mesh.n_control_points > usual.mesh.n_control_points
+    uncorrected = fit_blocks(grid, corrections=1, settings=replace(FITTING, correction_steps=0))
+    np.testing.assert_array_equal(uncorrected.control_points, fit_blocks(grid).control_points)
+    assert (uncorrected.control_points != usual.control_points).any()

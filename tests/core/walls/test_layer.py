@@ -430,6 +430,28 @@ def test_walls_of_inviscid_grids_have_no_layer():
     assert found[0] == 42 < found[1]
 
 
+def test_each_setting_of_the_layer_changes_what_it_is_for():
+    nodes = bumpy_block(np.random.default_rng(9))[ROWS[:, :, 0].ravel()]
+    nodes[-6:] = nodes[-18:-12] - [0.0, 0.0, 0.3]  # folds back at 120 degrees and more
+
+    def wall(**settings):
+        quads = quads_in_turn(np.arange(42).reshape(7, 6))
+        return Wall.of(nodes, quads, np.full(42, 0.005), settings=replace(LAYER, **settings))
+
+    def reach(**settings):
+        return wall(**settings).tree.reach
+
+    assert (reach() > 0.0).all()
+    assert (reach(inviscid=30.0) < reach()).all()
+    assert (reach(viscous=50.0) < reach()).all()
+    assert (reach(first_heights=80.0) >= reach()).all()
+    assert (reach(first_heights=80.0) > reach()).any()
+    np.testing.assert_allclose(reach(first_heights=1e3, widths=4.0), 4.0 * reach(widths=0.0), rtol=1e-14)
+    assert wall(farthest=7.0).tree.farthest == 7.0
+    assert wall(rotation_weight=0.1).frames.rotation_weight == 0.1
+    assert wall(folded=-1.0).frames.first_sides[-1] < wall().frames.first_sides[-1]
+
+
 @pytest.mark.slow
 def test_first_cells_of_a_real_grid_keep_their_heights(real_grids):
     grid = read_grid(real_grids / "aither_rae2822.xyz")
