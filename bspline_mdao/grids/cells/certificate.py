@@ -39,7 +39,9 @@ class BlockCertificate(OneLine):
     # how many are proved invalid, and of how many nothing is proved
     n_invalid: int
     n_undecided: int
-    places: tuple[tuple[int, int, int, str], ...]  # some of these, numbered from 1, the invalid ones first
+    # some of these, i, j, k or one number, from 1, and what is known; the invalid ones first
+    places: tuple[tuple[int | str, ...], ...]
+    part: str = "block"  # what a block is, where it is none: a kind of cells
 
     @property
     def status(self) -> str:
@@ -52,7 +54,7 @@ class BlockCertificate(OneLine):
         counts = [
             f"{n:,} {status}" for n, status in ((self.n_invalid, "invalid"), (self.n_undecided, "undecided")) if n
         ]
-        places = ", ".join(f"({i}, {j}, {k}) {status}" for i, j, k, status in self.places)
+        places = ", ".join(f"({', '.join(map(str, index))}) {status}" for *index, status in self.places)
         return f"{self.block}: {' and '.join(counts)} of {counted(self.n, self.what)}, such as {places}"
 
 
@@ -91,7 +93,7 @@ class Certificate(OneLine):
 def _summary(parts: tuple[BlockCertificate, ...]) -> str:
     """Count what is valid, invalid and undecided in several blocks."""
     n, n_invalid, n_undecided = (sum(getattr(p, name) for p in parts) for name in ("n", "n_invalid", "n_undecided"))
-    what, in_blocks = parts[0].what, f"of {counted(len(parts), 'block')}"
+    what, in_blocks = parts[0].what, f"of {counted(len(parts), parts[0].part)}"
     if n_invalid + n_undecided == 0:
         return f"all {n:,} {what}s {in_blocks} valid"
     n_valid = n - n_invalid - n_undecided
@@ -102,26 +104,27 @@ def of_statuses(
     # see `BlockCertificate`
     block: str,
     what: str,
-    status: np.ndarray,  # uint8 (n_i, n_j, n_k), what is known of each
+    status: np.ndarray,  # uint8 (n_i, n_j, n_k), what is known of each; or (n,)
     offset: tuple[int, ...] = (0, 0, 0),  # number, from 0, of the first
+    part: str = "block",
 ) -> BlockCertificate:
     """Sum up the statuses of a block."""
     n_invalid, n_undecided = (int(np.count_nonzero(status == value)) for value in (INVALID, UNDECIDED))
-    places: list[tuple[int, int, int, str]] = []
+    places: list[tuple[int | str, ...]] = []
     for value in (INVALID, UNDECIDED):
         ids = np.flatnonzero(status == value)[: MOST_NAMED - len(places)]
         for index in zip(*np.unravel_index(ids, status.shape)):
-            i, j, k = (int(at) + first + 1 for at, first in zip(index, offset))
-            places.append((i, j, k, STATUSES[value]))
-    return BlockCertificate(block, what, status.size, n_invalid, n_undecided, tuple(places))
+            places.append((*(int(at) + first + 1 for at, first in zip(index, offset)), STATUSES[value]))
+    return BlockCertificate(block, what, status.size, n_invalid, n_undecided, tuple(places), part)
 
 
 def joined(parts: Iterable[BlockCertificate]) -> BlockCertificate:
     """Join what is known of the pieces of one block."""
     parts = list(parts)
-    places = sorted((place for part in parts for place in part.places), key=lambda p: (p[3] != "invalid", p[:3]))
+    places = sorted((place for part in parts for place in part.places), key=lambda p: (p[-1] != "invalid", p[:-1]))
     n, n_invalid, n_undecided = (sum(getattr(p, name) for p in parts) for name in ("n", "n_invalid", "n_undecided"))
-    return BlockCertificate(parts[0].block, parts[0].what, n, n_invalid, n_undecided, tuple(places[:MOST_NAMED]))
+    first = parts[0]
+    return BlockCertificate(first.block, first.what, n, n_invalid, n_undecided, tuple(places[:MOST_NAMED]), first.part)
 
 
 def certify_cells(

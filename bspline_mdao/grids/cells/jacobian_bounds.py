@@ -28,8 +28,11 @@ __all__ = [
     "block_bounds",
     "block_coefficients",
     "coefficients_jvp",
+    "coefficients_of",
     "coefficients_vjp",
     "decide_cells",
+    "edges_of",
+    "triple",
 ]
 
 N_COEFFICIENTS = 27
@@ -167,8 +170,8 @@ def _corners_of(x, i, j, k, corners):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _edges_of(corners, edges):
-    """Write the edges of a cell, shape (3, 4, 3)."""
+def edges_of(corners, edges):
+    """Write the edges of a cell, shape (3, 4, 3), from its corners, shape (8, 3)."""
     for d in range(3):
         for e in range(4):
             for c in range(3):
@@ -176,17 +179,18 @@ def _edges_of(corners, edges):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _triple(a, b, c):
+def triple(a, b, c):
+    """Triple product of three vectors."""
     return (a[1] * b[2] - a[2] * b[1]) * c[0] + (a[2] * b[0] - a[0] * b[2]) * c[1] + (a[0] * b[1] - a[1] * b[0]) * c[2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _coefficients_of(edges, sign, out):
+def coefficients_of(edges, sign, out):
     """Write the 27 coefficients of a cell."""
     out[:] = 0.0
     for t in range(64):
         n, a, b, c = TERMS[t]
-        out[n] += sign * WEIGHTS[t] * _triple(edges[0, a], edges[1, b], edges[2, c])
+        out[n] += sign * WEIGHTS[t] * triple(edges[0, a], edges[1, b], edges[2, c])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -246,8 +250,8 @@ def decide_cells(
         n_open += 1
         i, j, k = cell // (n_j * n_k), cell // n_k % n_j, cell % n_k
         _corners_of(x, i, j, k, corners)
-        _edges_of(corners, edges)
-        _coefficients_of(edges, sign, coefficients)
+        edges_of(corners, edges)
+        coefficients_of(edges, sign, coefficients)
         has_zeros = _counting(corners, bits, shortest, counts)
         shape = (3, 3, 3)  # of (k, j, i)
         status[cell], bound[cell] = decide(
@@ -263,8 +267,8 @@ def block_coefficients(x, degenerate, sign, shortest, out):
     corners, edges, counts, found = np.empty((8, 3)), np.empty((3, 4, 3)), np.empty(27), np.empty(27)
     for cell, (i, j, k) in enumerate(np.ndindex(degenerate.shape)):
         _corners_of(x, i, j, k, corners)
-        _edges_of(corners, edges)
-        _coefficients_of(edges, sign, found)
+        edges_of(corners, edges)
+        coefficients_of(edges, sign, found)
         has_zeros = _counting(corners, degenerate[i, j, k], shortest, counts)
         for n in range(27):
             out[n, cell] = np.inf if has_zeros and counts[n] == 0.0 else found[n]
@@ -276,14 +280,14 @@ def coefficients_jvp(x, d_x, degenerate, sign, d_out):
     corners, edges, d_edges, change = np.empty((8, 3)), np.empty((3, 4, 3)), np.empty((3, 4, 3)), np.empty(27)
     for cell, (i, j, k) in enumerate(np.ndindex(degenerate.shape)):
         _corners_of(x, i, j, k, corners)
-        _edges_of(corners, edges)
+        edges_of(corners, edges)
         _corners_of(d_x, i, j, k, corners)
-        _edges_of(corners, d_edges)
+        edges_of(corners, d_edges)
         change[:] = 0.0
         for t in range(64):
             n, a, b, c = TERMS[t]
             u, v, w = edges[0, a], edges[1, b], edges[2, c]
-            d = _triple(d_edges[0, a], v, w) + _triple(u, d_edges[1, b], w) + _triple(u, v, d_edges[2, c])
+            d = triple(d_edges[0, a], v, w) + triple(u, d_edges[1, b], w) + triple(u, v, d_edges[2, c])
             change[n] += sign * WEIGHTS[t] * d
         d_out[:, cell] = change
 
@@ -302,7 +306,7 @@ def coefficients_vjp(x, degenerate, sign, bar, x_bar):
     for cell, (i, j, k) in enumerate(np.ndindex(degenerate.shape)):
         if np.any(bar[:, cell] != 0.0):
             _corners_of(x, i, j, k, corners)
-            _edges_of(corners, edges)
+            edges_of(corners, edges)
             edges_bar[:] = 0.0
             for t in range(64):
                 n, a, b, c = TERMS[t]

@@ -187,11 +187,14 @@ class MixedMesh(OneLine):
         n = sum(len(corners) for corners in self.cells.values())
         return n + (0 if self.polyhedra is None else int(self.polyhedra[1].max(initial=-1)) + 1)
 
+    def kind_in_file(self, kind: str) -> str:
+        """Name of a kind of cells in its file, which may be of two dimensions."""
+        return {"wedge": "triangle", "hexahedron": "quad"}.get(kind, kind) if self.n_copies == 2 else kind
+
     @property
     def cell_counts(self) -> dict[str, int]:
         """Number of cells of each kind; those of a file of two dimensions by their names there."""
-        names = {"wedge": "triangle", "hexahedron": "quad"} if self.n_copies == 2 else {}
-        found = {names.get(kind, kind): len(corners) for kind, corners in self.cells.items() if len(corners)}
+        found = {self.kind_in_file(kind): len(corners) for kind, corners in self.cells.items() if len(corners)}
         n_polyhedra = self.n_cells - sum(found.values())
         return {**found, **({"polyhedron": n_polyhedra} if n_polyhedra else {})}
 

@@ -10,8 +10,10 @@ import numpy as np
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...errors import InputError
+from ...grids.cells.certificate import Certificate
 from ...grids.cells.mesh_heights import height_quantiles, mesh_wall_spacings, wall_heights_of
 from ...grids.cells.mesh_quality import BEYOND, SEVERE, SKEWED, MeshQuality, mesh_quality
+from ...grids.cells.mixed_bounds import certify_mixed
 from ...grids.cells.mixed_cells import CellQuality, MixedMesh, face_keys
 from ...grids.cells.skin_parts import with_markers
 from ...grids.cells.wall_spacing import WallSpacing
@@ -20,12 +22,15 @@ from ...grids.io.marker_guess import MarkerGuess
 from ...grids.io.marker_kinds import draft_kinds, marker_kinds, undecided
 from ...grids.io.meshes.files import read_mesh
 from .output import (
+    certificate_numbers,
     check_outputs,
     print_lines,
     print_table,
     print_title,
     print_warnings,
+    show_certificate,
     spacing_numbers,
+    unproved_lines,
     written_json,
 )
 
@@ -52,15 +57,15 @@ def inspect_mesh(
         progress(0.5, "markers")
         kinds = marker_kinds(mesh, patches)
         progress(0.7, "cells")
-        quality = mesh.quality()
+        quality, certificate = mesh.quality(), Certificate(certify_mixed(mesh))
         walls = [marker for marker, guess in kinds.items() if guess.kind == "wall"]
         spacings = mesh_wall_spacings(mesh, walls)
-    numbers = _mesh_numbers(mesh, kinds, quality, spacings, reynolds, units)
+    numbers = {**_mesh_numbers(mesh, kinds, quality, spacings, reynolds, units), **_proved(certificate)}
     with written_json(json, numbers):
         if draft:
             with replaced_file(draft) as part:
                 part.write_text(draft_kinds(mesh, kinds), encoding="utf-8")
-    _show_mesh(mesh, kinds, numbers)
+    _show_mesh(mesh, kinds, numbers, certificate)
     if walls and not numbers["to_declare"]:
         print_lines([f"it can be moved from {', '.join(walls)}"])
     if draft:
@@ -84,13 +89,27 @@ def measure_mesh(
         kinds = marker_kinds(before, patches)
         progress(0.5, "cells")
         quality = mesh_quality(before, mesh.points)
+        certificate = Certificate(certify_mixed(before, mesh.points))
         newly = quality.is_inverted & ~before.quality().is_inverted if baseline else np.zeros(0, dtype=bool)
         walls = {marker: faces for marker, faces in (before.markers or {}).items() if kinds[marker].kind == "wall"}
         heights = {marker: _heights(before, faces, mesh.points, baseline) for marker, faces in walls.items()}
-    numbers = _quality_numbers(name, baseline, before, quality, newly, heights)
+    numbers = {**_quality_numbers(name, baseline, before, quality, newly, heights), **_proved(certificate)}
     with written_json(json, numbers):
         pass
     _show_quality(name, numbers, baseline)
+    _show_proved(certificate, before)
+
+
+def _proved(certificate: Certificate) -> dict:
+    """What is proved about single cells, for JSON; None where none has a map."""
+    return {"certificate": certificate_numbers(certificate) if certificate.cells else None}
+
+
+def _show_proved(certificate: Certificate, mesh: MixedMesh) -> None:
+    """Print what is proved about single cells."""
+    if certificate.cells:
+        show_certificate(certificate)
+    print_lines(unproved_lines(mesh))
 
 
 def _baseline_of(baseline: str, mesh: MixedMesh, name: str) -> MixedMesh:
@@ -182,7 +201,7 @@ def _mesh_numbers(
     }
 
 
-def _show_mesh(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess], numbers: dict) -> None:
+def _show_mesh(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess], numbers: dict, certificate: Certificate) -> None:
     """Print what a mesh consists of."""
     said = f", lengths in {numbers['units']}" if numbers["units"] else ""
     print_title(
@@ -201,6 +220,7 @@ def _show_mesh(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess], numbers: dict)
         what = "area" if mesh.n_copies == 2 else "volume"
         lines.append(f"smallest {what} {numbers['min_volume']:.4g}, {counted(numbers['n_inverted'], 'inverted cell')}")
     print_lines([*lines, *unmarked_lines(numbers["n_unmarked_faces"])])
+    _show_proved(certificate, mesh)
     walls = numbers["walls"]
     if walls:
         columns = ["first nodes above", "min", "1 %", "median", "99 %", "max", "aspect"]

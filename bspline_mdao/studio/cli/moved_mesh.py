@@ -9,19 +9,21 @@ import numpy as np
 from ...core.background.mesh_model import MeshModel
 from ...core.evaluation.spline_validity import certify_splines
 from ...grids.cells.certificate import Certificate
+from ...grids.cells.mixed_bounds import certify_mixed
+from ...grids.cells.mixed_cells import MixedMesh
 from .moved_cells import MovedCells
-from .output import certificate_numbers, show_certificate
+from .output import certificate_numbers, print_lines, show_certificate, unproved_lines
 
 __all__ = ["MovedMesh"]
 
 
 @dataclass(frozen=True, eq=False)
 class MovedMesh:
-    """Cells of a mesh before and after a move, and the certificate of its lattice."""
+    """Cells of a mesh before and after a move, and the certificate of both cells and lattice."""
 
+    mesh: MixedMesh
     cells: MovedCells
     certificate: Certificate
-    is_plane: bool  # whether the mesh is of two dimensions
 
     @classmethod
     def of(
@@ -36,7 +38,7 @@ class MovedMesh:
         ratios = walls.heights(nodes) / walls.heights(model.mesh.points)
         splines = certify_splines(*model.splines_at(control_points), model.spline_names)
         cells = MovedCells.of(model.mesh, nodes, ratios)
-        return cls(cells, Certificate((), splines), model.mesh.n_copies == 2)
+        return cls(model.mesh, cells, Certificate(certify_mixed(model.mesh, nodes), splines))
 
     def numbers(self) -> dict:
         """Collect them for JSON."""
@@ -44,8 +46,9 @@ class MovedMesh:
 
     def show(self) -> None:
         """Print them."""
-        self.cells.show("smallest area (m^2)" if self.is_plane else "smallest volume (m^3)")
+        self.cells.show("smallest area (m^2)" if self.mesh.n_copies == 2 else "smallest volume (m^3)")
         show_certificate(self.certificate)
+        print_lines(unproved_lines(self.mesh))
         self.cells.show_heights()
 
     def warnings(self) -> list[str]:

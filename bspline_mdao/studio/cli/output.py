@@ -21,6 +21,7 @@ from ...base.text import counted
 from ...errors import InputError
 from ...grids.cells.certificate import Certificate
 from ...grids.cells.first_cells import WallNode
+from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.wall_heights import KEPT, PatchHeights
 from ...grids.cells.wall_spacing import WallSpacing, flat_plate_y_plus
 from ...grids.io.disk import replaced_file
@@ -193,6 +194,12 @@ def show_certificate(certificate: Certificate) -> None:
     print_lines([f"proved everywhere, not only at corners: {first}", *rest])
     if any(part.n_undecided for part in certificate.splines):
         print_lines([MEANING_OF_UNDECIDED])
+
+
+def unproved_lines(mesh: MixedMesh) -> list[str]:
+    """Say of which cells of a mesh nothing can be proved."""
+    n = mesh.n_cells - sum(map(len, mesh.cells.values()))
+    return [f"{counted(n, 'polyhedron', 'polyhedra')}, which have no map: nothing is proved of them"] if n else []
 
 
 def height_numbers(heights: Sequence[PatchHeights], *, is_compared: bool) -> list[dict]:

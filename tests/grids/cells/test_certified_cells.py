@@ -110,7 +110,7 @@ def test_without_the_margin_of_rounding_some_would_be():
         b + corners[:, 4],
         a + b + corners[:, 4],
     )
-    least = np.array([[jacobian_bounds._triple(*(cell[[1, 2, 4]] - cell[0]))] for cell in corners])[:, 0]
+    least = np.array([[jacobian_bounds.triple(*(cell[[1, 2, 4]] - cell[0]))] for cell in corners])[:, 0]
     is_truly_bad = np.array([exact_corner_jacobian(cell, 0) <= 0 for cell in corners])
     assert (is_truly_bad & (least > 0.0)).sum() > 10  # rounding has turned their sign
     assert not (is_truly_bad & (statuses(corners) == VALID)).any()

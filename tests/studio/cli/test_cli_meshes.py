@@ -36,7 +36,8 @@ def test_inspect_tells_cells_markers_box_and_heights_of_a_plane_mesh(workplace, 
     assert wall["y_plus"] > 0.0
     assert found["n_unmarked_faces"] == 70  # of the outer rim
     assert found["to_declare"] is None
-    for words in ("2 dimensions, lengths in mm", "airfoil", "it can be moved from airfoil", "and move along"):
+    proved = f"proved everywhere, not only at corners: all {len(triangles) + len(quads):,} cells of 2 kinds valid"
+    for words in ("2 dimensions, lengths in mm", "airfoil", "it can be moved from airfoil", "and move along", proved):
         assert words in text
 
 
@@ -77,6 +78,10 @@ def test_quality_names_cells_that_a_move_inverted_and_compares_heights(workplace
     assert run(["quality", "moved.su2", "--baseline", "plane.su2", "--json", "q.json"]) == 0
     found, text = numbers("q.json"), capsys.readouterr().out
     assert found["n_inverted"] == len(found["newly_inverted"]) > 0
+    proved = {part["block"]: part["n_invalid"] for part in found["certificate"]["cells"]}
+    assert set(proved) == {"triangle", "quad"}
+    assert sum(proved.values()) >= found["n_inverted"]
+    assert found["certificate"]["status"] == "invalid"
     assert 0 < found["orientation"]["n_faces"] <= found["orientation"]["n_pyramids"]
     (heights,) = found["heights"]
     assert heights["ratios"]["median"] == pytest.approx(2.0)
@@ -94,7 +99,10 @@ def test_a_polymesh_has_polyhedra_and_kinds_of_its_types(workplace, capsys):
     assert found["cells"] == {"polyhedron": found["n_cells"]}
     assert {m["name"]: m["reason"] for m in found["markers"]}["body"] == "its file says wall"
     assert run(["quality", "polyMesh", "--json", "q.json"]) == 0
-    assert numbers("q.json")["n_inverted"] == 0
+    assert (numbers("q.json")["n_inverted"], numbers("q.json")["certificate"]) == (0, None)
+    text = capsys.readouterr().out
+    assert f"{found['n_cells']:,} polyhedra, which have no map: nothing is proved of them" in text
+    assert "proved everywhere" not in text
 
 
 def test_cgns_is_a_mesh_or_a_grid_by_what_is_in_it(workplace, capsys):
