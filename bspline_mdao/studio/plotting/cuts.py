@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["cut"]
+__all__ = ["cut", "cut_lines"]
 
 
 def cut(
@@ -14,6 +14,38 @@ def cut(
     place: float,  # coordinate of the plane (m)
 ) -> np.ndarray:  # (n_segments, 2, 3), ends of the segments (m)
     """Cut quads with a plane across an axis."""
+    places, segments = _segments(points, quads, axis, place)
+    return places[segments]
+
+
+def cut_lines(
+    points: np.ndarray,  # (n_points, 3), corners (m)
+    quads: np.ndarray,  # (n, 4) of int, their numbers
+    axis: int,  # the axis
+    place: float,  # coordinate of the plane (m)
+) -> list[np.ndarray]:  # each (n, 3), points (m)
+    """Cut quads with a plane across an axis, and join the segments to lines; closed ones end where they begin."""
+    places, segments = _segments(points, quads, axis, place)
+    ends, others = segments.T.ravel(), segments[:, ::-1].T.ravel()
+    order = np.argsort(ends, kind="stable")
+    counts = np.bincount(ends, minlength=len(places))
+    slot = np.arange(len(ends)) - np.repeat(np.cumsum(counts) - counts, counts)
+    links = np.full((len(places), max(2, int(counts.max(initial=0)))), -1)
+    links[ends[order], slot] = others[order]
+    lines, is_left = [], np.ones(len(places), dtype=bool)
+    for start in np.argsort(counts, kind="stable"):  # open lines from their ends
+        at, line = int(start), []
+        while at >= 0 and is_left[at]:
+            is_left[at] = False
+            line.append(at)
+            at = next((int(n) for n in links[at] if n >= 0 and is_left[n]), -1)
+        if line:
+            lines.append(places[[*line, int(start)] if counts[start] > 1 else line])
+    return lines
+
+
+def _segments(points: np.ndarray, quads: np.ndarray, axis: int, place: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points where a plane cuts edges of the triangles of quads, (n, 3), and two of them for each that is cut."""
     heights = points[:, axis] - place
     triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     above = heights[triangles] > 0.0
@@ -21,6 +53,8 @@ def cut(
     # the corner that is alone on its side first
     alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     turned = np.take_along_axis(triangles, (alone[:, None] + np.arange(3)) % 3, axis=1)
-    a, ends = turned[:, [0]], turned[:, 1:]
-    part = heights[a] / (heights[a] - heights[ends])
-    return points[a] + part[..., None] * (points[ends] - points[a])
+    edges = np.sort(np.stack([turned[:, [0, 0]], turned[:, 1:]], axis=-1), axis=-1).reshape(-1, 2)
+    edges, number = np.unique(edges, axis=0, return_inverse=True)
+    a, b = edges.T
+    part = (heights[a] / (heights[a] - heights[b]))[:, None]
+    return points[a] + part * (points[b] - points[a]), number.reshape(-1, 2)

@@ -17,9 +17,11 @@ def mesh_slice(
     axis: int,  # axis across the slice
     place: float,  # where it is (m)
     box: np.ndarray,  # (2, 3), lower and upper corner of what is wanted (m)
+    of: np.ndarray | None = None,  # bool (n_cells,), cells whose edges are wanted; all by default
 ) -> np.ndarray:  # (n, 2, 3), ends of the edges (m)
     """Edges of the cells in a slice; those of a file of two dimensions are its own."""
-    faces, _ = mesh.cell_faces
+    faces, cells = mesh.cell_faces
+    faces = faces if of is None else faces[of[cells]]
     if mesh.n_copies > 1:
         faces = faces[(faces < mesh.n_stored).all(axis=1)]
         return nodes[edges_of(faces[_reaches(nodes[faces], box)])]

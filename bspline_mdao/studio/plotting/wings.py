@@ -1,7 +1,9 @@
-"""Drawings of wings whose grids have the patches ``wing_upper`` and ``wing_lower``: x points downstream, y up.
+"""Drawings of wings: x points downstream, y up.
 
-The span is along z, from the plane of symmetry to the tip. Nodes may be given as the output ``grid`` has them, shape
-(3 n_nodes,), or in rows, shape (n_nodes, 3), in metres.
+Grids of blocks have the patches ``wing_upper`` and ``wing_lower``; walls of meshes without structure are cut across the
+span, those whose names begin with ``wing``, or all where there are none. The span is along z, from the plane of
+symmetry to the tip. Nodes may be given as the output ``grid`` has them, shape (3 n_nodes,), or in rows, shape
+(n_nodes, 3), in metres.
 """
 
 from __future__ import annotations
@@ -11,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.background.mesh_model import MeshModel
 from ...core.model.fitted_model import FittedModel
-from ...flow.loads.span_strips import SpanStrips
 from ...names import GRID
 from .figures import GRAY
 from .histories import draw_history, draw_optimality, driver_colors
-from .pressures import wall_quads
+from .wing_lines import section_of, sides_of, strips_of
 
 if TYPE_CHECKING:  # the framework is not needed to draw
     import openmdao.api as om
@@ -42,13 +44,13 @@ BELOW = 0.25
 """Distance between sections that are drawn one below the other, in chords."""
 
 
-def wing_sides(model: FittedModel, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cut the upper and the lower side of a wing out of the nodes of a grid.
+def wing_sides(model: FittedModel | MeshModel, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cut the upper and the lower side of a wing out of the nodes of a grid, at its lines, or out of those of a mesh.
 
     Parameters
     ----------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid, or the model of a mesh.
     nodes : ndarray
         Nodes (m).
 
@@ -57,20 +59,16 @@ def wing_sides(model: FittedModel, nodes: np.ndarray) -> tuple[np.ndarray, np.nd
     upper, lower : ndarray, shape (n_chord, n_span, 3)
         Nodes from the leading to the trailing edge and from root to tip (m).
     """
-    grid = model.header.grid(model.topology.shapes, np.reshape(nodes, (-1, 3)))
-    windows = {patch.name: patch.windows[0] for patch in grid.patches}
-    sides = [windows[name] for name in ("wing_upper", "wing_lower")]
-    upper, lower = (grid.blocks[side.block].nodes[side.slices][:, 0] for side in sides)
-    return upper, lower
+    return sides_of(model, np.reshape(nodes, (-1, 3)))
 
 
-def wing_section(model: FittedModel, nodes: np.ndarray, part: float = 0.5) -> np.ndarray:
-    """Give the nodes around a wing on the grid line that is nearest to a part of the span.
+def wing_section(model: FittedModel | MeshModel, nodes: np.ndarray, part: float = 0.5) -> np.ndarray:
+    """Give the points around a wing at a part of the span; of a grid, the nodes of the line that is nearest.
 
     Parameters
     ----------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid, or the model of a mesh.
     nodes : ndarray
         Nodes (m).
     part : float
@@ -81,20 +79,18 @@ def wing_section(model: FittedModel, nodes: np.ndarray, part: float = 0.5) -> np
     ndarray, shape (n, 3)
         Nodes along the upper side, and back along the lower one (m).
     """
-    upper, lower = wing_sides(model, nodes)
-    nearest = np.argmin(np.abs(upper[0, :, 2] - part * upper[0, -1, 2]))
-    return np.concatenate([upper[:, nearest], lower[::-1, nearest]])
+    return section_of(model, np.reshape(nodes, (-1, 3)), part)
 
 
-def draw_planform(axes: Any, model: FittedModel, nodes: np.ndarray, **style: Any) -> None:
+def draw_planform(axes: Any, model: FittedModel | MeshModel, nodes: np.ndarray, **style: Any) -> None:
     """Draw the outline of a wing from above.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
         Where to draw.
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid, or the model of a mesh.
     nodes : ndarray
         Nodes (m).
     **style
@@ -109,7 +105,7 @@ def draw_planform(axes: Any, model: FittedModel, nodes: np.ndarray, **style: Any
 
 
 def draw_sections(
-    axes: Any, model: FittedModel, nodes: np.ndarray, parts: Sequence[float] = PARTS, **style: Any
+    axes: Any, model: FittedModel | MeshModel, nodes: np.ndarray, parts: Sequence[float] = PARTS, **style: Any
 ) -> None:
     """Draw sections at parts of the half span one below the other, in chords from their leading edges.
 
@@ -117,8 +113,8 @@ def draw_sections(
     ----------
     axes : matplotlib.axes.Axes
         Where to draw.
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid, or the model of a mesh.
     nodes : ndarray
         Nodes (m).
     parts : sequence of float
@@ -134,15 +130,15 @@ def draw_sections(
     axes.set(xlabel="$x / c$", ylabel="$y / c$", aspect="equal")
 
 
-def draw_twist(axes: Any, model: FittedModel, nodes: np.ndarray, **style: Any) -> None:
+def draw_twist(axes: Any, model: FittedModel | MeshModel, nodes: np.ndarray, **style: Any) -> None:
     """Draw the angles of the chord lines along the half span.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
         Where to draw.
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid, or the model of a mesh.
     nodes : ndarray
         Nodes (m).
     **style
@@ -154,13 +150,13 @@ def draw_twist(axes: Any, model: FittedModel, nodes: np.ndarray, **style: Any) -
     axes.set(xlabel="$2 y / b$", ylabel="twist (deg)")
 
 
-def span_load_edges(model: FittedModel, problem: om.Problem) -> np.ndarray:
+def span_load_edges(model: FittedModel | MeshModel, problem: om.Problem) -> np.ndarray:
     """Find where the strips of ``span_load`` begin and end along the half span, of `EulerFlow` or `LatticeFlow`.
 
     Parameters
     ----------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid, or the model of a mesh.
     problem : openmdao.api.Problem
         A problem with one of these flows that has run.
 
@@ -172,8 +168,7 @@ def span_load_edges(model: FittedModel, problem: om.Problem) -> np.ndarray:
     names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None)}
     if "camber_surface" in names:
         return -problem.get_val("camber_surface")[-1, :, 1]
-    baseline = model.regenerate().to_vector().reshape(-1, 3)
-    strips = SpanStrips.of(wall_quads(model), baseline, np.eye(3)[[0, 2, 1]])
+    strips = strips_of(model)
     return np.abs(strips.trailing @ problem.get_val(GRID).reshape(-1, 3) @ strips.axes[1])
 
 
@@ -214,7 +209,7 @@ def draw_ellipse(axes: Any, **style: Any) -> None:
 
 def draw_designs(
     canvas: Any,
-    model: FittedModel,
+    model: FittedModel | MeshModel,
     start: om.Problem,
     runs: Mapping[str, RecordedRun],
     response: str,
@@ -227,8 +222,8 @@ def draw_designs(
     ----------
     canvas : matplotlib.figure.Figure
         An empty figure, some 9.5 by 9 inches.
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid, or the model of a mesh.
     start : openmdao.api.Problem
         The problem at the start, with the outputs ``grid`` of `GridMovement` and ``span_load`` of a flow.
     runs : mapping of str to RecordedRun

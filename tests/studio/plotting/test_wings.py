@@ -2,12 +2,17 @@
 
 import numpy as np
 import pytest
+from mesh_cases import TETRAHEDRA
+from riding_cases import joined
+from scipy.spatial.transform import Rotation
 
 from bspline_mdao import EulerFlow, GridMovement, LatticeFlow, fit_grid
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.design.reference_axis import ReferenceAxis
 from bspline_mdao.design import Twist
-from bspline_mdao.generators import Planform, Spacing, Wing, hh_wing_grid, naca_section
+from bspline_mdao.errors import InputError
+from bspline_mdao.generators import Planform, Spacing, Wing, hh_wing_grid, naca_section, onera_m6_grid
+from bspline_mdao.meshes import MeshModel, MixedMesh
 from bspline_mdao.movers import LinearElasticity, moving_mesh
 from bspline_mdao.plotting import (
     draw_ellipse,
@@ -24,6 +29,7 @@ from bspline_mdao.plotting import (
     wing_sides,
 )
 from bspline_mdao.studio.plotting.pressures import _chord_ends
+from bspline_mdao.studio.plotting.wing_lines import strips_of
 
 om = pytest.importorskip("openmdao.api")
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
@@ -70,6 +76,48 @@ def test_planform_and_sections_have_the_sizes_of_the_wing(model, nodes, axes):
     np.testing.assert_allclose(np.ptp(first, axis=0), [1.0, 0.12], rtol=0.02)
     np.testing.assert_allclose(second[:, 1].mean() - first[:, 1].mean(), -0.25, atol=1e-3)
     assert len(axes.get_legend_handles_labels()[1]) == 1
+
+
+@pytest.fixture(scope="module")
+def mesh_wing():
+    """A swept wing in tetrahedra, on a plane of symmetry."""
+    points, cells = joined(onera_m6_grid((13, 17, 5)))
+    corners = cells[:, TETRAHEDRA].reshape(-1, 4)
+    skin = MixedMesh(points, {"tetra": corners}).skin
+    in_plane, is_far = (points[skin][..., 2] == 0.0).all(axis=1), np.abs(points[skin]).max(axis=(1, 2)) > 3.0
+    markers = {"symmetry": skin[in_plane], "far": skin[is_far & ~in_plane], "Wing": skin[~in_plane & ~is_far]}
+    kinds = {"Wing": "wall", "symmetry": "symmetry", "far": "farfield"}
+    return MeshModel.of(MixedMesh(points, {"tetra": corners}, markers), kinds)
+
+
+def test_sides_and_sections_of_a_mesh_are_those_of_its_wing(mesh_wing, axes):
+    nodes = mesh_wing.mesh.points
+    blocks = onera_m6_grid((13, 17, 5))
+    windows = {patch.name: patch.windows[0] for patch in blocks.patches}
+    outline = [blocks.blocks[w.block].nodes[w.slices][:, 0] for w in (windows["wing_upper"], windows["wing_lower"])]
+    upper, lower = wing_sides(mesh_wing, nodes.ravel())
+    assert upper.shape == lower.shape
+    assert (upper[1:-1, :, 1] > lower[1:-1, :, 1]).all()
+    for edge in (0, -1):  # straight ones
+        leading = outline[0][edge]
+        expected = np.interp(upper[edge, :, 2], leading[:, 2], leading[:, 0])
+        np.testing.assert_allclose(upper[edge, :, 0], expected, atol=4e-3)
+        np.testing.assert_allclose(upper[edge], lower[edge], atol=1e-12)
+    section = wing_section(mesh_wing, nodes, part=0.4)
+    np.testing.assert_allclose(section[:, 2], 0.4 * nodes[mesh_wing.wall_rows, 2].max(), atol=1e-12)
+    np.testing.assert_array_equal(section[0], section[-1])
+    assert section[0, 0] == section[:, 0].min()
+    half = int(np.argmax(section[:, 0]))
+    assert section[1:half, 1].mean() > 0.01 > -0.01 > section[half + 1 : -1, 1].mean()
+    draw_planform(axes, mesh_wing, nodes)
+    draw_sections(axes, mesh_wing, nodes)
+    draw_twist(axes, mesh_wing, nodes @ Rotation.from_rotvec([0.0, 0.0, -0.1]).as_matrix().T)
+    np.testing.assert_allclose(axes.lines[-1].get_ydata(), np.degrees(0.1), atol=0.02)
+
+
+def test_a_mesh_has_no_strips_of_a_flow(mesh_wing):
+    with pytest.raises(InputError, match="has no strips of a flow; its span load is that of a LatticeFlow"):
+        strips_of(mesh_wing)
 
 
 @pytest.mark.slow
