@@ -30,6 +30,11 @@ class LayerSettings:
     viscous: float = 36.0
     """The same from which on a wall has its whole reach. Grids with boundary layers have 36 to 16,000."""
 
+    smoothings: int = 3
+    """Times that the reach of a wall is averaged with that of the neighbours: it then varies over several quads, and
+    the layer ends smoothly. Without, 13 cells of the H-H wing as wedges are inverted by a bend of 60 degrees; grids of
+    blocks hardly need it."""
+
     farthest: float = 5.0
     """A local minimum of the distance this many times as far as the nearest one has no weight, which bounds the search:
     with 2 six cells more are inverted about the rotor and stator of CFL3D, with 100 nothing changes by 0.01 %."""

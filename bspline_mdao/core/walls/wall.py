@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array, csr_array, diags_array
 
 from ...errors import InputError
 from .closest_points import TriangleTree
@@ -67,9 +68,13 @@ def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray, settings:
     area = 0.5 * np.linalg.norm(np.cross(*diagonals), axis=1)
     longest = np.max([np.linalg.norm(d, axis=1) for d in diagonals], axis=0)
     width = np.divide(area, longest, out=np.zeros(len(quads)), where=longest > 0.0)
-    sums, counts = (np.bincount(quads.ravel(), each, len(points)) for each in (np.repeat(width, 4), None))
-    spacing = sums / np.maximum(counts, 1)
+    ends = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
+    around = _mean_of(quads.ravel(), np.repeat(np.arange(len(quads)), 4), len(points), len(quads))
+    adjacent = _mean_of(ends.ravel(), ends[:, ::-1].ravel(), len(points), len(points))
+    spacing = around @ width
     reach = np.maximum(spacing, np.minimum(settings.first_heights * heights, settings.widths * spacing))
+    for _ in range(settings.smoothings):
+        reach = 0.5 * (reach + adjacent @ reach)
     return reach * _viscosity(spacing, heights, settings)
 
 
@@ -81,3 +86,9 @@ def _viscosity(spacing: np.ndarray, heights: np.ndarray, settings: LayerSettings
     flatness = np.quantile(spacing[has_height] / heights[has_height], 0.75)
     least = settings.inviscid
     return 1.0 - fade(np.log(max(flatness, 1.0) / least) / np.log(settings.viscous / least))
+
+
+def _mean_of(rows: np.ndarray, columns: np.ndarray, n_rows: int, n_columns: int) -> csr_array:
+    """Matrix of the means of the values at the columns that go with each row."""
+    sums = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_rows, n_columns)).tocsr()
+    return diags_array(1.0 / np.maximum(sums @ np.ones(n_columns), 1.0)) @ sums
