@@ -25,7 +25,8 @@ from scipy.sparse import coo_array, csr_array
 from ...base.checks import as_finite_points
 from ...base.display import OneLine
 from ...errors import InputError, MovementError
-from ...grids.cells.mixed_cells import MixedMesh, first_heights, wall_normals
+from ...grids.cells.mixed_cells import MixedMesh
+from ...grids.cells.node_heights import NodeHeights
 from ...grids.cells.quads import area_vectors
 from ...names import CONTROL_POINTS
 from ..evaluation.evaluator import Evaluator
@@ -77,9 +78,7 @@ class RidingWalls(OneLine):
     fading: csr_array  # scipy.sparse.csr_array, shape (n_points, n_wall), F, but for these planes
     following: WallFollowing  # nodes that follow them
     missed: np.ndarray  # (n_wall, 3), d: what the volumes miss of their nodes (m)
-    # at, beside: (m,) of int, numbers of nodes of walls among `rows`, and the nodes of the mesh next to them
-    at: np.ndarray
-    above: np.ndarray
+    first: NodeHeights  # their nodes that have a node of the mesh next to them
 
     @classmethod
     def of(
@@ -96,10 +95,8 @@ class RidingWalls(OneLine):
         """Find what follows walls."""
         rows = np.unique(faces.faces)
         quads, points = np.searchsorted(rows, faces.faces), mesh.points[rows]
-        at, above = first_heights(mesh, faces.faces, rows)
-        normals = wall_normals(mesh.points, faces.faces, rows)
-        heights = np.zeros(len(rows))
-        heights[at] = np.maximum(np.einsum("nd,nd->n", mesh.points[above] - points[at], normals[at]), 0.0)
+        first, heights = NodeHeights.of(mesh, faces.faces), np.zeros(len(rows))
+        heights[np.searchsorted(rows, first.rows)] = first.baseline
         of_wall = [(np.flatnonzero(np.isin(rows, ids)), normal) for ids, normal in planes]
         of_wall = [(ids, normal) for ids, normal in of_wall if len(ids)]
         wall = Wall.of(points, quads, heights, of_wall, faces=faces.marker, settings=MESH_LAYER)
@@ -108,11 +105,10 @@ class RidingWalls(OneLine):
             around, rows = around[nodes], np.searchsorted(nodes, rows)
             faces = replace(faces, faces=np.searchsorted(nodes, faces.faces))
             planes = [(np.flatnonzero(np.isin(nodes, ids)), normal) for ids, normal in planes]
-            fixed, is_here = np.flatnonzero(np.isin(nodes, fixed)), np.isin(above, nodes)
-            at, above = at[is_here], np.searchsorted(nodes, above[is_here])
+            fixed, first = np.flatnonzero(np.isin(nodes, fixed)), first.among(nodes)
         layer = WallLayer.of(wall, around, rows, planes, fixed, least_slope=LEAST_SLOPE)
         following = WallFollowing(layer, rows, np.zeros(0, dtype=int), None)
-        return cls(faces, rows, planes, _fading(around, points, quads, fade), following, missed, at, above)
+        return cls(faces, rows, planes, _fading(around, points, quads, fade), following, missed, first)
 
     @property
     def initial(self) -> np.ndarray:
@@ -134,8 +130,7 @@ class RidingWalls(OneLine):
 
     def heights(self, points: np.ndarray) -> np.ndarray:
         """Heights of the nodes next to walls above them (m), shape (m,), of a mesh, shape (n_points, 3)."""
-        normals = wall_normals(points, self.faces.faces, self.rows)[self.at]
-        return np.einsum("nd,nd->n", points[self.above] - points[self.rows[self.at]], normals)
+        return self.first.heights(points)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,28 +9,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .mixed_cells import MixedMesh, first_heights, wall_normals
+from .mixed_cells import MixedMesh
+from .node_heights import NodeHeights
 from .wall_spacing import WallSpacing
 
-__all__ = ["LEVELS", "height_quantiles", "mesh_wall_spacings", "wall_heights_of"]
+__all__ = ["LEVELS", "height_quantiles", "mesh_wall_spacings"]
 
 LEVELS = {"min": 0.0, "p01": 0.01, "median": 0.5, "p99": 0.99, "max": 1.0}
 """Quantiles by their names."""
-
-
-def wall_heights_of(
-    mesh: MixedMesh,
-    faces: np.ndarray,  # int (n_faces, 4), faces of a wall
-    points: np.ndarray | None = None,  # (n, 3), other nodes of the mesh, by default its own
-) -> tuple[np.ndarray, np.ndarray]:
-    """Heights of first nodes above a wall, by the nodes that they are above as the mesh is."""
-    # returns heights (m,): heights (m), of nodes of the wall that have one
-    # returns rows int (m,): these nodes
-    x, wall = mesh.points if points is None else points, mesh.into_fluid(faces)
-    rows = np.unique(wall)
-    at, above = first_heights(mesh, wall, rows)
-    normals = wall_normals(x, wall, rows)[at]
-    return np.einsum("nd,nd->n", x[above] - x[rows[at]], normals), rows[at]
 
 
 def mesh_wall_spacings(mesh: MixedMesh, walls: Sequence[str]) -> tuple[WallSpacing, ...]:
@@ -38,7 +24,8 @@ def mesh_wall_spacings(mesh: MixedMesh, walls: Sequence[str]) -> tuple[WallSpaci
     found = []
     for name in walls:
         faces = (mesh.markers or {})[name]
-        heights, rows = wall_heights_of(mesh, faces)
+        first = NodeHeights.of(mesh, mesh.into_fluid(faces))
+        heights, rows = first.baseline, first.rows
         if not len(heights):
             continue
         aspect = _longest_edges(mesh, faces)[rows] / heights

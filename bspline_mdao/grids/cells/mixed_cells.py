@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ...base.checks import as_finite_points
 from ...base.display import OneLine
@@ -27,7 +28,7 @@ from .mesh_numbers import require_cells, require_corners
 from .pyramids import Pyramids
 from .quads import area_vectors
 
-__all__ = ["FACES", "CellQuality", "MixedMesh", "face_keys", "fans", "first_heights", "padded"]
+__all__ = ["FACES", "CellQuality", "MixedMesh", "face_keys", "faces_around", "fans", "first_heights", "padded"]
 
 FACES = {
     "tetra": ((0, 2, 1, 1), (0, 1, 3, 3), (1, 2, 3, 3), (2, 0, 3, 3)),
@@ -308,7 +309,7 @@ def first_heights(
     edges = np.unique(edges[is_wall[edges[:, 0]] & ~is_wall[edges[:, 1]]], axis=0)
     at = np.searchsorted(ids, edges[:, 0])
     off = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
-    cosines = np.einsum("ed,ed->e", off, wall_normals(mesh.points, wall, ids)[at])
+    cosines = np.einsum("ed,ed->e", off, _wall_normals(mesh.points, wall, ids)[at])
     cosines /= np.maximum(np.linalg.norm(off, axis=1), np.finfo(float).tiny)
     order = np.lexsort((-cosines, at))
     order = order[cosines[order] > UPRIGHT]
@@ -316,10 +317,16 @@ def first_heights(
     return at, edges[order[first], 1]
 
 
-def wall_normals(points: np.ndarray, wall: np.ndarray, ids: np.ndarray) -> np.ndarray:
+def faces_around(ids: np.ndarray, faces: np.ndarray) -> csr_array:
+    """Matrix (n, n_faces) with one for each face around each node; a corner that a triangle has twice counts once."""
+    places = np.stack([np.searchsorted(ids, faces).ravel(), np.repeat(np.arange(len(faces)), 4)], axis=1)
+    rows, columns = np.unique(places, axis=0).T
+    return csr_array((np.ones(len(rows)), (rows, columns)), shape=(len(ids), len(faces)))
+
+
+def _wall_normals(points: np.ndarray, wall: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """Unit normals of a wall at its nodes, shape (n_wall, 3), zero where there is none, see `first_heights`."""
-    areas, at = area_vectors(points[wall]), np.searchsorted(ids, wall)
-    parts = np.column_stack([areas, np.linalg.norm(areas, axis=1)])
-    sums = np.stack([np.bincount(at.ravel(), np.repeat(part, 4), len(ids)) for part in parts.T], axis=1)
+    areas = area_vectors(points[wall])
+    sums = faces_around(ids, wall) @ np.column_stack([areas, np.linalg.norm(areas, axis=1)])
     lengths = np.linalg.norm(sums[:, :3], axis=1)
     return sums[:, :3] / np.where(lengths > CANCELLED * sums[:, 3], lengths, np.inf)[:, None]

@@ -10,13 +10,13 @@ Theory: ``docs/theory/quality.rst``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from ...base.display import OneLine
-from .mixed_cells import MixedMesh, first_heights
+from .mixed_cells import MixedMesh, faces_around, first_heights
 from .quads import add_to_nodes, area_vectors, area_vectors_jvp, area_vectors_vjp
 
 __all__ = ["NodeHeights"]
@@ -34,22 +34,27 @@ class NodeHeights(OneLine):
 
     @classmethod
     def of(cls, mesh: MixedMesh, faces: np.ndarray) -> NodeHeights:
-        """Find them; those whose height is not positive on the baseline are left out."""
+        """Find them; all have a positive height on the baseline."""
         ids = np.unique(faces)
         at, next_rows = first_heights(mesh, faces, ids)
-        corners = np.searchsorted(ids, faces)
-        places = np.unique(np.stack([corners.ravel(), np.repeat(np.arange(len(faces)), 4)], axis=1), axis=0)
-        shape = (len(ids), len(faces))
-        around = csr_array((np.ones(len(places)), (places[:, 0], places[:, 1])), shape=shape)
-        found = cls(faces, csr_array(around[at]), ids[at], next_rows, np.ones(len(at)))
-        heights = found.ratios(mesh.points)
-        kept = np.flatnonzero(heights > 0.0)
-        return cls(faces, csr_array(found.around[kept]), found.rows[kept], next_rows[kept], heights[kept])
+        found = cls(faces, csr_array(faces_around(ids, faces)[at]), ids[at], next_rows, np.ones(len(at)))
+        return replace(found, baseline=found.heights(mesh.points))
+
+    def among(self, nodes: np.ndarray) -> NodeHeights:
+        """Those whose next node is among some of the mesh, ascending, with all of the walls; by their numbers there."""
+        kept = np.flatnonzero(np.isin(self.next_rows, nodes))
+        rows, next_rows, faces = (
+            np.searchsorted(nodes, each) for each in (self.rows[kept], self.next_rows[kept], self.faces)
+        )
+        return NodeHeights(faces, csr_array(self.around[kept]), rows, next_rows, self.baseline[kept])
+
+    def heights(self, nodes: np.ndarray) -> np.ndarray:
+        """Heights (m), shape (n,), of nodes of the mesh, shape (n_points, 3)."""
+        return np.sum(self._off(nodes) * self._normals(nodes)[0], axis=1)
 
     def ratios(self, nodes: np.ndarray) -> np.ndarray:
-        """Heights over those of the baseline, shape (n,), of nodes of the mesh, shape (n_points, 3)."""
-        units, _ = self._normals(nodes)
-        return np.sum(self._off(nodes) * units, axis=1) / self.baseline
+        """Heights over those of the baseline."""
+        return self.heights(nodes) / self.baseline
 
     def jvp(self, nodes: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
         """Change of the ratios with the nodes."""

@@ -11,10 +11,11 @@ from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...errors import InputError
 from ...grids.cells.certificate import Certificate
-from ...grids.cells.mesh_heights import height_quantiles, mesh_wall_spacings, wall_heights_of
+from ...grids.cells.mesh_heights import height_quantiles, mesh_wall_spacings
 from ...grids.cells.mesh_quality import BEYOND, SEVERE, SKEWED, MeshQuality, mesh_quality
 from ...grids.cells.mixed_bounds import certify_mixed
 from ...grids.cells.mixed_cells import CellQuality, MixedMesh, face_keys
+from ...grids.cells.node_heights import NodeHeights
 from ...grids.cells.skin_parts import with_markers
 from ...grids.cells.wall_spacing import WallSpacing
 from ...grids.io.disk import replaced_file
@@ -127,11 +128,10 @@ def _heights(
     before: MixedMesh, faces: np.ndarray, points: np.ndarray, baseline: str | None
 ) -> dict[str, dict[str, float]]:
     """Quantiles of the heights at a wall, and of these by those of the baseline."""
-    heights, _ = wall_heights_of(before, faces, points)
-    found = {"heights": height_quantiles(heights)}
+    first = NodeHeights.of(before, before.into_fluid(faces))
+    found = {"heights": height_quantiles(first.heights(points))}
     if baseline is not None:
-        was, _ = wall_heights_of(before, faces)
-        found["ratios"] = height_quantiles(heights / was)
+        found["ratios"] = height_quantiles(first.ratios(points))
     return found
 
 
@@ -194,7 +194,7 @@ def _mesh_numbers(
         ],
         "n_unmarked_faces": n_unmarked_faces(mesh),
         "walls": [
-            {**numbers, "quantiles": height_quantiles(wall_heights_of(mesh, markers[s.patch])[0])}
+            {**numbers, "quantiles": height_quantiles(NodeHeights.of(mesh, mesh.into_fluid(markers[s.patch])).baseline)}
             for numbers, s in zip(spacing_numbers(spacings, reynolds), spacings)
         ],
         "to_declare": undecided(mesh, kinds) or None,

@@ -6,7 +6,7 @@ from mesh_cases import body_model, combs, mesh_around_a_body, section_model
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.grid_quality import GridValues
-from bspline_mdao.grids.cells.mixed_cells import MixedMesh
+from bspline_mdao.grids.cells.mixed_cells import MixedMesh, _wall_normals
 from bspline_mdao.grids.cells.mixed_quality import MixedQuality
 from bspline_mdao.grids.cells.node_heights import NodeHeights
 from bspline_mdao.grids.cells.pyramids import Pyramids
@@ -104,6 +104,27 @@ def test_heights_are_along_normals_and_their_products_are_exact():
     found, bar = heights.jvp(nodes, direction), rng.standard_normal(len(heights.rows))
     assert np.abs(slopes - found).max() < 1e-9 * np.abs(found).max()
     assert np.vdot(heights.vjp(nodes, bar), direction) == pytest.approx(bar @ found, rel=1e-12)
+
+
+def test_heights_do_not_depend_on_which_corner_a_triangle_has_twice():
+    model = body_model()
+    faces = np.concatenate([model.walls.faces[:, [0, 1, 2, 2]], model.walls.faces[:, [0, 2, 3, 3]]])
+    turned = faces[:, [1, 2, 0, 0]]
+    ids, points = np.unique(faces), model.mesh.points
+    np.testing.assert_allclose(_wall_normals(points, turned, ids), _wall_normals(points, faces, ids), atol=1e-15)
+    heights, again = NodeHeights.of(model.mesh, faces), NodeHeights.of(model.mesh, turned)
+    np.testing.assert_allclose(again.baseline, heights.baseline, rtol=1e-13)
+
+
+def test_heights_among_some_nodes_are_those_of_all():
+    rng, model = np.random.default_rng(4), body_model()
+    heights, n = NodeHeights.of(model.mesh, model.walls.faces), model.mesh.n_points
+    nodes = np.union1d(np.unique(model.walls.faces), rng.choice(n, n // 2, replace=False))
+    some, points = heights.among(nodes), model.mesh.points + 0.01 * rng.standard_normal((n, 3))
+    is_here = np.isin(heights.next_rows, nodes)
+    assert 0 < is_here.sum() < len(is_here)
+    np.testing.assert_array_equal(nodes[some.rows], heights.rows[is_here])
+    np.testing.assert_array_equal(some.heights(points[nodes]), heights.heights(points)[is_here])
 
 
 @pytest.mark.parametrize("make", [body_model, section_model])
