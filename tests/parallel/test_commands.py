@@ -6,8 +6,9 @@ import os
 import numpy as np
 import openmdao.api as om
 import pytest
-from overset_cases import overset_grid
+from overset_cases import overset_grid, two_cylinders
 from parallel_cases import run_ranks
+from riding_cases import plane_su2_text
 
 from bspline_mdao import read_grid, write_grid
 from bspline_mdao.core.model.fitted_model import FittedModel
@@ -83,6 +84,53 @@ def test_blocks_that_a_lattice_moves_are_fitted_and_moved_on_two_ranks_as_on_one
         assert found[1][0][key] == found[2][0][key]
     assert found[1][1].get("overlap") == found[2][1].get("overlap")
     np.testing.assert_array_equal(found[1][2], found[2][2])
+
+
+def test_a_study_of_component_grids_on_two_ranks_is_that_on_one(tmp_path):
+    write_grid(tmp_path / "grid.cgns", two_cylinders())
+    numbers_of(1, tmp_path / "fit.json", "fit", tmp_path / "grid.cgns", "-o", tmp_path / "grid.h5")
+    (tmp_path / "study.toml").write_text(OVERSET_STUDY)
+    found = {}
+    for n in (1, 2):
+        numbers = numbers_of(n, tmp_path / f"{n}.json", "optimize", tmp_path / "study.toml", "-o", tmp_path / f"of{n}")
+        moved = read_grid(tmp_path / f"of{n}" / "grid_after.cgns").to_vector()
+        found[n] = moved, numbers["min_volume"]["after"], numbers["after"]["surface_area"]["values"][0]
+    np.testing.assert_allclose(found[2][0], found[1][0], rtol=0.0, atol=1e-9)
+    assert found[2][1:] == pytest.approx(found[1][1:], rel=1e-9)
+    assert np.abs(found[1][0] - read_grid(tmp_path / "grid.cgns").to_vector()).max() > 1e-5
+
+
+OVERSET_STUDY = """\
+[grid]
+file = "grid.h5"
+[variables.shape]
+kind = "lattice"
+n = [4, 2, 2]
+where = "1:-1, :, 0"
+direction = "y"
+lower = -0.02
+upper = 0.02
+[objective]
+of = "surface_area"
+ref = 0.01
+[constraints.volume]
+lower = 1.0
+[constraints.volume_ks]
+lower = 0.05
+[driver]
+max_iterations = 2
+[output]
+report = false
+"""
+
+
+def test_a_mesh_is_fitted_and_measured_on_two_ranks_as_on_one(tmp_path):
+    (tmp_path / "wing.su2").write_text(plane_su2_text())
+    found = {}
+    for n in (1, 2):
+        fit = numbers_of(n, tmp_path / "fit.json", "fit", tmp_path / "wing.su2", "-o", tmp_path / f"{n}.h5")
+        found[n] = fit["lattice"], numbers_of(n, tmp_path / "quality.json", "quality", tmp_path / "wing.su2")
+    assert found[1] == found[2]
 
 
 TWO_CONDITIONS = """\

@@ -469,8 +469,9 @@ class MeshModel(Plottable, Movable):
 
     def judge(self, subdomain: Subdomain | None, comm: Any, **settings: Any) -> CellJudge:
         """Judge the cells of the mesh; ``p`` is of p-norms, which cells of mixed kinds have not."""
-        whole = MixedQuality.of(self.mesh, self.walls.faces, settings["rho"], settings["rho_height"])
-        return whole if subdomain is None else GatheredQuality.of(whole, comm, subdomain.rows)
+        ranks = (0, 1) if subdomain is None else (comm.rank, comm.size)
+        part = MixedQuality.of(self.mesh, self.walls.faces, settings["rho"], settings["rho_height"], *ranks)
+        return part if subdomain is None else GatheredQuality.of(part, comm, subdomain.rows)
 
     @cached_property
     def following_walls(self) -> RidingWalls:

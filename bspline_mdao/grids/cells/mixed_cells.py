@@ -28,7 +28,17 @@ from .mesh_numbers import require_cells, require_corners
 from .pyramids import Pyramids
 from .quads import area_vectors
 
-__all__ = ["FACES", "CellQuality", "MixedMesh", "face_keys", "faces_around", "fans", "first_heights", "padded"]
+__all__ = [
+    "FACES",
+    "CellQuality",
+    "MixedMesh",
+    "face_keys",
+    "faces_around",
+    "fans",
+    "first_heights",
+    "padded",
+    "quality_of",
+]
 
 FACES = {
     "tetra": ((0, 2, 1, 1), (0, 1, 3, 3), (1, 2, 3, 3), (2, 0, 3, 3)),
@@ -276,8 +286,13 @@ class MixedMesh(OneLine):
 
     def quality(self, points: np.ndarray | None = None) -> CellQuality:
         """Measure its cells, with its nodes somewhere else if these are given, shape (n, 3)."""
-        volumes, least = self.pyramids(points).of_cells.T
-        return CellQuality(volumes, np.minimum(volumes, least) <= 0.0)
+        return quality_of(self.pyramids(points))
+
+
+def quality_of(pyramids: Pyramids) -> CellQuality:
+    """Volumes of cells and which are inverted, by their pyramids."""
+    volumes, least = pyramids.of_cells.T
+    return CellQuality(volumes, np.minimum(volumes, least) <= 0.0)
 
 
 def face_keys(faces: np.ndarray, n_points: int) -> np.ndarray:

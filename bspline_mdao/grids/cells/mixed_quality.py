@@ -12,18 +12,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from ...base.display import OneLine
 from ...errors import InputError
-from .aggregates import AGGREGATES, KreisselmeierSteinhauser
+from .aggregates import AGGREGATES, KreisselmeierSteinhauser, Part
+from .cell_range import CellRange
 from .grid_quality import GridValues
 from .mixed_cells import MixedMesh
 from .node_heights import NodeHeights
 from .quads import rings
 
-__all__ = ["MixedQuality", "MixedReport"]
+__all__ = ["MixedQuality", "MixedReport", "NewlyInverted"]
 
 FLAT = 1e-12
 """Part of the volume of its cell that a pyramid has to have on the baseline to count: less is rounding."""
@@ -40,10 +42,30 @@ class MixedReport:
     n_newly_inverted: int  # those of them that were valid on the baseline
     heights: tuple[float, float]  # least and largest height of a node next to a wall, over the baseline's
 
+    @classmethod
+    def joined(cls, parts: Sequence[MixedReport]) -> MixedReport:
+        """Report on all cells from those on parts of them."""
+        return cls(
+            n_cells=sum(part.n_cells for part in parts),
+            min_volume=min(part.min_volume for part in parts),
+            min_ratio=min(part.min_ratio for part in parts),
+            n_inverted=sum(part.n_inverted for part in parts),
+            n_newly_inverted=sum(part.n_newly_inverted for part in parts),
+            heights=(min(part.heights[0] for part in parts), max(part.heights[1] for part in parts)),
+        )
+
+
+class NewlyInverted(NamedTuple):
+    """Cells that are inverted and were not: how many, the worst of them, and its least pyramid by that before."""
+
+    n: int
+    ratio: float
+    cell: int
+
 
 @dataclass(frozen=True, eq=False)
 class MixedQuality(OneLine):
-    """Quality of the cells of a mesh whose baseline has decided which pyramids count; made by `of`.
+    """Quality of the cells of a mesh, or of those of one process, whose baseline has decided what counts; see `of`.
 
     Examples
     --------
@@ -56,10 +78,12 @@ class MixedQuality(OneLine):
     """
 
     mesh: MixedMesh
+    cells: CellRange  # those that are judged here
+    has_heights: bool  # whether the mesh has nodes next to walls
     counted: np.ndarray  # int (n,), pyramids that count: those of cells that are valid on the baseline
     scales: np.ndarray  # (n,), their volumes on the baseline (m^3)
-    was_inverted: np.ndarray  # bool (n_cells,), cells that are inverted on the baseline
-    heights: NodeHeights
+    was_inverted: np.ndarray  # bool (n,), cells that are inverted on the baseline
+    heights: NodeHeights  # those that are judged here
     rho: float = 100.0  # sharpness of the bound of cells
     rho_height: float = 1000.0  # sharpness of the bounds of heights
 
@@ -70,15 +94,20 @@ class MixedQuality(OneLine):
         walls: np.ndarray,  # int (n_faces, 4), faces of the walls, around the normal into the mesh
         rho: float = 100.0,
         rho_height: float = 1000.0,
+        rank: int = 0,  # which of several processes this one is, and how many there are
+        n_ranks: int = 1,
     ) -> MixedQuality:
-        """Decide about the cells of a baseline."""
+        """Decide about the cells of a baseline; of several processes each takes as many."""
         for sharpness in (rho, rho_height):
             KreisselmeierSteinhauser(sharpness)
-        volumes, quality, (_, cells) = mesh.pyramids().volumes, mesh.quality(), mesh.sides
+        judged = CellRange.of(mesh, rank, n_ranks)
+        volumes, quality, cells = judged.pyramids(mesh.points).volumes, judged.quality(mesh.points), judged.side_cells
         is_counted = ~quality.is_inverted[cells] & (volumes > FLAT * quality.volumes[cells])
         counted = np.flatnonzero(is_counted)
         heights = NodeHeights.of(mesh, walls)
-        return cls(mesh, counted, volumes[counted], quality.is_inverted, heights, rho, rho_height)
+        has_heights, part = len(heights.rows) > 0, heights.part(rank, n_ranks)
+        inverted = quality.is_inverted
+        return cls(mesh, judged, has_heights, counted, volumes[counted], inverted, part, rho, rho_height)
 
     @property
     def baseline(self) -> np.ndarray:
@@ -98,8 +127,7 @@ class MixedQuality(OneLine):
     @property
     def aggregates(self) -> tuple[str, ...]:
         """Names of the aggregates that the mesh has: those of heights only where it has walls."""
-        has_heights = len(self.heights.rows) > 0
-        return tuple(name for name, a in AGGREGATES.items() if a.of_mixed and (has_heights or not a.is_of_heights))
+        return tuple(n for n, a in AGGREGATES.items() if a.of_mixed and (self.has_heights or not a.is_of_heights))
 
     def require(self, names: Sequence[str], cells: bool = False) -> None:
         """Refuse names of aggregates that the mesh has not, and Q of every cell."""
@@ -124,14 +152,24 @@ class MixedQuality(OneLine):
         """Aggregate the quality of the mesh with nodes, shape (n_points, 3)."""
         names = self.aggregates if names is None else names
         self.require(names, cells)
-        ratios = self._ratios(nodes, names)
-        return GridValues({name: _sign(name) * self._bound(name, ratios[name]) for name in names})
+        return self.joined([self.parts(nodes, names)])
+
+    def parts(self, nodes: np.ndarray, names: Iterable[str]) -> dict[str, Part]:
+        """Parts of aggregates, see `.aggregates`, of the cells and heights that are judged here."""
+        return {name: self._rule(name).part(ratios) for name, ratios in self._ratios(nodes, names).items()}
+
+    def joined(self, parts: Sequence[Mapping[str, Part]]) -> GridValues:
+        """Aggregates from their parts."""
+        bounds = {name: self._rule(name) for name in parts[0]}
+        return GridValues(
+            {name: _sign(name) * rule.value(rule.join([part[name] for part in parts])) for name, rule in bounds.items()}
+        )
 
     def jvp(self, nodes: np.ndarray, d_nodes: np.ndarray, values: GridValues) -> GridValues:
         """Change of the aggregates with the nodes."""
         weights, changes = self._weights(nodes, values.aggregates), {}
         if any(not AGGREGATES[name].is_of_heights for name in weights):
-            changes[False] = self.mesh.pyramids(nodes).jvp(d_nodes)[self.counted] / self.scales
+            changes[False] = self.cells.pyramids(nodes).jvp(d_nodes)[self.counted] / self.scales
         if any(AGGREGATES[name].is_of_heights for name in weights):
             changes[True] = self.heights.jvp(nodes, d_nodes)
         found = {name: float(weight @ changes[AGGREGATES[name].is_of_heights]) for name, weight in weights.items()}
@@ -146,18 +184,18 @@ class MixedQuality(OneLine):
             if AGGREGATES[name].is_of_heights:
                 nodes_bar += self.heights.vjp(nodes, seeded)
             else:
-                of_pyramids = np.zeros(len(self.mesh.sides[1]))
+                of_pyramids = np.zeros(len(self.cells.side_cells))
                 of_pyramids[self.counted] = seeded / self.scales
-                nodes_bar += self.mesh.pyramids(nodes).vjp(of_pyramids)
+                nodes_bar += self.cells.pyramids(nodes).vjp(of_pyramids)
         return nodes_bar
 
     def report(self, nodes: np.ndarray, n_bins: int = 50) -> MixedReport:
         """Report on the mesh with nodes, shape (n_points, 3); ``n_bins`` is of distributions, which there are not."""
-        quality, heights = self.mesh.quality(nodes), self.heights.ratios(nodes)
-        ratios = self.mesh.pyramids(nodes).volumes[self.counted] / self.scales
+        quality, heights = self.cells.quality(nodes), self.heights.ratios(nodes)
+        ratios = self.cells.pyramids(nodes).volumes[self.counted] / self.scales
         return MixedReport(
-            n_cells=self.n_cells,
-            min_volume=float(quality.volumes.min()),
+            n_cells=self.cells.n,
+            min_volume=float(quality.volumes.min(initial=np.inf)),
             min_ratio=float(ratios.min(initial=np.inf)),
             n_inverted=int(np.count_nonzero(quality.is_inverted)),
             n_newly_inverted=int(np.count_nonzero(quality.is_inverted & ~self.was_inverted)),
@@ -165,26 +203,37 @@ class MixedQuality(OneLine):
         )
 
     def cell_ratios(self, nodes: np.ndarray) -> np.ndarray:
-        """Least of the pyramids of every cell by that before, shape (n_cells,); infinite where none counts."""
-        ratios = np.full(self.n_cells, np.inf)
-        cells = self.mesh.sides[1][self.counted]
-        np.minimum.at(ratios, cells, self.mesh.pyramids(nodes).volumes[self.counted] / self.scales)
+        """Least of the pyramids of every cell by that before, shape (n,); infinite where none counts."""
+        ratios = np.full(self.cells.n, np.inf)
+        cells = self.cells.side_cells[self.counted]
+        np.minimum.at(ratios, cells, self.cells.pyramids(nodes).volumes[self.counted] / self.scales)
         return ratios
 
     def newly_inverted(self, nodes: np.ndarray) -> str:
         """Name the worst cell that is inverted and was not on the baseline, and the marker next to it."""
-        is_new = self.mesh.quality(nodes).is_inverted & ~self.was_inverted
+        return self.named([self.worst_new(nodes)])
+
+    def worst_new(self, nodes: np.ndarray) -> NewlyInverted:
+        """Find the worst of the cells judged here that are inverted and were not on the baseline."""
+        is_new = self.cells.quality(nodes).is_inverted & ~self.was_inverted
         if not is_new.any():
-            return ""
-        faces, cells = self.mesh.cell_faces
+            return NewlyInverted(0, np.inf, -1)
         ratios = np.where(is_new, self.cell_ratios(nodes), np.inf)
         cell = int(np.argmin(ratios) if np.isfinite(ratios).any() else np.argmax(is_new))
-        middle = self.mesh.points[np.unique(faces[cells == cell])].mean(axis=0)
+        return NewlyInverted(int(np.count_nonzero(is_new)), float(ratios[cell]), self.cells.first + cell)
+
+    def named(self, parts: Sequence[NewlyInverted]) -> str:
+        """Name the worst of all cells that are newly inverted, from the worst of parts of them; empty if none is."""
+        parts = [part for part in parts if part.n]
+        if not parts:
+            return ""
+        n, worst = sum(part.n for part in parts), min(parts, key=lambda part: part.ratio)
+        faces, cells = self.mesh.cell_faces
+        middle = self.mesh.points[np.unique(faces[cells == worst.cell])].mean(axis=0)
         marker = self.marker_at(middle)
-        n = int(np.count_nonzero(is_new))
         others = f", and {n - 1:,} more are" if n > 1 else ""
         return (
-            f"{self.mesh.cell_name(cell)} at ({', '.join(f'{x:.4g}' for x in middle)})"
+            f"{self.mesh.cell_name(worst.cell)} at ({', '.join(f'{x:.4g}' for x in middle)})"
             f"{f', next to marker {marker!r},' if marker else ''} is inverted{others}"
         )
 
@@ -201,7 +250,7 @@ class MixedQuality(OneLine):
         is_of_heights = {name: AGGREGATES[name].is_of_heights for name in names}
         found = {}
         if not all(is_of_heights.values()):
-            found[False] = self.mesh.pyramids(nodes).volumes[self.counted] / self.scales
+            found[False] = self.cells.pyramids(nodes).volumes[self.counted] / self.scales
         if any(is_of_heights.values()):
             found[True] = self.heights.ratios(nodes)
         return {name: _sign(name) * found[of_heights] for name, of_heights in is_of_heights.items()}
@@ -210,10 +259,6 @@ class MixedQuality(OneLine):
         """Derivatives of aggregates with respect to all that each bounds."""
         ratios = self._ratios(nodes, values)
         return {name: self._rule(name).weights(ratios[name], _sign(name) * values[name]) for name in values}
-
-    def _bound(self, name: str, ratios: np.ndarray) -> float:
-        rule = self._rule(name)
-        return rule.value(rule.part(ratios))
 
     def _rule(self, name: str) -> KreisselmeierSteinhauser:
         return KreisselmeierSteinhauser(self.rho_height if AGGREGATES[name].is_of_heights else self.rho)

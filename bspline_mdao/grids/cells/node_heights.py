@@ -52,6 +52,14 @@ class NodeHeights(OneLine):
         """Heights (m), shape (n,), of nodes of the mesh, shape (n_points, 3)."""
         return np.sum(self._off(nodes) * self._normals(nodes)[0], axis=1)
 
+    def part(self, rank: int, n_ranks: int) -> NodeHeights:
+        """Take those of one of several processes, as many each."""
+        first, last = (len(self.rows) * k // n_ranks for k in (rank, rank + 1))
+        here = slice(first, last)
+        return NodeHeights(
+            self.faces, csr_array(self.around[here]), self.rows[here], self.next_rows[here], self.baseline[here]
+        )
+
     def ratios(self, nodes: np.ndarray) -> np.ndarray:
         """Heights over those of the baseline."""
         return self.heights(nodes) / self.baseline

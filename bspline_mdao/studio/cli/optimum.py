@@ -12,7 +12,7 @@ from ...core.background.mesh_model import MeshModel
 from ...core.model.fitted_model import FittedModel
 from ...core.model.movable import Movable
 from ...grids.topology.periodic_gap import periodic_gaps
-from ...names import CONTROL_POINTS, GRID
+from ...names import CONTROL_POINTS
 from .moved_mesh import MovedMesh
 
 __all__ = ["Optimum", "optimum_of"]
@@ -66,4 +66,5 @@ def _of_blocks(model: FittedModel, problem: om.Problem) -> Optimum:
 
 @optimum_of.register
 def _of_mesh(model: MeshModel, problem: om.Problem) -> Optimum:
-    return MovedMesh.of(model, *(problem.get_val(name).reshape(-1, 3) for name in (CONTROL_POINTS, GRID)))
+    points = problem.get_val(CONTROL_POINTS).reshape(-1, 3)
+    return MovedMesh.of(model, points, model.node_map.at(points).nodes)  # nodes of all processes

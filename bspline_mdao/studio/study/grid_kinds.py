@@ -189,7 +189,8 @@ class Meshes(GridKind):
 
     def write(self, when: str, name: str) -> ast.expr:
         """Call that writes the mesh."""
-        points = {"before": "mesh.mesh.points", "after": 'problem.get_val("grid").reshape(-1, 3)'}[when]
+        moved = 'model.node_map.at(problem.get_val("control_points").reshape(-1, 3)).nodes'  # of all processes
+        points = {"before": "mesh.mesh.points", "after": moved}[when]
         return expression(f"mesh.write(HERE / file, {points})", file=name)
 
 

@@ -7,7 +7,7 @@ from mesh_cases import body_model, combs, mesh_around_a_body, section_model
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.grid_quality import GridValues
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh, _wall_normals
-from bspline_mdao.grids.cells.mixed_quality import MixedQuality
+from bspline_mdao.grids.cells.mixed_quality import MixedQuality, MixedReport
 from bspline_mdao.grids.cells.node_heights import NodeHeights
 from bspline_mdao.grids.cells.pyramids import Pyramids
 from bspline_mdao.grids.cells.quads import rings
@@ -199,6 +199,34 @@ def test_each_cell_has_its_least_pyramid_by_that_before_and_a_name():
     assert quality.cell_ratios(mesh.points) == pytest.approx(np.ones(mesh.n_cells))
     assert mesh.cell_counts == {"triangle": mesh.n_cells}
     assert mesh.cell_name(mesh.n_cells - 1) == f"triangle {mesh.n_cells:,}"
+
+
+@pytest.mark.parametrize(("name", "n_ranks"), [("body", 3), ("combs", 2), ("mixed", 4)])
+def test_cells_that_are_dealt_out_are_judged_as_all_are(name, n_ranks):
+    rng = np.random.default_rng(8)
+    mesh = {"body": lambda: body_model().mesh, "combs": combs, "mixed": lambda: mixed(rng)}[name]()
+    walls = body_model().walls.faces if name == "body" else NONE
+    if name == "combs":  # faces of polyhedra in any order of cells, and the pieces of a polygon together
+        (faces, cells), polygons = mesh.polyhedra, mesh.polygons
+        order = np.argsort(np.random.default_rng(0).permutation(polygons.max() + 1)[polygons], kind="stable")
+        mesh = MixedMesh(mesh.points, {}, polyhedra=(faces[order], cells[order]), polygons=polygons[order])
+    whole = MixedQuality.of(mesh, walls)
+    parts = [MixedQuality.of(mesh, walls, rank=rank, n_ranks=n_ranks) for rank in range(n_ranks)]
+    assert sum(part.cells.n for part in parts) == mesh.n_cells
+    assert max(part.cells.n for part in parts) <= mesh.n_cells // n_ranks + 1
+    nodes = mesh.points + (0.3 if name == "combs" else 0.03) * rng.standard_normal(mesh.points.shape)
+    values = whole.evaluate(nodes)
+    joined = parts[0].joined([part.parts(nodes, whole.aggregates) for part in parts])
+    assert joined.aggregates == pytest.approx(values.aggregates, rel=1e-13)
+    direction, bar = rng.standard_normal(nodes.shape), GridValues(dict.fromkeys(values.aggregates, 1.3))
+    changes = [part.jvp(nodes, direction, values).aggregates for part in parts]
+    expected = whole.jvp(nodes, direction, values).aggregates
+    assert {key: sum(change[key] for change in changes) for key in expected} == pytest.approx(expected, rel=1e-11)
+    found, wanted = sum(part.vjp(nodes, values, bar) for part in parts), whole.vjp(nodes, values, bar)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+    assert MixedReport.joined([part.report(nodes) for part in parts]) == whole.report(nodes)
+    nodes[:, 2] *= -1.0
+    assert whole.named([part.worst_new(nodes) for part in parts]) == whole.newly_inverted(nodes) != ""
 
 
 def test_rings_go_around_quads_and_triangles_once():

@@ -68,4 +68,10 @@ for name, made in MODELS.items():
         np.testing.assert_allclose(own, nodes[model.partition(comm.size).subdomain(comm.rank).rows], rtol=0, atol=1e-12)
         np.testing.assert_allclose(found, bounds, rtol=1e-12, err_msg=name)
         np.testing.assert_allclose(parts, totals, rtol=0, atol=1e-12 * np.abs(totals).max(), err_msg=name)
+    subdomain, rules = model.partition(comm.size).subdomain(comm.rank), {"rho": 100.0, "rho_height": 1000.0}
+    whole, part = model.judge(None, comm, **rules), model.judge(subdomain, comm, **rules)
+    assert part.part.cells.n <= whole.n_cells // comm.size + 1
+    moved = model.mesh.points + 0.1 * np.random.default_rng(3).standard_normal((model.n_nodes, 3))
+    assert part.report(moved[subdomain.rows]) == whole.report(moved)
+    assert part.newly_inverted(moved[subdomain.rows]) == whole.newly_inverted(moved) != ""
 print("done", comm.rank)
