@@ -37,7 +37,8 @@ def in_unit(
         raise InputError(f"{grid.source}: no unit is called '{unit}'; choose one of {', '.join(LENGTH_UNITS)}")
     if grid.unit not in ("", unit):
         raise InputError(f"{grid.source}: its file says that lengths are in {grid.unit}, not {unit}; leave out --units")
-    return replace(grid, unit=unit)
+    periodic = tuple(replace(pair, motion=replace(pair.motion, unit=unit)) for pair in grid.periodic)
+    return replace(grid, unit=unit, periodic=periodic)
 
 
 def metres_of(unit: str) -> float:

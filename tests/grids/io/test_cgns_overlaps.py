@@ -17,6 +17,7 @@ from bspline_mdao.grids.io.patch_guess import guess_undeclared
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.grid import Block, Grid, Patch
 from bspline_mdao.grids.topology.index_space import Window
+from bspline_mdao.grids.topology.length_unit import in_unit
 
 SHAPE = (7, 6, 5)
 SHIFT = (0.3, 0.0, 0.7)
@@ -106,6 +107,7 @@ def test_sides_that_a_shift_lays_onto_each_other_are_one_pair_though_planar_and_
     assert {kinds[name].kind for name in ("periodic_1a", "periodic_1b")} == {"periodic"}
     assert "translation by (0.3, 0, 0.7)" in kinds["periodic_1a"].why
     assert kinds["periodic_1a"].sure == "sure"
+    assert "(0.3, 0, 0.7) mm" in str(in_unit(read, "mm").periodic[0].motion)
     assert_written_back(path, tmp_path / "copy.cgns")
 
 
@@ -138,6 +140,8 @@ def test_half_a_turn_is_a_pair_and_a_quarter_about_two_axes_as_well(tmp_path):
     write_cgns(tmp_path / "half.cgns", half)
     with h5py.File(tmp_path / "half.cgns", "r+") as file:
         add_sides(file, "zone 1", ("a", "b"), center=(0.0, 0.0, 1.5), angle=(np.pi, 0.0, 0.0))
+        there = "Base/zone 1/ZoneGridConnectivity/b/GridConnectivityProperty/Periodic/RotationAngle/ data"
+        file[there][0] = np.pi  # its own inverse, as well as by -180 degrees
     (pair,) = read_cgns(tmp_path / "half.cgns").periodic
     assert (len(pair.windows), len(pair.others)) == (1, 1)
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # z after x: of it all, about (1, 1, 1)
@@ -148,8 +152,7 @@ def test_half_a_turn_is_a_pair_and_a_quarter_about_two_axes_as_well(tmp_path):
     write_cgns(tmp_path / "two.cgns", Grid((Block(nodes, "zone 1"),)))
     with h5py.File(tmp_path / "two.cgns", "r+") as file:
         add_sides(file, "zone 1", ("a", "b"), angle=(0.5 * np.pi, 0.0, 0.5 * np.pi))
-    with_inverse = read_cgns(tmp_path / "two.cgns")
-    (pair,) = with_inverse.periodic
+    (pair,) = read_cgns(tmp_path / "two.cgns").periodic
     np.testing.assert_allclose(pair.motion.move(bottom.reshape(-1, 3)), (bottom @ turn.T).reshape(-1, 3), atol=1e-6)
 
 
