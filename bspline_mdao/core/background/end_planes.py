@@ -77,7 +77,8 @@ def _end_plane(mesh: MixedMesh, name: str, rows: np.ndarray, is_symmetry: bool, 
     """The plane of nodes of a marker at an end of the mesh; None of one that need not be at an end and is not."""
     normal, off = _plane_of(mesh.points[rows])
     if off > FLAT * size:
-        raise InputError(f"{mesh.source}: symmetry marker '{name}' is not plane, by {off:.3g} m; mend the mesh")
+        by = f"{off:.3g} {mesh.length_unit}"
+        raise InputError(f"{mesh.source}: symmetry marker '{name}' is not plane, by {by}; mend the mesh")
     heights = mesh.points @ normal
     level = float(np.median(heights[rows]))
     low, high = level - heights.min(), heights.max() - level

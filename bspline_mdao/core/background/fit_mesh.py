@@ -15,6 +15,7 @@ from ...grids.io.marker_guess import MarkerGuess
 from ...grids.io.marker_kinds import marker_kinds, undecided
 from ...grids.io.meshes.blocks import MarkedGrid, read_marked_grid
 from ...grids.io.meshes.files import is_mesh, read_mesh
+from ...grids.topology.length_unit import in_unit
 from .lattice_settings import DEFAULTS, LatticeSettings
 from .mesh_model import MeshModel
 
@@ -22,7 +23,10 @@ __all__ = ["fit_mesh", "mesh_of_blocks", "read_marked_mesh"]
 
 
 def fit_mesh(
-    path: str | os.PathLike, patches: str | os.PathLike | None = None, settings: LatticeSettings = DEFAULTS
+    path: str | os.PathLike,
+    patches: str | os.PathLike | None = None,
+    settings: LatticeSettings = DEFAULTS,
+    units: str | None = None,
 ) -> MeshModel:
     r"""Lay a lattice around the mesh of a file.
 
@@ -36,6 +40,9 @@ def fit_mesh(
         a grid its patches, see `read_patches`.
     settings : LatticeSettings
         What the lattice is like.
+    units : str, optional
+        Unit of the lengths of a file that does not say it, ``"mm"`` for example: they are shown in it, and stay as they
+        are. Metres are assumed otherwise.
 
     Returns
     -------
@@ -59,17 +66,18 @@ def fit_mesh(
     ...     fit_mesh(path).kinds
     {'wing': 'wall'}
     """
-    mesh, kinds = read_marked_mesh(path, patches)
+    mesh, kinds = read_marked_mesh(path, patches, units)
     return MeshModel.of(mesh, {name: guess.kind for name, guess in kinds.items()}, settings, Path(path).absolute())
 
 
 def read_marked_mesh(
-    path: str | os.PathLike, patches: str | os.PathLike | None
+    path: str | os.PathLike, patches: str | os.PathLike | None, units: str | None = None
 ) -> tuple[MixedMesh, dict[str, MarkerGuess]]:
     """Read a mesh and what its markers are; `InputError` if that does not say what moves."""
     if not is_mesh(path):
-        return mesh_of_blocks(path, read_marked_grid(path, patches))
-    mesh = with_markers(read_mesh(path).mesh)
+        mesh, kinds = mesh_of_blocks(path, read_marked_grid(path, patches))
+        return in_unit(mesh, units), kinds
+    mesh = in_unit(with_markers(read_mesh(path).mesh), units)
     kinds = marker_kinds(mesh, patches)
     complaint = undecided(mesh, kinds)
     if complaint:

@@ -149,7 +149,7 @@ class MeshBox(OneLine):
             spacing *= WIDER
         raise InputError(
             f"{self.source}: a lattice of {lattice.n_control:,} control points takes {needed / 1e9:.3g} GB to move, "
-            f"and {free / 1e9:.3g} GB are free; take spans of {float(f'{WIDER * spacing:.2g}'):g} m (fit --spacing)"
+            f"and {free / 1e9:.3g} GB are free; take --spacing {float(f'{WIDER * spacing:.2g}'):g} of 'fit'"
         )
 
 

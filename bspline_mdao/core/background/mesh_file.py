@@ -3,7 +3,7 @@
 Layout, version 1::
 
     /                       attributes: format, version, checksum, mesh_file
-    /document               JSON (UTF-8): kinds of the markers, settings of the lattice, name of the mesh
+    /document               JSON (UTF-8): kinds of the markers, settings of the lattice, name and unit of the mesh
     /points                 (n, 3) nodes (m)
     /cells/<kind>           corners of the cells of each kind
     /markers/<n>            (n_faces, 4) faces of the markers, in the order of the document
@@ -71,6 +71,7 @@ def document_of(mesh: MixedMesh, kinds: dict[str, str], settings: LatticeSetting
     """All of a model that is no array, as JSON."""
     names = list(mesh.markers or {})
     fields = {"source": mesh.source, "n_copies": mesh.n_copies, "markers": names, "cells": list(mesh.cells)}
+    fields |= {"unit": mesh.unit} if mesh.unit else {}
     return json.dumps(fields | {"kinds": kinds, "settings": asdict(settings)}).encode()
 
 
@@ -100,7 +101,7 @@ def write_mesh_model(
 def read_mesh_model(path: str | os.PathLike) -> tuple[MixedMesh, dict[str, str], LatticeSettings, str]:
     """Read the mesh, the kinds of its markers, the settings of the lattice, and the name of the mesh's own file."""
     if not is_mesh_model(path):
-        raise InputError(f"{path}: is no model of a mesh without structure; make one with the command fit")
+        raise InputError(f"{path}: is no model of a lattice around a mesh; make one with the command fit")
     with damaged_is_input_error(path, "the model of a mesh is damaged; fit the mesh again"):
         with deferred_interrupts(), h5py.File(path, "r") as file:
             if file.attrs["version"] > VERSION:
@@ -114,7 +115,8 @@ def read_mesh_model(path: str | os.PathLike) -> tuple[MixedMesh, dict[str, str],
         markers = {name: stored[f"markers/{n}"] for n, name in enumerate(document["markers"])}
         polyhedra = (stored["faces"], stored["face_cells"]) if "faces" in stored else None
         points, source, n_copies = stored["points"], document["source"], document["n_copies"]
-        mesh = MixedMesh(points, cells, markers, polyhedra, source, n_copies, numbers=stored.get("numbers"))
+        numbers, unit = stored.get("numbers"), document.get("unit", "")
+        mesh = MixedMesh(points, cells, markers, polyhedra, source, n_copies, numbers=numbers, unit=unit)
         settings = document["settings"]
         settings["refined"] = tuple(tuple(part) for part in settings.get("refined", ()))
         return mesh, document["kinds"], LatticeSettings(**settings), mesh_file

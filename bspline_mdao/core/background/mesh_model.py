@@ -420,7 +420,7 @@ class MeshModel(Plottable, Movable):
     @property
     def why_no_fit(self) -> str:
         """Say what is there instead."""
-        return "a mesh without structure has no fit: the nodes of its walls are its surface control points"
+        return "a lattice needs no fit: the nodes of the walls are the surface control points"
 
     @property
     def ownership(self) -> Subdomain | None:

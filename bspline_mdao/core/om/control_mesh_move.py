@@ -222,14 +222,15 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         return {} if self._start is None else {"start": self._start}
 
     def _warn(self, report: MovementReport) -> None:
-        """Tell of control points that tangle, where those of the design before did not."""
+        """Tell of a control mesh or lattice that tangles, where that of the design before did not."""
         was_tangled, tangling = self._is_tangled, report.tangling
         self._is_tangled = bool(tangling)
         if tangling and not was_tangled and self.comm.rank == 0:
             _LOGGER.warning(
-                "%s: the control points tangle: %s; designs are judged by the cells of the grid, and '%s' > 0 as a "
-                "constraint keeps the control points from it",
+                "%s: the %s tangles: %s; designs are judged by the cells of the grid, and '%s' > 0 as a constraint "
+                "keeps it from that",
                 self.msginfo,
+                "lattice" if self._mover.mesh.markers else "control mesh",
                 tangling,
                 CONTROL_CORNER_KS,
             )

@@ -59,6 +59,7 @@ def grid_mesh(
         grid.source,
         1 if lifted is None else 2,
         numbers=numbers,
+        unit=grid.unit,
     )
 
 

@@ -117,6 +117,8 @@ class MixedMesh(OneLine):
     numbers : ndarray of int, shape (n_file,), optional
         Which of its nodes each node of its file is, where the file is a grid of blocks, which share nodes: blocks in
         order, each in C order.
+    unit : str
+        Unit of its lengths, empty where nothing says it: metres are assumed then.
 
     Raises
     ------
@@ -143,6 +145,7 @@ class MixedMesh(OneLine):
     stated: Mapping[str, str] | None = None
     polygons: np.ndarray | None = None
     numbers: np.ndarray | None = None
+    unit: str = ""
 
     def __post_init__(self) -> None:
         """Refuse what is no mesh, whoever reads it."""
@@ -174,6 +177,11 @@ class MixedMesh(OneLine):
     def n_points(self) -> int:
         """Number of nodes."""
         return len(self.points)
+
+    @property
+    def length_unit(self) -> str:
+        """Unit of its lengths: what is said, or metres."""
+        return self.unit or "m"
 
     @property
     def n_stored(self) -> int:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from ...errors import InputError
 
 if TYPE_CHECKING:  # help names the units, and should not wait for NumPy
+    from ..cells.mixed_cells import MixedMesh
     from .grid import Grid
     from .stored_grid import StoredGrid
 
@@ -23,11 +24,11 @@ _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 LENGTH_UNITS = tuple(_METRES)
 """Units of lengths."""
 
-AnyGrid = TypeVar("AnyGrid", "Grid", "StoredGrid")
+AnyGrid = TypeVar("AnyGrid", "Grid", "StoredGrid", "MixedMesh")
 
 
 def in_unit(
-    grid: AnyGrid,  # the grid
+    grid: AnyGrid,  # the grid, or mesh without structure
     unit: str | None,  # one of `LENGTH_UNITS`; None leaves it as its file says
 ) -> AnyGrid:
     """Say in which unit the lengths of a grid are; its numbers stay."""

@@ -87,7 +87,7 @@ def fit_model(
         fit_mesh(grid_name, output, json, read, asked_settings(spacing, spans), moves)
 
     if lattice or is_bare:
-        on_first(comm, lambda: lay(lambda: read_marked_mesh(grid_name, patches)))
+        on_first(comm, lambda: lay(lambda: read_marked_mesh(grid_name, patches, units)))
         return
     with progress_bar() as progress:
         progress(0.0, "reading")

@@ -13,6 +13,7 @@ from ...base.text import counted
 from ...core.background.end_planes import PERIODIC
 from ...core.background.lattice_settings import LatticeSettings
 from ...core.background.mesh_model import MeshModel
+from ...core.background.periodic_sides import find_periodic_sides
 from ...core.background.thin_gaps import thin_gaps
 from ...core.design.named_deformations import parse_deformation
 from ...errors import InputError
@@ -80,6 +81,7 @@ def lattice_numbers(model: MeshModel) -> dict:
         "lattice": list(model.lattice.shape),
         "spacing": model.lattice.spacing,
         "axes": model.lattice.axes.tolist(),
+        "units": mesh.unit or None,
     }
 
 
@@ -87,7 +89,8 @@ def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Pa
     """Print what was fitted and what was written."""
     mesh, faces = model.mesh, model.mesh.markers or {}
     in_plane = " of two dimensions" if mesh.n_copies > 1 else ""
-    print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}{in_plane}")
+    said = f", lengths in {mesh.unit}" if mesh.unit else ""
+    print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}{in_plane}{said}")
     rows = [(name, f"{len(faces[name]):,}", guess.kind, guess.sure, guess.why) for name, guess in kinds.items()]
     print_table(["marker", "faces", "kind", "how sure", "why"], rows)
     print_lines(unmarked_lines(numbers["n_unmarked_faces"]))
@@ -103,39 +106,55 @@ def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Pa
 
 def gap_warnings(model: MeshModel) -> list[str]:
     """Name walls whose gap is thinner than the spans of the lattice there."""
-    names, found = np.array(model.walls.names), []
+    names, unit, found = np.array(model.walls.names), model.mesh.length_unit, []
     local, marker = np.searchsorted(model.wall_rows, model.walls.faces), model.walls.marker
     for gap in thin_gaps(model.lattice, model.mesh.points[model.wall_rows], local):
         first, second = (names[marker[(local == row).any(axis=1)][0]] for row in gap.rows)
         place = ", ".join(f"{x:.4g}" for x in model.mesh.points[model.wall_rows[gap.rows[0]]])
         found.append(
-            f"{first} is {gap.width:.3g} m from {second} at ({place}), less than a span of the lattice, {gap.span:.3g} "
-            f"m: cells between may be inverted where one moves against the other"
+            f"{first} is {gap.width:.3g} {unit} from {second} at ({place}), less than a span of the lattice, "
+            f"{gap.span:.3g} {unit}: cells between may be inverted where one moves against the other"
         )
     return found
 
 
 def show_lattice(model: MeshModel) -> None:
     """Print what the lattice around a mesh is like."""
-    lattice, mesh = model.lattice, model.mesh
+    lattice, mesh, unit = model.lattice, model.mesh, model.mesh.length_unit
     resting = len(mesh.stored_ids(model.rows_at_rest))
     lines = [
         f"{counted(len(mesh.stored_ids(model.wall_rows)), 'node')} on walls, which go where they are asked to; "
         f"{counted(resting, 'node')} at rest on other markers",
-        f"lattice of {counts_text(lattice.shape)} control points, the narrowest spans {lattice.spacing:.3g} m wide",
+        f"lattice of {counts_text(lattice.shape)} control points, the narrowest spans {lattice.spacing:.3g} {unit} "
+        f"wide",
     ]
     if model.settings.refined:
         lines.append("refined for moves")
     in_planes = dict.fromkeys(name for plane in model.planes for name in plane.markers)
     lines += [f"nodes of {name} stay in their plane" for name in in_planes]
     lines += [
-        f"nodes of {' and '.join(sides.markers)} move alike, {sides.period:.4g} m apart" for sides in model.periodic
+        f"nodes of {' and '.join(sides.markers)} move alike, {sides.period:.4g} {unit} apart"
+        for sides in model.periodic
     ]
-    tied = {name for sides in model.periodic for name in sides.markers} | set(in_planes)
+    print_lines([*lines, *untied_lines(model, set(in_planes))])
+
+
+def untied_lines(model: MeshModel, in_planes: set[str]) -> list[str]:
+    """Say of periodic sides that stay why they cannot be tied; those in planes of their own need not be."""
+    tied = {name for sides in model.periodic for name in sides.markers} | in_planes
     untied = [name for name, kind in model.kinds.items() if kind == PERIODIC and name not in tied]
+    lines = []
+    for sides in find_periodic_sides(model.mesh, model.kinds) if untied else ():
+        if not tied & {*sides.markers}:
+            shift = ", ".join(f"{x:.4g}" for x in sides.shift)
+            lines.append(
+                f"nodes of {' and '.join(sides.markers)} stay: they are copies by the shift ({shift}) "
+                f"{model.mesh.length_unit}, which is along no direction of the lattice, or differs from that of others"
+            )
+            untied = [name for name in untied if name not in sides.markers]
     if untied:
         lines.append(
-            f"nodes of {', '.join(untied)} stay: no shift along a direction of the lattice lays these sides onto each "
-            f"other, and sides that a rotation does are not tied"
+            f"nodes of {', '.join(untied)} stay: no shift lays these sides onto each other, and sides that a rotation "
+            f"does are not tied"
         )
-    print_lines(lines)
+    return lines

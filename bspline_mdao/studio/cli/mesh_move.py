@@ -36,6 +36,7 @@ from .output import (
     print_warnings,
     written_json,
 )
+from .units import unit_warnings
 
 __all__ = ["move_mesh"]
 
@@ -104,7 +105,7 @@ def _refuse_others(model_file: Path, options: MoveOptions) -> None:
         given.append(f"--surface {options.surface}")
     if given:
         raise InputError(
-            f"{model_file}: is the model of a mesh without structure, whose lattice moves it; leave out "
+            f"{model_file}: is moved by the lattice around it, and has no control mesh; leave out "
             f"{', '.join(given)}. Markers are what --patches of 'fit' says they are"
         )
 
@@ -176,11 +177,12 @@ def _complaint(moved: _Moved, trials: Sequence[Trial]) -> str:
     new = counted(len(cells.newly_inverted), "cell")
     faces, cell_of_face = mesh.cell_faces
     place = mesh.points[mesh.stored_ids(faces[cell_of_face == worst])].mean(axis=0)
-    what, unit = ("area", "m^2") if mesh.n_copies == 2 else ("volume", "m^3")
+    what, power = ("area", 2) if mesh.n_copies == 2 else ("volume", 3)
+    size = f"{what} {cells.after.volumes[worst]:.3g} {mesh.length_unit}^{power}"
     return (
         f"the move inverts {new} of the mesh, the worst is number {worst + 1} at "
-        f"({', '.join(f'{x:.4g}' for x in place)}), of {what} {cells.after.volumes[worst]:.3g} {unit}; nothing was "
-        f"written; {verdict(trials)}, or --allow-invalid to see it"
+        f"({', '.join(f'{x:.4g}' for x in place)}), of {size}; nothing was written; {verdict(trials)}, or "
+        f"--allow-invalid to see it"
     )
 
 
@@ -207,7 +209,7 @@ def _show(output: Path, moved: _Moved) -> None:
     mesh = model.mesh
     print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}")
     largest = np.linalg.norm(moved.state.nodes - mesh.points, axis=1).max()
-    print_lines([f"nodes moved by up to {largest:.3g} m"])
+    print_lines([f"nodes moved by up to {largest:.3g} {mesh.length_unit}"])
     show_lattice(model)
     if moved.n_inverted_before:
         inverted = counted(moved.n_inverted_before, "cell")
@@ -216,4 +218,4 @@ def _show(output: Path, moved: _Moved) -> None:
     if moved.overlap is not None:
         print_lines(moved.overlap.lines())
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
-    print_warnings(moved.mesh.warnings())
+    print_warnings([*unit_warnings(output, mesh), *moved.mesh.warnings()])

@@ -46,7 +46,8 @@ class MovedMesh:
 
     def show(self) -> None:
         """Print them."""
-        self.cells.show("smallest area (m^2)" if self.mesh.n_copies == 2 else "smallest volume (m^3)")
+        what, power = ("area", 2) if self.mesh.n_copies == 2 else ("volume", 3)
+        self.cells.show(f"smallest {what} ({self.mesh.length_unit}^{power})")
         show_certificate(self.certificate)
         print_lines(unproved_lines(self.mesh))
         self.cells.show_heights()

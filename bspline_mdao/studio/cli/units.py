@@ -11,6 +11,7 @@ from ...grids.io.formats import POLYMESH
 from ...grids.topology.length_unit import LENGTH_UNITS, metres_of
 
 if TYPE_CHECKING:
+    from ...grids.cells.mixed_cells import MixedMesh
     from ...grids.topology.grid import Grid
 
 __all__ = ["unit_warnings", "units_option"]
@@ -23,7 +24,7 @@ units_option = click.option(
 )
 
 
-def unit_warnings(output: Path, grid: Grid) -> list[str]:
+def unit_warnings(output: Path, grid: Grid | MixedMesh) -> list[str]:
     """Say that OpenFOAM takes for metres what is in another unit."""
     if output.name != POLYMESH or grid.length_unit == "m":
         return []

@@ -79,7 +79,8 @@ def _quality_table(
 ) -> Table:
     """Extremes of faces and cells."""
     width = _width(model)
-    what = "smallest volume (m³)" if width is None else "smallest area (m²)"
+    unit = model.mesh.length_unit
+    what = f"smallest volume ({unit}³)" if width is None else f"smallest area ({unit}²)"
     n_cells = model.mesh.n_cells
     rows = [
         (what, [number(float(q.volumes.min(initial=np.inf)) / (width or 1.0)) for q in found]),
@@ -133,12 +134,13 @@ def _worst_table(
         at = ", ".join(number(x, 4) for x in place)
         measures = number(found.cell_angles[cell], 3), number(found.volumes[cell] / width, 3)
         rows.append((model.mesh.cell_name(cell), *ratio, *measures, at, quality.marker_at(place) or "–"))
-    size = "volume (m³)" if model.mesh.n_copies == 1 else "area (m²)"
+    unit = model.mesh.length_unit
+    size = f"volume ({unit}³)" if model.mesh.n_copies == 1 else f"area ({unit}²)"
     columns = ("cell", *([] if ratios is None else ["smallest pyramid by that before"]))
     by = "the largest non-orthogonality" if ratios is None else "the smallest pyramids by those before"
     return Table(
         f"Worst cells: {shape.label.lower()}",
-        (*columns, "non-orthogonality (°)", size, "place x, y, z (m)", "nearest marker"),
+        (*columns, "non-orthogonality (°)", size, f"place x, y, z ({unit})", "nearest marker"),
         rows,
         f"Those with {by}; numbers are from 1, those of a kind by themselves.",
     )

@@ -64,10 +64,9 @@ class MeshSubject(Subject):
     """A mesh with its lattice."""
 
     space_title, label = "The mesh", "Mesh of the model"
-    unit = "m"
 
     def __init__(self, model: MeshModel):
-        self.model = model
+        self.model, self.unit = model, model.mesh.length_unit
         self.source, self.baseline_points = model.source, model.control_points
 
     @property
@@ -180,7 +179,7 @@ class MeshSubject(Subject):
         return [
             ("nodes", f"{mesh.n_stored:,}", f"{on_walls:,} on walls"),
             ("cells", f"{mesh.n_cells:,}", kinds),
-            ("lattice", f"{lattice.n_control:,}", f"control points, spans of {number(lattice.spacing, 3)} m"),
+            ("lattice", f"{lattice.n_control:,}", f"control points, spans of {number(lattice.spacing, 3)} {self.unit}"),
         ]
 
     @property
@@ -192,7 +191,7 @@ class MeshSubject(Subject):
             (name, model.kinds.get(name, "–"), f"{len(faces):,}", _what_nodes_do(model.kinds.get(name), name in planes))
             for name, faces in (mesh.markers or {}).items()
         ]
-        spans = [_spans_text(np.diff(line.breaks)) for line in lattice.lines]
+        spans = [_spans_text(np.diff(line.breaks), self.unit) for line in lattice.lines]
         resting = len(mesh.stored_ids(model.rows_at_rest))
         rows = [
             *((f"cells: {kind}", f"{n:,}") for kind, n in mesh.cell_counts.items()),
@@ -208,11 +207,11 @@ class MeshSubject(Subject):
         return "contents", "Mesh and lattice", tables
 
 
-def _spans_text(widths: np.ndarray) -> str:
+def _spans_text(widths: np.ndarray, unit: str) -> str:
     """Number and widths of the spans of a direction."""
     if len(widths) == 1:
-        return f"1 of {widths[0]:.3g} m"
-    return f"{len(widths)} of {widths.min():.3g} to {widths.max():.3g} m"
+        return f"1 of {widths[0]:.3g} {unit}"
+    return f"{len(widths)} of {widths.min():.3g} to {widths.max():.3g} {unit}"
 
 
 def _what_nodes_do(kind: str | None, is_plane: bool) -> str:

@@ -138,7 +138,7 @@ class Meshes(GridKind):
         grid = document["grid"]
         for key in ("n_control", "order", "corrections", "fixed", "released", "sliding"):
             if key in grid:
-                yield ("grid", key), "is of grids of blocks, and this is a mesh without structure; leave it out"
+                yield ("grid", key), "is of grids of blocks that are fitted, and a lattice moves this one; leave it out"
         for key in ("patches", "spacing") if Path(grid["file"]).suffix == MODEL else ():
             if key in grid:
                 yield ("grid", key), "does not go with the model of a mesh, which has it; leave it out"
@@ -147,7 +147,7 @@ class Meshes(GridKind):
         if document.get("flow", {}).get("kind") == "euler":
             yield (
                 ("flow", "kind"),
-                "is 'euler', which is solved on grids of blocks, and this is a mesh without structure; take 'lattice' "
+                "is 'euler', which is solved on fitted grids of blocks, and a lattice moves this one; take 'lattice' "
                 "about one half of a wing, leave [flow] out, or connect your own solver in Python",
             )
         judged = ", ".join(name for name, aggregate in AGGREGATES.items() if aggregate.of_mixed)

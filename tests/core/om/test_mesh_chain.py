@@ -353,7 +353,7 @@ def test_what_a_mesh_has_not_is_refused_in_one_line():
     surface = SurfaceGrid.of(model)
     with pytest.raises(InputError, match="comoving=True takes the outer boundary along, and that of mesh stays"):
         om.Problem(GridMovement(model=model, comoving=True), reports=False).setup()
-    with pytest.raises(InputError, match="a mesh without structure has no fit"):
+    with pytest.raises(InputError, match="a lattice needs no fit"):
         om.Problem(GridMovement(model=model, fit=True), reports=False).setup()
     with pytest.raises(InputError, match="node 306 of marker 'body' is not given, nor are 49 others"):
         om.Problem(GridMovement(model=model, surface=surface, numbers=np.arange(10)), reports=False).setup()

@@ -121,9 +121,9 @@ def test_zones_are_one_mesh_whose_nodes_follow_each_other_and_all_else_is_kept(t
     path.write_text(zones_text())
     read = read_mesh(path)
     mesh, n = read.mesh, 8
-    assert (mesh.n_stored, mesh.n_cells, list(mesh.markers)) == (n, 4, ["lowerwall", "side_1", "side_2"])
+    assert (mesh.n_stored, mesh.n_cells, list(mesh.markers)) == (n, 4, ["lower wall", "side_1", "side_2"])
     np.testing.assert_array_equal(mesh.points[:n, 0], [1, 2, 2, 1, 2, 3, 3, 2])
-    np.testing.assert_array_equal(mesh.markers["lowerwall"][:, :2], [[0, 1], [4, 5]])
+    np.testing.assert_array_equal(mesh.markers["lower wall"][:, :2], [[0, 1], [4, 5]])
     np.testing.assert_array_equal(mesh.markers["side_2"][:, :2], [[5, 6]])
     assert not mesh.quality().is_inverted.any()  # though the second zone goes round the other way
     read.write(moved_path, mesh.points + [0.0, 0.25, 0.0] * (mesh.points[:, :1] > 2.5))
@@ -140,7 +140,7 @@ def test_zones_are_one_mesh_whose_nodes_follow_each_other_and_all_else_is_kept(t
         ("IZONE= 2", "IZONE= 3", "has IZONE=3 in the place of 2"),
         ("IZONE= 2\nNDIME= 2", "IZONE= 2\nNDIME= 3", "has zones of 2 and of 3 dimensions"),
         ("5 2 1 0", "5 2 1 4", "zone 2: cells 'triangle': number 1 has node 4 of 4"),
-        ("3 0 1\nMARKER_TAG= side_1", "3 0 5\nMARKER_TAG= side_1", "zone 1: marker 'lowerwall': .* node 5 of 4"),
+        ("3 0 1\nMARKER_TAG= side_1", "3 0 5\nMARKER_TAG= side_1", "zone 1: marker 'lower wall': .* node 5 of 4"),
         ("IZONE= 2\nNDIME= 2\nNELEM= 2", "IZONE= 2\nNDIME= 2\nNELEM= 3", "zone 2: announces 3 elements"),
         ("AOA_OFFSET= 1.5", "NDIME= 2", "has NDIME before the first IZONE"),
     ],

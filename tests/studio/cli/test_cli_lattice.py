@@ -1,5 +1,6 @@
 """Grids of blocks that one lattice moves: from the file, by commands and in Python."""
 
+import re
 from dataclasses import replace
 
 import h5py
@@ -55,6 +56,16 @@ def test_the_command_and_python_write_the_same_nodes_and_keep_all_else_of_the_fi
     assert np.abs(model.mesh.nodes_of_file(nodes) - after).max() < 1e-13
     open_mesh_file(model).write("again.cgns", nodes)
     np.testing.assert_array_equal(read_grid("again.cgns").to_vector(), model.mesh.nodes_of_file(nodes).ravel())
+
+
+def test_the_unit_of_a_grid_is_that_of_its_lattice_and_its_messages_speak_of_no_mesh(workplace, capsys):
+    assert run(["fit", "ball.cgns", "--lattice", "--spacing", "0.5", "--units", "in", "-o", "ball.h5"]) == 0
+    assert re.search(r"spans [\d.]+ in wide", " ".join(capsys.readouterr().out.split()))
+    fails_as_expected(
+        [*["move", "ball.h5", "--deform", "stretch=1.1", "--mover", "elasticity", "-o", "m.cgns"]],
+        capsys,
+        "is moved by the lattice around it, and has no control mesh; leave out --mover",
+    )
 
 
 def test_the_wrong_output_file_or_a_changed_grid_is_refused_in_one_line(workplace, capsys):

@@ -5,13 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mesh_cases import mesh_around_two_sections
+from mesh_cases import mesh_around_two_sections, periodic_mesh
 from riding_cases import mesh, plane_su2_text, su2_text
 from test_cli import fails_as_expected, numbers
 
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.files import read_mesh
+from bspline_mdao.meshes import LatticeSettings, fit_mesh
 from bspline_mdao.studio.cli.main import run
+from bspline_mdao.studio.cli.mesh_fit import untied_lines
 
 KINDS = '[kinds]\n"wing" = "wall"\n"far*" = "farfield"\n"sym*" = "symmetry"\n'
 
@@ -115,6 +117,35 @@ def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace, capsys):
     fails_as_expected(crushed, capsys, r", 0), of area -")
 
 
+def test_lengths_are_shown_in_the_unit_that_is_said(workplace, capsys):
+    assert run(["fit", "wing.su2", "-o", "wing.h5", "--units", "mm", "--json", "fit.json"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "lengths in mm" in shown
+    assert re.search(r"narrowest spans [\d.e-]+ mm wide", shown)
+    assert numbers("fit.json")["units"] == "mm"
+    model = MeshModel.load("wing.h5")
+    assert (model.mesh.unit, model.checksum) == ("mm", fit_mesh("wing.su2", units="mm").checksum)
+    assert run(["move", "wing.h5", "--deform", "twist=5deg", "-o", "moved.su2"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"moved by up to [\d.e-]+ mm", shown)
+    assert "smallest volume (mm^3)" in shown
+    assert not re.search(r"\d m\b", shown)
+
+
+def test_sides_that_stay_are_copies_by_another_shift_or_no_copies():
+    mesh, kinds = periodic_mesh(lean=0.0)
+    sheared = replace(mesh, points=mesh.points @ [[1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]], unit="ft")
+    model = MeshModel.of(sheared, {**kinds, "in": "periodic", "out": "periodic"}, LatticeSettings(spacing=0.3))
+    (line,) = untied_lines(model, set())
+    assert line.startswith(
+        "nodes of in and out stay: they are copies by the shift (3.5, 0, 0) ft, which is along no dir"
+    )
+    model = MeshModel.of(*periodic_mesh(twist=0.1), LatticeSettings(spacing=0.3))
+    assert untied_lines(model, set()) == [
+        "nodes of per_1, per_2 stay: no shift lays these sides onto each other, and sides that a rotation does are not tied"
+    ]
+
+
 def test_what_cannot_be_fitted_or_moved_ends_in_one_line(workplace, capsys):
     nameless = re.sub("MARKER_TAG= *wing", "MARKER_TAG= x_p", su2_text(mesh()))
     (workplace / "nameless.su2").write_text(nameless)
@@ -124,7 +155,7 @@ def test_what_cannot_be_fitted_or_moved_ends_in_one_line(workplace, capsys):
     move = ["move", "wing.h5", "--deform", "twist=5deg", "-o"]
     fails_as_expected([*move, "moved.vtu"], capsys, "written as it is read")
     fails_as_expected([*move, "moved.su2", "--mover", "elasticity"], capsys, "leave out --mover")
-    fails_as_expected(["refine", "wing.h5", "-o", "fine.xyz"], capsys, "model of a mesh without structure")
+    fails_as_expected(["refine", "wing.h5", "-o", "fine.xyz"], capsys, "is the model of a lattice around a mesh")
     fails_as_expected([*move, "wing.su2"], capsys, "wing.su2")
     fails_as_expected([*move, "moved.su2", "--surface", "wing.step"], capsys, "leave out --surface wing.step")
     fails_as_expected([*move, "moved.su2", "--design", "tail"], capsys, "no patch is called 'tail'")

@@ -71,7 +71,7 @@ class _Zone:
     def take(self, name: str, section: _Section) -> None:
         """Add what is behind a keyword; others than those of meshes are kept, and say nothing here."""
         if name == "MARKER_TAG":
-            self.tag = "".join(section.value.split())
+            self.tag = section.value.strip()
             self.n_others += self.tag == NO_BOUNDARY
         elif name == "MARKER_ELEMS" and self.tag != NO_BOUNDARY:
             if not self.tag or self.tag in self.markers:
