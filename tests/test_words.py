@@ -79,7 +79,7 @@ def private_names(path: Path, private: Collection[str] = PRIVATE) -> list[str]:
 
 def messages(path: Path) -> Iterator[tuple[int, str]]:
     """Lines and texts of all strings but the documentation of code, which of commands is what their help prints."""
-    is_help = path.name == "commands.py"
+    is_help = path.name in ("commands.py", "program.py")
     documentation = {id(node.value) for node in nodes_of(path) if isinstance(node, ast.Expr) and not is_help}
     for node in nodes_of(path):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documentation:

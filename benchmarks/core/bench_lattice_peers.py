@@ -23,12 +23,13 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from bench_ride import joined, quads_of, timed
+from bench_ride import timed
 
 from bspline_mdao import Grid, InputError
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.files import write_polymesh
 from bspline_mdao.grids import GridQuality, judge_move
+from bspline_mdao.grids.cells.grid_mesh import grid_mesh
 from bspline_mdao.grids.cells.mesh_quality import mesh_quality
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.meshes import EmbeddedMesh, MixedMesh
@@ -59,15 +60,11 @@ PRINTED = {
 """What ``checkMesh`` prints; counts only where they are not zero."""
 
 
-def mesh_of(grid: Grid) -> tuple[MixedMesh, dict[str, str], np.ndarray]:
-    """Cells of a grid as a mesh of hexahedra, kinds of its markers, and its nodes' numbers in the grid vector."""
-    topology, (points, numbers, hexahedra) = find_topology(grid), joined(grid)
-    bare, markers, kinds = MixedMesh(points, {"hexahedron": hexahedra}), {}, {}
-    for name in dict.fromkeys(str(face.patch) for face in topology.boundary):
-        faces = [face for face in topology.boundary if str(face.patch) == name]
-        markers[name] = bare.into_fluid(quads_of(grid, topology, numbers, faces))[:, ::-1]
-        kinds[name] = str(faces[0].kind)
-    return MixedMesh(points, {"hexahedron": hexahedra}, markers), kinds, numbers
+def mesh_of(grid: Grid) -> tuple[MixedMesh, dict[str, str]]:
+    """Cells of a grid as a mesh, and kinds of its markers."""
+    topology = find_topology(grid)
+    names = {face.window: str(face.patch) for face in topology.boundary}
+    return grid_mesh(grid, topology, names), {str(face.patch): str(face.kind) for face in topology.boundary}
 
 
 def checked(grid: Grid, mesh: MixedMesh, nodes: np.ndarray) -> dict[str, list[str]]:
@@ -103,7 +100,7 @@ def shown(row: Row) -> Row:
 def measure(name: str, motions) -> dict:
     """Make all motions of a grid in each way."""
     grid = grid_of(name, Path(os.environ.get("BSPLINE_MDAO_GRIDS", ".")))
-    body, (mesh, kinds, numbers) = Body(name, grid), mesh_of(grid)
+    body, (mesh, kinds) = Body(name, grid), mesh_of(grid)
     quality = GridQuality.of_baseline(grid)
     fit, model = timed(lambda: MeshModel.of(mesh, kinds))
     first, _ = timed(lambda: (model.node_map, model.mover.move(model.control_points, mesh.points[model.wall_rows])))
@@ -114,7 +111,7 @@ def measure(name: str, motions) -> dict:
     for motion in motions:
         places = mesh.points.copy()
         wall = body.target(motion)
-        places[numbers[body.surface.rows]] = wall
+        places[mesh.numbers[body.surface.rows]] = wall
 
         def by_lattice(asked=places[model.wall_rows]):
             return model.node_map.at(model.mover.move(model.control_points, asked).points).nodes
@@ -125,7 +122,7 @@ def measure(name: str, motions) -> dict:
 
         for way, move in (("lattice", by_lattice), ("ride", by_riding)):
             seconds, nodes = timed(move)
-            of_grid = nodes[numbers]
+            of_grid = mesh.nodes_of_file(nodes)
             heights = np.quantile(quality.first_cells.ratios(of_grid), [0.01, 0.99]).tolist()
             rows.append(shown(Row(name, motion, way, *judge_move(quality, of_grid), *heights, seconds)))
             if way == "lattice":

@@ -6,7 +6,7 @@ Theory: ``docs/theory/background_lattice.rst``.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -45,8 +45,9 @@ from .mesh_map import MeshMap
 from .mesh_nodes import map_of_nodes
 from .mesh_points import MeshPoints
 from .mesh_surface import map_to_surface, surface_of_faces
-from .mesh_walls import FADE, copies_of_walls, following_walls
+from .mesh_walls import FADE, following_walls
 from .periodic_sides import PeriodicSides, sides_of
+from .points_to_move import points_to_move
 from .refinement import refined_settings
 from .thin_plate import ThinPlate
 from .wall_follower import WallFollower
@@ -280,45 +281,8 @@ class MeshModel(Plottable, Movable):
     @cached_property
     def moving_mesh(self) -> MovingMesh:
         """Control points, and what each may do."""
-        n, lattice = len(self.wall_rows), self.lattice
-        is_free = np.ones((*lattice.shape, 3), dtype=bool)
-        closed = {(plane.axis, plane.end) for plane in self.planes}
-        at_walls = lattice.sides_at(self.mesh.points[self.wall_rows])  # held there, points would oppose the walls
-        for axis in range(3):
-            for end in (0, -1):
-                side = np.moveaxis(is_free, axis, 0)[end]
-                if lattice.lines[axis].is_periodic:
-                    continue
-                if (axis, end) in closed:
-                    side[..., axis] = False
-                elif (axis, end) not in at_walls:
-                    side[...] = False
-        all_free = np.concatenate([np.zeros((n, 3), dtype=bool), is_free.reshape(-1, 3)])
-        frames = None
-        if not np.array_equal(lattice.axes, np.eye(3)):
-            frames = np.broadcast_to(lattice.axes, (len(all_free), 3, 3))
-        on_walls = [np.flatnonzero(np.isin(self.wall_rows, plane.rows)) for plane in self.planes]
-        normals = [np.tile(plane.normal, (len(ids), 1)) for plane, ids in zip(self.planes, on_walls)]
-        return MovingMesh(
-            blocks=self.control_ids,
-            names=self.spline_names,
-            points=self.control_points,
-            surface_ids=np.arange(n, dtype=np.int32),
-            is_free=all_free,
-            frames=frames,
-            in_plane_rows=np.concatenate([np.zeros(0, dtype=int), *on_walls]),
-            in_plane_normals=np.concatenate([np.zeros((0, 3)), *normals]),
-            volumes=lattice.mesh.volumes,
-            surface_faces=np.searchsorted(self.wall_rows, self.walls.faces),
-            markers=tuple(self._places()),
-            copies=copies_of_walls(self.mesh, self.wall_rows, lattice, self.periodic),
-        )
-
-    def _places(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-        """Nodes of each wall, for messages: its name, their places among the nodes of walls, and their numbers."""
-        for number, name in enumerate(self.walls.names):
-            rows = np.unique(self.walls.faces[self.walls.marker == number])
-            yield name, np.searchsorted(self.wall_rows, rows), rows % self.mesh.n_stored + 1
+        nodes = self.mesh, self.walls, self.wall_rows, self.control_points
+        return points_to_move(*nodes, self.lattice, self.planes, self.periodic, self.control_ids, self.spline_names)
 
     def design_mesh(
         self,

@@ -1,0 +1,74 @@
+"""Nodes of walls and control points of the lattice, and what each of them may do.
+
+Theory: ``docs/theory/background_lattice.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ...grids.cells.mixed_cells import MixedMesh
+from ..mesh.moving_mesh import MovingMesh
+from ..riding.wall_faces import WallFaces
+from .background_lattice import BackgroundLattice
+from .end_planes import EndPlane
+from .mesh_walls import copies_of_walls
+from .periodic_sides import PeriodicSides
+
+__all__ = ["points_to_move"]
+
+
+def points_to_move(
+    mesh: MixedMesh,
+    walls: WallFaces,
+    wall_rows: np.ndarray,  # int (n_walls,), nodes of the walls, ascending
+    control_points: np.ndarray,  # (n_points, 3), these and the points of the lattice (m)
+    lattice: BackgroundLattice,
+    planes: Sequence[EndPlane],  # planes that the mesh ends in
+    periodic: Sequence[PeriodicSides],  # sides that are copies of each other
+    ids: tuple[np.ndarray, ...],  # numbers of the points of the lattice among all, in its shape
+    names: tuple[str, ...],  # what messages call it
+) -> MovingMesh:
+    """Walls are the surface; points of the lattice stay in the planes of the mesh, and rest at its other ends."""
+    n = len(wall_rows)
+    is_free = np.ones((*lattice.shape, 3), dtype=bool)
+    closed = {(plane.axis, plane.end) for plane in planes}
+    at_walls = lattice.sides_at(mesh.points[wall_rows])  # held there, points would oppose the walls
+    for axis in range(3):
+        for end in (0, -1):
+            side = np.moveaxis(is_free, axis, 0)[end]
+            if lattice.lines[axis].is_periodic:
+                continue
+            if (axis, end) in closed:
+                side[..., axis] = False
+            elif (axis, end) not in at_walls:
+                side[...] = False
+    all_free = np.concatenate([np.zeros((n, 3), dtype=bool), is_free.reshape(-1, 3)])
+    frames = None
+    if not np.array_equal(lattice.axes, np.eye(3)):
+        frames = np.broadcast_to(lattice.axes, (len(all_free), 3, 3))
+    on_walls = [np.flatnonzero(np.isin(wall_rows, plane.rows)) for plane in planes]
+    normals = [np.tile(plane.normal, (len(rows), 1)) for plane, rows in zip(planes, on_walls)]
+    return MovingMesh(
+        blocks=ids,
+        names=names,
+        points=control_points,
+        surface_ids=np.arange(n, dtype=np.int32),
+        is_free=all_free,
+        frames=frames,
+        in_plane_rows=np.concatenate([np.zeros(0, dtype=int), *on_walls]),
+        in_plane_normals=np.concatenate([np.zeros((0, 3)), *normals]),
+        volumes=lattice.mesh.volumes,
+        surface_faces=np.searchsorted(wall_rows, walls.faces),
+        markers=tuple(_places(mesh, walls, wall_rows)),
+        copies=copies_of_walls(mesh, wall_rows, lattice, periodic),
+    )
+
+
+def _places(mesh: MixedMesh, walls: WallFaces, wall_rows: np.ndarray) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Nodes of each wall, for messages: its name, their places among the nodes of walls, and their numbers."""
+    for number, name in enumerate(walls.names):
+        rows = np.unique(walls.faces[walls.marker == number])
+        yield name, np.searchsorted(wall_rows, rows), rows % mesh.n_stored + 1
