@@ -7,15 +7,10 @@ Theory: ``docs/theory/grid_files.rst``, "Units".
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import Field, replace
+from typing import Any, ClassVar, Protocol, TypeVar
 
 from ...errors import InputError
-
-if TYPE_CHECKING:  # help names the units, and should not wait for NumPy
-    from ..cells.mixed_cells import MixedMesh
-    from .grid import Grid
-    from .stored_grid import StoredGrid
 
 __all__ = ["LENGTH_UNITS", "in_unit", "metres_of"]
 
@@ -24,7 +19,22 @@ _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 LENGTH_UNITS = tuple(_METRES)
 """Units of lengths."""
 
-AnyGrid = TypeVar("AnyGrid", "Grid", "StoredGrid", "MixedMesh")
+
+class WithUnit(Protocol):
+    """A grid, or a mesh without structure."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    @property
+    def source(self) -> str:
+        """Where it comes from, for messages."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of its lengths; empty where nothing says it."""
+
+
+AnyGrid = TypeVar("AnyGrid", bound=WithUnit)
 
 
 def in_unit(

@@ -76,8 +76,8 @@ def _mesh_body(name: str, patches: Path | None) -> MeshBody:
 
 def _mesh_file(name: str) -> str:
     """A mesh's own file, where it is still there; empty where it is not."""
-    own = mesh_file_in(name) if Path(name).suffix == MODEL else name
-    return own if Path(own).is_file() else ""
+    file = mesh_file_in(name) if Path(name).suffix == MODEL else name
+    return file if Path(file).is_file() else ""
 
 
 def _relative_to(file: str | Path | None, output: Path) -> str | None:

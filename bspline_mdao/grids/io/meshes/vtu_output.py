@@ -73,10 +73,10 @@ def write_vtu_faces(
 
 def _faces(faces: np.ndarray) -> _Cells:
     """Triangles and quads, shape (n, 4), as cells."""
-    is_own = np.ones(faces.shape, dtype=bool)
-    is_own[:, 3] = faces[:, 3] != faces[:, 2]
-    sizes = is_own.sum(axis=1)
-    return _Cells(faces[is_own], sizes, np.where(sizes == 3, TRIANGLE, QUAD))
+    is_corner = np.ones(faces.shape, dtype=bool)
+    is_corner[:, 3] = faces[:, 3] != faces[:, 2]
+    sizes = is_corner.sum(axis=1)
+    return _Cells(faces[is_corner], sizes, np.where(sizes == 3, TRIANGLE, QUAD))
 
 
 def _volumes(mesh: MixedMesh) -> _Cells:
