@@ -159,7 +159,7 @@ def test_init_says_which_marker_has_to_be_declared(workplace, capsys):
 MESH_STUDIES = {
     "Euler": (
         '[flow]\nkind = "euler"\n',
-        ("line 16: [flow] 'kind' is 'euler', which is solved on grids of blocks", "take 'lattice'"),
+        ("line 16: [flow] 'kind' is 'euler', which is solved on fitted grids of blocks", "take 'lattice'"),
     ),
     "corners": (
         "[constraints.corner_ks]\nlower = 0.1\n",
