@@ -264,28 +264,40 @@ def test_kernels_are_restored_for_the_sources_that_they_were_compiled_from_alone
         "__init__.py": "",
         "kernel.py": "from numba import njit\nfrom .constants import TWO",
         "constants.py": "TWO = 2",
+        "other.py": "from numba import njit",
         "rest.py": "",
     }
-    program, package = tmp_path / ".ci" / "kernels", tmp_path / "bspline_mdao"
-    for path in (program, package / "__pycache__" / "kernel.nbi"):
-        path.parent.mkdir(parents=True)
+    program, package, kept = tmp_path / ".ci" / "kernels", tmp_path / "bspline_mdao", tmp_path / "kept"
+    compiled = {f"{name}.product-7.py312{end}" for name in ("kernel", "other") for end in (".nbi", ".1.nbc")}
+    for path in (program, *(package / "__pycache__" / name for name in compiled)):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("compiled")
     shutil.copy(ROOT / ".ci" / "kernels", program)
     (tmp_path / "docs").mkdir()
     shutil.copy(ROOT / "docs" / "make_map.py", tmp_path / "docs")
     for name, text in sources.items():
         (package / name).write_text(text)
-    (package / "__pycache__" / "kernel.nbi").write_text("compiled")
 
-    def are_restored():
-        shutil.rmtree(package / "__pycache__")
-        subprocess.run([sys.executable, program, "restore", tmp_path / "kept"], check=True)
-        return (package / "__pycache__").is_dir()
+    def save():
+        subprocess.run([sys.executable, program, "save", kept], check=True)
 
-    subprocess.run([sys.executable, program, "save", tmp_path / "kept"], check=True)
+    def restored():
+        shutil.rmtree(package / "__pycache__", ignore_errors=True)
+        subprocess.run([sys.executable, program, "restore", kept], check=True)
+        return {path.name for path in (package / "__pycache__").glob("*")}
+
+    save()
     (package / "rest.py").write_text("changed")
-    assert are_restored()
+    assert restored() == compiled
     (package / "constants.py").write_text("TWO = 3")  # numba itself would not know
-    assert not are_restored()
+    assert restored() == {name for name in compiled if name.startswith("other")}
+    for number in range(4):  # the latest three are kept
+        (package / "constants.py").write_text(f"TWO = {number}")
+        (package / "__pycache__" / "kernel.product-7.py312.nbi").write_text("compiled")
+        save()
+    assert len(list((kept / "kernel.py").iterdir())) == 3
+    assert len(list((kept / "other.py").iterdir())) == 1
+    assert len(restored()) == 3
 
 
 @pytest.mark.slow
