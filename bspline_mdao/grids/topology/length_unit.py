@@ -11,6 +11,8 @@ from dataclasses import Field, replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from ...errors import InputError
+from .grid import Grid
+from .stored_grid import StoredGrid
 
 __all__ = ["LENGTH_UNITS", "in_unit", "metres_of"]
 
@@ -48,8 +50,10 @@ def in_unit(
         raise InputError(f"{grid.source}: no unit is called '{unit}'; choose one of {', '.join(LENGTH_UNITS)}")
     if grid.unit not in ("", unit):
         raise InputError(f"{grid.source}: its file says that lengths are in {grid.unit}, not {unit}; leave out --units")
-    periodic = tuple(replace(pair, motion=replace(pair.motion, unit=unit)) for pair in grid.periodic)
-    return replace(grid, unit=unit, periodic=periodic)
+    changes: dict[str, Any] = {"unit": unit}
+    if isinstance(grid, Grid | StoredGrid):
+        changes["periodic"] = tuple(replace(pair, motion=replace(pair.motion, unit=unit)) for pair in grid.periodic)
+    return replace(grid, **changes)
 
 
 def metres_of(unit: str) -> float:

@@ -142,7 +142,8 @@ def test_sides_that_stay_are_copies_by_another_shift_or_no_copies():
     )
     model = MeshModel.of(*periodic_mesh(twist=0.1), LatticeSettings(spacing=0.3))
     assert untied_lines(model, set()) == [
-        "nodes of per_1, per_2 stay: no shift lays these sides onto each other, and sides that a rotation does are not tied"
+        "nodes of per_1, per_2 stay: no shift lays these sides onto each other, and sides that "
+        "a rotation does are not tied"
     ]
 
 
