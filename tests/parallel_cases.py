@@ -116,8 +116,8 @@ class Ranks:
 STARTED: dict[int, Ranks] = {}
 """Ranks that wait for the next script, by their number, the latest last; the end of the tests ends them."""
 
-N_KEPT = 2
-"""Numbers of ranks that are kept, as each rank holds half a gigabyte: most scripts run on two and on three."""
+N_KEPT = 3
+"""Numbers of ranks that are kept, as each rank holds half a gigabyte: most scripts run on one, two and three."""
 
 
 def run_ranks(script: str, n: int, *arguments: str, timeout: float = 240.0, afresh: bool = False) -> list[str]:
