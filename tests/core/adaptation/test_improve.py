@@ -20,6 +20,7 @@ def found():
     return improve_grid(skewed_model(), iterations=30)
 
 
+@pytest.mark.slow
 def test_the_worst_cell_of_every_block_rises_and_nothing_gets_worse(found):
     assert found.is_better
     assert found.reason == ""

@@ -34,6 +34,7 @@ def strains(model, shift, values):
             yield (changes[lengths > 1e-9] / lengths[lengths > 1e-9]).ravel()
 
 
+@pytest.mark.slow
 def test_the_square_of_a_step_is_that_of_the_strains_and_values_that_it_makes(model, shift, stiff):
     steps = 1e-3 * np.random.default_rng(0).standard_normal(shift.n_values)
     values = shift.reach * np.arctanh(stiff.values(steps) / shift.reach)

@@ -33,6 +33,7 @@ def moved(model: MeshModel) -> np.ndarray:
     return model.node_map.at(model.mover.move(model.control_points, bodies_apart(model)).points).nodes
 
 
+@pytest.mark.slow
 def test_bodies_move_differently_with_exact_walls_valid_cells_and_the_far_field_at_rest(case):
     marked, model = case
     mesh, nodes = marked.mesh, moved(model)

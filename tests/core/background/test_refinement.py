@@ -53,6 +53,7 @@ def test_a_small_body_that_leaves_a_large_one_inverts_no_cell_where_the_lattice_
     assert n_inverted[1] == 0
 
 
+@pytest.mark.slow
 def test_a_lattice_is_refined_for_all_moves_and_no_further_than_they_ask(channel):
     small, large = with_bump(channel, 1e-3), with_bump(channel, 0.1)
     assert channel.refined_for([small]) is channel

@@ -122,6 +122,7 @@ def test_bounds_contain_every_shape_within_the_coarse_ones():
     np.testing.assert_allclose([low, high], [-0.5 * np.ones(finer.n_values), 0.5 * np.ones(finer.n_values)], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_the_knot_that_a_planted_gradient_misses_is_chosen_first():
     random, coarse = np.random.default_rng(5), net_of()
     for planted in [(0, 1), (0, 3), (1, 0)]:

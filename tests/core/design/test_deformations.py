@@ -293,6 +293,7 @@ def test_every_name_is_tried_above():
     assert {spec.split("=")[0] for spec in tried} | {"ffd"} == set(DEFORMATIONS)  # which takes files, see below
 
 
+@pytest.mark.slow
 def test_a_lattice_deforms_as_its_points_move_from_one_file_to_the_other(model, mesh, surface, tmp_path):
     before = Lattice.box(mesh, n=(4, 2, 3), margin=0.1).control_points
     matrix = np.array([[1.1, 0.2, 0.3], [0.0, 0.9, 0.1], [0.0, 0.0, 1.2]])

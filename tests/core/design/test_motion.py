@@ -93,6 +93,7 @@ def test_boundaries_that_do_not_move_have_no_velocity(model, mesh):
     np.testing.assert_array_equal(state.control_points[held], rest[held])
 
 
+@pytest.mark.slow
 def test_grid_at_rest_is_the_baseline_and_a_period_later_the_same(model, mesh):
     unsteady = UnsteadyGrid(model, Transfinite(mesh), pitching(mesh, 0.3, 2.0))
     baseline = model.regenerate().to_vector().reshape(-1, 3)

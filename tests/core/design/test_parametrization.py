@@ -193,6 +193,7 @@ def test_nothing_moves_at_the_initial_values(compose):
         np.testing.assert_allclose(parametrization.apply(points, parametrization.initial), points, atol=1e-14)
 
 
+@pytest.mark.slow
 @every_composition
 def test_derivatives_stay_within_the_declared_pattern_and_need_all_of_it(compose):
     parametrization = compose()

@@ -70,6 +70,7 @@ def test_with_one_inner_knot_the_whole_seam_stays_smooth_to_round_off(coarse):
     assert kinks_along(mesh, free).max() > 20.0
 
 
+@pytest.mark.slow
 def test_with_many_knots_kinks_along_the_seam_fall_with_the_tolerance_and_so_does_freedom(fine):
     mesh, points = fine
     smooth = TangentContinuity().snapped(mesh, points)
@@ -85,6 +86,7 @@ def test_with_many_knots_kinks_along_the_seam_fall_with_the_tolerance_and_so_doe
     assert ranks[0] < ranks[1] < ranks[2]
 
 
+@pytest.mark.slow
 def test_the_nose_of_a_wing_stays_round_though_its_grid_lines_are_oblique_and_its_knots_curved(wing):
     points, constraint = surface_of(wing), TangentContinuity(max_kink=30.0, mirror=False)
     nose = np.median(kinks_along(wing, points), axis=1).argmin()
@@ -111,6 +113,7 @@ def kinks_to_the_image(model, mesh, surface):
     return max(seam.max_kink for seam in images)
 
 
+@pytest.mark.slow
 def test_a_surface_stays_smooth_to_its_mirror_image_and_does_not_without():
     model = fit_grid(ball_grid((9, 9, 9, 5), octant=True), n_control=(5, 5, 4))
     mesh = moving_mesh(model)

@@ -77,6 +77,7 @@ def test_nothing_is_falsely_valid_beside_a_pole_up_to_where_it_folds(end):
     assert np.median(lows) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", [0, 1])
 def test_little_is_undecided_beside_a_pole(end):
     rng, counts = np.random.default_rng(11 + end), np.zeros(3, dtype=int)

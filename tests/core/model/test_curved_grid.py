@@ -42,6 +42,7 @@ def volume_by_faces(grid):
     return total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
 def test_elements_fill_what_their_boundary_encloses(ball, wing, shuffled, degree):
     """Holds only where nodes are shared across blocks, every patch is there, and its faces are turned outwards."""

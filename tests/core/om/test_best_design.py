@@ -95,6 +95,7 @@ def test_entries_that_are_no_variables_stay(tmp_path):
     np.testing.assert_array_equal(problem.get_val("z")[[2, 4]], [2.0, 4.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: NLoptDriver(**NLOPT), lambda: ScipyDriver(optimizer="SLSQP", disp=False)])
 def test_two_runs_make_one_history(cases, tmp_path, make):
     before = read_history(cases)
@@ -118,6 +119,7 @@ def test_two_runs_make_one_history(cases, tmp_path, make):
     assert problem.get_val("r").item() == pytest.approx(1.5, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_clocks_and_counts_of_the_earlier_run_do_not_matter(tmp_path):
     """It ran on another machine, and recorded the model as well."""
     recorder = CaseRecorder(tmp_path / "a.sql", record_viewer_data=False)
@@ -138,6 +140,7 @@ def test_clocks_and_counts_of_the_earlier_run_do_not_matter(tmp_path):
     assert [reader.get_case(name).counter for name in names] == [n + 1 for n in range(len(names))]
 
 
+@pytest.mark.slow
 def test_a_history_of_three_runs_goes_on_too(cases, tmp_path):
     for old, new in (("a.sql", "b.sql"), ("b.sql", "c.sql")):
         problem = recorded(ball(), tmp_path / new, NLoptDriver(maxeval=2, **NLOPT), earlier=tmp_path / old)

@@ -62,6 +62,7 @@ def test_what_is_asked_for_is_kept(tmp_path, pattern):
     assert names_in(tmp_path / "c.sql", "problem") >= {"f", "grid"}
 
 
+@pytest.mark.slow
 def test_what_is_short_is_recorded_as_by_openmdao(tmp_path):
     for name, kind in (("ours", CaseRecorder), ("theirs", om.SqliteRecorder)):
         problem_of(kind(tmp_path / name), "problem")

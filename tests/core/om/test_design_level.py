@@ -87,6 +87,7 @@ def ready(problem):
     return problem
 
 
+@pytest.mark.slow
 def test_the_next_level_starts_at_the_optimum_and_keeps_its_shape_within_its_bounds(at_optimum):
     problem, cases = at_optimum
     level = first_level()

@@ -26,6 +26,7 @@ def run(group):
     return problem
 
 
+@pytest.mark.slow
 def test_what_it_hands_out_is_what_is_made_by_hand(model):
     wing, mesh, surface = DesignSurface.of(model), moving_mesh(model), SurfaceGrid.of(model)
     assert wing.model is model

@@ -102,6 +102,7 @@ def test_the_chain_with_variables_and_measures_is_that_of_the_picture(plate):
     assert {SURFACE_CONTROL_POINTS, SURFACE, "heights"} <= written
 
 
+@pytest.mark.slow
 def test_the_surface_is_that_of_the_grid(plate):
     surface = SurfaceGrid.of(plate)
     problem = problem_of(
@@ -324,6 +325,7 @@ def test_a_twist_that_tangles_the_control_mesh_of_boundary_layers_but_no_cell_is
     assert judge_move(quality, problem.get_val(GRID).reshape(-1, 3)).n_inverted == 0
 
 
+@pytest.mark.slow
 def test_a_twist_that_is_bounded_by_the_cells_is_found_in_a_few_runs_though_the_control_mesh_tangles():
     wing = DesignSurface.of(viscous_section())
     problem = om.Problem(driver=NLoptDriver(optimizer="LD_SLSQP"), reports=False)

@@ -76,6 +76,7 @@ def in_section(points, chords):
     return np.stack([along, across], axis=-1) / chords[:, None, None]
 
 
+@pytest.mark.slow
 def test_the_nodes_of_ribs_keep_their_place_in_the_section():
     before, after = wing_box(), of_surface(wing_box()).get_val("spars").reshape(wing_box().shape)
     chords = 0.805891 + (0.4535 - 0.805891) * before[0, :, 0, 2] / SPAN

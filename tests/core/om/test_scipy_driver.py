@@ -153,6 +153,7 @@ class Interrupted(Walled):
         super().compute(inputs, outputs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("optimizer", ["SLSQP", "COBYLA", "trust-constr"])
 @pytest.mark.parametrize("n", [4, 5, 9])
 def test_an_interrupt_leaves_the_best_design_that_satisfies_the_constraints(optimizer, n):
