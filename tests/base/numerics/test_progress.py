@@ -19,7 +19,7 @@ from bspline_mdao.movers import moving_mesh
 from bspline_mdao.base.numerics import progress
 progress.DELAY = 0.0
 from bspline_mdao.movers import LinearElasticity
-model = fit_grid(onera_m6_grid((7, 6, 5)){})
+model = fit_grid(onera_m6_grid((7, 6, 5)))
 mesh = moving_mesh(model)
 surface = model.control_points[mesh.surface_ids] + [0.0, 0.01, 0.0]
 LinearElasticity(mesh, n_increments=3).move(model.control_points, surface)
@@ -27,11 +27,11 @@ print("done")
 """
 
 
-def on_terminal(code: str, **environment: str) -> str:
+def on_terminal(code: str) -> str:
     """What a program writes to a terminal that is its standard error."""
     ours, theirs = pty.openpty()
     kept = {name: value for name, value in os.environ.items() if name not in ("CI", SWITCH)}
-    kept |= {"TERM": "xterm", "COLUMNS": "120"} | environment
+    kept |= {"TERM": "xterm", "COLUMNS": "120"}
     running = subprocess.Popen([sys.executable, "-c", code], stderr=theirs, stdout=subprocess.PIPE, env=kept)
     os.close(theirs)
     text, end = b"", time.monotonic() + 120.0
@@ -61,21 +61,28 @@ def as_terminal(monkeypatch):
 
 @pytest.mark.slow
 def test_a_fit_and_a_move_show_a_bar_on_a_terminal_and_leave_nothing_behind():
-    text = on_terminal(FIT.format(""))
+    text = on_terminal(FIT)
     assert "fitting" in text
     assert "moving the control mesh: increment 3 of 3" in text
     assert text.rstrip().endswith("\x1b[2K")  # the last line is wiped out
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("environment", [{SWITCH: "0"}, {"CI": "true"}])
-def test_bars_are_off_where_they_are_not_wanted(environment):
-    assert on_terminal(FIT.format(""), **environment) == ""
+def test_bars_are_off_where_they_are_not_wanted(environment, monkeypatch):
+    for name in ("CI", SWITCH):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert is_terminal()
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    assert not is_terminal()
+    with progress_bar("work") as tell:
+        assert tell is progress._nobody
 
 
 @pytest.mark.slow
 def test_without_a_terminal_nothing_is_drawn_or_imported():
-    code = "import sys\n" + FIT.format("") + "assert 'rich.progress' not in sys.modules"
+    code = "import sys\n" + FIT + "assert 'rich.progress' not in sys.modules"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("done\n", "")
 
