@@ -86,7 +86,7 @@ class IrregularFaces:
         if not self.n_of_grid:
             return self.plain
         changed = self.plain.means[self.plain.classes[self.ids]] + self.changes(nodes)
-        classes = self.plain.classes.astype(np.int32)
+        classes = self.plain.classes.copy()
         classes[self.ids] = len(self.plain.means) + np.arange(len(self.ids))
         return replace(self.plain, means=np.concatenate([self.plain.means, changed]), classes=classes)
 

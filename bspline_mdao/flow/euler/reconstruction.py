@@ -79,7 +79,8 @@ class Stencil:
             roles[part] = KINDS[patch.kind]
             lines[part] = _BOUNDARY_LINES[KINDS[patch.kind]] + depths[part]
         cells = np.stack([np.where(no_a, b, a), b, c, np.where(no_d, c, d)], axis=1).astype(np.int32)
-        return cls(cells, _MEANS, lines, _DIFFERENCES, lines, roles, CellSums.of(cells, roles == INNER))
+        classes = lines.astype(np.int32)  # as where `.irregular_faces` have classes of their own: kernels compile once
+        return cls(cells, _MEANS, classes, _DIFFERENCES, lines, roles, CellSums.of(cells, roles == INNER))
 
     def scheme(self, dissipation: float, threshold: float) -> FaceScheme:
         """Arrays of all faces with the numbers of a scheme, see `.residual.Discretization`."""
