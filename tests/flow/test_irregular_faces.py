@@ -104,19 +104,19 @@ def test_centres_and_edges_of_a_sheared_box_are_those_of_its_corners():
     random = np.random.default_rng(7)
     edges, origin = random.standard_normal((3, 3)), random.standard_normal(3)
     corners = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-    faces = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
+    faces = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)], np.int32)
     if np.linalg.det(edges) < 0.0:
         edges[0] *= -1.0
     centres, areas = face_centres(origin + corners @ edges, faces)
     np.testing.assert_allclose(areas.sum(axis=0), 0.0, atol=1e-13)
-    middles, spreads = cell_shapes(centres, areas, np.zeros(6, int), np.zeros(0, int), 1)
+    middles, spreads = cell_shapes(centres, areas, np.zeros(6, np.int32), np.zeros(0, np.int32), 1)
     np.testing.assert_allclose(middles[0], origin + 0.5 * edges.sum(axis=0), rtol=1e-12)
     np.testing.assert_allclose(spreads[0], edges.T @ edges, rtol=1e-12, atol=1e-12)
 
 
 def test_centres_and_areas_of_faces_have_exact_derivatives_where_corners_coincide():
     rng = np.random.default_rng(17)
-    nodes, corners = rng.standard_normal((40, 3)), rng.integers(0, 40, (60, 4))
+    nodes, corners = rng.standard_normal((40, 3)), rng.integers(0, 40, (60, 4)).astype(np.int32)
     corners[:5, 1] = corners[:5, 0]
     corners[5:10, 2:] = corners[5:10, :2]  # no diagonal, and no area
     corners[10:12] = corners[10:12, :1]
