@@ -96,6 +96,11 @@ class BlockCells(OneLine):
         return self.degenerate_corners.size
 
     @property
+    def sign(self) -> float:
+        """``handedness`` as kernels take it: with an integer they would be compiled anew."""
+        return float(self.handedness)
+
+    @property
     def degenerate_in_block(self) -> np.ndarray:
         """``degenerate_corners`` in the shape of the block's cells."""
         return self.degenerate_corners if self.flat is None else np.moveaxis(self.degenerate_corners, 2, self.flat)
@@ -236,11 +241,11 @@ def chunk_measures(chunk: Chunk, nodes: np.ndarray, with_coefficients: bool = Fa
     """Measure the cells of a chunk of a grid with nodes (n_nodes, 3)."""
     triples, jacobians, volume = _empty(chunk)
     points = as_points(chunk.solid(nodes, chunk.block.normal))
-    block_measures(points, chunk.degenerate_corners, chunk.block.handedness, triples, jacobians, volume)
+    block_measures(points, chunk.degenerate_corners, chunk.block.sign, triples, jacobians, volume)
     coefficients = None
     if with_coefficients:
         coefficients, bits = np.empty((N_COEFFICIENTS, volume.size)), chunk.solid_bits
-        block_coefficients(points, bits, chunk.block.handedness, chunk.block.shortest, coefficients)
+        block_coefficients(points, bits, chunk.block.sign, chunk.block.shortest, coefficients)
         _scale(chunk, coefficients, np.inf)
     _scale(chunk, jacobians, np.inf)
     _scale(chunk, volume[None], np.inf)
@@ -251,13 +256,13 @@ def chunk_jvp(chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray, measures: Me
     """Change of the measures with the nodes."""
     d_triples, d_jacobians, d_volume = _empty(chunk)
     points, d_points = as_points(chunk.solid(nodes, chunk.block.normal)), as_points(chunk.solid(d_nodes))
-    block_jvp(points, d_points, chunk.degenerate_corners, chunk.block.handedness, d_triples, d_jacobians, d_volume)
+    block_jvp(points, d_points, chunk.degenerate_corners, chunk.block.sign, d_triples, d_jacobians, d_volume)
     _scale(chunk, d_jacobians, 0.0)
     _scale(chunk, d_volume[None], 0.0)
     d_coefficients = None
     if measures.coefficients is not None:
         d_coefficients = np.empty_like(measures.coefficients)
-        coefficients_jvp(points, d_points, chunk.degenerate_corners, chunk.block.handedness, d_coefficients)
+        coefficients_jvp(points, d_points, chunk.degenerate_corners, chunk.block.sign, d_coefficients)
         _scale(chunk, d_coefficients, 0.0)
     change = orthogonality_jvp(measures.triples, d_triples, axis=0)
     return Measures(change, d_triples, d_jacobians, d_volume, d_coefficients)
@@ -270,12 +275,12 @@ def chunk_vjp(chunk: Chunk, nodes: np.ndarray, measures: Measures, bar: Measures
     solid = chunk.solid(nodes, chunk.block.normal)
     solid_bar = np.zeros(solid.shape)
     block_vjp(
-        as_points(solid), chunk.degenerate_corners, chunk.block.handedness,
+        as_points(solid), chunk.degenerate_corners, chunk.block.sign,
         triples_bar, bar.jacobians * inverse, bar.volume * inverse, as_points(solid_bar),
     )  # fmt: skip
     if bar.coefficients is not None:
         coefficients_vjp(
-            as_points(solid), chunk.degenerate_corners, chunk.block.handedness, bar.coefficients * inverse,
+            as_points(solid), chunk.degenerate_corners, chunk.block.sign, bar.coefficients * inverse,
             as_points(solid_bar),
         )  # fmt: skip
     chunk.add(solid_bar, nodes_bar)
