@@ -68,10 +68,11 @@ def find_separator(
         maps.append(coarse)
     starts, neighbours, weights = levels[-1]
     parts = _best_grown(starts, neighbours, weights, heaviest)  # step 2
-    for level in range(len(levels) - 2, -1, -1):  # step 3
+    # step 3; a plain number would be a type of its own, and `improve` compiled for each
+    for level in range(len(levels) - 2, -1, -1):
         parts = parts[maps[level + 1]]
         starts, neighbours, weights = levels[level]
-        improve(starts, neighbours, weights, parts, heaviest, N_PASSES, PATIENCE)
+        improve(starts, neighbours, weights, parts, heaviest, N_PASSES, np.int64(PATIENCE))
     return parts
 
 
@@ -82,7 +83,7 @@ def _best_grown(starts, neighbours, weights, heaviest):
     best, best_parts = np.inf, np.zeros(n, np.int8)
     for number in range(min(n, N_STARTS)):
         parts = _grow(starts, neighbours, weights, number * n // min(n, N_STARTS))
-        score = improve(starts, neighbours, weights, parts, heaviest, N_PASSES, PATIENCE_COARSEST)
+        score = improve(starts, neighbours, weights, parts, heaviest, N_PASSES, np.int64(PATIENCE_COARSEST))
         if score < best:
             best, best_parts = score, parts
     return best_parts
