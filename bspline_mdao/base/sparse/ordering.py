@@ -10,6 +10,7 @@ import scipy.sparse
 from numba import njit
 from scipy.sparse.linalg import spilu
 
+from ..numerics.rows import copy_row
 from .separators import SEPARATOR, common_neighbours, find_separator
 
 __all__ = ["_minimum_degree_of_piece", "fill_reducing_order", "minimum_degree", "nested_dissection"]
@@ -143,7 +144,7 @@ def _number_with_surroundings(starts, neighbours, points, place):
     for point in points:
         n_most += starts[point + 1] - starts[point]
     around = np.empty(n_most, np.int32)
-    around[:n] = points
+    copy_row(points, around)
     for number in range(n):
         place[points[number]] = number
     for point in points:
@@ -175,7 +176,8 @@ def _eliminate(bits):
         order[step], is_left[pivot] = pivot, False
         for row in range(m):
             if is_left[row] and _has(bits[pivot], row):
-                bits[row] |= bits[pivot]  # step 2
+                for k in range(bits.shape[1]):
+                    bits[row, k] |= bits[pivot, k]  # step 2
                 _clear(bits[row], row)
                 _clear(bits[row], pivot)
                 degrees[row] = _count(bits[row])  # step 3

@@ -23,6 +23,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...base.numerics.rows import copy_row, subtract_row
 from ...base.numerics.threads import run_tasks
 from ..splines.basis import bilinear_gradients
 from ..splines.knots import BilinearKnots, ConstantKnots, Knots
@@ -149,12 +150,12 @@ def _descend_each(corners, net, points, starts, target, parameters, distance):
     for q in range(len(points)):
         n_agreeing = 0
         for m in range(starts.shape[1]):
-            xi[:] = starts[q, m]
+            copy_row(starts[q, m], xi)
             found = _descend_from(mapping, points[q], xi, target, state)
             n_agreeing = _count_agreeing(found, distance[q], n_agreeing)
             if found < distance[q]:
                 distance[q] = found
-                parameters[q] = xi
+                copy_row(xi, parameters[q])
             if distance[q] <= target or n_agreeing == AGREEING_STARTS:
                 break
 
@@ -175,12 +176,12 @@ def _descend_from(mapping, point, xi, target, state):
     start(progress)
     for _ in range(MAX_STEPS):
         map_point(corners, net, xi, scratch, residual, jacobian)
-        residual -= point
+        subtract_row(point, residual)
         if advance(xi, residual, jacobian, kept, progress, target):
             if progress[0] <= target or not _cross_over(mapping, point, xi, residual, jacobian, kept):
                 break
             start(progress)
-    xi[:] = kept[0]
+    copy_row(kept[0], xi)
     return progress[0]
 
 
@@ -197,15 +198,15 @@ def _cross_over(mapping, point, xi, residual, jacobian, kept):
         is_turn = is_collapsed(kept[2:5], d)
         if net.shape[d] == 1 or not (is_turn or kept[0, d] == 0.0 or kept[0, d] == 1.0):
             continue
-        xi[:] = kept[0]
+        copy_row(kept[0], xi)
         for m in range(N_TURNS if is_turn else 1):
             xi[d] = (m + 0.5) / N_TURNS if is_turn else 1.0 - kept[0, d]
             map_point(corners, net, xi, scratch, residual, jacobian)
-            residual -= point
+            subtract_row(point, residual)
             inward = _inward_cosine(xi, residual, jacobian)
             if _length(residual) <= nearby and inward > best:
                 best, direction, there = inward, d, xi[d]
-    xi[:] = kept[0]
+    copy_row(kept[0], xi)
     if direction >= 0:
         xi[direction] = there
     return direction >= 0
@@ -316,12 +317,15 @@ def advance(
     is_back = progress[2] > PATIENCE  # step 2
     is_at_best = is_back or progress[2] == 0.0
     if is_back:
-        xi[:], residual[:], jacobian[:] = kept[0], kept[1], kept[2:5]
+        copy_row(kept[0], xi)
+        copy_row(kept[1], residual)
+        for x in range(3):
+            copy_row(kept[2 + x], jacobian[x])
     cosine = _trial_step(xi, residual, jacobian, kept[5:], progress[1])  # step 3
     is_small = progress[0] <= target  # step 4
     is_done = is_small or progress[1] > DAMPING_MAX or (is_at_best and cosine <= STATIONARY)
     if is_done:
-        xi[:] = kept[0]
+        copy_row(kept[0], xi)
     return is_done
 
 
@@ -337,7 +341,10 @@ def _judge(xi, residual, jacobian, kept, progress):
         else:
             kept[5:] = 0.0
         progress[0], progress[1] = distance, max(0.05 * progress[1], DAMPING_MIN)
-        kept[0], kept[1], kept[2:5] = xi, residual, jacobian
+        copy_row(xi, kept[0])
+        copy_row(residual, kept[1])
+        for x in range(3):
+            copy_row(jacobian[x], kept[2 + x])
         return
     progress[2] += 1.0
     if progress[2] > PATIENCE:
@@ -347,7 +354,8 @@ def _judge(xi, residual, jacobian, kept, progress):
 @njit(cache=True, error_model="numpy")
 def _update_curvature(xi, residual, jacobian, kept):
     """Update the estimate of ``sum_x residual_x Hessian_x`` by the step from the kept parameters to ``xi``."""
-    step = xi - kept[0]
+    step = xi.copy()
+    subtract_row(kept[0], step)
     change = np.empty(3)  # of the gradient of half the squared distance
     excess = np.empty(3)  # part of it that is due to curvature
     for d in range(3):

@@ -22,6 +22,7 @@ import numpy as np
 import scipy.sparse
 from numba import njit
 
+from ...base.numerics.rows import copy_row
 from ..splines.basis import basis
 from ..splines.volume import Volume, basis_products, sort_by_key, sub_net_ids
 from .contraction import (
@@ -374,8 +375,8 @@ def _fill(orders, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows
                 indices[first + m] = ids[sub_net[m]]
     for copy in range(copy_nodes.size):
         target, source = indptr[copy_rows[copy]], indptr[rows[copy_nodes[copy]]]
-        indices[target : target + n_entries] = indices[source : source + n_entries]
-        data[target : target + n_entries] = data[source : source + n_entries]
+        copy_row(indices[source : source + n_entries], indices[target : target + n_entries])
+        copy_row(data[source : source + n_entries], data[target : target + n_entries])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

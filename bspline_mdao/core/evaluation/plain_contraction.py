@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
+from ...base.numerics.rows import subtract_row
 from ..splines.volume import basis_products
 
 SOURCE = zlib.crc32(Path(__file__).read_bytes())
@@ -39,11 +40,17 @@ def load_net(control_points, corner, steps, net, p_0, p_1, p_2):
                 for d in range(3):
                     cube[a, b, c, d] = control_points[corner + 3 * (a * steps[0] + b * steps[1] + c * steps[2]) + d]
     for c in range(1, p_2):
-        cube[:, :, c] -= cube[:, :, 0]
+        for a in range(p_0):
+            for b in range(p_1):
+                subtract_row(cube[a, b, 0], cube[a, b, c])
     for b in range(1, p_1):
-        cube[:, b] -= cube[:, 0]
+        for a in range(p_0):
+            for c in range(p_2):
+                subtract_row(cube[a, 0, c], cube[a, b, c])
     for a in range(1, p_0):
-        cube[a] -= cube[0]
+        for b in range(p_1):
+            for c in range(p_2):
+                subtract_row(cube[0, b, c], cube[a, b, c])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -51,11 +58,17 @@ def add_net(control_points, corner, steps, net, p_0, p_1, p_2):
     """Add ``net`` to the control points that its differences were taken from: the transpose of `load_net`."""
     cube = net[: 3 * p_0 * p_1 * p_2].reshape((p_0, p_1, p_2, 3))
     for a in range(1, p_0):
-        cube[0] -= cube[a]
+        for b in range(p_1):
+            for c in range(p_2):
+                subtract_row(cube[a, b, c], cube[0, b, c])
     for b in range(1, p_1):
-        cube[:, 0] -= cube[:, b]
+        for a in range(p_0):
+            for c in range(p_2):
+                subtract_row(cube[a, b, c], cube[a, 0, c])
     for c in range(1, p_2):
-        cube[:, :, 0] -= cube[:, :, c]
+        for a in range(p_0):
+            for b in range(p_1):
+                subtract_row(cube[a, b, c], cube[a, b, 0])
     for a in range(p_0):
         for b in range(p_1):
             for c in range(p_2):

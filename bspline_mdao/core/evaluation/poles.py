@@ -82,7 +82,7 @@ def divided_turns(
             extent = fractions[d, 1, l] - fractions[d, 0, l]
             narrow, wide = span_width(knots, orders, d, box, l)
             for x in range(3):
-                ranges[v, x] = product_range(
+                ranges[v, x, 0], ranges[v, x, 1] = product_range(
                     ranges[v, x, 0], ranges[v, x, 1], extent * narrow if x == v else 0.0, extent * wide
                 )
             slopes_o = _slope_range(knots, d, o, q, box[v, 0, l], box[v, 1, l], l)
@@ -93,7 +93,8 @@ def divided_turns(
             low, high = product_range(
                 low + slopes_v[0], high + slopes_v[1], extent * narrow / most, extent * wide / least
             )
-            ranges[d, v] = (low, high) if depends[d].any() else (0.0, 0.0)
+            is_any = depends[d].any()
+            ranges[d, v, 0], ranges[d, v, 1] = low if is_any else 0.0, high if is_any else 0.0
         for e in range(3):
             for x in range(3):
                 low, high = ranges[e, x, 0], ranges[e, x, 1]

@@ -25,6 +25,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from ...base.numerics.rows import copy_row
 from .knots import BilinearKnots, ConstantKnots, Knots, bilinear_knots, bilinear_slopes
 
 JET_SIZES = (1, 4, 10)
@@ -164,7 +165,7 @@ def basis_jets_at(
             for n in range(received.size):
                 out[m, n] += received[n] - passed[n]
                 received[n] = passed[n]
-        out[r] = received
+        copy_row(received, out[r])
 
 
 @njit(cache=True, error_model="numpy")
@@ -204,7 +205,8 @@ def _gradients_at_points(T, slopes, order, direction, xi, spans, out):
     for q in range(xi.size):
         at = min(q, T.shape[0] - 1)
         spans[q] = find_span(T[at], order, T.shape[1] - order, xi[q])
-        d_T[:, (direction + 1) % 3], d_T[:, (direction + 2) % 3] = slopes[at, :, 0], slopes[at, :, 1]
+        copy_row(slopes[at, :, 0], d_T[:, (direction + 1) % 3])
+        copy_row(slopes[at, :, 1], d_T[:, (direction + 2) % 3])
         basis_derivatives(T[at], d_T, order, spans[q], xi[q], d_xi, out[q])
 
 

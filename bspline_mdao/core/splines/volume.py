@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from ...base.display import OneLine
+from ...base.numerics.rows import copy_row
 from ...errors import InputError
 from .basis import basis, basis_gradients, basis_jets
 from .knots import ConstantKnots, Knots
@@ -307,8 +308,8 @@ def _sum_hessians(B, orders, firsts, jets, out):
                         out[q, x, number[k, l]] += jets[q, m, 4 + number[(k - d) % 3, (l - d) % 3]] * sums[m, x]
         for e, start, end in ((0, 0, n_0), (1, n_0, n_01), (2, n_01, n_functions)):
             for k in range(3):  # direction e in parameter k, another one in l
-                values[:] = jets[q, :, 0]
-                values[start:end] = jets[q, start:end, 1 + (k - e) % 3]
+                copy_row(jets[q, :, 0], values)
+                copy_row(jets[q, start:end, 1 + (k - e) % 3], values[start:end])
                 partial_sums(B, firsts[q], orders, values, sums)
                 for m in range(n_functions):
                     if start <= m < end:

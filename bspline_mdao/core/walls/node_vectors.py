@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from ...base.numerics.rows import copy_row
 from ..evaluation.contraction import LANES
 from ..evaluation.nodes_by_span import NodesBySpan, store_groups
 from ..splines.greville import span_breaks
@@ -229,7 +230,7 @@ def _put_along_vjp(planes, normals, vectors, turned, bar, normals_bar, vectors_b
     steps = np.empty((planes.shape[1], 3))
     for i in range(planes.shape[0]):
         for m, k in enumerate(planes[i]):
-            steps[m] = turned[i]
+            copy_row(turned[i], steps[m])
             if k >= 0:
                 along = _dot(turned[i], normals[0, k]) - _dot(vectors[i], normals[1, k])
                 for d in range(3):

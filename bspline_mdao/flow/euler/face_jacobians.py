@@ -132,7 +132,8 @@ def face_jacobians(scheme, areas, states, outside, values, shock_rows, shocks):
         if not has_area(s):
             if at >= 0:
                 face_weights(scheme, f, 0.0, face_weight)
-                shocks[at, 1:9] = face_weight.ravel()
+                for k in range(4):
+                    shocks[at, 1 + k], shocks[at, 5 + k] = face_weight[0, k], face_weight[1, k]
             continue
         if at >= 0:
             sigma = shock_sensor(states, scheme.cells[f], scheme.threshold)

@@ -22,6 +22,7 @@ from math import comb
 import numpy as np
 from numba import njit
 
+from ...base.numerics.rows import copy_row
 from ...errors import InputError
 from .bernstein import MAX_HALVINGS, UNIT, decide, inverse_of
 
@@ -195,7 +196,8 @@ def _decide_lagrange(nodes, matrix, factor, sign, binomial, shortest, max_halvin
             _apply(matrix, 1, new, old)
             _apply(matrix, 2, old, new)
         else:
-            new[:] = nodes[e]
+            for i, j, k in np.ndindex((size, size, size)):
+                copy_row(nodes[e, i, j, k], new[i, j, k])
         error = factor * extent
         status[e], bound[e] = bezier_bound(new, sign, binomial, normal, shortest, (error, error, error), max_halvings)
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...base.numerics.rows import copy_row
 from .bernstein import INVALID, UNIT, VALID, decide
 from .orthogonality import FAST
 
@@ -289,7 +290,7 @@ def coefficients_jvp(x, d_x, degenerate, sign, d_out):
             u, v, w = edges[0, a], edges[1, b], edges[2, c]
             d = triple(d_edges[0, a], v, w) + triple(u, d_edges[1, b], w) + triple(u, v, d_edges[2, c])
             change[n] += sign * WEIGHTS[t] * d
-        d_out[:, cell] = change
+        copy_row(change, d_out[:, cell])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...base.numerics.rows import copy_row
+
 __all__ = ["faces_at", "faces_on"]
 
 
@@ -35,7 +37,7 @@ def _chosen(faces, is_marked, is_all):
             continue
         if n == len(found):
             longer = np.empty(2 * n, dtype=np.int64)
-            longer[:n] = found
+            copy_row(found, longer)
             found = longer
         found[n] = f
         n += 1

@@ -151,7 +151,8 @@ def _loops(rows, cells, order, starts, corners, ends, owner, neighbour):
                 corners[at] = d
                 at += 1
         if is_turned:
-            corners[first:at] = corners[first:at][::-1].copy()
+            for k in range((at - first) // 2):
+                corners[first + k], corners[at - 1 - k] = corners[at - 1 - k], corners[first + k]
         ends[f + 1] = at
 
 
