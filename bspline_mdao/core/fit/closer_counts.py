@@ -53,9 +53,7 @@ def closer_counts(
     """Raise numbers of control points where lines of the grid are missed."""
     classes = direction_classes(topology)
     first, lengths = _of_classes(classes, counts.n_control), _of_classes(classes, _lengths(topology))
-    of_short = min(most_per_node, settings.most_per_short_node)
-    limit = np.where(lengths < settings.long, of_short, most_per_node)
-    most = np.maximum(first, (limit * lengths).astype(int))
+    most = np.maximum(first, (most_per_node * lengths).astype(int))
     raised, tried, least = first.copy(), first.copy(), np.full(len(first), np.inf)
     is_wanted = _open_classes(topology, requested, classes)
     while is_wanted.any():

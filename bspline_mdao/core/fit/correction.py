@@ -114,11 +114,10 @@ def project(
     current = parameters[inner].reshape(-1, 3).copy()
     points, steps = _gauss_newton(volume, control_points, current, free, nodes)
     distances = ((nodes - points) ** 2).sum(axis=1)
-    least_gaps = [settings.smallest_gap * gaps for gaps in _gaps(parameters, inner, free)]
     enough = settings.close**2 * distances.mean()
     for _ in range(settings.correction_steps):
         # step 1
-        steps *= _step_limits(parameters, inner, free, least_gaps, steps, settings.largest_step)
+        steps *= _step_limits(parameters, inner, free, steps, settings.largest_step)
         # step 2
         far = np.flatnonzero(distances > enough)
         trial = current[far] + steps[far]
@@ -135,23 +134,18 @@ def project(
     return parameters, points
 
 
-def _gaps(parameters: np.ndarray, inner: tuple[slice, ...], free: np.ndarray) -> list[np.ndarray]:
-    """Distances of neighbouring parameters along the grid lines of each free direction through inner nodes."""
-    return [np.diff(parameters[inner[:d] + (slice(None),) + inner[d + 1 :]][..., d], axis=d) for d in free]
-
-
 def _step_limits(
     parameters: np.ndarray,
     inner: tuple[slice, ...],
     free: np.ndarray,
-    least_gaps: Sequence[np.ndarray],
     steps: np.ndarray,
     largest: float,
 ) -> np.ndarray:
     """Fraction of each step that keeps the order of the parameters, shape (n, 1)."""
     limits = np.ones(len(steps))
-    for d, gaps, least in zip(free, _gaps(parameters, inner, free), least_gaps):
-        room = np.moveaxis(gaps - least, d, 0)
+    for d in free:
+        lines = parameters[inner[:d] + (slice(None),) + inner[d + 1 :]][..., d]
+        room = np.moveaxis(np.diff(lines, axis=d), d, 0)
         allowed = largest * np.moveaxis(np.minimum(room[:-1], room[1:]), 0, d).ravel().clip(min=0.0)
         size = np.abs(steps[:, d])
         is_long = size > allowed
