@@ -182,7 +182,8 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
         Keep what the spline misses of the grid, so that the baseline is reproduced.
     **options
         As for `fit_grid`; no parameter correction and no parameters of the user's own where there are several
-        processes.
+        processes. And ``settings``, the numbers that no option asks for:
+        `bspline_mdao.core.fit.settings.FittingSettings`.
 
     Returns
     -------
