@@ -61,7 +61,10 @@ class TriangleTree:
     boxes: np.ndarray
     far: np.ndarray  # (2 n_leaves,), largest reach in every box
     cones: np.ndarray  # (2 n_leaves, 9), cones of normals in every box, see `.normal_cones`
-    facing: np.ndarray  # (n_triangles, 4), those of every triangle
+    # (n_triangles, 4, 4), plane of every triangle, and those through its sides across it: unit normal, outwards for
+    # sides, and distance from the origin along it (m)
+    planes: np.ndarray
+    cosines: np.ndarray  # (n_triangles,), those of the cone of every triangle
     leaf_starts: np.ndarray  # (n_leaves + 1,) of int, first triangle of every leaf
     around_starts: np.ndarray  # (n + 1,) of int, first triangle around every corner
     around: np.ndarray  # (3 n_triangles,) of int, triangles around corners
@@ -102,8 +105,11 @@ class TriangleTree:
         around = (np.argsort(triangles.ravel(), kind="stable") // 3).astype(np.int32)
         around_starts = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=len(points)))])
         boxes = boxes * np.repeat([1.0, -1.0], 3)
-        cones, facing = cones_of(points, triangles, starts, boxes)
-        return cls(points, triangles, reach, boxes, far, cones, facing, starts, around_starts, around, farthest)
+        cones, cosines = cones_of(points, triangles, starts, boxes)
+        planes = _planes_of(corners)
+        return cls(
+            points, triangles, reach, boxes, far, cones, planes, cosines, starts, around_starts, around, farthest
+        )
 
     def closest_points(
         self,
@@ -112,7 +118,7 @@ class TriangleTree:
         n_threads: int | None = None,
     ) -> ClosestPoints:
         """Find the closest points of points."""
-        tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.cones, self.facing
+        tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.cones, self.planes, self.cosines
         around = self.leaf_starts, self.around_starts, self.around
         size = float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
@@ -142,6 +148,18 @@ def _halves(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     sides = x - np.roll(x, 1, axis=1)
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     return triangles[area > 1e-12 * np.max(np.sum(sides**2, axis=2), axis=1, initial=0.0)]
+
+
+def _planes_of(corners: np.ndarray) -> np.ndarray:
+    """Plane of each triangle, and those through its sides across it, shape (n_triangles, 4, 4)."""
+    planes, normals = np.empty((len(corners), 4, 4)), unit_normals(corners)
+    planes[:, 0, :3] = normals
+    for side in range(3):
+        across = np.cross(corners[:, (side + 1) % 3] - corners[:, side], normals)
+        planes[:, side + 1, :3] = across / np.linalg.norm(across, axis=1)[:, None]
+    planes[:, 0, 3] = np.einsum("td,td->t", normals, corners[:, 0])
+    planes[:, 1:, 3] = np.einsum("tsd,tsd->ts", planes[:, 1:, :3], corners)
+    return planes
 
 
 def _sorted_in_halves(centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

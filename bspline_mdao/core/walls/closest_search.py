@@ -8,15 +8,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .normal_cones import BEHIND, has_no_minimum
+from .normal_cones import has_no_minimum
+from .triangle_places import SAME_DISTANCE, closest_place, is_minimum, is_on_fluid_side, way_from
 
 __all__ = ["MAX_CLOSEST", "fade", "find_closest"]
 
 MAX_CLOSEST = 4
 """Closest points of a point, at most."""
-
-SAME_DISTANCE = 1e-9
-"""Distances that differ by less than this part of them are the same: round-off of coordinates decides."""
 
 SAME_POINT = 1e-4
 """Closest points that are nearer to each other than this part of the distance are the same: those of two triangles that
@@ -33,65 +31,26 @@ def fade(s):
     return (1.0 - s) ** 3 * (1.0 + s * (3.0 + 6.0 * s))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _box_distance_square(box, p):
-    total = 0.0
-    for d in range(3):
-        outside = max(max(box[d] - p[d], p[d] - box[3 + d]), 0.0)
-        total += outside * outside
-    return total
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _box_square(boxes, box, x, y, z):
+    """Squared distance of a point from a box."""
+    a = max(max(boxes[box, 0] - x, x - boxes[box, 3]), 0.0)
+    b = max(max(boxes[box, 1] - y, y - boxes[box, 4]), 0.0)
+    c = max(max(boxes[box, 2] - z, z - boxes[box, 5]), 0.0)
+    return a * a + b * b + c * c
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _closest(a, b, c, p, barycentric):
-    """Write the barycentric coordinates of the point of a triangle that is closest to p; return the squared distance.
-
-    C. Ericson, Real-Time Collision Detection (2005), section 5.1.5: regions of corners, edges and the face in turn, and
-    exact zeros for corners that the point does not depend on.
-    """
-    d1 = d2 = d3 = d4 = d5 = d6 = 0.0
-    for d in range(3):
-        ab, ac = b[d] - a[d], c[d] - a[d]
-        d1 += ab * (p[d] - a[d])
-        d2 += ac * (p[d] - a[d])
-        d3 += ab * (p[d] - b[d])
-        d4 += ac * (p[d] - b[d])
-        d5 += ab * (p[d] - c[d])
-        d6 += ac * (p[d] - c[d])
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    u, v, w = 0.0, 0.0, 0.0
-    if d1 <= 0.0 and d2 <= 0.0:
-        u = 1.0
-    elif d3 >= 0.0 and d4 <= d3:
-        v = 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        v = d1 / (d1 - d3)
-        u = 1.0 - v
-    elif d6 >= 0.0 and d5 <= d6:
-        w = 1.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        w = d2 / (d2 - d6)
-        u = 1.0 - w
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        v = 1.0 - w
-    else:
-        total = va + vb + vc
-        v, w = vb / total, vc / total
-        u = 1.0 - v - w
-    barycentric[0], barycentric[1], barycentric[2] = u, v, w
-    square = 0.0
-    for d in range(3):
-        along = p[d] - (u * a[d] + v * b[d] + w * c[d])
-        square += along * along
-    return square
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _reach_at(reach, triangles, t, u, v, w):
+    """Reach of a place of a triangle."""
+    return u * reach[triangles[t, 0]] + v * reach[triangles[t, 1]] + w * reach[triangles[t, 2]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _square_within_reach(p, points, triangles, reach, boxes, far, leaf_starts, stack, place):
-    """Squared distance of any triangle that p is within the reach of; infinity where there is none."""
-    if _box_distance_square(boxes[1], p) >= far[1] * far[1]:
-        return np.inf  # as for most nodes of a mesh
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _within_reach(x, y, z, points, triangles, reach, boxes, far, leaf_starts, stack):
+    """Any triangle that a point is within the reach of; -1 where there is none."""
+    if _box_square(boxes, 1, x, y, z) >= far[1] * far[1]:
+        return -1  # as for most nodes of a mesh
     n_leaves = len(leaf_starts) - 1
     stack[0], n_left = 1, 1
     while n_left > 0:
@@ -99,7 +58,7 @@ def _square_within_reach(p, points, triangles, reach, boxes, far, leaf_starts, s
         k = stack[n_left]
         if k < n_leaves:
             one, other = 2 * k, 2 * k + 1
-            near, away = _box_distance_square(boxes[one], p), _box_distance_square(boxes[other], p)
+            near, away = _box_square(boxes, one, x, y, z), _box_square(boxes, other, x, y, z)
             if away <= near:
                 one, other, near, away = other, one, away, near
             if away < far[other] * far[other]:
@@ -110,109 +69,107 @@ def _square_within_reach(p, points, triangles, reach, boxes, far, leaf_starts, s
                 n_left += 1
             continue
         for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
-            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            square = _closest(points[a], points[b], points[c], p, place)
-            up_to = place[0] * reach[a] + place[1] * reach[b] + place[2] * reach[c]
-            if square < up_to * up_to:
-                return square
-    return np.inf
+            square, u, v, w = closest_place(points, triangles, t, x, y, z)
+            if square < _reach_at(reach, triangles, t, u, v, w) ** 2:
+                return t
+    return -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _nearest_square(p, points, triangles, boxes, leaf_starts, nearest, stack, squares, place):
-    """Squared distance of the nearest triangle, if that is less than ``nearest``, or else this."""
-    n_leaves = len(leaf_starts) - 1
-    stack[0], squares[0], n_left = 1, 0.0, 1
-    while n_left > 0:
-        n_left -= 1
-        k = stack[n_left]
-        if squares[n_left] >= nearest:
-            continue
-        if k < n_leaves:
-            one, other = 2 * k, 2 * k + 1
-            near, away = _box_distance_square(boxes[one], p), _box_distance_square(boxes[other], p)
-            if away <= near:
-                one, other, near, away = other, one, away, near
-            if away < nearest:
-                stack[n_left], squares[n_left] = other, away
-                n_left += 1
-            if near < nearest:
-                stack[n_left], squares[n_left] = one, near
-                n_left += 1
-            continue
-        for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
-            a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
-            nearest = min(nearest, _closest(a, b, c, p, place))
-    return nearest
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _bounds(nearest, farthest, round_off):
+    """Distances of what is as near as the nearest, and of what may be; squared distance up to which all may weigh."""
+    same = np.sqrt(nearest) * (1.0 + SAME_DISTANCE) + round_off
+    apart = max(same, 1e7 * round_off)  # nearer than that, round-off decides which triangle is the nearest
+    return same, apart, farthest**2 * (nearest + round_off**2)  # else round-off could leave out the nearest itself
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _collect(
-    p,
+    x,
+    y,
+    z,
     points,
     triangles,
     reach,
     boxes,
     far,
     cones,
-    facing,
+    planes,
+    cosines,
     leaf_starts,
     around_starts,
     around,
-    bound,
-    same,
+    start,
+    farthest,
     round_off,
     found,
-    barycentric,
     squares,
+    barycentric,
     stack,
-    place,
-    other_place,
+    left,
 ):
-    """Triangles that p is within the reach of and that are local minima, or no farther than ``same``; their number."""
-    # They are at a squared distance up to ``bound``. Where there is no more room, the number says how many there would
-    # be. Of a thousand triangles about a smooth wall all but a few have a nearer neighbour: these are not kept.
+    """Find the nearest triangle, and those with p in their reach that are local minima or as near; p = (x, y, z)."""
+    # Returns the number of the latter, the nearest triangle and its squared distance. The search starts from the
+    # distance of triangle ``start``; what it takes before the nearest is known, and is too far away, has no weight.
+    # Where there is no more room, the number says how many there would be. Of a thousand triangles about a smooth wall
+    # all but a few have a nearer neighbour: these are not kept.
     n_leaves = len(leaf_starts) - 1
-    apart = max(same, 1e7 * round_off)  # nearer than that, round-off decides which triangle is the nearest
-    stack[0], n_left, n_found = 1, 1, 0
+    nearest, u, v, w = closest_place(points, triangles, start, x, y, z)
+    first = start
+    same, apart, bound = _bounds(nearest, farthest, round_off)
+    stack[0], left[0], n_left, n_found = 1, 0.0, 1, 0
     while n_left > 0:
         n_left -= 1
         k = stack[n_left]
+        if left[n_left] > bound:
+            continue
         if k < n_leaves:
             one, other = 2 * k, 2 * k + 1
-            near, away = _box_distance_square(boxes[one], p), _box_distance_square(boxes[other], p)
+            near, away = _box_square(boxes, one, x, y, z), _box_square(boxes, other, x, y, z)
             if away <= near:
                 one, other, near, away = other, one, away, near
-            for box, square in ((other, away), (one, near)):
-                if square > bound or square >= far[box] * far[box]:
-                    continue
-                if square > apart * apart and has_no_minimum(cones[box], p):
-                    continue
-                stack[n_left] = box
+            if away <= nearest or (
+                away <= bound
+                and away < far[other] * far[other]
+                and (away <= apart * apart or not has_no_minimum(cones, other, x, y, z))
+            ):
+                stack[n_left], left[n_left] = other, away
+                n_left += 1
+            if near <= nearest or (
+                near <= bound
+                and near < far[one] * far[one]
+                and (near <= apart * apart or not has_no_minimum(cones, one, x, y, z))
+            ):
+                stack[n_left], left[n_left] = one, near
                 n_left += 1
             continue
         for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
-            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            square = _closest(points[a], points[b], points[c], p, place)
-            up_to = place[0] * reach[a] + place[1] * reach[b] + place[2] * reach[c]
-            if not (square < up_to * up_to and square <= bound):
+            height, cosine = _above(planes, t, 0, x, y, z), cosines[t]
+            if cosine > 0.0:  # most are left out before their closest point is known
+                aside = max(_above(planes, t, 1, x, y, z), _above(planes, t, 2, x, y, z))
+                aside = max(aside, max(_above(planes, t, 3, x, y, z), 0.0))
+                least = height * height + aside * aside
+                if least > apart * apart and (
+                    least > bound or height < 0.0 or height * height < cosine * cosine * least
+                ):
+                    continue
+            square, u, v, w = closest_place(points, triangles, t, x, y, z)
+            if square < nearest:
+                nearest, first = square, t
+                same, apart, bound = _bounds(nearest, farthest, round_off)
+            if not (square < _reach_at(reach, triangles, t, u, v, w) ** 2 and square <= bound):
                 continue
             distance = np.sqrt(square)
-            if distance > apart:
-                along = 0.0
-                for d in range(3):
-                    along += facing[t, d] * (p[d] - points[a, d])
-                if along < facing[t, 3] * distance:
-                    continue
-            if distance <= same or _is_minimum(
-                p, t, distance, place, points, triangles, around_starts, around, round_off, other_place
+            if distance > apart and height < cosine * distance:
+                continue
+            if distance <= same or is_minimum(
+                x, y, z, t, distance, u, v, w, points, triangles, planes, around_starts, around, round_off
             ):
                 if n_found < len(found):
                     found[n_found], squares[n_found] = t, square
-                    for d in range(3):
-                        barycentric[n_found, d] = place[d]
+                    barycentric[n_found, 0], barycentric[n_found, 1], barycentric[n_found, 2] = u, v, w
                 n_found += 1
-    return n_found
+    return n_found, first, nearest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -224,7 +181,8 @@ def find_closest(
     boxes,
     far,
     cones,
-    facing,
+    planes,
+    cosines,
     leaf_starts,
     around_starts,
     around,
@@ -236,75 +194,117 @@ def find_closest(
     out_weights,
 ):
     """Find the closest points of points ``part`` and their weights; all from ``counts`` on is overwritten."""
-    found, squares, barycentric = np.empty(64, dtype=np.int64), np.empty(64), np.empty((64, 3))
+    found, order, squares = np.empty(64, dtype=np.int64), np.empty(64, dtype=np.int64), np.empty(64)
+    distances, barycentric = np.empty(64), np.empty((64, 3))
     closest, away = np.empty(MAX_CLOSEST, dtype=np.int64), np.empty((MAX_CLOSEST, 3))
-    stack, left, place, other_place = np.empty(64, dtype=np.int64), np.empty(64), np.empty(3), np.empty(3)
+    weights, fades, sizes = np.empty(MAX_CLOSEST), np.empty(MAX_CLOSEST), np.empty(MAX_CLOSEST)
+    stack, left = np.empty(64, dtype=np.int64), np.empty(64)
+    start, round_off = -1, 1e-13 * size
     for i in range(len(part)):
-        p = part[i]
-        # first any that it is within the reach of, then the nearest alone, then all that may have a weight
-        nearest = _square_within_reach(p, points, triangles, reach, boxes, far, leaf_starts, stack, place)
-        if nearest == np.inf:
-            continue
-        nearest = _nearest_square(p, points, triangles, boxes, leaf_starts, nearest, stack, left, place)
-        bound = farthest**2 * (nearest + (1e-13 * size) ** 2)  # else round-off could leave out the nearest itself
-        nearest = np.sqrt(nearest)
-        same = nearest * (1.0 + SAME_DISTANCE) + 1e-13 * size
+        x, y, z = part[i, 0], part[i, 1], part[i, 2]
+        # first any that it is within the reach of, as that nearest to the point before, then all that may have a weight
+        is_near = False
+        if start >= 0:
+            square, u, v, w = closest_place(points, triangles, start, x, y, z)
+            is_near = square < _reach_at(reach, triangles, start, u, v, w) ** 2
+        if not is_near:
+            any_near = _within_reach(x, y, z, points, triangles, reach, boxes, far, leaf_starts, stack)
+            if any_near < 0:
+                continue
+            start = any_near
         while True:
-            n = _collect(
-                p,
+            n, start, square = _collect(
+                x,
+                y,
+                z,
                 points,
                 triangles,
                 reach,
                 boxes,
                 far,
                 cones,
-                facing,
+                planes,
+                cosines,
                 leaf_starts,
                 around_starts,
                 around,
-                bound,
-                same,
-                1e-13 * size,
+                start,
+                farthest,
+                round_off,
                 found,
-                barycentric,
                 squares,
+                barycentric,
                 stack,
-                place,
-                other_place,
+                left,
             )
             if n <= len(found):
                 break
-            found, squares, barycentric = np.empty(2 * n, dtype=np.int64), np.empty(2 * n), np.empty((2 * n, 3))
+            found, order, squares = np.empty(2 * n, dtype=np.int64), np.empty(2 * n, dtype=np.int64), np.empty(2 * n)
+            distances, barycentric = np.empty(2 * n), np.empty((2 * n, 3))
+        nearest = np.sqrt(square)
         n_closest = _choose(
-            p,
+            x,
+            y,
+            z,
             n,
-            same,
+            nearest * (1.0 + SAME_DISTANCE) + round_off,
             found,
             squares,
+            distances,
+            order,
             barycentric,
             points,
             triangles,
+            planes,
             around_starts,
             around,
-            1e-13 * size,
+            round_off,
             closest,
             away,
         )
         counts[i] = _set_weights(
-            n_closest, nearest, farthest, closest, away, found, squares, barycentric, triangles, reach, out_weights[i]
+            n_closest,
+            nearest,
+            farthest,
+            closest,
+            away,
+            found,
+            squares,
+            barycentric,
+            triangles,
+            reach,
+            fades,
+            sizes,
+            weights,
         )
         for k in range(counts[i]):
-            out_triangles[i, k] = found[closest[k]]
+            out_triangles[i, k], out_weights[i, k] = found[closest[k]], weights[k]
             for d in range(3):
                 out_barycentric[i, k, d] = barycentric[closest[k], d]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _choose(
-    p, n, same, found, squares, barycentric, points, triangles, around_starts, around, round_off, closest, away
+    x,
+    y,
+    z,
+    n,
+    same,
+    found,
+    squares,
+    distances,
+    order,
+    barycentric,
+    points,
+    triangles,
+    planes,
+    around_starts,
+    around,
+    round_off,
+    closest,
+    away,
 ):
-    """Choose the closest points of p among what was found; the nearest first, if it was found."""
-    order, distances = np.empty(n, dtype=np.int64), np.empty(n)
+    """Choose the closest points of a point among what was found; the nearest first, if it was found."""
     for k in range(n):
         distances[k] = np.sqrt(squares[k])
         place = k
@@ -312,12 +312,13 @@ def _choose(
             order[place] = order[place - 1]
             place -= 1
         order[place] = k
-    # of coincident surfaces, the one whose fluid p is in; by their order in the tree where both or none are
+    # of coincident surfaces, the one whose fluid the point is in; by their order in the tree where both or none are
     for rank in range(n):
         k = order[rank]
         if distances[k] > same:
             break
-        if _is_on_fluid_side(p, found[k], barycentric[k], points, triangles):
+        u, v, w = barycentric[k, 0], barycentric[k, 1], barycentric[k, 2]
+        if is_on_fluid_side(x, y, z, found[k], u, v, w, points, triangles, planes):
             for later in range(rank, 0, -1):
                 order[later] = order[later - 1]
             order[0] = k
@@ -327,134 +328,52 @@ def _choose(
         k = order[rank]
         if n_closest == MAX_CLOSEST:
             break
-        t = found[k]
-        for d in range(3):
-            away[n_closest, d] = p[d]
-            for corner in range(3):
-                away[n_closest, d] -= barycentric[k, corner] * points[triangles[t, corner], d]
-        if (rank == 0 and distances[k] <= same) or _is_another_minimum(
-            p, k, n_closest, found, distances, barycentric, points, triangles, around_starts, around, round_off, away
+        t, u, v, w = found[k], barycentric[k, 0], barycentric[k, 1], barycentric[k, 2]
+        away[n_closest, 0], away[n_closest, 1], away[n_closest, 2] = way_from(points, triangles, t, u, v, w, x, y, z)
+        if (rank == 0 and distances[k] <= same) or (
+            _is_another(n_closest, SAME_POINT * distances[k] + round_off, away)
+            and is_minimum(
+                x, y, z, t, distances[k], u, v, w, points, triangles, planes, around_starts, around, round_off
+            )
         ):
             closest[n_closest] = k
             n_closest += 1
     return n_closest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _is_another_minimum(
-    p, k, n_closest, found, distances, barycentric, points, triangles, around_starts, around, round_off, away
-):
-    """Whether a place is a local minimum of the distance, seen from the fluid, and none of those chosen before."""
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _is_another(n_closest, near, away):
+    """Whether a place is farther than that from all that were chosen before."""
     for other in range(n_closest):
         square = 0.0
         for d in range(3):
             square += (away[n_closest, d] - away[other, d]) ** 2
-        if square < (SAME_POINT * distances[k] + round_off) ** 2:
-            return False
-    return _is_minimum(
-        p, found[k], distances[k], barycentric[k], points, triangles, around_starts, around, round_off, np.empty(3)
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _is_minimum(p, t, distance, barycentric, points, triangles, around_starts, around, round_off, place):
-    """Whether the closest place of a triangle is a local minimum of the distance to all, seen from the fluid."""
-    # ``place`` is overwritten.
-    if not distance > round_off or not _is_on_fluid_side(p, t, barycentric, points, triangles):
-        return False
-    if min(barycentric[0], barycentric[1], barycentric[2]) > 0.0:
-        return True
-    # on an edge or a corner: no other triangle there may be nearer
-    near = max(distance * (1.0 - SAME_DISTANCE) - round_off, 0.0)
-    verdict = _by_lines(p, t, near, barycentric, points, triangles, around_starts, around)
-    if verdict != 0:
-        return verdict > 0
-    corners = triangles[t]
-    first = _first_corner(corners, barycentric)
-    for at in range(around_starts[first], around_starts[first + 1]):
-        neighbour = triangles[around[at]]
-        if _has_place(neighbour, corners, barycentric):
-            square = _closest(points[neighbour[0]], points[neighbour[1]], points[neighbour[2]], p, place)
-            if np.sqrt(square) < near:
-                return False
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _by_lines(p, t, near, barycentric, points, triangles, around_starts, around):
-    """Whether lines from a place of a triangle to corners of others there lead nearer to p than ``near``."""
-    # -1 if one does, 1 if all lead away, and then no triangle there leads nearer; 0 where round-off decides. Of a
-    # hundred places that are tried about a point, all but one are settled by their first lines.
-    corners = triangles[t]
-    u, v, w = barycentric[0], barycentric[1], barycentric[2]
-    a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]
-    x, y, z = u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1], u * a[2] + v * b[2] + w * c[2]
-    px, py, pz = p[0] - x, p[1] - y, p[2] - z
-    square, first, is_clear = px * px + py * py + pz * pz, _first_corner(corners, barycentric), True
-    for at in range(around_starts[first], around_starts[first + 1]):
-        neighbour = triangles[around[at]]
-        if not _has_place(neighbour, corners, barycentric):
-            continue
-        for corner in range(3):
-            k = neighbour[corner]
-            if (k == corners[0] and u > 0.0) or (k == corners[1] and v > 0.0) or (k == corners[2] and w > 0.0):
-                continue
-            ex, ey, ez = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
-            along, length = ex * px + ey * py + ez * pz, ex * ex + ey * ey + ez * ez
-            if along > 0.0:
-                part = min(1.0, along / length)
-                if square - part * (2.0 * along - part * length) < near * near:
-                    return -1
-                is_clear = False
-    return 1 if is_clear else 0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _first_corner(corners, barycentric):
-    """The corner with the largest weight, the first of these."""
-    if barycentric[0] >= barycentric[1] and barycentric[0] >= barycentric[2]:
-        return corners[0]
-    return corners[1] if barycentric[1] >= barycentric[2] else corners[2]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _has_place(neighbour, corners, barycentric):
-    """Whether a triangle has all the corners of another one that a place of this depends on."""
-    for corner in range(3):
-        k = corners[corner]
-        if barycentric[corner] > 0.0 and neighbour[0] != k and neighbour[1] != k and neighbour[2] != k:
+        if square < near * near:
             return False
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _is_on_fluid_side(p, t, barycentric, points, triangles):
-    """Whether p is on the side of a triangle that its normal points to, seen from a place of the triangle."""
-    a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
-    height = length = area = 0.0
-    for d in range(3):
-        e, f = (d + 1) % 3, (d + 2) % 3
-        normal = (b[e] - a[e]) * (c[f] - a[f]) - (b[f] - a[f]) * (c[e] - a[e])
-        along = p[d] - (barycentric[0] * a[d] + barycentric[1] * b[d] + barycentric[2] * c[d])
-        height += normal * along
-        length += along * along
-        area += normal * normal
-    return height >= -BEHIND * np.sqrt(length * area)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _above(planes, t, plane, x, y, z):
+    """Height of a point above one of the planes of a triangle."""
+    along = planes[t, plane, 0] * x + planes[t, plane, 1] * y + planes[t, plane, 2] * z
+    return along - planes[t, plane, 3]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _set_weights(n_closest, nearest, farthest, closest, away, found, squares, barycentric, triangles, reach, weights):
+def _set_weights(
+    n_closest, nearest, farthest, closest, away, found, squares, barycentric, triangles, reach, fades, sizes, weights
+):
     """Set the weights of the closest points; return the number of those that have one."""
     # 1. A weight fades with the distance relative to the reach, and with that relative to the nearest place's.
     # 2. Points in nearly the same direction, as beside the edge between two facets, get the weight of one.
     # 3. The weights sum to one on the surface, and fade with the reach.
     total, n_weighted = 0.0, 0
-    fades, sizes = np.empty(MAX_CLOSEST), np.empty(MAX_CLOSEST)
     for k in range(n_closest):  # step 1
-        distance, up_to = np.sqrt(squares[closest[k]]), 0.0
-        for corner in range(3):
-            up_to += barycentric[closest[k], corner] * reach[triangles[found[closest[k]], corner]]
-        fades[k] = sizes[k] = fade(distance / up_to)
+        chosen = closest[k]
+        distance = np.sqrt(squares[chosen])
+        u, v, w = barycentric[chosen, 0], barycentric[chosen, 1], barycentric[chosen, 2]
+        fades[k] = sizes[k] = fade(distance / _reach_at(reach, triangles, found[chosen], u, v, w))
         if distance > nearest:
             sizes[k] *= 1.0 - fade((nearest / distance - 1.0 / farthest) / (1.0 - 1.0 / farthest))
     for k in range(n_closest):  # step 2

@@ -46,11 +46,11 @@ def cones_of(
     # triangles and of those that share corners with them, and sine of this by the radius of the ball around the box;
     # its middle; the squared radius. Cosines are zero where the cone says nothing, or a corner has no triangles all
     # around. Box k holds boxes 2 k and 2 k + 1; the first of all is number 1.
-    # Returns (n_triangles, 4): normal and cosine of each triangle; that of all that it looks to if there is no other.
+    # Returns (n_triangles,): cosine of each triangle; that of all that it looks to if there is no other.
     n_leaves = len(starts) - 1
     cones = np.zeros((2 * n_leaves, 9))
     if not len(triangles):
-        return cones, np.zeros((0, 4))
+        return cones, np.zeros(0)
     normals = unit_normals(points[triangles])
     angles = _angles_around(normals, triangles, len(points))
     cones[:, 5:8] = 0.5 * (boxes[:, :3] + boxes[:, 3:])
@@ -67,8 +67,7 @@ def cones_of(
         cones[at, :3], cones[at, 3] = axes[narrow], np.cos(widest[narrow])
         cones[at, 4] = np.sin(widest[narrow]) * np.sqrt(cones[at, 8])
         n_boxes //= 2
-    cosines = np.where(angles + MARGIN < WIDEST, np.cos(angles + MARGIN), -BEHIND)
-    return cones, np.column_stack([normals, cosines])
+    return cones, np.where(angles + MARGIN < WIDEST, np.cos(angles + MARGIN), -BEHIND)
 
 
 def _angles_around(normals: np.ndarray, triangles: np.ndarray, n_points: int) -> np.ndarray:
@@ -92,12 +91,10 @@ def _angles_around(normals: np.ndarray, triangles: np.ndarray, n_points: int) ->
     return np.where(is_open[triangles].any(axis=1), np.pi, np.arccos(np.clip(least, -1.0, 1.0)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def has_no_minimum(cone, p):
-    """Whether no way from a ball to a point p outside it is in its cone."""
-    if cone[3] == 0.0:
-        return False
-    x, y, z = p[0] - cone[5], p[1] - cone[6], p[2] - cone[7]
-    along, beyond = cone[0] * x + cone[1] * y + cone[2] * z, x * x + y * y + z * z - cone[8]
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def has_no_minimum(cones, box, px, py, pz):
+    """Whether no way from a ball to a point outside it is in its cone."""
+    x, y, z = px - cones[box, 5], py - cones[box, 6], pz - cones[box, 7]
+    along, beyond = cones[box, 0] * x + cones[box, 1] * y + cones[box, 2] * z, x * x + y * y + z * z - cones[box, 8]
     # the way from the middle, give or take the angle under which half the ball is seen
-    return beyond > 0.0 and along < cone[3] * np.sqrt(beyond) - cone[4]
+    return cones[box, 3] != 0.0 and beyond > 0.0 and along < cones[box, 3] * np.sqrt(beyond) - cones[box, 4]

@@ -6,10 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from bspline_mdao import read_grid
 from bspline_mdao.core.walls.closest_points import TriangleTree
-from bspline_mdao.core.walls.closest_search import SAME_DISTANCE, _by_lines, _closest
 from bspline_mdao.core.walls.frames import WallFrames
 from bspline_mdao.core.walls.layer import CHUNK_NODES, WallLayer
 from bspline_mdao.core.walls.settings import LAYER
+from bspline_mdao.core.walls.triangle_places import SAME_DISTANCE, _by_lines, closest_place
 from bspline_mdao.core.walls.wall import Wall
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.first_cells import FirstCells
@@ -117,6 +117,23 @@ def wavy_body(rng, n_around, n_along):
     return points, ids
 
 
+def test_closest_points_do_not_depend_on_the_order_of_points():
+    rng = np.random.default_rng(7)
+    points, ids = wavy_body(rng, 30, 7)
+    tree = TriangleTree.of(points, quads_in_turn(ids), rng.uniform(0.1, 0.5, len(points)))
+    at = rng.uniform([-0.6, -0.6, -0.5], [1.6, 0.6, 2.5], (701, 3))
+    order, alone = rng.permutation(len(at)), [tree.closest_points(p[None]) for p in at]
+    sorted_back = tree.closest_points(at[order])
+    counts = np.zeros(len(at), dtype=int)
+    counts[order[sorted_back.points]] = np.diff(sorted_back.starts)
+    np.testing.assert_array_equal(counts, [len(each.triangles) for each in alone])
+    assert counts.max() > 1
+    assert 100 < np.count_nonzero(counts == 0) < 600
+    for p, first, last in zip(order[sorted_back.points], sorted_back.starts[:-1], sorted_back.starts[1:]):
+        for name in ("triangles", "barycentric", "weights"):
+            np.testing.assert_array_equal(getattr(sorted_back, name)[first:last], getattr(alone[p], name))
+
+
 @pytest.mark.slow
 def test_boxes_that_are_left_out_hold_no_closest_point():
     rng = np.random.default_rng(5)
@@ -124,29 +141,27 @@ def test_boxes_that_are_left_out_hold_no_closest_point():
     for quads in (quads_in_turn(ids), quads_in_turn(ids)[:, ::-1]):  # seen from outside and from inside
         tree = TriangleTree.of(points, quads, np.full(len(points), 0.5))
         at = rng.uniform([-0.2, -0.2, -0.1], [1.2, 0.2, 2.1], (2011, 3))
-        bare = replace(
-            tree, cones=np.zeros_like(tree.cones), facing=np.tile([0.0, 0.0, 0.0, -1.0], (len(quads) * 2, 1))
-        )
+        bare = replace(tree, cones=np.zeros_like(tree.cones), cosines=np.full(len(tree.triangles), -1.0))
         with_cones, without = (t.closest_points(at) for t in (tree, bare))
         assert np.diff(with_cones.starts).max() > 1
         for name in ("points", "starts", "triangles", "barycentric", "weights"):
             np.testing.assert_array_equal(getattr(with_cones, name), getattr(without, name))
     assert np.count_nonzero(tree.cones[:, 3]) > 0.3 * len(tree.cones)
-    assert np.count_nonzero(tree.facing[:, 3] > 0.0) > 0.5 * len(tree.facing)
+    assert np.count_nonzero(tree.cosines > 0.0) > 0.5 * len(tree.cosines)
 
 
 def test_lines_to_corners_settle_what_distances_do():
     rng = np.random.default_rng(6)
     points, ids = wavy_body(rng, 14, 5)
     tree = TriangleTree.of(points, quads_in_turn(ids), np.full(len(points), 0.5))
-    around, place, verdicts = (tree.around_starts, tree.around), np.empty(3), []
+    mesh, around, verdicts = (tree.points, tree.triangles), (tree.around_starts, tree.around), []
     for p in points[::2] + rng.uniform([-0.01, 0.0, -0.01], [0.01, 0.1, 0.01], (35, 3)):
-        squares = np.array([_closest(*tree.points[corners], p, place) for corners in tree.triangles])
+        squares, *places = np.array([closest_place(*mesh, t, *p) for t in range(len(tree.triangles))]).T
         for t in np.argsort(squares)[:20]:
-            near = np.sqrt(_closest(*tree.points[tree.triangles[t]], p, place)) * (1.0 - SAME_DISTANCE)
+            near, place = np.sqrt(squares[t]) * (1.0 - SAME_DISTANCE), np.array(places)[:, t]
             if place.min() == 0.0:
                 beside = np.all([(tree.triangles == k).any(axis=1) for k in tree.triangles[t, place > 0.0]], axis=0)
-                verdict = _by_lines(p, t, near, place, tree.points, tree.triangles, *around)
+                verdict = _by_lines(*p, t, near, *place, *mesh, *around)
                 verdicts.append((verdict, np.sqrt(squares[beside].min()) >= near))
     verdict, is_least = np.array(verdicts).T
     np.testing.assert_array_equal(verdict[verdict != 0] > 0, is_least[verdict != 0] > 0)
