@@ -23,6 +23,7 @@ from scipy.sparse import csr_array
 from ...base.checks import as_finite_points
 from ...base.display import OneLine
 from ...errors import InputError
+from .faces_of_cells import write_faces
 from .marked_faces import faces_at, faces_on
 from .mesh_numbers import require_cells, require_corners
 from .pyramids import Pyramids
@@ -233,20 +234,22 @@ class MixedMesh(OneLine):
         volumes otherwise.
         """
         kind = np.int32 if max(self.n_points, self.n_cells) < 2**31 else np.int64
-        parts = [(np.zeros((0, 4), dtype=kind), np.zeros(0, dtype=kind))]
+        counts = {name: len(corners) * len(FACES[name]) for name, corners in self.cells.items()}
+        n_faces = sum(counts.values()) + (0 if self.polyhedra is None else len(self.polyhedra[0]))
+        faces, cells = np.empty((n_faces, 4), dtype=kind), np.empty(n_faces, dtype=kind)
+        begin = first = 0
         for name, corners in self.cells.items():
-            faces = corners.astype(kind)[:, np.array(FACES[name])].reshape(-1, 4)
-            parts.append((faces, np.repeat(np.arange(len(corners), dtype=kind), len(FACES[name]))))
-        if self.polyhedra is not None:
-            parts.append((self.polyhedra[0].astype(kind), self.polyhedra[1].astype(kind)))
-        first = 0
-        for k, (faces, cells) in enumerate(parts):
-            n = int(cells.max(initial=-1)) + 1
-            volumes = np.bincount(cells, Pyramids.of(self.points, faces, cells, n).volumes, n)
+            end, last = begin + counts[name], first + len(corners)
+            write_faces(self.points, corners, np.array(FACES[name]), faces[begin:end])
+            cells[begin:end].reshape(-1, len(FACES[name]))[:] = np.arange(first, last, dtype=kind)[:, None]
+            begin, first = end, last
+        if self.polyhedra is not None and len(self.polyhedra[0]):
+            of_polyhedra, numbers = (part.astype(kind) for part in self.polyhedra)
+            n = int(numbers.max()) + 1
+            volumes = np.bincount(numbers, Pyramids.of(self.points, of_polyhedra, numbers, n).volumes, n)
             is_turned = np.count_nonzero(volumes < 0.0) > 0.5 * n
-            parts[k] = np.ascontiguousarray(faces[:, ::-1]) if is_turned else faces, cells + first
-            first += n
-        return np.concatenate([faces for faces, _ in parts]), np.concatenate([cells for _, cells in parts])
+            faces[begin:], cells[begin:] = of_polyhedra[:, ::-1] if is_turned else of_polyhedra, numbers + first
+        return faces, cells
 
     @cached_property
     def sides(self) -> tuple[np.ndarray | None, np.ndarray]:

@@ -20,7 +20,7 @@ from numba import njit
 
 from ...base.display import OneLine
 
-__all__ = ["Pyramids"]
+__all__ = ["Pyramids", "middle_and_area"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,19 +79,19 @@ class Pyramids(OneLine):
         return pieces if self.pyramid is None else np.bincount(self.pyramid, pieces)
 
 
-@njit(cache=True, error_model="numpy")
-def _corners(face):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _corners(faces, f):
     """Corners of a face without one that is there twice, and the weight of the last: zero of a triangle."""
-    a, b, c, d = face[0], face[1], face[2], face[3]
+    a, b, c, d = faces[f, 0], faces[f, 1], faces[f, 2], faces[f, 3]
     if a == b:
         return a, c, d, d, 0.0
     return a, b, c, d, 0.0 if c == d else 1.0
 
 
-@njit(cache=True, error_model="numpy")
-def _face(x, face):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def middle_and_area(x, faces, f):
     """Middle and area vector of a face."""
-    p, q, r, s, last = _corners(face)
+    p, q, r, s, last = _corners(faces, f)
     part = 1.0 / (3.0 + last)
     m0 = part * (x[p, 0] + x[q, 0] + x[r, 0] + last * x[s, 0])
     m1 = part * (x[p, 1] + x[q, 1] + x[r, 1] + last * x[s, 1])
@@ -101,10 +101,10 @@ def _face(x, face):
     return m0, m1, m2, 0.5 * (u1 * v2 - u2 * v1), 0.5 * (u2 * v0 - u0 * v2), 0.5 * (u0 * v1 - u1 * v0)
 
 
-@njit(cache=True, error_model="numpy")
-def _face_jvp(x, dx, face):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _face_jvp(x, dx, faces, f):
     """Change of the middle and of the area vector of a face."""
-    p, q, r, s, last = _corners(face)
+    p, q, r, s, last = _corners(faces, f)
     part = 1.0 / (3.0 + last)
     m0 = part * (dx[p, 0] + dx[q, 0] + dx[r, 0] + last * dx[s, 0])
     m1 = part * (dx[p, 1] + dx[q, 1] + dx[r, 1] + last * dx[s, 1])
@@ -119,7 +119,7 @@ def _face_jvp(x, dx, face):
     return m0, m1, m2, a0, a1, a2
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _area(sums):
     """Area of the faces of a cell; a little where it has shrunk to a point."""
     return max(sums, 1e-300)
@@ -129,7 +129,7 @@ def _area(sums):
 def _add_middles(x, faces, cells, sums):
     """Sum areas times middles, and areas, of the faces of every cell, shape (n_cells, 4)."""
     for f in range(len(faces)):
-        m0, m1, m2, a0, a1, a2 = _face(x, faces[f])
+        m0, m1, m2, a0, a1, a2 = middle_and_area(x, faces, f)
         area, at = np.sqrt(a0 * a0 + a1 * a1 + a2 * a2), cells[f]
         sums[at, 0] += area * m0
         sums[at, 1] += area * m1
@@ -140,8 +140,8 @@ def _add_middles(x, faces, cells, sums):
 @njit(cache=True, error_model="numpy")
 def _add_middles_jvp(x, dx, faces, cells, d_sums):
     for f in range(len(faces)):
-        m0, m1, m2, a0, a1, a2 = _face(x, faces[f])
-        d0, d1, d2, b0, b1, b2 = _face_jvp(x, dx, faces[f])
+        m0, m1, m2, a0, a1, a2 = middle_and_area(x, faces, f)
+        d0, d1, d2, b0, b1, b2 = _face_jvp(x, dx, faces, f)
         area, at = np.sqrt(a0 * a0 + a1 * a1 + a2 * a2), cells[f]
         d_area = (a0 * b0 + a1 * b1 + a2 * b2) / _area(area)
         d_sums[at, 0] += d_area * m0 + area * d0
@@ -154,7 +154,7 @@ def _add_middles_jvp(x, dx, faces, cells, d_sums):
 def _volumes(x, faces, cells, sums):
     volumes = np.empty(len(faces))
     for f in range(len(faces)):
-        m0, m1, m2, a0, a1, a2 = _face(x, faces[f])
+        m0, m1, m2, a0, a1, a2 = middle_and_area(x, faces, f)
         at = cells[f]
         area = _area(sums[at, 3])
         volumes[f] = (
@@ -177,8 +177,8 @@ def _sums_and_least(volumes, cells, n_cells):
 def _volumes_jvp(x, dx, faces, cells, sums, d_sums):
     changes = np.empty(len(faces))
     for f in range(len(faces)):
-        m0, m1, m2, a0, a1, a2 = _face(x, faces[f])
-        d0, d1, d2, b0, b1, b2 = _face_jvp(x, dx, faces[f])
+        m0, m1, m2, a0, a1, a2 = middle_and_area(x, faces, f)
+        d0, d1, d2, b0, b1, b2 = _face_jvp(x, dx, faces, f)
         at = cells[f]
         area, d_area = _area(sums[at, 3]), d_sums[at, 3]
         c0, c1, c2 = sums[at, 0] / area, sums[at, 1] / area, sums[at, 2] / area
@@ -198,13 +198,13 @@ def _add_vjp(x, faces, cells, sums, bar, x_bar):
     """Add the adjoint of the nodes from that of the volumes: first that of the middles of cells, then of the faces."""
     middles_bar = np.zeros((len(sums), 3))
     for f in range(len(faces)):
-        _, _, _, a0, a1, a2 = _face(x, faces[f])
+        _, _, _, a0, a1, a2 = middle_and_area(x, faces, f)
         at, weight = cells[f], bar[f] / 3.0
         middles_bar[at, 0] -= weight * a0
         middles_bar[at, 1] -= weight * a1
         middles_bar[at, 2] -= weight * a2
     for f in range(len(faces)):
-        m0, m1, m2, a0, a1, a2 = _face(x, faces[f])
+        m0, m1, m2, a0, a1, a2 = middle_and_area(x, faces, f)
         at, weight = cells[f], bar[f] / 3.0
         area, length = _area(sums[at, 3]), np.sqrt(a0 * a0 + a1 * a1 + a2 * a2)
         o0, o1, o2 = m0 - sums[at, 0] / area, m1 - sums[at, 1] / area, m2 - sums[at, 2] / area
@@ -212,7 +212,7 @@ def _add_vjp(x, faces, cells, sums, bar, x_bar):
         along = (s0 * o0 + s1 * o1 + s2 * o2) / _area(length)
         n0, n1, n2 = weight * o0 + along * a0, weight * o1 + along * a1, weight * o2 + along * a2
         k0, k1, k2 = weight * a0 + length * s0, weight * a1 + length * s1, weight * a2 + length * s2
-        p, q, r, s, last = _corners(faces[f])
+        p, q, r, s, last = _corners(faces, f)
         u0, u1, u2 = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
         v0, v1, v2 = x[s, 0] - x[q, 0], x[s, 1] - x[q, 1], x[s, 2] - x[q, 2]
         f0, f1, f2 = 0.5 * (v1 * n2 - v2 * n1), 0.5 * (v2 * n0 - v0 * n2), 0.5 * (v0 * n1 - v1 * n0)
