@@ -74,7 +74,7 @@ def judged(name: str, mesh: MixedMesh, kinds: dict[str, str], part: float) -> di
     forward_seconds, change = timed(lambda: state.jvp(movement.jvp(nothing, direction)))
     reverse_seconds, bars = timed(lambda: movement.vjp(state.vjp(bar)["control_points"])[1])
     forward, reverse = np.vdot(bar, change), np.vdot(bars, direction)
-    n_bytes = sum(factor.factor.n_bytes for _, _, factor in model.mover._systems)
+    n_bytes = sum(factor.factor.n_bytes for factor in model.mover._factors.values())
     n_bytes += model.node_map.embedded.evaluator.bytes_per_node * model.n_nodes + walls.following.layer.n_bytes
     return {
         "mesh": name,

@@ -153,17 +153,26 @@ class LatticeLine:
     @cached_property
     def gram(self) -> tuple[csr_array, csr_array, csr_array]:
         """Matrices G_0, G_1 and G_2 of the unknowns, each of shape (n_unknowns, n_unknowns)."""
+        return tuple(self.products(m, self.scales ** (2 * m - 1)) for m in range(3))  # type: ignore[return-value]
+
+    def products(self, m: int, weights: np.ndarray) -> csr_array:
+        """Integrals of products of the m-th derivatives of two unknowns, weighted by spans, shape (n_spans,)."""
         if self.is_tied:
-            return csr_array(np.ones((1, 1))), csr_array((1, 1)), csr_array((1, 1))
-        places, weights = np.polynomial.legendre.leggauss(self.degree + 1)  # exact for products of two basis functions
-        widths = np.diff(self.breaks)
-        points = (self.breaks[:-1, None] + 0.5 * widths[:, None] * (1.0 + places)).ravel()
-        weights = (0.5 * widths[:, None] * weights).ravel()
-        local, found = np.repeat(self.scales, len(places)), []
-        for m in range(3):
-            basis = BSpline(self.coordinate_knots, np.eye(self.n_control), self.degree)(points, nu=m) @ self.ties
-            found.append(csr_array(basis.T @ ((weights * local ** (2 * m - 1))[:, None] * basis)))
-        return found[0], found[1], found[2]
+            return csr_array(np.full((1, 1), float(m == 0)))
+        # exact for products of two basis functions
+        basis, lengths = self.at_gauss_points(m, self.degree + 1)
+        lengths *= np.repeat(weights, self.degree + 1)
+        return csr_array(basis.T @ (lengths[:, None] * basis))
+
+    def at_gauss_points(self, m: int, n: int) -> tuple[csr_array, np.ndarray]:
+        """The m-th derivatives of the unknowns at n Gauss points of each span, and the lengths these stand for (m)."""
+        if self.is_tied:
+            return csr_array(np.full((1, 1), float(m == 0))), np.ones(1)
+        places, weights = np.polynomial.legendre.leggauss(n)
+        widths = np.diff(self.breaks)[:, None]
+        points = (self.breaks[:-1, None] + 0.5 * widths * (1.0 + places)).ravel()
+        basis = BSpline(self.coordinate_knots, np.eye(self.n_control), self.degree)(points, nu=m) @ self.ties
+        return csr_array(basis), (0.5 * widths * weights).ravel()
 
 
 def even_breaks(low: float, high: float, width: float) -> np.ndarray:

@@ -1,16 +1,19 @@
-"""Mover of a background lattice: the displacement of least bending that goes through the walls.
+"""Mover of a background lattice: the smoothest displacement that goes through the walls and turns with them.
 
 The displacement d of the lattice makes least
 
-    E(d) = 1/2 sum_c d_c^T K d_c + 1/2 sum_w s_w |A_w d - (w' - w)|^2 ,
+    E(d, R) = 1/2 sum_c d_c^T K d_c + 1/2 M |grad d - (R - I)|^2 + 1/2 sum_w s_w |A_w d - (w' - w)|^2 ,
 
-    K = sum_{a + b + c = 2} 2 / (a! b! c!) G_a (x) G_b (x) G_c ,
+    K = c sum_{a + b + c = 2} 2 / (a! b! c!) G_a (x) G_b (x) G_c ,
 
-with the bending energy K of a thin plate [1], made of the integrals of `.lattice_line`, and the nodes w of the walls.
-Nodes that stay, such as those of a far field, are among them, with no displacement. All nodes in one element of the
-lattice share the weight ``stiffness``: neither the number of nodes nor any length matters. Control points on the
-outside stay, those on planes slide, and those on sides that walls reach are free. The system is that of the baseline:
-one factor for all designs, both ways.
+with the bending energy K of a thin plate [1], made of the integrals of `.lattice_line`, how far its gradient is from a
+rotation R (`.turned_gradients`), and the nodes w of the walls. R = exp([v]x) is that of the walls, as vectors v: their
+field makes E(v, I) least, with the vectors of the walls in place of w' - w. So both have the matrix of the baseline:
+one factor for all designs, both ways, and each displacement takes two solutions with it.
+
+Nodes that stay, such as those of a far field, are among the walls, with no displacement. All nodes in one element of
+the lattice share the weight ``stiffness``: neither the number of nodes nor any length matters. Control points on the
+outside stay, those on planes slide and turn about their normals, and those on sides that walls reach are free.
 
 [1] J. Duchon, "Splines minimizing rotation-invariant semi-norms in Sobolev spaces", in Constructive Theory of Functions
 of Several Variables, Lecture Notes in Mathematics 571, Springer, 1977, pp. 85-100.
@@ -38,12 +41,23 @@ from ..movement.mover import (
     check_request,
     digits_of,
 )
+from ..movement.rotation_field import SurfaceVectors, surface_rotations
+from ..movement.rotation_vectors import turns, turns_jvp, turns_vjp
+from ..walls.rotations import LocalRotations
 from .background_lattice import BackgroundLattice
 from .lattice_settings import DEFAULTS, LatticeSettings
+from .turned_gradients import TurnedGradients
 
 __all__ = ["ThinPlate", "ThinPlateMovement"]
 
 EPSILON = float(np.finfo(float).eps)
+
+BENDING = 0.2
+"""Weight c of the bending energy beside that of the gradients. With 0.1 a flap that goes down loses more of its cells,
+with 1 wings that are bent by 60 degrees have inverted ones."""
+
+System = tuple[np.ndarray, np.ndarray, ScalarBlocksFactor]
+"""Unknowns that are free, the components for which it is these, and the factor of their matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +102,8 @@ class ThinPlate(OneLine):
         start = time.perf_counter()
         check_request(self.mesh, initial, surface)
         points, ids = initial.copy(), self.mesh.surface_ids
-        points[self.n_walls :] += self.displacement(self.on_walls(surface - initial[ids]))
+        followed = self.follow(initial[ids], surface)
+        points[self.n_walls :] += followed.displacement
         points[ids] = surface
         check_reach(self.mesh, initial, surface, points)
         tangling = self.mesh.tangled(points)
@@ -97,35 +112,60 @@ class ThinPlate(OneLine):
             solve, tangling.n_tangled, tangling.place, tangling.min_corner, tangling.corner_ratio, tangling.n_invalid
         )
         report = MovementReport((increment,), time.perf_counter() - start, self.mesh.n_invalid)
-        return ThinPlateMovement(self, points, report)
+        return ThinPlateMovement(followed, points, report)
 
-    def displacement(self, of_walls: np.ndarray) -> np.ndarray:
-        """Displacements of the control points, shape (n_control, 3), of those of the walls, shape (n_walls, 3)."""
-        of_lattice = np.zeros((self.lattice.n_control, 3))
-        right = self._walls.T @ (self._weights[:, None] * (of_walls @ self.lattice.axes.T))
-        for ids, components, factor in self._systems:
-            part = np.zeros((right.shape[0], len(components)))
-            part[ids] = factor.solve(right[np.ix_(ids, components)])
-            of_lattice[:, components] = self._unknowns @ part
-        return of_lattice @ self.lattice.axes
+    def follow(self, at_rest: np.ndarray, surface: np.ndarray) -> FollowedSurface:
+        """Follow surface points to where they go, both of shape (n_surface, 3)."""
+        vectors = SurfaceVectors.of(self._surface, at_rest, surface)
+        at_places = self.turned.at_places(self.solved(self.wall_pull(vectors.values @ self.axial), self.rotating))
+        right = self.wall_pull((surface - at_rest) @ self.lattice.axes.T) + self.turned.pull(turns(at_places))
+        return FollowedSurface(self, vectors, at_places, self.in_space(self.solved(right, self.sliding)))
 
-    def missed(self, of_walls: np.ndarray) -> np.ndarray:
-        """What the lattice alone misses of displacements of the walls, shape (n_walls, 3)."""
-        return self.lattice.evaluator(self.wall_points).forward(self.displacement(of_walls)) - of_walls
+    def missed(self, of_surface: np.ndarray) -> np.ndarray:
+        """What the lattice alone misses of displacements of the surface, shape (n_surface, 3)."""
+        at_rest = self.wall_points[self.mesh.surface_ids]
+        displacement = self.follow(at_rest, at_rest + of_surface).displacement
+        return self.lattice.evaluator(at_rest).forward(displacement) - of_surface
 
-    def displacement_vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `displacement`, from shape (n_control, 3)."""
-        bar = self._unknowns.T @ (bar @ self.lattice.axes.T)
-        solved = np.zeros_like(bar)
-        for ids, components, factor in self._systems:
-            solved[np.ix_(ids, components)] = factor.solve(bar[np.ix_(ids, components)])
-        return (self._weights[:, None] * (self._walls @ solved)) @ self.lattice.axes
-
-    def on_walls(self, of_surface: np.ndarray) -> np.ndarray:
-        """Displacements of the walls, shape (n_walls, 3), of those of the surface, shape (n_surface, 3)."""
+    def wall_pull(self, of_surface: np.ndarray) -> np.ndarray:
+        """Pull of vectors of the surface, shape (n_surface, 3), on the unknowns; other walls stay."""
         of_walls = np.zeros((self.n_walls, 3))
         of_walls[self.mesh.surface_ids] = of_surface
-        return of_walls
+        return self._walls.T @ (self._weights[:, None] * of_walls)
+
+    def wall_pull_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `wall_pull`."""
+        return (self._weights[:, None] * (self._walls @ bar))[self.mesh.surface_ids]
+
+    def solved(self, right: np.ndarray, systems: tuple[System, ...]) -> np.ndarray:
+        """Unknowns that balance pulls, both of shape (n_unknowns, 3), zero where they are not free: symmetric."""
+        found = np.zeros_like(right)
+        for ids, components, factor in systems:
+            found[np.ix_(ids, components)] = factor.solve(right[np.ix_(ids, components)])
+        return found
+
+    def in_space(self, unknowns: np.ndarray) -> np.ndarray:
+        """Displacements of the control points in space, of the unknowns in the directions of the lattice."""
+        return (self._unknowns @ unknowns) @ self.lattice.axes
+
+    def in_space_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `in_space`."""
+        return self._unknowns.T @ (bar @ self.lattice.axes.T)
+
+    @cached_property
+    def turned(self) -> TurnedGradients:
+        """Gradients of the lattice where its rotations are known."""
+        return TurnedGradients(self.lattice)
+
+    @cached_property
+    def axial(self) -> np.ndarray:
+        """From rotation vectors in space to those in the directions of the lattice, as rows, shape (3, 3)."""
+        return self.lattice.axes.T * np.sign(np.linalg.det(self.lattice.axes))
+
+    @cached_property
+    def _surface(self) -> LocalRotations:
+        """What the rotation of each surface point is made of."""
+        return surface_rotations(self.mesh)
 
     @cached_property
     def _unknowns(self) -> csr_array:
@@ -157,29 +197,41 @@ class ThinPlate(OneLine):
         return self._all_weights[: self.n_walls]
 
     @cached_property
-    def _systems(self) -> tuple[tuple[np.ndarray, np.ndarray, ScalarBlocksFactor], ...]:
-        """Unknowns that are free, the components for which it is these, and the factor of their matrix."""
-        matrix, found = self._matrix, []
-        for ids, components in self._free:
-            found.append((ids, components, factorize_scalars(csr_array(matrix[ids][:, ids]))))
-        return tuple(found)
+    def sliding(self) -> tuple[System, ...]:
+        """Systems of displacements."""
+        return self._systems_of(self.mesh.is_free[self.n_walls :])
 
     @cached_property
-    def _free(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Unknowns that are free, and the components for which it is these."""
+    def rotating(self) -> tuple[System, ...]:
+        """Systems of rotation vectors: a point turns about an axis where it is free in both directions across it."""
         is_free = self.mesh.is_free[self.n_walls :]
+        return self._systems_of(is_free[:, [1, 2, 0]] & is_free[:, [2, 0, 1]])
+
+    def _systems_of(self, is_free: np.ndarray) -> tuple[System, ...]:
+        """Systems of components that are free, shape (n_control, 3): those of the same unknowns are one."""
         groups: dict[bytes, tuple[np.ndarray, list[int]]] = {}
         for component in range(3):
             free = self._unknowns.T @ is_free[:, component].astype(float) > 0.0
             groups.setdefault(free.tobytes(), (np.flatnonzero(free), []))[1].append(component)
-        return [(ids, np.array(components)) for ids, components in groups.values() if len(ids)]
+        found = []
+        for key, (ids, components) in groups.items():
+            if len(ids):
+                if key not in self._factors:
+                    self._factors[key] = factorize_scalars(csr_array(self._matrix[ids][:, ids]))
+                found.append((ids, np.array(components), self._factors[key]))
+        return tuple(found)
+
+    @cached_property
+    def _factors(self) -> dict[bytes, ScalarBlocksFactor]:
+        """Factors by what is free: rotations and displacements share them but where planes meet."""
+        return {}
 
     @cached_property
     def _matrix(self) -> csr_array:
         """Matrix of the unknowns, shape (n_unknowns, n_unknowns)."""
         resting = self.lattice.evaluator(self.at_rest).matrix() @ self._unknowns
         parts = ((self._walls, self._weights), (resting, self._all_weights[self.n_walls :]))
-        matrix = bending_energy(self.lattice)
+        matrix = BENDING * bending_energy(self.lattice) + self.turned.energy
         for part, weights in parts:
             matrix = matrix + part.T @ diags_array(weights) @ part
         return csr_array(matrix)
@@ -187,30 +239,61 @@ class ThinPlate(OneLine):
     @cached_property
     def _digits(self) -> float:
         """Correct digits of a displacement, by what elimination cancels."""
-        return digits_of(EPSILON * max(factor.factor.cancellation for _, _, factor in self._systems))
+        return digits_of(EPSILON * max(factor.factor.cancellation for _, _, factor in self.sliding + self.rotating))
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedSurface:
+    """Displacement of a lattice behind its surface, and the derivative."""
+
+    mover: ThinPlate
+    vectors: SurfaceVectors  # rotations of the surface points
+    at_places: np.ndarray  # (n_places, 3), rotation vectors where the lattice is told how to turn
+    displacement: np.ndarray  # (n_control, 3), of the control points of the lattice (m)
+
+    def jvp(self, d_at_rest: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the displacement with the surface points at rest and where they go, both (n_surface, 3)."""
+        mover = self.mover
+        d_vectors = self.vectors.jvp(d_at_rest, d_surface)
+        d_at_places = mover.turned.at_places(mover.solved(mover.wall_pull(d_vectors @ mover.axial), mover.rotating))
+        right = mover.wall_pull((d_surface - d_at_rest) @ mover.lattice.axes.T)
+        right += mover.turned.pull(turns_jvp(self.at_places, d_at_places))
+        return mover.in_space(mover.solved(right, mover.sliding))
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`, from shape (n_control, 3)."""
+        mover = self.mover
+        right_bar = mover.solved(mover.in_space_vjp(bar), mover.sliding)
+        by_places = turns_vjp(self.at_places, mover.turned.pull_vjp(right_bar))
+        turned_bar = mover.solved(mover.turned.at_places_vjp(by_places), mover.rotating)
+        at_rest_bar, surface_bar = self.vectors.vjp(mover.wall_pull_vjp(turned_bar) @ mover.axial.T)
+        by_walls = mover.wall_pull_vjp(right_bar) @ mover.lattice.axes
+        return at_rest_bar - by_walls, surface_bar + by_walls
 
 
 @dataclass(frozen=True, eq=False)
 class ThinPlateMovement(OneLine):
     """A move of a background lattice, with its derivative."""
 
-    mover: ThinPlate
+    followed: FollowedSurface
     points: np.ndarray  # (n_points, 3), moved points (m)
     report: MovementReport
 
     def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points with those of the initial points and of the surface points."""
-        ids, change = self.mover.mesh.surface_ids, d_initial.copy()
-        change[self.mover.n_walls :] += self.mover.displacement(self.mover.on_walls(d_surface - d_initial[ids]))
+        mover, change = self.followed.mover, d_initial.copy()
+        ids = mover.mesh.surface_ids
+        change[mover.n_walls :] += self.followed.jvp(d_initial[ids], d_surface)
         change[ids] = d_surface
         return change
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `jvp`."""
-        ids, initial_bar = self.mover.mesh.surface_ids, bar.copy()
-        of_surface = self.mover.displacement_vjp(bar[self.mover.n_walls :])[ids]
-        initial_bar[ids] = -of_surface
-        return initial_bar, bar[ids] + of_surface
+        mover, initial_bar = self.followed.mover, bar.copy()
+        ids = mover.mesh.surface_ids
+        at_rest_bar, surface_bar = self.followed.vjp(bar[mover.n_walls :])
+        initial_bar[ids] = at_rest_bar
+        return initial_bar, bar[ids] + surface_bar
 
 
 def bending_energy(lattice: BackgroundLattice) -> csr_array:

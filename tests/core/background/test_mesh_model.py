@@ -7,6 +7,8 @@ from mesh_cases import mesh_around_a_body, smooth_change
 from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.background.thin_plate import bending_energy
+from bspline_mdao.core.background.turned_gradients import TurnedGradients
+from bspline_mdao.core.movement.rotation_vectors import turns
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
 from bspline_mdao.grids.io.marker_kinds import marker_kinds, undecided
@@ -88,6 +90,30 @@ def test_bending_energy_of_an_affine_displacement_is_zero_and_of_others_does_not
     assert energies[0] == pytest.approx(energies[1], rel=1e-9)
 
 
+def test_gradients_that_are_a_rotation_cost_nothing_whatever_the_unit():
+    mesh, kinds = mesh_around_a_body()
+    turn, energies = turns(np.array([[0.4, -1.1, 0.8]]))[0], []
+    for scale in (1.0, 1000.0):
+        model = MeshModel.of(MixedMesh(scale * mesh.points, mesh.cells, mesh.markers), kinds)
+        turned, net = TurnedGradients(model.lattice), model.lattice.control_points @ model.lattice.axes.T
+        everywhere = np.broadcast_to(turn, (len(turned.at_places(net)), 3, 3))
+        left = turned.energy @ (net @ turn.T) - turned.pull(everywhere)
+        assert np.abs(left).max() < 1e-13 * (np.abs(turned.energy) @ np.abs(net @ turn.T)).max()
+        bent = np.sin(np.arange(len(net)) * 0.37)
+        energies.append(bent @ (turned.energy @ bent))
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+
+
+def test_what_walls_pull_and_where_rotations_are_known_are_transposed_exactly(model):
+    turned, rng = TurnedGradients(model.lattice), np.random.default_rng(6)
+    unknowns = rng.normal(size=(turned.energy.shape[0], 3))
+    places = turned.at_places(unknowns)
+    at_places, targets = rng.normal(size=places.shape), rng.normal(size=(len(places), 3, 3))
+    assert np.vdot(at_places, places) == pytest.approx(np.vdot(turned.at_places_vjp(at_places), unknowns), rel=1e-12)
+    pulled = np.vdot(turned.pull(targets), unknowns)
+    assert pulled == pytest.approx(np.vdot(targets, turned.pull_vjp(unknowns)), rel=1e-11)
+
+
 def test_a_mesh_that_is_turned_moves_as_it_does_upright():
     rng = np.random.default_rng(4)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -165,6 +191,8 @@ def test_walls_that_are_sides_of_the_box_take_the_nodes_between_along():
     inlet, outlet = ((points[skin][..., 0] == x).all(axis=1) for x in (0.0, 4.0))
     markers = {"inlet": skin[inlet], "outlet": skin[outlet], "duct": skin[~inlet & ~outlet]}
     model = MeshModel.of(MixedMesh(points, bare.cells, markers), {"duct": "wall"})
-    change = points * [0.0, 0.1, -0.2] + points[:, [1, 2, 0]] * [0.0, 0.05, 0.03]
-    state = moved(model, change[model.wall_rows])[1]
-    np.testing.assert_allclose(state.nodes, points + change, rtol=0, atol=1e-12)
+    rigid = points @ turns(np.array([[0.8, 0.0, 0.0]]))[0].T + [0.0, -0.1, 0.3]
+    np.testing.assert_allclose(moved(model, rigid[model.wall_rows])[1].nodes, points + rigid, rtol=0, atol=1e-12)
+    affine = points * [0.0, 0.1, -0.2] + points[:, [1, 2, 0]] * [0.0, 0.05, 0.03]
+    off = moved(model, affine[model.wall_rows])[1].nodes - points - affine
+    assert np.abs(off).max() < 0.04 * np.abs(affine).max()

@@ -136,7 +136,7 @@ def test_totals_are_differences_to_1e_6_in_both_directions(which):
     problem.run_model()
     rng, start = np.random.default_rng(7), {name: problem.get_val(name).copy() for name in wrt}
     directions = {name: rng.standard_normal(values.shape) for name, values in start.items()}
-    step, at = 5e-5, {}
+    step, at = 1e-5, {}
     for k in (-2, -1, 1, 2):
         for name in wrt:
             problem.set_val(name, start[name] + k * step * directions[name])

@@ -1,0 +1,120 @@
+"""Energy of a background lattice that does not turn as it is told to: how far its gradient is from a rotation.
+
+    E(d) = h0^2 / 2 sum over spans of q integral of |grad d - (R - I)|^2 ,    q = prod over directions of t h0 / h^2 ,
+
+with the widths h of spans as they are where nothing asks for narrower ones, h0 the smallest of them in each direction,
+or the geometric mean of these, and t the square of the width by h. So it has the unit of a squared displacement, and
+does not depend on the size of anything. R is known at two Gauss points in each direction of each span, which is exact
+where it is the same everywhere: a rigid motion costs nothing.
+
+All is a product of matrices of one direction each, which are applied one after the other.
+
+Theory: ``docs/theory/background_lattice.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array, kron
+
+from ...base.display import OneLine
+from .background_lattice import BackgroundLattice
+from .lattice_line import LatticeLine
+
+__all__ = ["TurnedGradients"]
+
+NEAR = 1.0
+"""Power of h0 / h: the stiffer narrow spans are beside wide ones, the more of a turn is left to these. With 0, a wing
+of an H-H grid that is bent by 60 degrees keeps a third of the smallest Q that it has with 1."""
+
+IN_GAPS = 2.0
+"""Power t of the width where a gap asks for less: bodies that move apart are better off with bending alone. With 0,
+cells next to a flap that leaves its wing are inverted; with 1 as well."""
+
+N_PLACES = 2
+"""Gauss points in each direction of each span."""
+
+
+@dataclass(frozen=True, eq=False)
+class TurnedGradients(OneLine):
+    """Gradients of a lattice at the places where its rotations are known, and their energy."""
+
+    lattice: BackgroundLattice
+
+    @cached_property
+    def energy(self) -> csr_array:
+        """Matrix of the energy of one component, shape (n_unknowns, n_unknowns)."""
+        (x0, y0, z0), (x1, y1, z1) = (
+            [line.products(m, self._weights_of(line)) for line in self.lattice.lines] for m in range(2)
+        )
+        across = kron(y1, z0) + kron(y0, z1)
+        return csr_array(self._scale * (kron(x0, across) + kron(x1, kron(y0, z0))))
+
+    def at_places(self, unknowns: np.ndarray) -> np.ndarray:
+        """Fields of unknowns, shape (n_unknowns, m), at the places, shape (n_places, m)."""
+        return self._applied([value for value, _, _ in self._tables], unknowns)
+
+    def at_places_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `at_places`."""
+        return self._applied([value.T for value, _, _ in self._tables], bar)
+
+    def pull(self, turns: np.ndarray) -> np.ndarray:
+        """Pull of R - I at the places, shape (n_places, 3, 3), on the unknowns, shape (n_unknowns, 3)."""
+        total = np.zeros((int(np.prod([value.shape[1] for value, _, _ in self._tables])), 3))
+        for axis in self._directions:
+            total += self._applied([matrix.T for matrix in self._weighted(axis)], turns[:, :, axis])
+        return self._scale * total
+
+    def pull_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `pull`."""
+        turns_bar = np.zeros((int(np.prod([value.shape[0] for value, _, _ in self._tables])), 3, 3))
+        for axis in self._directions:
+            turns_bar[:, :, axis] = self._applied(self._weighted(axis), self._scale * bar)
+        return turns_bar
+
+    @property
+    def _directions(self) -> list[int]:
+        """Directions in which it may change."""
+        return [axis for axis, line in enumerate(self.lattice.lines) if not line.is_tied]
+
+    @cached_property
+    def _scale(self) -> float:
+        """The factor h0^2 (m^2)."""
+        smallest = [self.lattice.lines[axis].scales.min() for axis in self._directions]
+        return float(np.prod(smallest) ** (2.0 / len(smallest)))
+
+    @staticmethod
+    def _weights_of(line: LatticeLine) -> np.ndarray:
+        """Weights q of the spans of one direction (1/m)."""
+        narrowed = np.diff(line.breaks) / line.scales
+        return narrowed**IN_GAPS * (line.scales.min() / line.scales) ** NEAR / line.scales
+
+    @cached_property
+    def _tables(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Of each direction: values and slopes of unknowns at the places, and weights of these."""
+        found = []
+        for line in self.lattice.lines:
+            values, lengths = line.at_gauss_points(0, N_PLACES)
+            slopes, _ = line.at_gauss_points(1, N_PLACES)
+            weights = lengths if line.is_tied else lengths * np.repeat(self._weights_of(line), N_PLACES)
+            found.append((values.toarray(), slopes.toarray(), weights))
+        return found
+
+    def _weighted(self, along: int) -> list[np.ndarray]:
+        """Weighted slopes in one direction, and values in the others, of unknowns at the places."""
+        return [
+            (slopes if axis == along else values) * weights[:, None]
+            for axis, (values, slopes, weights) in enumerate(self._tables)
+        ]
+
+    @staticmethod
+    def _applied(matrices: Sequence[np.ndarray], field: np.ndarray) -> np.ndarray:
+        """Apply a matrix of each direction to fields at a net, shape (n, m)."""
+        net = field.reshape(*(matrix.shape[1] for matrix in matrices), -1)
+        for matrix in matrices:  # the first direction comes last, so that after all three they are in order
+            net = np.tensordot(net, matrix, axes=(0, 1))
+        return np.ascontiguousarray(np.moveaxis(net, 0, -1)).reshape(-1, field.shape[1])
