@@ -94,7 +94,7 @@ def test_a_move_that_inverts_cells_refines_the_lattice_if_that_cures_it(workplac
     assert run([*fit, "coarse.h5", "--spacing", "0.1"]) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert re.search(r"flap is 0\.0(29|30|31)\d* m from main at .*, less than a span of the lattice, 0\.0\d+ m", text)
-    move = ["--design", "flap", "--deform", "translate=0.1/-0.02/0", "-o", "moved.su2", "--json", "move.json"]
+    move = ["--design", "flap", "--deform", "translate=0.08/-0.02/0", "-o", "moved.su2", "--json", "move.json"]
     assert run(["move", "coarse.h5", *move]) == 0
     assert "refined for this move" in capsys.readouterr().out
     assert numbers("move.json")["n_inverted_before_refining"] > 10
