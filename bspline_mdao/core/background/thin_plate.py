@@ -114,12 +114,12 @@ class ThinPlate(OneLine):
         report = MovementReport((increment,), time.perf_counter() - start, self.mesh.n_invalid)
         return ThinPlateMovement(followed, points, report)
 
-    def follow(self, at_rest: np.ndarray, surface: np.ndarray) -> FollowedSurface:
+    def follow(self, at_rest: np.ndarray, surface: np.ndarray) -> LatticeDisplacement:
         """Follow surface points to where they go, both of shape (n_surface, 3)."""
         vectors = SurfaceVectors.of(self._surface, at_rest, surface)
         at_places = self.turned.at_places(self.solved(self.wall_pull(vectors.values @ self.axial), self.rotating))
         right = self.wall_pull((surface - at_rest) @ self.lattice.axes.T) + self.turned.pull(turns(at_places))
-        return FollowedSurface(self, vectors, at_places, self.in_space(self.solved(right, self.sliding)))
+        return LatticeDisplacement(self, vectors, at_places, self.in_space(self.solved(right, self.sliding)))
 
     def missed(self, of_surface: np.ndarray) -> np.ndarray:
         """What the lattice alone misses of displacements of the surface, shape (n_surface, 3)."""
@@ -243,7 +243,7 @@ class ThinPlate(OneLine):
 
 
 @dataclass(frozen=True, eq=False)
-class FollowedSurface:
+class LatticeDisplacement(OneLine):
     """Displacement of a lattice behind its surface, and the derivative."""
 
     mover: ThinPlate
@@ -275,7 +275,7 @@ class FollowedSurface:
 class ThinPlateMovement(OneLine):
     """A move of a background lattice, with its derivative."""
 
-    followed: FollowedSurface
+    followed: LatticeDisplacement
     points: np.ndarray  # (n_points, 3), moved points (m)
     report: MovementReport
 

@@ -89,8 +89,8 @@ class GridWalls:
         is_met = [np.isin(rows, surface.rows) for rows, _ in found]
         of_wall = [(np.searchsorted(surface.rows, rows[m]), n) for (rows, n), m in zip(found, is_met) if m.any()]
         quads, faces = surface.quads, surface.quad_faces
-        parts = nodes[surface.rows], quads, surface.heights, of_wall, None, faces
-        wall = Wall.of(*parts, n_threads, settings)
+        points, heights = nodes[surface.rows], surface.heights
+        wall = Wall.of(points, quads, heights, of_wall, None, faces, n_threads, settings)
         outlines = [PlaneNormal.of_outline(f) for (_, f), m in zip(planes.values(), is_met) if m.any()]
         plane_rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(outline.ids for outline in outlines)]))
         normals = tuple(outline.among(plane_rows) for outline in outlines)

@@ -11,8 +11,6 @@ from dataclasses import Field, replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from ...errors import InputError
-from .grid import Grid
-from .stored_grid import StoredGrid
 
 __all__ = ["LENGTH_UNITS", "in_unit", "metres_of"]
 
@@ -44,6 +42,9 @@ def in_unit(
     unit: str | None,  # one of `LENGTH_UNITS`; None leaves it as its file says
 ) -> AnyGrid:
     """Say in which unit the lengths of a grid are; its numbers stay."""
+    from .grid import Grid  # here: help of the commands lists the units, and loads nothing heavy
+    from .stored_grid import StoredGrid
+
     if unit is None:
         return grid
     if unit not in LENGTH_UNITS:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...base.display import OneLine
 from .index_space import Window
 
 __all__ = ["SMALLEST", "Motion", "PeriodicPair"]
@@ -99,7 +100,7 @@ def _text(vector: tuple[float, ...]) -> str:
 
 
 @dataclass(frozen=True)
-class PeriodicPair:
+class PeriodicPair(OneLine):
     """Windows of the boundary that a motion lays onto each other."""
 
     # windows, others: both sides, in the order of the boundary
