@@ -113,13 +113,15 @@ def test_gaps_thinner_than_a_span_are_named_with_how_thin_they_are(two):
 
 def test_a_lattice_that_memory_does_not_hold_is_refused_with_a_spacing_that_it_does(monkeypatch):
     mesh, kinds = mesh_around_a_body()
-    with pytest.raises(InputError, match=r"control points takes .* GB to move, and .* take spans of .* m") as refused:
+    with pytest.raises(
+        InputError, match=r"control points takes .* GB to move, and .* take --spacing .* of 'fit'"
+    ) as refused:
         MeshModel.of(mesh, kinds, LatticeSettings(spacing=1e-3))
     assert "\n" not in str(refused.value)
     monkeypatch.setattr(lattice_spans, "available_bytes", lambda: 1e8)
     with pytest.raises(InputError) as refused:
         MeshModel.of(mesh, kinds, LatticeSettings(spacing=0.05))
-    spacing = float(re.search(r"spans of ([\d.e-]+) m", str(refused.value))[1])
+    spacing = float(re.search(r"--spacing ([\d.e-]+) of", str(refused.value))[1])
     assert MeshModel.of(mesh, kinds, LatticeSettings(spacing=spacing)).lattice.n_control > 1000
     with pytest.raises(InputError):
         MeshModel.of(mesh, kinds, LatticeSettings(spacing=0.7 * spacing))
