@@ -8,7 +8,9 @@ The displacement d of the lattice makes least
 
 with the bending energy K of a thin plate [1], made of the integrals of `.lattice_line`, how far its gradient is from a
 rotation R (`.turned_gradients`), and the nodes w of the walls. R = exp([v]x) is that of the walls, as vectors v: their
-field makes E(v, I) least, with the vectors of the walls in place of w' - w. So both have the matrix of the baseline:
+field makes E(v, I) least, with the vectors of the walls in place of w' - w. Those are averaged over spans first: where
+walls have kinks, such as beside a part that moves by itself, they jump from node to node, and a field through all would
+turn several times as far between them. So both have the matrix of the baseline:
 one factor for all designs, both ways, and each displacement takes two solutions with it.
 
 Nodes that stay, such as those of a far field, are among the walls, with no displacement. All nodes in one element of
@@ -117,7 +119,8 @@ class ThinPlate(OneLine):
     def follow(self, at_rest: np.ndarray, surface: np.ndarray) -> LatticeDisplacement:
         """Follow surface points to where they go, both of shape (n_surface, 3)."""
         vectors = SurfaceVectors.of(self._surface, at_rest, surface)
-        at_places = self.turned.at_places(self.solved(self.wall_pull(vectors.values @ self.axial), self.rotating))
+        of_walls = self.wall_pull(self.averaged(vectors.values @ self.axial))
+        at_places = self.turned.at_places(self.solved(of_walls, self.rotating))
         right = self.wall_pull((surface - at_rest) @ self.lattice.axes.T) + self.turned.pull(turns(at_places))
         return LatticeDisplacement(self, vectors, at_places, self.in_space(self.solved(right, self.sliding)))
 
@@ -136,6 +139,16 @@ class ThinPlate(OneLine):
     def wall_pull_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `wall_pull`."""
         return (self._weights[:, None] * (self._walls @ bar))[self.mesh.surface_ids]
+
+    def averaged(self, of_surface: np.ndarray) -> np.ndarray:
+        """Average vectors of the surface, shape (n_surface, 3), over what spans of the lattice can follow."""
+        on_surface, means = self._means
+        return on_surface @ (means @ of_surface)
+
+    def averaged_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `averaged`."""
+        on_surface, means = self._means
+        return means.T @ (on_surface.T @ bar)
 
     def solved(self, right: np.ndarray, systems: tuple[System, ...]) -> np.ndarray:
         """Unknowns that balance pulls, both of shape (n_unknowns, 3), zero where they are not free: symmetric."""
@@ -179,6 +192,15 @@ class ThinPlate(OneLine):
     def _walls(self) -> csr_array:
         """Displacements of the nodes of walls from the unknowns, shape (n_walls, n_unknowns)."""
         return csr_array(self.lattice.evaluator(self.wall_points).matrix() @ self._unknowns)
+
+    @cached_property
+    def _means(self) -> tuple[csr_array, csr_array]:
+        """Values on the surface of the lattice's basis, and the mean over the surface that each of it has."""
+        ids = self.mesh.surface_ids
+        on_surface = csr_array(self._walls[ids])
+        weighted = csr_array(on_surface.T @ diags_array(self._weights[ids]))
+        totals = weighted.sum(axis=1)
+        return on_surface, csr_array(diags_array(1.0 / np.where(totals > 0.0, totals, 1.0)) @ weighted)
 
     @property
     def wall_points(self) -> np.ndarray:
@@ -255,7 +277,8 @@ class LatticeDisplacement(OneLine):
         """Change of the displacement with the surface points at rest and where they go, both (n_surface, 3)."""
         mover = self.mover
         d_vectors = self.vectors.jvp(d_at_rest, d_surface)
-        d_at_places = mover.turned.at_places(mover.solved(mover.wall_pull(d_vectors @ mover.axial), mover.rotating))
+        d_of_walls = mover.wall_pull(mover.averaged(d_vectors @ mover.axial))
+        d_at_places = mover.turned.at_places(mover.solved(d_of_walls, mover.rotating))
         right = mover.wall_pull((d_surface - d_at_rest) @ mover.lattice.axes.T)
         right += mover.turned.pull(turns_jvp(self.at_places, d_at_places))
         return mover.in_space(mover.solved(right, mover.sliding))
@@ -266,7 +289,8 @@ class LatticeDisplacement(OneLine):
         right_bar = mover.solved(mover.in_space_vjp(bar), mover.sliding)
         by_places = turns_vjp(self.at_places, mover.turned.pull_vjp(right_bar))
         turned_bar = mover.solved(mover.turned.at_places_vjp(by_places), mover.rotating)
-        at_rest_bar, surface_bar = self.vectors.vjp(mover.wall_pull_vjp(turned_bar) @ mover.axial.T)
+        by_vectors = mover.averaged_vjp(mover.wall_pull_vjp(turned_bar)) @ mover.axial.T
+        at_rest_bar, surface_bar = self.vectors.vjp(by_vectors)
         by_walls = mover.wall_pull_vjp(right_bar) @ mover.lattice.axes
         return at_rest_bar - by_walls, surface_bar + by_walls
 
