@@ -133,6 +133,16 @@ def test_what_is_wrong_in_a_folder_is_said_in_one_line(folder, name, old, new, w
     assert "\n" not in str(error.value)
 
 
+def test_a_boundary_without_its_number_of_patches_is_read(folder):
+    markers, text = read_mesh(folder).mesh.markers, (folder / "boundary").read_text()
+    (folder / "boundary").write_text(re.sub(r"\n2\s*\n\(", "\n// by hand\n(", text))
+    found = read_mesh(folder).mesh.markers
+    assert list(found) == list(markers)
+    for name, faces in markers.items():
+        np.testing.assert_array_equal(found[name], faces)
+    assert (folder / "boundary").read_text() != text
+
+
 def test_comments_anywhere_cost_no_time_and_change_nothing(folder):
     mesh = read_mesh(folder).mesh
     for path in folder.iterdir():

@@ -117,9 +117,13 @@ class FoamFile:
             )
         return points
 
-    def dictionaries(self) -> tuple[str, int]:
-        """What is behind the bracket of a list of dictionaries, without comments, in ASCII always, and their number."""
-        n, start, _ = self._list(self._start)
+    def dictionaries(self) -> tuple[str, int | None]:
+        """What is behind the bracket of a list of dictionaries, without comments, in ASCII always, and their number.
+
+        The number is None where the file has none, as OpenFOAM allows of lists that people write.
+        """
+        at = self._behind_gaps(self._start)
+        n, start = (None, at + 1) if self.data[at : at + 1] == b"(" else self._list(at)[:2]
         return _COMMENTS.sub(b"", self.data[start:]).decode(errors="backslashreplace"), n
 
     @property

@@ -99,6 +99,7 @@ def _patches(file: FoamFile, n_faces: int) -> list[tuple[str, str, int, int]]:
     names = {name for name, *_ in found}
     if _PATCH.sub("", text).split() != [")"]:
         raise InputError(f"{file.path}: has other text beside its patches; write it again")
-    if not len(names) == len(found) == n_patches:
-        raise InputError(f"{file.path}: announces {n_patches:,} patches and holds {len(names):,}; write it again")
+    announced = len(found) if n_patches is None else n_patches
+    if not len(names) == len(found) == announced:
+        raise InputError(f"{file.path}: announces {announced:,} patches and holds {len(names):,}; write it again")
     return found
