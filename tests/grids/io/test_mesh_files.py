@@ -133,8 +133,12 @@ def test_what_is_wrong_in_a_folder_is_said_in_one_line(folder, name, old, new, w
     assert "\n" not in str(error.value)
 
 
-def test_a_boundary_without_its_number_of_patches_is_read(folder):
+def test_lists_as_older_programs_wrote_them_are_read(folder):
+    """A boundary without its number of patches, and neighbours of -1 for faces that have none."""
     markers, text = read_mesh(folder).mesh.markers, (folder / "boundary").read_text()
+    head, _, body = (folder / "neighbour").read_text().rpartition("(")
+    n, listed = int(head.split()[-1]), body.partition(")")[0]
+    (folder / "neighbour").write_text(f"{head.rstrip()[: -len(str(n))]}{n + 3}\n({listed}\n-1 -1\n-1\n)\n")
     (folder / "boundary").write_text(re.sub(r"\n2\s*\n\(", "\n// by hand\n(", text))
     found = read_mesh(folder).mesh.markers
     assert list(found) == list(markers)

@@ -66,6 +66,7 @@ def read_polymesh(
     stored = files["points"].points()
     points, (corners, sizes) = stored.values, files["faces"].faces()
     owner, neighbour = files["owner"].labels(), files["neighbour"].labels()
+    neighbour = neighbour[: len(np.trim_zeros(neighbour + 1, "b"))]  # older meshes list -1 for faces that have none
     if len(owner) != len(sizes) or len(neighbour) > len(owner):
         raise InputError(f"{path}: has {len(sizes):,} faces and {len(owner):,} owners; write it again")
     if (sizes < 3).any():
