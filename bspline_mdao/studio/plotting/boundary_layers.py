@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...core.background.mesh_model import MeshModel
-from ...flow.om.snapshots import Snapshot
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.topology.grid import Grid
-from .edge_cells import EdgePicture, edge_cells_of
 from .figures import BLUE, GRAY, ORANGE, RED, figure, require
+
+if TYPE_CHECKING:
+    from .edge_cells import EdgePicture
 
 __all__ = ["draw_first_heights", "draw_wall_cells"]
 
@@ -46,6 +47,9 @@ def draw_wall_cells(
     InputError
         If matplotlib is not installed, or there are no walls.
     """
+    from ...flow.om.snapshots import Snapshot  # here: heights are drawn without the framework, which loads matplotlib
+    from .edge_cells import edge_cells_of
+
     state = Snapshot.of(grid)
     cells = edge_cells_of(state.grid, state)
     edges = cells.edges
