@@ -114,6 +114,18 @@ def test_what_walls_pull_and_where_rotations_are_known_are_transposed_exactly(mo
     assert pulled == pytest.approx(np.vdot(targets, turned.pull_vjp(unknowns)), rel=1e-11)
 
 
+@pytest.mark.slow
+def test_a_part_of_a_wall_that_moves_by_itself_does_not_turn_the_lattice_further_than_itself():
+    """Rotations jump from node to node at its edge, which spans of the lattice cannot follow."""
+    mesh, kinds = mesh_around_a_body()
+    model, faces = MeshModel.of(mesh, kinds), mesh.markers["body"]
+    is_nose = (mesh.points[faces][..., 0] < 0.0).any(axis=1)
+    is_of = [np.isin(model.wall_rows, faces[which]) for which in (is_nose, ~is_nose)]
+    movement, state = moved(model, np.stack([0.01 * is_of[0], np.zeros(len(model.wall_rows)), 0.02 * is_of[1]], axis=1))
+    assert not mesh.quality(state.nodes).is_inverted.any()
+    assert np.abs(movement.followed.at_places).max() < np.abs(movement.followed.vectors.values).max()
+
+
 def test_a_mesh_that_is_turned_moves_as_it_does_upright():
     rng = np.random.default_rng(4)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
