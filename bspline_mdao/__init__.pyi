@@ -48,6 +48,7 @@ from .errors import FitWarning as FitWarning
 from .errors import InputError as InputError
 from .errors import MachNumberWarning as MachNumberWarning
 from .errors import MovementError as MovementError
+from .errors import SolverError as SolverError
 from .errors import SpuriousDragWarning as SpuriousDragWarning
 from .flow.om.euler_flow import EulerFlow as EulerFlow
 from .flow.om.lattice_flow import LatticeFlow as LatticeFlow

@@ -1,4 +1,4 @@
-"""Exceptions and warnings: unusable input, a movement that cannot be done, what to look at in fits and flows."""
+"""Exceptions and warnings: unusable input, movements and solvers that fail, what to look at in fits and flows."""
 
 __all__ = [
     "DerivativeModeWarning",
@@ -6,6 +6,7 @@ __all__ = [
     "InputError",
     "MachNumberWarning",
     "MovementError",
+    "SolverError",
     "SpuriousDragWarning",
 ]
 
@@ -46,6 +47,23 @@ class MovementError(ArithmeticError):
     ... except MovementError:
     ...     "refused"
     'refused'
+    """
+
+
+class SolverError(RuntimeError):
+    """A flow solver of others that gave no solution: it is missing, diverged, was killed or took too long.
+
+    The first line of the message says which program, where, why and what to do; the last lines of its log follow.
+    Components raise it as ``om.AnalysisError``, so that a driver takes a smaller step.
+
+    Examples
+    --------
+    >>> from bspline_mdao import SolverError
+    >>> try:
+    ...     raise SolverError("simpleFoam is not on the PATH; install OpenFOAM")
+    ... except SolverError as error:
+    ...     print(error)
+    simpleFoam is not on the PATH; install OpenFOAM
     """
 
 

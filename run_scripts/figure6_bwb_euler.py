@@ -104,7 +104,7 @@ def main(
             numbers["openfoam"] = (
                 {name: getattr(other, name) for name in names} if other else {"refused": "not installed"}
             )
-        except bm.InputError as error:
+        except (bm.InputError, bm.SolverError) as error:
             numbers["openfoam"] = {"refused": str(error)}
     if figures:
         with figure(figures, "figure6_bwb_euler", size=(2.0 * PANEL[0] + 0.6, PANEL[1] + 3.4)) as canvas:

@@ -118,7 +118,7 @@ def fly(name: str, model: bm.FittedModel, area: float, openfoam: bool, iprint: i
             names = ("CL", "CD", "seconds", "n_iterations", "is_converged")
             codes["OpenFOAM"] = {key: getattr(found, key) for key in names} if found else {"refused": "not installed"}
             pressures |= {"OpenFOAM": (nodes[wall_quads(model)], found.Cp)} if found else {}
-        except bm.InputError as error:
+        except (bm.InputError, bm.SolverError) as error:
             codes["OpenFOAM"] = {"refused": str(error)}
     return codes, pressures
 

@@ -10,4 +10,4 @@ from .om.flow_run import run_flow as run_flow
 from .om.series_recorder import SeriesRecorder as SeriesRecorder
 from .om.snapshots import Snapshot as Snapshot
 from .om.vortex_lattice import VortexLattice as VortexLattice
-from .openfoam import openfoam_forces as openfoam_forces
+from .openfoam.inviscid import openfoam_forces as openfoam_forces

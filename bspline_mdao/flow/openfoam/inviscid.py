@@ -9,10 +9,7 @@ integral. A run ends where the initial residuals of all equations are below `TOL
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import subprocess
 import tempfile
 import time
 from dataclasses import dataclass
@@ -20,19 +17,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.checks import as_axes
-from ..base.display import OneLine
-from ..errors import InputError
-from ..grids.cells.cell_faces import CellFaces
-from ..grids.cells.quads import area_vectors
-from ..grids.io.openfoam import CaseField, PolyMesh
-from ..grids.topology.topology import Topology
-from .loads.stream import stream_axes
+from ...base.checks import as_axes
+from ...base.display import OneLine
+from ...errors import InputError, SolverError
+from ...grids.cells.cell_faces import CellFaces
+from ...grids.cells.quads import area_vectors
+from ...grids.io.openfoam import CaseField, PolyMesh
+from ...grids.topology.topology import Topology
+from ..loads.stream import stream_axes
+from .program import is_there, run_program
 
 __all__ = ["Forces", "openfoam_forces"]
-
-HOME = "/usr/share/openfoam"
-"""Where Debian puts what OpenFOAM looks for in ``WM_PROJECT_DIR``."""
 
 TOLERANCE = 1e-6
 """Of the initial residuals, as OpenFOAM scales them."""
@@ -120,7 +115,9 @@ def openfoam_forces(
     Raises
     ------
     InputError
-        If no patch is a wall, or OpenFOAM stops with an error.
+        If no patch is a wall.
+    SolverError
+        If OpenFOAM stops with an error.
 
     Examples
     --------
@@ -131,7 +128,7 @@ def openfoam_forces(
     >>> nodes = model.regenerate().to_vector().reshape(-1, 3)
     >>> forces = openfoam_forces(model.topology, nodes, 0.5, 3.0, reference_area=0.75)  # doctest: +SKIP
     """
-    if shutil.which("rhoSimpleFoam") is None:
+    if not is_there("rhoSimpleFoam"):
         print("OpenFOAM is not installed; skipped")
         return None
     cells, stream = CellFaces.of(topology, nodes), Stream(mach, alpha, axes)
@@ -141,7 +138,7 @@ def openfoam_forces(
     with tempfile.TemporaryDirectory() as folder:
         PolyMesh.of(topology, nodes).write_case(folder, *flow_case(stream, max_iterations))
         start = time.perf_counter()
-        log = run("rhoSimpleFoam", Path(folder))
+        log = run_program("rhoSimpleFoam", Path(folder))
         seconds = time.perf_counter() - start
         pressure = read_field(Path(folder), "p")
     Cp = (pressure[cells.left[wall]] - PRESSURE) / stream.dynamic_pressure
@@ -150,28 +147,13 @@ def openfoam_forces(
     return Forces(lift, drag, Cp, read_residuals(log), "solution converged" in log, seconds)
 
 
-def run(program: str, case: Path) -> str:  # what it printed
-    """Run a program of OpenFOAM on a case."""
-    environment = {"WM_PROJECT_DIR": HOME, **os.environ}
-    done = subprocess.run([program, "-case", str(case)], env=environment, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise InputError(f"{program}: {_reason(done.stderr + done.stdout)}; see to the grid or the Mach number")
-    return done.stdout
-
-
-def _reason(text: str) -> str:
-    """Say in one line why a program stopped: OpenFOAM's own words, or that numbers overflowed."""
-    message = re.search(r"FOAM FATAL (?:IO )?ERROR:(.*?)\n\s*From ", text, re.DOTALL)
-    return " ".join(message[1].split()) if message else "the flow diverged"
-
-
 def read_field(case: Path, name: str) -> np.ndarray:
     """Read a scalar of all cells at the last iteration that was written."""
     last = max((path for path in case.iterdir() if path.name.isdigit()), key=lambda path: int(path.name))
     text = (last / name).read_text()
     values = re.search(r"internalField\s+nonuniform List<scalar>\s+\d+\s+\(([^)]*)\)", text)
     if values is None:
-        raise InputError(f"{last / name}: no list of values; see to the grid or the Mach number")
+        raise SolverError(f"{last / name}: no list of values; see to the grid or the Mach number")
     return np.array(values[1].split(), dtype=float)
 
 
