@@ -12,7 +12,7 @@ import pytest
 from openfoam_stand_ins import stand_in
 
 from bspline_mdao import InputError, SolverError
-from bspline_mdao.flow.openfoam import program
+from bspline_mdao.flow import solver_process
 from bspline_mdao.flow.openfoam.case_folder import CaseFolder
 from bspline_mdao.flow.openfoam.program import run_program
 
@@ -53,7 +53,7 @@ def test_a_program_that_is_missing_is_said_with_what_to_install(tmp_path, monkey
 
 
 def test_a_program_that_hangs_ends_at_its_limit_with_all_that_it_began(tmp_path, monkeypatch):
-    monkeypatch.setattr(program, "GRACE", 0.1)
+    monkeypatch.setattr(solver_process, "GRACE", 0.1)
     stand_in(tmp_path / "bin", monkeypatch, "simpleFoam", "trap '' TERM; sleep 60 & echo $! > $2/child; echo on; wait")
     start = time.monotonic()
     with pytest.raises(SolverError, match=r"stopped at its time limit of 0.5 s; give it more time.*\n.*\n +on"):

@@ -13,14 +13,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ...errors import InputError, SolverError
-from ...grids.io.locked_folder import take
+from ...errors import SolverError
+from ..solver_process import locked_case
 from .program import disk_full, run_program
 
 __all__ = ["CaseFolder"]
-
-LOCK = ".bspline_mdao-lock"
-"""File that is locked while a run is in the folder."""
 
 SOLUTION = "solution"
 """Folder in the case for the fields of the last solution."""
@@ -44,19 +41,11 @@ class CaseFolder:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Keep other runs out while the block runs, and as long as a program that it began goes on."""
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            lock = os.open(self.path / LOCK, os.O_CREAT | os.O_RDWR, 0o600)
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be written ({error.strerror}); choose another folder") from error
-        try:
-            if take(lock) is False:
-                raise InputError(f"{self.path}: another run is at work in it; wait for its end, or name another folder")
-            self._lock = lock
-            yield
-        finally:
-            self._lock = None
-            os.close(lock)
+        with locked_case(self.path) as self._lock:
+            try:
+                yield
+            finally:
+                self._lock = None
 
     def run(self, program: str, *arguments: str, time_limit: float | None = None) -> str:  # its log
         """Run a program of OpenFOAM, with the folder locked until it ends."""

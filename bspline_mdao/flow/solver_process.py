@@ -1,0 +1,144 @@
+"""Solvers of others, run by themselves in a case folder; whatever goes wrong is one `SolverError` that says what to do.
+
+What a program prints goes to a log in the case while it runs, so that it can be followed there.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from ..errors import InputError, SolverError
+from ..grids.io.locked_folder import take
+
+__all__ = ["disk_full", "is_there", "locked_case", "run_solver"]
+
+LOCK = ".bspline_mdao-lock"
+"""File that is locked while a run is in the folder."""
+
+N_LINES = 12
+"""Lines of the log that an error ends with: OpenFOAM's own errors take eight to ten, those of SU2 six to twelve."""
+
+GRACE = 5.0
+"""Seconds that a program has to end by itself before it is killed."""
+
+FULL = 2**20
+"""Bytes that are free on a disk that counts as full: no field of a mesh worth a solution fits in."""
+
+
+def is_there(program: str) -> bool:
+    """Whether a program is on the PATH."""
+    return shutil.which(program) is not None
+
+
+@contextmanager
+def locked_case(path: Path) -> Iterator[int]:
+    """Make a folder if need be, and keep other runs out while the block runs; yields the open lock."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        lock = os.open(path / LOCK, os.O_CREAT | os.O_RDWR, 0o600)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another folder") from error
+    try:
+        if take(lock) is False:
+            raise InputError(f"{path}: another run is at work in it; wait for its end, or name another folder")
+        yield lock
+    finally:
+        os.close(lock)
+
+
+def run_solver(
+    command: Sequence[str],  # the program and its arguments
+    case: Path,  # folder that it runs in
+    log: Path,  # where to what it prints goes
+    install: str,  # what to do where it is missing
+    reason: Callable[[str], str | None],  # why it stopped, by what it printed; None: unclear
+    *,
+    program: str = "",  # name in messages; that of the command by default
+    environment: Mapping[str, str] | None = None,  # variables besides those of this process
+    time_limit: float | None = None,  # s
+    inherited: Sequence[int] = (),  # open files that it keeps open until it ends, such as the lock of the case
+) -> str:  # what it printed
+    """Run a program on a case."""
+    program = program or command[0]
+    missing = next((each for each in dict.fromkeys((command[0], program)) if not is_there(each)), None)
+    if missing is not None:
+        raise SolverError(f"{missing} is not on the PATH; {install}")
+    try:
+        with open(log, "wb") as file:
+            running = subprocess.Popen(
+                command,
+                cwd=case,
+                env={**os.environ, **(environment or {})},
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # with processes of its own, which end with it
+                pass_fds=tuple(inherited),
+            )
+        status = _status_of(running, time_limit)
+        text = log.read_text(errors="replace")
+    except OSError as error:
+        raise disk_full(program, case, error) from error
+    if status == 0:
+        return text
+    raise SolverError(f"{program} in {case}: {_reason(status, text, case, time_limit, reason)}{end_of(text, log)}")
+
+
+def disk_full(program: str, case: Path, error: OSError) -> SolverError:
+    """Return the error of a file of a case that cannot be written or read."""
+    what = "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "see to the folder"
+    return SolverError(f"{program} in {case}: {error.strerror or error} ({error.filename or case}); {what}")
+
+
+def end_of(text: str, log: Path) -> str:
+    """The last lines of a log, with their place."""
+    lines = [line for line in text.splitlines() if line.strip()][-N_LINES:]
+    return f"\nThe end of {log}:\n" + "\n".join(f"    {line}" for line in lines) if lines else ""
+
+
+def _status_of(running: subprocess.Popen, time_limit: float | None) -> int | None:
+    """Wait for a program: its status, None where it was stopped at its limit. It ends with whoever waits, too."""
+    try:
+        return running.wait(time_limit)
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        if running.poll() is None:
+            _stop(running)
+
+
+def _stop(running: subprocess.Popen) -> None:
+    """End a program and the processes that it began."""
+    with suppress(ProcessLookupError):
+        os.killpg(running.pid, signal.SIGTERM)
+    with suppress(subprocess.TimeoutExpired):
+        running.wait(GRACE)
+    with suppress(ProcessLookupError):  # what it began may go on
+        os.killpg(running.pid, signal.SIGKILL)
+    running.wait()
+
+
+def _reason(
+    status: int | None, text: str, case: Path, time_limit: float | None, reason: Callable[[str], str | None]
+) -> str:
+    """Say why a program stopped, and what to do."""
+    if status is None:
+        return f"stopped at its time limit of {time_limit:g} s; give it more time, fewer iterations or a coarser mesh"
+    if "No space left on device" in text or shutil.disk_usage(case).free < FULL:
+        return "the disk is full; free some space"
+    said = reason(text)
+    if said is not None:
+        return said
+    if status in (-signal.SIGFPE, 128 + signal.SIGFPE):
+        return "the flow diverged; take a smaller step, or see to the mesh and the relaxation"
+    if status < 0:
+        name = signal.Signals(-status).name
+        return f"was ended by {name}, by somebody or for want of memory; run it again, with more memory perhaps"
+    return f"ended with status {status}; see to the case or the mesh"
