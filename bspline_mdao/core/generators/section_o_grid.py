@@ -18,11 +18,13 @@ sections", NACA Report 452 (1933).
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from numpy.polynomial.polynomial import polyval
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from ...errors import InputError
 from ...grids.topology.grid import Block, Grid, Patch
 from ...grids.topology.index_space import Window
+from .stretching import stretch_lines
 from .wing import Section
 
 _SAMPLES = 1025
@@ -34,11 +36,20 @@ _MODES = 1024
 _STEPS, _TOLERANCE = 500, 1e-13
 """At most as many steps, until angles (rad) change by less."""
 
+_NEAREST, _ALONG_RAY = 1e-7, 400
+"""Logarithm of the radius of the nearest of the points by which the lengths of rays are measured, and their number."""
+
 _TRAILING_EDGE = 1.0
 """In chords."""
 
 
-def section_o_grid(section: Section, n_around: int = 64, far: float = 150.0, n_away: int | None = None) -> Grid:
+def section_o_grid(
+    section: Section,
+    n_around: int = 64,
+    far: float = 150.0,
+    n_away: int | None = None,
+    off_wall: float | None = None,
+) -> Grid:
     """Make the O-grid about a section of unit chord, one cell deep between two planes of symmetry.
 
     Parameters
@@ -52,6 +63,9 @@ def section_o_grid(section: Section, n_around: int = 64, far: float = 150.0, n_a
     n_away : int, optional
         Cells from the section to the outer boundary; as many as make them square by default, which at the default
         radius is as many as around.
+    off_wall : float, optional
+        Height of the first cells in chords, for boundary layers; square cells by default. Along every ray cells grow
+        from there to square ones at the outer boundary.
 
     Returns
     -------
@@ -62,7 +76,8 @@ def section_o_grid(section: Section, n_around: int = 64, far: float = 150.0, n_a
     Raises
     ------
     InputError
-        If the nose is sharp, the counts are too small, or the outer boundary is too near.
+        If the nose is sharp, the counts are too small, the outer boundary is too near, or cells of that height cannot
+        grow to it.
 
     Examples
     --------
@@ -85,7 +100,12 @@ def section_o_grid(section: Section, n_around: int = 64, far: float = 150.0, n_a
         raise InputError(f"O-grid about a section: the far field at {far:g} chords cuts it; give 2 or more")
     decades = np.log(far / circle.radius)
     rows = n_away or max(4, round(n_around * decades / (2.0 * np.pi)))
-    points = corner.restore(np.stack([circle.ring(r) for r in np.exp(decades * np.arange(rows + 1) / rows)], axis=1))
+    radii = np.exp(decades * np.arange(rows + 1) / rows)
+    if off_wall is None:
+        rings = np.stack([circle.ring(r) for r in radii], axis=1)
+    else:
+        rings = circle.points(_radii_off_wall(corner, circle, decades, rows, off_wall))
+    points = corner.restore(rings)
     points[0, 0] = _TRAILING_EDGE
     points = np.concatenate([points, points[:1]])[::-1]  # i clockwise, for a right-handed block
     plane = np.stack([points.real, points.imag], axis=-1)
@@ -95,6 +115,22 @@ def section_o_grid(section: Section, n_around: int = 64, far: float = 150.0, n_a
     kinds = {"wing": ("wall", (2,)), "farfield": ("farfield", (3,)), "symmetry": ("symmetry", (4, 5))}
     patches = tuple(Patch(name, kind, tuple(map(face, sides))) for name, (kind, sides) in kinds.items())
     return Grid((block,), patches, source="O-grid about a section")
+
+
+def _radii_off_wall(corner: _Corner, circle: _Circle, decades: float, rows: int, height: float) -> np.ndarray:
+    """Radii (n_around, rows + 1) of nodes on the rays whose first cells have a height (chords), the last are square."""
+    logarithms = np.append(0.0, np.geomspace(_NEAREST, decades, _ALONG_RAY))
+    rays = corner.restore(np.stack([circle.ring(r) for r in np.exp(logarithms)], axis=1))
+    distances = np.cumsum(np.abs(np.diff(rays, axis=1)), axis=1)  # along each ray, from the section
+    lengths = distances[:, -1]
+    last = 2.0 * np.pi / len(rays) * np.exp(decades) * circle.radius
+    asked = lengths[:, None] * stretch_lines(lengths, rows + 1, height, last)[:, 1:-1]
+    inner = [
+        np.exp(PchipInterpolator(np.log(there), np.log(logarithms[1:]))(np.log(here)))
+        for there, here in zip(distances, asked)
+    ]
+    ends = np.broadcast_to([0.0, decades], (len(rays), 2))
+    return np.exp(np.concatenate([ends[:, :1], inner, ends[:, 1:]], axis=1))
 
 
 def _outline(section: Section) -> tuple[np.ndarray, float]:
@@ -174,3 +210,9 @@ class _Circle:
         """Points about the near-circle that are on a circle of that radius, where the body is of radius 1."""
         around = radius * np.exp(self._series(radius) + 1j * (self.angles + self.turn))
         return self.centre + around[:: self.stride]
+
+    def points(self, radii: np.ndarray) -> np.ndarray:
+        """Points about the near-circle at radii (n_around, ...) of their own on each ray."""
+        angles = self.angles[:: self.stride].reshape(-1, *[1] * (radii.ndim - 1))
+        around = radii * np.exp(polyval(np.exp(-1j * angles) / radii, self.modes) + 1j * (angles + self.turn))
+        return self.centre + around

@@ -85,6 +85,27 @@ def test_a_symmetric_section_has_a_symmetric_grid():
     np.testing.assert_allclose(nodes[::-1], nodes.conj(), atol=1e-12)
 
 
+@sections
+def test_first_cells_have_the_height_asked_for_on_every_ray_and_grow_evenly(section):
+    nodes = plane(section, 48, far=30.0, n_away=40, off_wall=2e-5)
+    lengths = np.abs(np.diff(nodes, axis=1))
+    growth = lengths[:, 1:-1] / lengths[:, :-2]
+    np.testing.assert_allclose(lengths[:, 0], 2e-5, rtol=1e-3)
+    assert 1.0 < growth.min() < growth.max() < 1.5
+    assert np.ptp(growth[:, :20], axis=0).max() < 0.01
+
+
+def test_rays_and_outer_cells_are_those_of_the_grid_without_a_height():
+    section = cambered_section(0.1, 0.02)
+    asked, plain = (plane(section, 48, far=30.0, n_away=n, off_wall=height) for n, height in ((40, 1e-5), (400, None)))
+    np.testing.assert_allclose(asked[:, [0, -1]], plain[:, [0, -1]], atol=1e-12)
+    chords, offsets = np.diff(plain, axis=1)[:, None], asked[:, 1:-1, None] - plain[:, None, :-1]
+    place = offsets / chords
+    distances = np.abs(place - np.clip(place.real, 0.0, 1.0)) * np.abs(chords)
+    assert (distances.min(axis=2) / np.abs(asked[:, 1:-1] - 0.5)).max() < 1e-3
+    np.testing.assert_allclose(np.abs(np.diff(asked, axis=1)[:, -1]), 2.0 * np.pi / 48 * 30.0, rtol=0.15)
+
+
 @pytest.mark.parametrize(
     ("section", "options", "words"),
     [
@@ -92,6 +113,7 @@ def test_a_symmetric_section_has_a_symmetric_grid():
         (naca_section(), {"n_around": 7}, "7 cells around it; give"),
         (naca_section(), {"n_away": 3}, "64 cells around it and 3 away"),
         (naca_section(), {"far": 0.4}, "the far field at 0.4 chords cuts it"),
+        (naca_section(), {"off_wall": -1.0}, "stretching: 65 points with end intervals"),
     ],
 )
 def test_what_makes_no_grid_is_refused(section, options, words):
