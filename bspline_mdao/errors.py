@@ -6,6 +6,7 @@ __all__ = [
     "InputError",
     "MachNumberWarning",
     "MovementError",
+    "ReferenceWarning",
     "SolverError",
     "SpuriousDragWarning",
 ]
@@ -58,7 +59,7 @@ class SolverError(RuntimeError):
 
     Examples
     --------
-    >>> from bspline_mdao import SolverError
+    >>> from bspline_mdao.errors import SolverError
     >>> try:
     ...     raise SolverError("simpleFoam is not on the PATH; install OpenFOAM")
     ... except SolverError as error:
@@ -124,4 +125,18 @@ class MachNumberWarning(UserWarning):
     >>> from bspline_mdao import MachNumberWarning
     >>> import warnings
     >>> warnings.simplefilter("ignore", MachNumberWarning)  # of who has compared it
+    """
+
+
+class ReferenceWarning(UserWarning):
+    """References of a flow that look wrong: axes, a reference area, or forces that the solver finds to be others.
+
+    `OpenFoamFlow` gives one such warning for each doubt, after its first solution. The message is one line with the
+    numbers. Nothing is refused, since all of it may be meant so.
+
+    Examples
+    --------
+    >>> from bspline_mdao.errors import ReferenceWarning
+    >>> import warnings
+    >>> warnings.simplefilter("ignore", ReferenceWarning)  # of who has compared them
     """

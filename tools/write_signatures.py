@@ -29,6 +29,9 @@ ROOT = Path(__file__).parents[1]
 KINDS = {
     "InteriorControl.variables": "Sequence[InteriorPoints]",
     "SeamMeasure.measure": "SeamSmoothness",
+    "OpenFoamFlow.case": "FlowCase",
+    "OpenFoamFlow.folder": "str | os.PathLike[str]",
+    "OpenFoamFlow.time_limit": "float",
     "aggregates": "Sequence[str]",
     "ends": "Sequence[float]",
     "generation": "int",

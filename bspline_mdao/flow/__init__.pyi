@@ -10,4 +10,5 @@ from .om.flow_run import run_flow as run_flow
 from .om.series_recorder import SeriesRecorder as SeriesRecorder
 from .om.snapshots import Snapshot as Snapshot
 from .om.vortex_lattice import VortexLattice as VortexLattice
+from .openfoam.inviscid import InviscidCase as InviscidCase
 from .openfoam.inviscid import openfoam_forces as openfoam_forces

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from openfoam_stand_ins import stand_in
 
-from bspline_mdao import InputError, SolverError
+from bspline_mdao import InputError
+from bspline_mdao.errors import SolverError
 from bspline_mdao.flow import solver_process
 from bspline_mdao.flow.openfoam.case_folder import CaseFolder
 from bspline_mdao.flow.openfoam.program import run_program

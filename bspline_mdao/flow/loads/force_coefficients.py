@@ -15,7 +15,16 @@ from scipy.sparse import csr_array
 from ...errors import InputError
 from .stream import stream_axes
 
-__all__ = ["ForceCoefficients"]
+__all__ = ["ForceCoefficients", "check_references"]
+
+
+def check_references(area: object, chord: object, reference: Sequence[float]) -> None:
+    """Refuse a reference area (m^2), a chord (m) and a point of the moments (m) that are none."""
+    for name, value, unit in (("area", area, "square metres"), ("chord", chord, "metres")):
+        if not isinstance(value, Real) or not 0.0 < value < np.inf:
+            raise InputError(f"flow: reference {name} {value}; give a positive number of {unit}")
+    if np.shape(reference) != (3,) or not np.isfinite(reference).all():
+        raise InputError(f"flow: moment reference {reference}; give the coordinates x, y and z of a point")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +41,7 @@ class ForceCoefficients:
     outputs = ("CL", "CD", "CM")
 
     def __post_init__(self) -> None:
-        for name, value, unit in (("area", self.area, "square metres"), ("chord", self.chord, "metres")):
-            if not isinstance(value, Real) or not 0.0 < value < np.inf:
-                raise InputError(f"flow: reference {name} {value}; give a positive number of {unit}")
-        if np.shape(self.reference) != (3,) or not np.isfinite(self.reference).all():
-            raise InputError(f"flow: moment reference {self.reference}; give the coordinates x, y and z of a point")
+        check_references(self.area, self.chord, self.reference)
 
     def evaluate(
         self,

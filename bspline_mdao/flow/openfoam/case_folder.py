@@ -7,7 +7,6 @@ log where they are.
 from __future__ import annotations
 
 import os
-import re
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ from pathlib import Path
 
 from ...errors import SolverError
 from ..solver_process import locked_case
+from .case_fields import WrittenField
 from .program import disk_full, run_program
 
 __all__ = ["CaseFolder"]
@@ -24,11 +24,6 @@ SOLUTION = "solution"
 
 MADE_FOR = "made_for"
 """File there that says what the solution is of."""
-
-_INTERNAL = re.compile(
-    r"internalField\s+(?:uniform\s+[^;]*|nonuniform\s+List<\w+>\s*\d+\s*(?:\([^;]*\)|\{[^;]*\}))\s*;"
-)
-"""Values in cells, in ASCII."""
 
 
 class CaseFolder:
@@ -92,13 +87,12 @@ class CaseFolder:
         solution = self.path / SOLUTION
         if not (solution / MADE_FOR).is_file() or (solution / MADE_FOR).read_text() != made_for:
             return False
-        for field in sorted((self.path / "0").iterdir()):
-            values = (
-                _INTERNAL.search((solution / field.name).read_text()) if (solution / field.name).is_file() else None
-            )
-            if values is None:
-                return False
-            field.write_text(values[0].join(_INTERNAL.split(field.read_text(), maxsplit=1)))
+        fields = sorted((self.path / "0").iterdir())
+        if not all((solution / field.name).is_file() for field in fields):
+            return False
+        for field in fields:
+            values = WrittenField.read(solution, field.name).internal_entry
+            field.write_text(WrittenField.read(field.parent, field.name).with_internal(values))
         return True
 
 

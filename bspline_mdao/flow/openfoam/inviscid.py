@@ -9,25 +9,29 @@ integral. A run ends where the initial residuals of all equations are below `TOL
 
 from __future__ import annotations
 
-import re
 import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from ...base.checks import as_axes
 from ...base.display import OneLine
-from ...errors import InputError, SolverError
+from ...errors import InputError
 from ...grids.cells.cell_faces import CellFaces
 from ...grids.cells.quads import area_vectors
-from ...grids.io.openfoam import CaseField, PolyMesh
+from ...grids.io.openfoam import CaseField, Planes, PolyMesh
 from ...grids.topology.topology import Topology
 from ..loads.stream import stream_axes
+from .case_fields import WrittenField
+from .case_folder import CaseFolder
+from .flow_case import FreeStream, SpeedName
 from .program import is_there, run_program
+from .solver_log import Convergence
 
-__all__ = ["Forces", "openfoam_forces"]
+__all__ = ["Forces", "InviscidCase", "openfoam_forces"]
 
 TOLERANCE = 1e-6
 """Of the initial residuals, as OpenFOAM scales them."""
@@ -57,28 +61,42 @@ class Forces(OneLine):
 
 
 @dataclass(frozen=True)
-class Stream:
-    """Free stream."""
+class InviscidCase(OneLine):
+    """A compressible flow without friction by rhoSimpleFoam: slip at walls, the free stream far from the body.
 
-    # mach, alpha: mach number and angle of attack (deg)
-    mach: float
-    alpha: float
-    axes: str = "xzy"  # axes of the grid that point downstream, along the span and up
+    Parameters
+    ----------
+    max_iterations : int
+        Iterations after which it ends all the same.
+    tolerance : float
+        Of the initial residuals, as OpenFOAM scales them.
+    planes : {"symmetry", "symmetryPlane", "empty"}
+        OpenFOAM's type of the patches of kind symmetry. Sections, whose grid is one cell deep, need ``empty``: as
+        ``symmetry``, the velocity along the span is solved, too, and its residual never falls.
 
-    @property
-    def directions(self) -> tuple[np.ndarray, np.ndarray]:
-        """Unit vectors of drag and lift."""
-        return tuple(stream_axes(np.radians(self.alpha), as_axes(self.axes, "OpenFOAM")))
+    Examples
+    --------
+    >>> from bspline_mdao.flow import InviscidCase
+    >>> InviscidCase(max_iterations=200)
+    InviscidCase(max_iterations=200, tolerance=1e-06, planes='symmetry')
+    """
 
-    @property
-    def velocity(self) -> np.ndarray:
-        """Velocity (m/s)."""
-        return self.mach * np.sqrt(GAMMA * GAS_CONSTANT * TEMPERATURE) * self.directions[0]
+    max_iterations: int = 1000
+    tolerance: float = TOLERANCE
+    planes: Planes = "symmetry"
 
-    @property
-    def dynamic_pressure(self) -> float:
-        """Dynamic pressure (Pa)."""
-        return 0.5 * GAMMA * PRESSURE * self.mach**2
+    program: ClassVar[str] = "rhoSimpleFoam"
+    speed_name: ClassVar[SpeedName] = "Mach_number"
+    is_viscous: ClassVar[bool] = False
+
+    def stream(self, direction: np.ndarray, speed: float) -> FreeStream:
+        """Free stream of a direction, a unit vector, and a Mach number."""
+        velocity = speed * np.sqrt(GAMMA * GAS_CONSTANT * TEMPERATURE) * np.asarray(direction)
+        return FreeStream(velocity, PRESSURE, 0.5 * GAMMA * PRESSURE * speed**2)
+
+    def files(self, stream: FreeStream) -> tuple[dict[str, CaseField], dict[str, str]]:
+        """Fields to start from, and settings by their places."""
+        return _fields(stream, self.planes), _settings(self.max_iterations, self.tolerance)
 
 
 def openfoam_forces(
@@ -117,7 +135,7 @@ def openfoam_forces(
     InputError
         If no patch is a wall.
     SolverError
-        If OpenFOAM stops with an error.
+        If OpenFOAM stops with an error, or the flow diverges.
 
     Examples
     --------
@@ -131,50 +149,38 @@ def openfoam_forces(
     if not is_there("rhoSimpleFoam"):
         print("OpenFOAM is not installed; skipped")
         return None
-    cells, stream = CellFaces.of(topology, nodes), Stream(mach, alpha, axes)
+    cells, case = CellFaces.of(topology, nodes), InviscidCase(max_iterations)
+    drag, lift = stream_axes(np.radians(alpha), as_axes(axes, "OpenFOAM"))
+    stream = case.stream(drag, mach)
     wall = cells.faces_of("wall")
     if len(wall) == 0:
         raise InputError(f"{topology.source}: no patch is of kind wall; declare patches")
     with tempfile.TemporaryDirectory() as folder:
-        PolyMesh.of(topology, nodes).write_case(folder, *flow_case(stream, max_iterations))
+        PolyMesh.of(topology, nodes).write_case(folder, *case.files(stream))
         start = time.perf_counter()
         log = run_program("rhoSimpleFoam", Path(folder))
         seconds = time.perf_counter() - start
-        pressure = read_field(Path(folder), "p")
-    Cp = (pressure[cells.left[wall]] - PRESSURE) / stream.dynamic_pressure
+        found = Convergence.of("rhoSimpleFoam", log)
+        pressure = WrittenField.read(CaseFolder(folder).last, "p").internal(cells.n_cells)
+    Cp = (pressure[cells.left[wall]] - stream.pressure) / stream.dynamic_pressure
     force = Cp @ area_vectors(nodes[cells.corners[wall]]) / reference_area
-    drag, lift = (float(force @ direction) for direction in stream.directions)
-    return Forces(lift, drag, Cp, read_residuals(log), "solution converged" in log, seconds)
+    return Forces(float(force @ lift), float(force @ drag), Cp, found.residuals, found.is_converged, seconds)
 
 
-def read_field(case: Path, name: str) -> np.ndarray:
-    """Read a scalar of all cells at the last iteration that was written."""
-    last = max((path for path in case.iterdir() if path.name.isdigit()), key=lambda path: int(path.name))
-    text = (last / name).read_text()
-    values = re.search(r"internalField\s+nonuniform List<scalar>\s+\d+\s+\(([^)]*)\)", text)
-    if values is None:
-        raise SolverError(f"{last / name}: no list of values; see to the grid or the Mach number")
-    return np.array(values[1].split(), dtype=float)
+def _settings(max_iterations: int, tolerance: float) -> dict[str, str]:
+    """Settings by their places."""
+    numbers = {"iterations": max_iterations, "tolerance": tolerance}
+    return {name: text % numbers for name, text in SETTINGS.items()}
 
 
-def read_residuals(log: str) -> dict[str, np.ndarray]:
-    """Read the initial residuals of every equation, the first where one is solved twice in an iteration."""
-    found: dict[str, list[float]] = {}
-    for iteration in re.split(r"^Time = \d+$", log, flags=re.MULTILINE)[1:]:
-        solved = re.findall(r"Solving for (\w+), Initial residual = ([^,]+),", iteration)
-        for name, value in dict(reversed(solved)).items():
-            found.setdefault(name, []).append(float(value))
-    return {name: np.array(values) for name, values in found.items()}
-
-
-def flow_case(stream: Stream, max_iterations: int) -> tuple[dict[str, CaseField], dict[str, str]]:
-    """Fields and settings of a case: slip at walls, the free stream on all patches that are no symmetry."""
+def _fields(stream: FreeStream, planes: Planes) -> dict[str, CaseField]:
+    """Fields: slip at walls, the free stream on all patches that are no symmetry."""
     velocity = stream.velocity.tolist()
     pressure, temperature, vector = (
         f"uniform {text}" for text in (PRESSURE, TEMPERATURE, f"({' '.join(map(str, velocity))})")
     )
-    mirror = {"symmetry": "type symmetry;"}
-    fields = {
+    mirror = {"symmetry": f"type {planes};"}
+    return {
         "p": CaseField(
             "[1 -1 -2 0 0 0 0]",
             PRESSURE,
@@ -195,8 +201,6 @@ def flow_case(stream: Stream, max_iterations: int) -> tuple[dict[str, CaseField]
             {**mirror, "wall": "type slip;", "other": f"type freestreamVelocity; freestreamValue {vector};"},
         ),
     }
-    numbers = {"iterations": max_iterations, "tolerance": TOLERANCE}
-    return fields, {name: text % numbers for name, text in SETTINGS.items()}
 
 
 SETTINGS = {

@@ -17,6 +17,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -29,10 +30,10 @@ from ..topology.topology import Topology
 from .disk import replaced_folder
 from .formats import POLYMESH
 
-__all__ = ["CaseField", "PolyMesh", "write_case", "write_polymesh"]
+__all__ = ["CaseField", "Planes", "PolyMesh", "case_texts", "foam_name", "put_texts", "write_case", "write_polymesh"]
 
-TYPES = {"wall": "wall", "symmetry": "symmetry"}
-"""OpenFOAM's type of a patch by its kind; others are a ``patch``."""
+Planes = Literal["symmetry", "symmetryPlane", "empty"]
+"""OpenFOAM's types for patches of kind ``symmetry``."""
 
 _HEAD = "FoamFile\n{{\n    version 2.0;\n    format ascii;\n    class {};\n{}    object {};\n}}\n\n"
 _CHUNK = 100_000  # lines that are put into words at once
@@ -107,6 +108,7 @@ def write_case(
     fields: Mapping[str, CaseField],
     settings: Mapping[str, str],
     topology: Topology | None = None,
+    planes: Planes = "symmetry",
 ) -> None:
     """Write a case for OpenFOAM: the grid, fields to start from, and settings.
 
@@ -123,12 +125,16 @@ def write_case(
     topology : Topology, optional
         How the blocks are joined, found from the nodes by default. Give that of the baseline for a grid that was
         moved.
+    planes : {"symmetry", "symmetryPlane", "empty"}
+        OpenFOAM's type of patches of kind ``symmetry``. A grid one cell deep between two such planes is solved in two
+        dimensions as ``empty``; the fields need ``type empty;`` there.
 
     Raises
     ------
     InputError
-        As `write_polymesh`; or if a field has no condition for a patch, is neither scalar nor vector, or a dictionary
-        has no place below the case. Nothing is written then.
+        As `write_polymesh`; or if a field has no condition for a patch, is neither scalar nor vector, a dictionary
+        has no place below the case, or planes are ``empty`` where cells do not lie one deep between them. Nothing is
+        written then.
 
     Examples
     --------
@@ -144,7 +150,7 @@ def write_case(
     ['0', 'constant', 'system']
     """
     mesh = PolyMesh.of(topology or find_topology(grid), grid.to_vector().reshape(-1, 3))
-    mesh.write_case(folder, fields, settings)
+    mesh.write_case(folder, fields, settings, planes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +164,7 @@ class PolyMesh:
     owner: np.ndarray
     neighbour: np.ndarray
     boundary: tuple[BoundaryFaces, ...]  # the patches, with their names in OpenFOAM
+    rows: np.ndarray  # (n_points,) of int, node that each point is
 
     @classmethod
     def of(
@@ -184,22 +191,32 @@ class PolyMesh:
             owner=np.concatenate([sides[0], cells.left[edge]]),
             neighbour=sides[1],
             boundary=_renumbered(cells.boundary, len(inner), edge),
+            rows=used,
         )
+
+    def at(self, nodes: np.ndarray) -> PolyMesh:
+        """Take other nodes, shape (n_nodes, 3) (m)."""
+        return replace(self, points=nodes[self.rows])
 
     def write(
         self,
         folder: str | os.PathLike,  # the folder, made if need be
+        planes: Planes = "symmetry",  # type of patches of kind symmetry
     ) -> None:
         """Write the five files, all or none."""
         with replaced_folder(folder) as new:
-            for name, (kind, n, lines) in self._files().items():
+            for name, (kind, n, lines) in self._files(planes).items():
                 with open(new / name, "w", encoding="ascii") as file:
                     file.write(_HEAD.format(kind, self._note() if "label" in kind else "", name) + f"{n}\n(\n")
                     file.writelines(lines)
                     file.write(")\n")
 
     def write_case(
-        self, folder: str | os.PathLike, fields: Mapping[str, CaseField], settings: Mapping[str, str]
+        self,
+        folder: str | os.PathLike,
+        fields: Mapping[str, CaseField],
+        settings: Mapping[str, str],
+        planes: Planes = "symmetry",
     ) -> None:
         """Write a case with this mesh.
 
@@ -209,26 +226,32 @@ class PolyMesh:
             The case.
         fields, settings : mapping
             See `write_case`, the function.
+        planes : {"symmetry", "symmetryPlane", "empty"}
+            See there.
 
         Raises
         ------
         InputError
             As there.
         """
-        texts = {("0", name): (*_field_text(name, field, self.boundary), name) for name, field in fields.items()}
-        for place, text in settings.items():
-            above, name = PurePosixPath(place).parent, PurePosixPath(place).name
-            if str(above) == "." or ".." in above.parts or above.is_absolute():
-                raise InputError(f"OpenFOAM: '{place}' is no place in a case; name it as 'system/controlDict'")
-            texts[str(above), name] = "dictionary", text, name
-        self.write(Path(folder) / "constant" / POLYMESH)
-        for parent in dict.fromkeys(parent for parent, _ in texts):
-            with replaced_folder(Path(folder) / parent) as new:
-                for kind, text, name in (entry for (where, _), entry in texts.items() if where == parent):
-                    head = f"FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
-                    (new / name).write_text(head + text, encoding="ascii")
+        self.require_depth(planes)
+        texts = case_texts(fields, settings, self.boundary)
+        self.write(Path(folder) / "constant" / POLYMESH, planes)
+        put_texts(folder, texts)
 
-    def _files(self) -> dict[str, tuple[str, int, Iterable[str]]]:
+    def require_depth(self, planes: Planes) -> None:
+        """Refuse types that there are not, and ``empty`` for planes that do not have every cell between them."""
+        if planes not in get_args(Planes):
+            raise InputError(f"OpenFOAM: planes of type '{planes}'; give one of {', '.join(get_args(Planes))}")
+        n_faces = sum(patch.stop - patch.start for patch in self.boundary if patch.kind == "symmetry")
+        n_cells = int(self.owner.max()) + 1
+        if planes == "empty" and n_faces != 2 * n_cells:
+            raise InputError(
+                f"OpenFOAM: patches of kind symmetry have {n_faces:,} faces, and 'empty' ones would have "
+                f"{2 * n_cells:,}, two for each cell; give planes 'symmetry', or a grid one cell deep"
+            )
+
+    def _files(self, planes: Planes) -> dict[str, tuple[str, int, Iterable[str]]]:
         """Class, number of entries and text of every file."""
         forms = np.array(["3(%d %d %d)\n", "4(%d %d %d %d)\n"])[self.is_corner.sum(axis=1) - 3]
         return {
@@ -236,7 +259,7 @@ class PolyMesh:
             "faces": ("faceList", len(self.corners), _ragged_lines(forms, self.corners, self.is_corner)),
             "owner": ("labelList", len(self.owner), _lines("%d\n", self.owner[:, None])),
             "neighbour": ("labelList", len(self.neighbour), _lines("%d\n", self.neighbour[:, None])),
-            "boundary": ("polyBoundaryMesh", len(self.boundary), map(_entry, self.boundary)),
+            "boundary": ("polyBoundaryMesh", len(self.boundary), (_entry(patch, planes) for patch in self.boundary)),
         }
 
     def _note(self) -> str:
@@ -244,6 +267,38 @@ class PolyMesh:
         n_cells = int(self.owner.max()) + 1
         sizes = f"nPoints:{len(self.points)} nCells:{n_cells} nFaces:{len(self.owner)}"
         return f'    note "{sizes} nInternalFaces:{len(self.neighbour)}";\n'
+
+
+CaseTexts = dict[tuple[str, str], tuple[str, str]]
+"""Class and text of files by their folders in a case, and names."""
+
+
+def case_texts(
+    fields: Mapping[str, CaseField], settings: Mapping[str, str], boundary: Sequence[BoundaryFaces]
+) -> CaseTexts:
+    """Texts of fields and settings of a case with some patches."""
+    texts = {("0", name): _field_text(name, field, boundary) for name, field in fields.items()}
+    for place, text in settings.items():
+        above, name = PurePosixPath(place).parent, PurePosixPath(place).name
+        if str(above) == "." or ".." in above.parts or above.is_absolute():
+            raise InputError(f"OpenFOAM: '{place}' is no place in a case; name it as 'system/controlDict'")
+        texts[str(above), name] = "dictionary", text
+    return texts
+
+
+def put_texts(folder: str | os.PathLike, texts: CaseTexts) -> None:
+    """Write texts into a case, those of a folder all or none."""
+    for parent in dict.fromkeys(parent for parent, _ in texts):
+        with replaced_folder(Path(folder) / parent) as new:
+            for (where, name), (kind, text) in texts.items():
+                if where == parent:
+                    head = f"FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
+                    (new / name).write_text(head + text, encoding="ascii")
+
+
+def foam_name(name: str) -> str:
+    """Name of a patch in OpenFOAM."""
+    return _NO_WORD.sub("_", name)
 
 
 def _kept(cells: CellFaces, has_area: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -256,7 +311,7 @@ def _kept(cells: CellFaces, has_area: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def _renumbered(boundary: Sequence[BoundaryFaces], n_inner: int, edge: np.ndarray) -> tuple[BoundaryFaces, ...]:
     """Patches with names for OpenFOAM and the ranges of those of their faces that are kept."""
-    names = [_NO_WORD.sub("_", patch.name) for patch in boundary]
+    names = [foam_name(patch.name) for patch in boundary]
     for patch, name in zip(boundary, names):
         if names.count(name) > 1:
             raise InputError(f"patch {patch.name}: another patch is '{name}' to OpenFOAM, too; rename one of them")
@@ -281,13 +336,14 @@ def _ragged_lines(forms: np.ndarray, values: np.ndarray, is_there: np.ndarray) -
         yield "".join(forms[part].tolist()) % tuple(values[part][is_there[part]].tolist())
 
 
-def _entry(patch: BoundaryFaces) -> str:
+def _entry(patch: BoundaryFaces, planes: Planes) -> str:
     """Entry of a patch in the file ``boundary``."""
     sizes = f"nFaces {patch.stop - patch.start};\n        startFace {patch.start};"
-    return f"    {patch.name}\n    {{\n        type {TYPES.get(patch.kind or '', 'patch')};\n        {sizes}\n    }}\n"
+    kind = {"wall": "wall", "symmetry": planes}.get(patch.kind or "", "patch")
+    return f"    {patch.name}\n    {{\n        type {kind};\n        {sizes}\n    }}\n"
 
 
-def _field_text(name: str, field: CaseField, boundary: Sequence[BoundaryFaces]) -> tuple[str, ...]:
+def _field_text(name: str, field: CaseField, boundary: Sequence[BoundaryFaces]) -> tuple[str, str]:
     """Class of a field and its text below the head."""
     value = np.asarray(field.value, dtype=float)
     if value.shape not in ((), (3,)):

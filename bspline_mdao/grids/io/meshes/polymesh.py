@@ -21,7 +21,7 @@ from ..disk import replaced_folder
 from .foam_lists import FoamFile
 from .stored_mesh import StoredPoints
 
-__all__ = ["PolyMeshFolder", "read_polymesh"]
+__all__ = ["PolyMeshFolder", "patches_of", "read_polymesh"]
 
 LEVEL = 6
 """How much is compressed: as OpenFOAM does, zlib's default."""
@@ -78,7 +78,7 @@ def read_polymesh(
     of_cells = np.concatenate([owner[face], neighbour[face[is_inner]]])
     seen = np.concatenate([quads, quads[is_inner][:, ::-1]])
     markers, stated = {}, {}
-    for name, kind, first, n in _patches(files["boundary"], len(sizes)):
+    for name, kind, first, n in patches_of(files["boundary"], len(sizes)):
         markers[name] = quads[(face >= first) & (face < first + n)]
         stated[name] = kind
     polygons = np.concatenate([face, face[is_inner]])
@@ -86,7 +86,7 @@ def read_polymesh(
     return PolyMeshFolder(mesh, files["points"], stored)
 
 
-def _patches(file: FoamFile, n_faces: int) -> list[tuple[str, str, int, int]]:
+def patches_of(file: FoamFile, n_faces: int) -> list[tuple[str, str, int, int]]:
     """Name, type, first face and number of faces of every patch; the type is empty where it has none."""
     text, n_patches = file.dictionaries()
     found: list[tuple[str, str, int, int]] = []
