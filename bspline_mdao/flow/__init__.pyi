@@ -12,3 +12,4 @@ from .om.snapshots import Snapshot as Snapshot
 from .om.vortex_lattice import VortexLattice as VortexLattice
 from .openfoam.inviscid import InviscidCase as InviscidCase
 from .openfoam.inviscid import openfoam_forces as openfoam_forces
+from .openfoam.rans_case import RansCase as RansCase
