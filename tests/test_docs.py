@@ -129,6 +129,15 @@ def test_a_case_for_openfoam_is_written_as_the_page_says(folder, monkeypatch):
     assert {"U", "p"} == set(os.listdir("wing_case/0"))
 
 
+@pytest.mark.solver
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("simpleFoam") is None, reason="simpleFoam is not on the PATH: install OpenFOAM")
+def test_a_design_is_flown_with_openfoam_as_the_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    problem = run_blocks("howto/openfoam_flow.rst")["problem"]
+    assert problem.compute_totals(["CL"], ["alpha"])["CL", "alpha"].item() == pytest.approx(0.1, rel=0.2)
+
+
 def test_a_variable_of_ones_own_works_as_the_page_says():
     contents = run_blocks("howto/own_variable.rst")
     assert np.abs(contents["problem"].compute_totals(["corner_ks"], ["bow"])["corner_ks", "bow"]).min() > 0.0

@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import openmdao.api as om
 import pytest
-from openfoam_stand_ins import stand_in
+from openfoam_stand_ins import CONVERGED, SOLVER, stand_in
 
 from bspline_mdao import Grid, InputError, NLoptDriver, OpenFoamFlow, ScipyDriver, fit_grid
 from bspline_mdao.errors import ReferenceWarning
@@ -18,29 +18,6 @@ needs_solver = [
     pytest.mark.slow,
     pytest.mark.skipif(shutil.which("rhoSimpleFoam") is None, reason="rhoSimpleFoam is not on the PATH"),
 ]
-
-SOLVER = r"""
-case=$2
-echo run >> $case/../runs
-alpha=$(awk '/freestreamValue/ { sub(/.*\(/, ""); sub(/\).*/, ""); print atan2($3, $1) * 57.29577951308232; exit }' \
-    $case/0/U)
-FAILURE
-echo 'Time = 1'
-echo 'GAMG:  Solving for p, Initial residual = 1, Final residual = 0.01, No Iterations 2'
-echo 'Time = 2'
-echo 'GAMG:  Solving for p, Initial residual = 1e-7, Final residual = 1e-9, No Iterations 2'
-mkdir $case/1 $case/2
-cp $case/0/* $case/1
-cp $case/0/* $case/2
-p=$(awk "BEGIN { printf \"%.17g\", 100000 + 1000 * ($alpha - 3)^2 }")
-sed -i "s/internalField.*/internalField uniform $p;/" $case/2/p
-grep internalField $case/0/p >> $case/../starts
-END
-"""
-"""A solver whose pressure is that of the stream and 1000 (alpha - 3)^2 Pa more, whatever the mesh."""
-
-CONVERGED = "echo 'SIMPLE solution converged in 2 iterations'"
-
 
 Q = 0.7e5 * 0.3**2
 """Dynamic pressure at Mach 0.3 (Pa)."""

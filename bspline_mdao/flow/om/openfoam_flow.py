@@ -68,8 +68,8 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
     `ReferenceWarning` says after the first solution what looks wrong: axes, reference area, forces.
 
     There are no derivatives: let OpenMDAO take differences over a few variables, of the model or of a group around this
-    component and what moves its grid, with ``approx_totals`` (:doc:`/howto/openfoam`). Designs of which differences are
-    taken start from the same solution.
+    component and what moves its grid, with ``approx_totals`` (:doc:`/howto/openfoam_flow`). Designs of which
+    differences are taken start from the same solution.
 
     Options
     -------

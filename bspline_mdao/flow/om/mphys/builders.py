@@ -12,6 +12,7 @@ from mphys import Builder
 from ....base.numerics.processes import ONE
 from ....core.mesh.surface import SurfaceGrid
 from ....core.model.fitted_model import FittedModel
+from ....core.model.movable import Movable
 from ....core.movement.mover import Mover
 from ....core.om.model_option import Copied
 from ....core.om.mphys.conventions import COORDINATES, COUPLING, INPUT, RESULT, VOLUME, Names, names_of
@@ -44,8 +45,8 @@ class FlowBuilder(Builder):
 
     Parameters
     ----------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or MeshModel
+        The fitted grid; or a mesh without structure, on one process.
     flow : callable
         Makes the group that solves the flow, a new one for every scenario: of ``grid``, ``alpha`` and ``Mach_number``.
     surface : SurfaceGrid, optional
@@ -77,7 +78,7 @@ class FlowBuilder(Builder):
 
     def __init__(
         self,
-        model: FittedModel,
+        model: Movable,
         flow: Callable[[], om.Group],
         *,
         surface: SurfaceGrid | None = None,
@@ -121,7 +122,11 @@ class FlowBuilder(Builder):
         options = {"n_nodes": self._model.n_nodes, "results": self._results, "generation": self._generation}
         if self._is_coupled:
             options |= {"warper": self._warper(), "n_loaded": self._surface.n_points}
-        return FlowGroup(flow=self._flow, **options)
+        return FlowGroup(flow=self._flow_of(scenario_name), **options)
+
+    def _flow_of(self, scenario_name: str | None) -> Callable[[], om.Group]:
+        """What makes the flow of a scenario."""
+        return self._flow
 
     def get_number_of_nodes(self) -> int:
         """Count the nodes of the design surface that this process holds."""
