@@ -27,6 +27,7 @@ from ..loads.force_coefficients import check_references
 from ..loads.stream import RADIAN
 from ..openfoam.case_folder import CaseFolder
 from ..openfoam.case_mesh import CaseMesh
+from ..openfoam.flow_adjoint import CoefficientGradient, FlowAdjoint
 from ..openfoam.flow_case import FlowCase
 from ..openfoam.flow_run import CaseFlow, CaseResult
 from ..openfoam.inviscid import InviscidCase
@@ -67,9 +68,15 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
     have collapsed to lines. Coefficients are summed here over the faces; those that OpenFOAM finds are compared, and a
     `ReferenceWarning` says after the first solution what looks wrong: axes, reference area, forces.
 
-    There are no derivatives: let OpenMDAO take differences over a few variables, of the model or of a group around this
-    component and what moves its grid, with ``approx_totals`` (:doc:`/howto/openfoam_flow`). Designs of which
+    By default there are no derivatives: let OpenMDAO take differences over a few variables, of the model or of a group
+    around this component and what moves its grid, with ``approx_totals`` (:doc:`/howto/openfoam_flow`). Designs of which
     differences are taken start from the same solution.
+
+    With ``derivatives="adjoint"`` those of CL, CD and CM by nodes and angle are of OpenFOAM's continuous adjoint, in
+    reverse mode, one solution of ``adjointOptimisationFoam`` for each coefficient, in a folder of its own in the case;
+    for incompressible flows, laminar or by the model of Spalart and Allmaras. Nodes that are on no wall have zeros.
+    These are derivatives of the equations, some per cent to some tens of per cent off those of the solution: see
+    :doc:`/howto/openfoam_flow` before you trust them. Derivatives by the speed are zero, at a fixed Reynolds number.
 
     Options
     -------
@@ -93,6 +100,8 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
     unconverged : {"refuse", "take"}
         What is done with residuals above the tolerance of the case after all of its iterations: they are an
         ``om.AnalysisError`` that names them, or the solution is taken all the same.
+    derivatives : {"none", "adjoint"}
+        Whether there are derivatives, see above.
     iprint : int
         1 prints a line for each solution, 0 prints none.
 
@@ -129,6 +138,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
             axes: str = "xzy",
             time_limit: float | None = None,
             unconverged: Literal["refuse", "take"] = "refuse",
+            derivatives: Literal["none", "adjoint"] = "none",
             iprint: int = 1,
             **options: Any,
         ) -> None: ...
@@ -144,6 +154,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("time_limit", default=None, desc="wall time of a solution, s")
         self.options.declare("unconverged", default="refuse", values=("refuse", "take"), desc="what is done with it")
+        self.options.declare("derivatives", default="none", values=("none", "adjoint"), desc="of CL, CD and CM")
         self.options.declare("iprint", types=int, default=1, desc="lines for solutions")
 
     def setup(self) -> None:
@@ -162,7 +173,9 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
             self.options["time_limit"],
             takes_unconverged=self.options["unconverged"] == "take",
         )
+        self._adjoint = FlowAdjoint.of(self._flow) if self.options["derivatives"] == "adjoint" else None
         self._last, self._is_looked_at = LastState(), False
+        self._gradients: dict[str, CoefficientGradient] = {}
         self._speed = case.speed_name
         value, units = SPEEDS[self._speed]
         self.add_input(GRID, val=self._flow.mesh.baseline.ravel(), units="m")
@@ -188,13 +201,40 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
         outputs["y_plus"], outputs["n_iterations"] = found.y_plus, found.convergence.n_iterations
 
     def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
-        """Refuse: zeros would be taken for derivatives."""
-        raise InputError(
-            f"{self.msginfo}: has no derivatives; call approx_totals() on the model, or on a group around this and "
-            f"what moves its grid, with few variables"
-        )
+        """Apply the transpose, an adjoint solution for each coefficient; refuse where zeros would be taken for it."""
+        if self._adjoint is None:
+            raise InputError(
+                f"{self.msginfo}: has no derivatives; give it derivatives='adjoint', or call approx_totals() on the "
+                f"model, or on a group around this and what moves its grid, with few variables"
+            )
+        others = [name for name in d_outputs if name.split(".")[-1] not in ("CL", "CD", "CM")]
+        if mode == "fwd" or any(d_outputs[name].any() for name in others):
+            raise InputError(
+                f"{self.msginfo}: the adjoint has derivatives of CL, CD and CM in reverse mode alone; set up the "
+                f"problem with mode='rev', and take no derivatives of other outputs"
+            )
+        nodes, alpha, speed = (np.array(inputs[name]) for name in (GRID, "alpha", self._speed))
+        found = self._last.at([nodes.reshape(-1, 3), alpha, speed], self._solve)
+        for name, part in (("CL", 0), ("CD", 0), ("CM", 0), ("CM", 1), ("CM", 2)):
+            bar = d_outputs[name][part] if name in d_outputs else 0.0
+            if bar == 0.0:
+                continue
+            which = name + ("xyz"[part] if name == "CM" else "")
+            if which not in self._gradients:
+                with failures_as_analysis_errors(self, (SolverError,)):
+                    self._gradients[which] = self._adjoint.gradient(
+                        which, RADIAN * alpha.item(), speed.item(), found.loads
+                    )
+            gradient = self._gradients[which]
+            if GRID in d_inputs:
+                d_inputs[GRID] += bar * gradient.nodes.ravel()
+            if "alpha" in d_inputs:
+                d_inputs["alpha"] += bar * RADIAN * gradient.alpha
 
     def _solve(self, nodes: np.ndarray, alpha: np.ndarray, speed: np.ndarray) -> CaseResult:
+        self._gradients = {}
+        if self._adjoint is not None:
+            self._last.points = None  # the folder has this design from here on, also where it fails
         found = self._flow.solve(nodes, RADIAN * alpha.item(), speed.item(), not self.under_finite_difference)
         if self.options["iprint"]:
             print(
