@@ -65,8 +65,9 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
     ================  ======  ============  =====  =====================================================================
 
     Faces of walls are patch after patch. Those of a fitted grid are in the order of `CellFaces`, without those that
-    have collapsed to lines. Coefficients are summed here over the faces; those that OpenFOAM finds are compared, and a
-    `ReferenceWarning` says after the first solution what looks wrong: axes, reference area, forces.
+    have collapsed to lines. Coefficients are summed here over the faces; those that OpenFOAM finds are compared, and
+    after the first solution a ``ReferenceWarning`` (of `bspline_mdao.errors`) says what looks wrong: axes, reference
+    area, forces.
 
     By default there are no derivatives: let OpenMDAO take differences over a few variables, of the model or of a group
     around this component and what moves its grid, with ``approx_totals`` (:doc:`/howto/openfoam_flow`). Designs of which

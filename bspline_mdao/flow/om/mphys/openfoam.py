@@ -73,9 +73,16 @@ class OpenFoamBuilder(FlowBuilder):
         **options: Any,
     ):
         self._folder, self._options = Path(folder), options
-        movement = {"mover": mover, "require_valid": require_valid, "comoving": comoving}
-        flow = self._flow_of("flow")
-        super().__init__(model, flow, surface=surface, results=RESULTS, generation=generation, **movement)
+        super().__init__(
+            model,
+            self._flow_of(None),
+            surface=surface,
+            results=RESULTS,
+            generation=generation,
+            mover=mover,
+            require_valid=require_valid,
+            comoving=comoving,
+        )
 
     def _flow_of(self, scenario_name: str | None) -> Callable[[], om.Group]:
         """What makes the flow of a scenario, in its folder."""
