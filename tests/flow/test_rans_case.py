@@ -4,12 +4,12 @@ import shutil
 
 import numpy as np
 import pytest
-from bspline_mdao.flow.openfoam.solver_log import Convergence
 
 from bspline_mdao import InputError
 from bspline_mdao.files import write_case
 from bspline_mdao.flow import RansCase
 from bspline_mdao.flow.openfoam.case_folder import CaseFolder
+from bspline_mdao.flow.openfoam.solver_log import Convergence
 from bspline_mdao.generators import naca_section, onera_m6_grid, section_o_grid
 
 EAST = np.array([1.0, 0.0, 0.0])

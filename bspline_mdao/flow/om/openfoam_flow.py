@@ -70,8 +70,8 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
     area, forces.
 
     By default there are no derivatives: let OpenMDAO take differences over a few variables, of the model or of a group
-    around this component and what moves its grid, with ``approx_totals`` (:doc:`/howto/openfoam_flow`). Designs of which
-    differences are taken start from the same solution.
+    around this component and what moves its grid, with ``approx_totals`` (:doc:`/howto/openfoam_flow`). Designs that
+    differences are taken of start from the same solution.
 
     With ``derivatives="adjoint"`` those of CL, CD and CM by nodes and angle are of OpenFOAM's continuous adjoint, in
     reverse mode, one solution of ``adjointOptimisationFoam`` for each coefficient, in a folder of its own in the case;

@@ -32,12 +32,11 @@ def doubts_about_axes_and_area(
     """What looks wrong before a flow is solved, with the numbers."""
     _, areas = face_geometry(walls.points, walls.corners, walls.sizes)
     frontal, side, planform = 0.5 * np.abs(areas @ axes.T).sum(axis=0)
-    wetted = np.linalg.norm(areas, axis=1).sum()
     found = []
-    if not any(1.0 / AREA_FACTOR < area / each < AREA_FACTOR for each in (planform, frontal, wetted) if each > 0.0):
+    if not any(1.0 / AREA_FACTOR < area / each < AREA_FACTOR for each in (planform, frontal) if each > 0.0):
         found.append(
-            f"the reference area is {area:g} m^2, and the walls cover {planform:g} m^2 seen from above, {frontal:g} "
-            f"m^2 seen along the stream and {wetted:g} m^2 in all; of half a body give half of its area, in m^2"
+            f"the reference area is {area:g} m^2, and the walls cover {planform:g} m^2 seen from above and {frontal:g} "
+            f"m^2 seen along the stream; of half a body give half of its area, in m^2"
         )
     if planform < 0.5 * max(frontal, side):
         found.append(

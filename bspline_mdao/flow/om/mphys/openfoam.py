@@ -27,8 +27,8 @@ RESULTS = dict.fromkeys(("CL", "CD", "CM", "Cp", "Cf", "y_plus", "n_iterations")
 class OpenFoamBuilder(FlowBuilder):
     """A solver of OpenFOAM as the aerodynamic solver of scenarios, each in a folder of its own.
 
-    MPhys gives Mach numbers: the speed of an incompressible case is that number times 340.294 m/s. There are no
-    derivatives, see `OpenFoamFlow`.
+    MPhys gives Mach numbers: the speed of an incompressible case is that number times 340.294 m/s. Derivatives are
+    those of `OpenFoamFlow`: none by default.
 
     Parameters
     ----------
