@@ -1,5 +1,7 @@
 """The component with OpenFOAM: what a stand-in writes is read, failures are taken by drivers, forces are OpenFOAM's."""
 
+import errno
+import os
 import shutil
 
 import numpy as np
@@ -137,6 +139,21 @@ def test_a_failure_is_an_analysis_error_and_the_last_solution_stays(name, floor,
     assert problem.get_val("Cp")[0] == pytest.approx(1000.0 / Q, rel=1e-9)
     last = (tmp_path / "starts").read_text().splitlines()[-1]
     assert float(last.split()[-1].rstrip(";")) == pytest.approx(104000.0, rel=1e-9)
+
+
+def test_a_disk_that_is_full_when_the_solution_is_kept_is_an_analysis_error(floor, tmp_path, monkeypatch):
+    put_solver(tmp_path, monkeypatch)
+    problem = flow_of(floor, tmp_path)
+
+    def full(source, target, **_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "copytree", full)
+        with pytest.raises(om.AnalysisError, match=r"No space left on device \(.*solution.new\); free some space"):
+            problem.run_model()
+    problem.run_model()
+    assert problem.get_val("Cp")[0] == pytest.approx(4000.0 / Q, rel=1e-9)
 
 
 def test_what_is_not_converged_is_taken_if_so_asked(floor, tmp_path, monkeypatch):

@@ -28,13 +28,21 @@ def mixed():
     return MixedMesh(points, cells, {"floor": np.array([[0, 1, 2, 3], [1, 8, 2, 2]]), "side": np.array([[0, 1, 5, 4]])})
 
 
+def polyhedra():
+    """The same by the faces of its cells, which come in any order."""
+    mesh = mixed()
+    faces, cells = mesh.cell_faces
+    order = np.random.default_rng(4).permutation(len(cells))
+    return MixedMesh(mesh.points, {}, mesh.markers, (faces[order], cells[order]))
+
+
 def blocks():
     """Cells of blocks."""
     grid = brick_grid((3, 5, 4, 3))
     return grid_mesh(grid, find_topology(grid), {})
 
 
-@pytest.mark.parametrize("make", [mixed, blocks])
+@pytest.mark.parametrize("make", [mixed, polyhedra, blocks])
 def test_faces_close_every_cell_and_give_its_volume_in_openfoams_order(make):
     mesh = make()
     found = polymesh_of(mesh, {"floor": "wall"})
