@@ -6,9 +6,9 @@ adjoint: turbulence is not frozen, and the adjoint of the distance to the walls 
 
 The derivatives are those of the sensitivity map ``surfacePoints``: for every point of a wall a vector, by the enhanced
 surface integrals, which have the adjoint of a Laplacian that would move the mesh. They belong to the shape of the
-walls, so that points within have none. They are derivatives of the equations and not of the scheme: those of the
-solved numbers are approached with finer meshes only, and those of a body that moves as a whole are not: at sharp edges
-and noses they are wrong. How far off they are: ``docs/howto/openfoam_flow.rst``.
+walls, so that points within have none. They are derivatives of the equations and not of the scheme: finer meshes bring
+both together where walls are smooth, but not at sharp trailing edges, nor for a body that moves as a whole. How far off
+they are: ``docs/howto/openfoam_flow.rst``.
 
 The derivative by the velocity of the free stream is that of the fluxes through the faces of the far field where the
 flow comes in, between adjoint pressure and velocity in the cells behind them. Friction there is left out.
