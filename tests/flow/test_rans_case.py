@@ -65,6 +65,14 @@ def test_every_transported_variable_has_a_field_a_second_order_scheme_and_a_tole
     assert ("T" in fields) == ("alphat" in fields) == compressible
 
 
+@pytest.mark.parametrize("compressible", [False, True], ids=["incompressible", "compressible"])
+def test_the_tolerance_is_that_of_the_flow_and_a_tenth_of_that_of_turbulence(compressible):
+    case = RansCase(1e6, tolerance=3e-7, compressible=compressible)
+    control = case.files(case.stream(EAST, 0.5))[1]["system/fvSolution"].split("residualControl")[1].split("}")[0]
+    flow = "(p|U|h)" if compressible else "(p|U)"
+    assert control.split() == ["{", f'"{flow}"', "3e-07;", '"(nuTilda)"', "3e-06;"]
+
+
 @pytest.mark.parametrize(
     ("planes", "grid"),
     [

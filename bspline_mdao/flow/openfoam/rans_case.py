@@ -38,6 +38,10 @@ FARFIELD_NU_TILDA = 3.0
 FARFIELD_ENERGY, FARFIELD_EDDIES = 4e-7, 0.009
 """Of the SST model far from the body: k by the square of the speed, and eddy viscosity by the viscosity."""
 
+TURBULENCE_TOLERANCE = 10.0
+"""Of turbulence, by that of the flow: on an O-grid of 192 x 96 cells the limiter of its convection holds the residual
+at 2e-6, while that of pressure falls to 1e-9."""
+
 Turbulence = Literal["SpalartAllmaras", "kOmegaSST"]
 WallTreatment = Literal["resolved", "functions"]
 
@@ -71,7 +75,7 @@ class RansCase(OneLine):
     max_iterations : int
         Iterations after which it ends all the same.
     tolerance : float
-        Of the initial residuals, as OpenFOAM scales them.
+        Of the initial residuals, as OpenFOAM scales them; those of turbulence may be ten times as large.
 
     Raises
     ------
@@ -194,6 +198,7 @@ class RansCase(OneLine):
             "program": self.program,
             "iterations": self.max_iterations,
             "tolerance": self.tolerance,
+            "turbulence_tolerance": TURBULENCE_TOLERANCE * self.tolerance,
             "turbulence": "|".join(turbulence),
             "model": self.turbulence,
             "viscosity": repr(self.viscosity(stream)),
@@ -202,7 +207,7 @@ class RansCase(OneLine):
         texts = {name: text % {**numbers, "convection": convection} for name, text in COMMON.items()}
         if not self.compressible:
             return texts | {name: text % numbers for name, text in INCOMPRESSIBLE.items()}
-        gas = {"mu": repr(stream.density * self.viscosity(stream)), "tolerance": self.tolerance}
+        gas = {"mu": repr(stream.density * self.viscosity(stream))}
         return texts | {name: text % {**numbers, **gas} for name, text in COMPRESSIBLE.items()}
 
 
@@ -260,7 +265,7 @@ solvers
 SIMPLE
 {
     nNonOrthogonalCorrectors 0; consistent yes;
-    residualControl { "(p|U|%(turbulence)s)" %(tolerance)g; }
+    residualControl { "(p|U)" %(tolerance)g; "(%(turbulence)s)" %(turbulence_tolerance)g; }
 }
 relaxationFactors { equations { U 0.9; "(%(turbulence)s)" 0.5; } }
 """,
@@ -291,7 +296,7 @@ SIMPLE
 {
     nNonOrthogonalCorrectors 0; consistent yes; transonic no;
     pMinFactor 0.1; pMaxFactor 2;
-    residualControl { "(p|U|h|%(turbulence)s)" %(tolerance)g; }
+    residualControl { "(p|U|h)" %(tolerance)g; "(%(turbulence)s)" %(turbulence_tolerance)g; }
 }
 relaxationFactors { equations { U 0.9; h 0.9; "(%(turbulence)s)" 0.5; } }
 """,
