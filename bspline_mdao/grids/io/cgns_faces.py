@@ -140,8 +140,10 @@ def add_boundaries(
     """Write the patches of a grid as families and boundary conditions, and its collapsed faces as degenerate ones."""
     for patch in grid.patches:
         name = add_family(base, patch.name, patch.kind)
+        # ADflow takes the names of families only where conditions say themselves what they are
+        bc_type = "FamilySpecified" if _TYPE_OF_KIND[patch.kind] == "UserDefined" else _TYPE_OF_KIND[patch.kind]
         for window in patch.windows:
-            condition = _add_condition(zones[window.block], "FamilySpecified", window)
+            condition = _add_condition(zones[window.block], bc_type, window)
             add_node(condition, "FamilyName", "FamilyName_t", name)
     declared = [window for patch in grid.patches for window in patch.windows]
     for window in collapsed:

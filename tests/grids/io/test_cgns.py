@@ -189,6 +189,23 @@ ICEM_NAMES = {
 }
 
 
+def test_conditions_say_themselves_what_they_are_beside_their_families(tmp_path):
+    """ADflow gives surfaces the names of their families only so."""
+    grid = smooth_grid(((4, 5, 6),))
+    faces = {0: "wall", 2: "symmetry", 3: "farfield", 4: "overset", 5: "other"}
+    patches = tuple(Patch(f"part {n}", kind, (Window.whole(0, (4, 5, 6)).face(n),)) for n, kind in faces.items())
+    write_cgns(tmp_path / "grid.cgns", replace(grid, patches=patches))
+    with h5py.File(tmp_path / "grid.cgns") as file:
+        [(_, zone)] = children(file["Base"], "Zone_t")
+        conditions = [condition for _, condition in children(zone["ZoneBC"], "BC_t")]
+        told = [word(condition) for condition in conditions]
+        names = [word(condition["FamilyName"]) for condition in conditions]
+    assert told[:3] == ["BCWall", "BCSymmetryPlane", "BCFarfield"]
+    assert told[3:] == ["FamilySpecified"] * 2
+    assert names == [patch.name for patch in patches]
+    assert [(p.name, p.kind) for p in read_cgns(tmp_path / "grid.cgns").patches] == [(p.name, p.kind) for p in patches]
+
+
 @pytest.mark.parametrize("bc_type", ["UserDefined", "Null", "FamilySpecified"])
 def test_kinds_are_those_of_family_names_where_the_type_says_nothing(tmp_path, bc_type):
     path = tmp_path / "grid.cgns"
