@@ -33,6 +33,8 @@ KINDS = {
     "OpenFoamFlow.folder": "str | os.PathLike[str]",
     "OpenFoamFlow.time_limit": "float",
     "aggregates": "Sequence[str]",
+    "case": "str | os.PathLike[str]",
+    "config": "str | os.PathLike[str]",
     "ends": "Sequence[float]",
     "generation": "int",
     "hinges": "Sequence[HingeMoment]",
@@ -51,6 +53,7 @@ KINDS = {
     "surface": "SurfaceGrid",
     "PointSet.tolerance": "float",
     "Ride.tolerance": "float",
+    "time_limit": "float",
     "walls": "Sequence[str]",
 }
 """Types of options of which the declaration does not tell them, by the name of the option, or class and option."""

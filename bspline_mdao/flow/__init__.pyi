@@ -9,6 +9,7 @@ from .om.aerostructure import Spar as Spar
 from .om.flow_run import run_flow as run_flow
 from .om.series_recorder import SeriesRecorder as SeriesRecorder
 from .om.snapshots import Snapshot as Snapshot
+from .om.su2_flow import Su2Flow as Su2Flow
 from .om.vortex_lattice import VortexLattice as VortexLattice
 from .openfoam.inviscid import InviscidCase as InviscidCase
 from .openfoam.inviscid import openfoam_forces as openfoam_forces
