@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import su2_stand_in
 from overset_cases import two_cylinders
 from riding_cases import mesh, su2_text
 
@@ -147,6 +148,15 @@ def test_a_flow_of_ones_own_works_as_the_page_says():
     problem = run_blocks("howto/own_flow.rst")["problem"]
     twist = problem.compute_totals(["CL"], ["twist"])["CL", "twist"]
     assert twist.min() > 1e-3  # each station turns the lower side further into the stream
+
+
+def test_a_wing_flies_with_su2_as_the_page_says(tmp_path, monkeypatch):
+    """With a stand-in for SU2; `tests/flow/test_su2_flow.py` runs SU2 itself where it is there."""
+    su2_stand_in.install(tmp_path / "bin", monkeypatch)
+    monkeypatch.chdir(tmp_path)
+    problem = run_blocks("howto/su2.rst")["problem"]
+    assert (tmp_path / "su2_wing" / "restart_adj_cfz.csv").exists()
+    assert np.abs(problem.compute_totals(["CL"], ["twist"])["CL", "twist"]).min() > 0.0
 
 
 def test_an_optimisation_for_several_conditions_runs_as_the_page_says():

@@ -65,7 +65,7 @@ def stand_in(tmp_path, monkeypatch):
 
 
 def gradient_along(problem, of, step, **directions):
-    """Totals along a direction in all inputs, and central differences."""
+    """Totals along a direction in all inputs, and central differences, after a run."""
     totals = problem.compute_totals([*of], [*directions])
     found = [sum(totals[name, wrt] @ direction for wrt, direction in directions.items()) for name in of]
     at = {name: problem.get_val(name).copy() for name in directions}

@@ -115,8 +115,10 @@ class Su2Flow(Copied, om.ExplicitComponent):
     >>> from bspline_mdao.generators import onera_m6_grid
     >>> model = fit_grid(onera_m6_grid((9, 8, 7)))
     >>> flow = Su2Flow(model=model, reference_area=0.75, time_limit=600.0)
-    >>> problem = om.Problem(flow, reports=None)
-    >>> problem.setup().run_model()  # doctest: +SKIP
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("flow", flow, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()  # doctest: +SKIP
     """
 
     if TYPE_CHECKING:  # written by tools/write_signatures.py
