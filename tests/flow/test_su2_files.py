@@ -1,6 +1,6 @@
 """Files of SU2: what it writes is read in its format, what a user configured stays, and meshes are what it reads.
 
-The excerpts have the form of files of SU2 8.0.0 (padded names in the history, restarts with ``PointID``): its writers are
+The excerpts have the form of files of SU2 8.0.0 (padded names in the history, restarts with ``PointID``), written by
 ``SU2_CFD/src/output/COutput.cpp`` and ``output/filewriter/CSU2FileWriter.cpp`` in su2code/SU2.
 """
 
