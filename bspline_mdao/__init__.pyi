@@ -48,10 +48,10 @@ from .errors import FitWarning as FitWarning
 from .errors import InputError as InputError
 from .errors import MachNumberWarning as MachNumberWarning
 from .errors import MovementError as MovementError
+from .errors import SolverError as SolverError
 from .errors import SpuriousDragWarning as SpuriousDragWarning
 from .flow.om.euler_flow import EulerFlow as EulerFlow
 from .flow.om.lattice_flow import LatticeFlow as LatticeFlow
-from .flow.om.openfoam_flow import OpenFoamFlow as OpenFoamFlow
 from .grids.io.files import open_grid as open_grid
 from .grids.io.files import read_grid as read_grid
 from .grids.io.files import write_grid as write_grid

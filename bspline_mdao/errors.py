@@ -59,7 +59,7 @@ class SolverError(RuntimeError):
 
     Examples
     --------
-    >>> from bspline_mdao.errors import SolverError
+    >>> from bspline_mdao import SolverError
     >>> try:
     ...     raise SolverError("simpleFoam is not on the PATH; install OpenFOAM")
     ... except SolverError as error:
@@ -136,7 +136,7 @@ class ReferenceWarning(UserWarning):
 
     Examples
     --------
-    >>> from bspline_mdao.errors import ReferenceWarning
+    >>> from bspline_mdao.flow import ReferenceWarning
     >>> import warnings
     >>> warnings.simplefilter("ignore", ReferenceWarning)  # of who has compared them
     """

@@ -14,7 +14,6 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.errors import SolverError
 from bspline_mdao.flow import openfoam_forces, run_flow
 from bspline_mdao.names import GRID, SURFACE_CONTROL_POINTS
 from bspline_mdao.plotting import (
@@ -105,7 +104,7 @@ def main(
             numbers["openfoam"] = (
                 {name: getattr(other, name) for name in names} if other else {"refused": "not installed"}
             )
-        except (bm.InputError, SolverError) as error:
+        except (bm.InputError, bm.SolverError) as error:
             numbers["openfoam"] = {"refused": str(error)}
     if figures:
         with figure(figures, "figure6_bwb_euler", size=(2.0 * PANEL[0] + 0.6, PANEL[1] + 3.4)) as canvas:

@@ -15,7 +15,6 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.errors import SolverError
 from bspline_mdao.flow import openfoam_forces, run_flow
 from bspline_mdao.grids import guess_patches
 from bspline_mdao.names import GRID
@@ -119,7 +118,7 @@ def fly(name: str, model: bm.FittedModel, area: float, openfoam: bool, iprint: i
             names = ("CL", "CD", "seconds", "n_iterations", "is_converged")
             codes["OpenFOAM"] = {key: getattr(found, key) for key in names} if found else {"refused": "not installed"}
             pressures |= {"OpenFOAM": (nodes[wall_quads(model)], found.Cp)} if found else {}
-        except (bm.InputError, SolverError) as error:
+        except (bm.InputError, bm.SolverError) as error:
             codes["OpenFOAM"] = {"refused": str(error)}
     return codes, pressures
 

@@ -7,6 +7,8 @@ from .loads.rigid_links import RigidLinks as RigidLinks
 from .om.aerostructure import Aerostructure as Aerostructure
 from .om.aerostructure import Spar as Spar
 from .om.flow_run import run_flow as run_flow
+from .om.openfoam_flow import OpenFoamFlow as OpenFoamFlow
+from .om.openfoam_flow import ReferenceWarning as ReferenceWarning
 from .om.series_recorder import SeriesRecorder as SeriesRecorder
 from .om.snapshots import Snapshot as Snapshot
 from .om.su2_flow import Su2Flow as Su2Flow

@@ -7,7 +7,8 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import InputError, OpenFoamFlow, fit_grid
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.flow import OpenFoamFlow
 from bspline_mdao.flow.openfoam.flow_adjoint import CoefficientGradient, FlowAdjoint
 from bspline_mdao.flow.openfoam.flow_run import CaseFlow
 from bspline_mdao.flow.openfoam.inviscid import InviscidCase

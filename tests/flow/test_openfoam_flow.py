@@ -9,8 +9,8 @@ import openmdao.api as om
 import pytest
 from openfoam_stand_ins import CONVERGED, SOLVER, stand_in
 
-from bspline_mdao import Grid, InputError, NLoptDriver, OpenFoamFlow, ScipyDriver, fit_grid
-from bspline_mdao.errors import ReferenceWarning
+from bspline_mdao import Grid, InputError, NLoptDriver, ScipyDriver, fit_grid
+from bspline_mdao.flow import OpenFoamFlow, ReferenceWarning
 from bspline_mdao.flow.openfoam.case_folder import CaseFolder
 from bspline_mdao.grids.topology.grid import Block, Patch
 from bspline_mdao.grids.topology.index_space import Window

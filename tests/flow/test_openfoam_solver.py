@@ -7,9 +7,9 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import OpenFoamFlow, find_topology, fit_grid
+from bspline_mdao import find_topology, fit_grid
 from bspline_mdao.files import write_polymesh
-from bspline_mdao.flow import InviscidCase, RansCase
+from bspline_mdao.flow import InviscidCase, OpenFoamFlow, RansCase
 from bspline_mdao.flow.openfoam.printed_forces import printed_coefficients
 from bspline_mdao.flow.openfoam.program import run_program
 from bspline_mdao.generators import FarField, infinite_wing_grid, naca_section, onera_m6_grid

@@ -7,7 +7,8 @@ The excerpts have the form of files of SU2 8.0.0 (padded names in the history, r
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, SolverError, fit_grid
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.errors import SolverError
 from bspline_mdao.files import read_mesh
 from bspline_mdao.flow.su2.config import EULER, Su2Config, listed
 from bspline_mdao.flow.su2.frame import Su2Frame

@@ -21,7 +21,7 @@ __all__ = ["ForceCoefficients", "check_references"]
 def check_references(area: object, chord: object, reference: Sequence[float]) -> None:
     """Refuse a reference area (m^2), a chord (m) and a point of the moments (m) that are none."""
     for name, value, unit in (("area", area, "square metres"), ("chord", chord, "metres")):
-        if not isinstance(value, Real) or not 0.0 < value < np.inf:
+        if not isinstance(value, Real) or not 0.0 < float(value) < np.inf:
             raise InputError(f"flow: reference {name} {value}; give a positive number of {unit}")
     if np.shape(reference) != (3,) or not np.isfinite(reference).all():
         raise InputError(f"flow: moment reference {reference}; give the coordinates x, y and z of a point")

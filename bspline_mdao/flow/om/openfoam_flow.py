@@ -66,8 +66,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
 
     Faces of walls are patch after patch. Those of a fitted grid are in the order of `CellFaces`, without those that
     have collapsed to lines. Coefficients are summed here over the faces; those that OpenFOAM finds are compared, and
-    after the first solution a ``ReferenceWarning`` (of `bspline_mdao.errors`) says what looks wrong: axes, reference
-    area, forces.
+    after the first solution a `ReferenceWarning` says what looks wrong: axes, reference area, forces.
 
     By default there are no derivatives: let OpenMDAO take differences over a few variables, of the model or of a group
     around this component and what moves its grid, with ``approx_totals`` (:doc:`/howto/openfoam_flow`). Designs that
@@ -114,7 +113,8 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import OpenFoamFlow, fit_grid
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.flow import OpenFoamFlow
     >>> from bspline_mdao.generators import onera_m6_grid
     >>> model = fit_grid(onera_m6_grid((9, 9, 7)))
     >>> flow = OpenFoamFlow(model=model, folder="m6_case", reference_area=0.75)
