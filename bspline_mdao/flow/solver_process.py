@@ -39,9 +39,15 @@ def is_there(program: str) -> bool:
 
 @contextmanager
 def locked_case(path: Path) -> Iterator[int]:
-    """Make a folder if need be, and keep other runs out while the block runs; yields the open lock."""
+    """Make a folder if need be, and keep other runs out while the block runs; yields the open lock.
+
+    A folder with files but no lock is somebody's own, in which a run would overwrite fields and meshes.
+    """
     try:
         path.mkdir(parents=True, exist_ok=True)
+        foreign = None if (path / LOCK).exists() else next(path.iterdir(), None)
+        if foreign is not None:
+            raise InputError(f"{path}: has files of no run of ours, such as {foreign.name}; name a new or empty folder")
         lock = os.open(path / LOCK, os.O_CREAT | os.O_RDWR, 0o600)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another folder") from error

@@ -95,6 +95,16 @@ def test_a_disk_that_is_full_before_the_program_starts_is_said(tmp_path, monkeyp
         run_program("simpleFoam", tmp_path)
 
 
+def test_a_case_of_somebody_else_is_refused_and_left_as_it_is(tmp_path):
+    theirs = tmp_path / "100" / "p"
+    theirs.parent.mkdir()
+    theirs.write_text("their pressure")
+    refused = pytest.raises(InputError, match="has files of no run of ours, such as 100; name a new or empty folder")
+    with refused, CaseFolder(tmp_path).locked():
+        pass
+    assert [path.name for path in tmp_path.rglob("*")] == ["100", "p"]
+
+
 def test_a_second_run_in_a_folder_is_refused_and_one_after_it_is_not(tmp_path):
     first, second = CaseFolder(tmp_path / "case"), CaseFolder(tmp_path / "case")
     refused = pytest.raises(InputError, match="case: another run is at work in it; wait for its end")

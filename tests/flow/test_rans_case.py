@@ -117,9 +117,9 @@ def fly(folder, case, speed, off_wall):
         "functions { yPlus { type yPlus; libs (fieldFunctionObjects); writeControl onEnd; } }\n"
     )
     grid = section_o_grid(naca_section(), 64, far=15.0, n_away=44, off_wall=off_wall)
-    write_case(folder, grid, fields, settings, planes="empty")
     run = CaseFolder(folder)
     with run.locked():
+        write_case(folder, grid, fields, settings, planes="empty")
         log = run.run(case.program, time_limit=120.0)
     return Convergence.of(case.program, log), number_after(log, "average = ")
 
