@@ -81,7 +81,8 @@ def run_solver(
             running = subprocess.Popen(
                 command,
                 cwd=case,
-                env={**os.environ, **(environment or {})},
+                # OpenFOAM warns, line after line, where PWD is another folder
+                env={**os.environ, "PWD": str(case), **(environment or {})},
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=subprocess.STDOUT,

@@ -83,8 +83,8 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
     model : FittedModel or MeshModel
         The fitted grid, or a mesh without structure, with its walls.
     folder : path-like
-        Folder for the case, new or empty or of an earlier run; it is kept. One run at a time is in it. A later run of the same mesh
-        and solver starts from the solution there.
+        Folder for the case, new or empty or of an earlier run; it is kept. One run at a time is in it. A later run of
+        the same mesh and solver starts from the solution there.
     case : FlowCase, optional
         What is solved; an `InviscidCase` by default.
     reference_area : float
