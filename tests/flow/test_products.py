@@ -41,6 +41,7 @@ from bspline_mdao.core.om.surface_control_fit import SurfaceControlFit
 from bspline_mdao.core.om.surface_evaluate import SurfaceEvaluate
 from bspline_mdao.core.om.surface_measure import SurfaceMeasure
 from bspline_mdao.errors import InputError
+from bspline_mdao.flow import OpenFoamFlow, Su2Flow
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.loads.rigid_links import RigidLinks
@@ -198,6 +199,7 @@ def test_every_component_of_the_package_is_in_the_table():
     assert len(components) > 15
     leaves = components - {base for kind in components for base in kind.__bases__}
     leaves -= {MachWatch}  # has no output
+    leaves -= {OpenFoamFlow, Su2Flow}  # run programs of others: their products are tested with stand-ins for these
     assert leaves <= {type(make()) for make in COMPONENTS.values()} <= components
 
 
