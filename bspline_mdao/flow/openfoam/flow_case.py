@@ -10,7 +10,7 @@ import numpy as np
 from ...base.display import OneLine
 from ...grids.io.openfoam import CaseField, Planes
 
-__all__ = ["FlowCase", "FreeStream", "SpeedName"]
+__all__ = ["CONTROL", "FlowCase", "FreeStream", "PerfectGas", "SpeedName"]
 
 SpeedName = Literal["Mach_number", "speed"]
 """What the speed of a flow is given by: the Mach number, or m/s."""
@@ -33,6 +33,38 @@ class FreeStream(OneLine):
     def density(self) -> float:
         """Density (kg/m^3); 1 where the fields are kinematic."""
         return 2.0 * self.dynamic_pressure / self.speed**2
+
+
+@dataclass(frozen=True)
+class PerfectGas:
+    """A perfect gas far from the body."""
+
+    ratio: float  # of heats
+    constant: float  # gas constant (J/(kg K))
+    pressure: float  # Pa
+    temperature: float  # K
+
+    def stream(self, direction: np.ndarray, mach: float) -> FreeStream:
+        """Free stream of a direction, a unit vector, and a Mach number."""
+        sound = np.sqrt(self.ratio * self.constant * self.temperature)
+        dynamic_pressure = 0.5 * self.ratio * self.pressure * mach**2
+        return FreeStream(mach * sound * np.asarray(direction), self.pressure, dynamic_pressure)
+
+    def dictionary(self, viscosity: str, prandtl: float) -> str:
+        """Text of ``thermophysicalProperties``, with a dynamic viscosity (Pa s)."""
+        return f"""
+thermoType
+{{
+    type hePsiThermo; mixture pureMixture; transport const; thermo hConst; equationOfState perfectGas;
+    specie specie; energy sensibleEnthalpy;
+}}
+mixture
+{{
+    specie {{ molWeight {8314.47 / self.constant}; }}
+    thermodynamics {{ Cp {self.ratio / (self.ratio - 1.0) * self.constant}; Hf 0; }}
+    transport {{ mu {viscosity}; Pr {prandtl}; }}
+}}
+"""
 
 
 class FlowCase(Protocol):
@@ -59,3 +91,10 @@ class FlowCase(Protocol):
 
     def files(self, stream: FreeStream) -> tuple[dict[str, CaseField], dict[str, str]]:
         """Fields to start from, and settings by their places, see `write_case`."""
+
+
+CONTROL = """
+application %(program)s; startFrom startTime; startTime 0; stopAt endTime; endTime %(iterations)d; deltaT 1;
+writeControl timeStep; writeInterval %(iterations)d; writeFormat ascii; writePrecision 12; timePrecision 8;
+"""
+"""Text of ``controlDict``, which program and iterations are put into."""

@@ -27,7 +27,7 @@ from ...grids.topology.topology import Topology
 from ..loads.stream import stream_axes
 from .case_fields import WrittenField
 from .case_folder import CaseFolder
-from .flow_case import FreeStream, SpeedName
+from .flow_case import CONTROL, FreeStream, PerfectGas, SpeedName
 from .program import is_there, run_program
 from .solver_log import Convergence
 
@@ -36,7 +36,7 @@ __all__ = ["Forces", "InviscidCase", "openfoam_forces"]
 TOLERANCE = 1e-6
 """Of the initial residuals, as OpenFOAM scales them."""
 
-GAMMA, GAS_CONSTANT, PRESSURE, TEMPERATURE = 1.4, 8314.47 / 28.9, 1e5, 300.0
+GAS = PerfectGas(1.4, 8314.47 / 28.9, 1e5, 300.0)
 """Ratio of heats, gas constant (J/(kg K)), and free stream (Pa, K). Coefficients do not depend on the last three."""
 
 
@@ -91,8 +91,7 @@ class InviscidCase(OneLine):
 
     def stream(self, direction: np.ndarray, speed: float) -> FreeStream:
         """Free stream of a direction, a unit vector, and a Mach number."""
-        velocity = speed * np.sqrt(GAMMA * GAS_CONSTANT * TEMPERATURE) * np.asarray(direction)
-        return FreeStream(velocity, PRESSURE, 0.5 * GAMMA * PRESSURE * speed**2)
+        return GAS.stream(direction, speed)
 
     def files(self, stream: FreeStream) -> tuple[dict[str, CaseField], dict[str, str]]:
         """Fields to start from, and settings by their places."""
@@ -169,7 +168,7 @@ def openfoam_forces(
 
 def _settings(max_iterations: int, tolerance: float) -> dict[str, str]:
     """Settings by their places."""
-    numbers = {"iterations": max_iterations, "tolerance": tolerance}
+    numbers = {"program": InviscidCase.program, "iterations": max_iterations, "tolerance": tolerance}
     return {name: text % numbers for name, text in SETTINGS.items()}
 
 
@@ -177,18 +176,18 @@ def _fields(stream: FreeStream, planes: Planes) -> dict[str, CaseField]:
     """Fields: slip at walls, the free stream on all patches that are no symmetry."""
     velocity = stream.velocity.tolist()
     pressure, temperature, vector = (
-        f"uniform {text}" for text in (PRESSURE, TEMPERATURE, f"({' '.join(map(str, velocity))})")
+        f"uniform {text}" for text in (GAS.pressure, GAS.temperature, f"({' '.join(map(str, velocity))})")
     )
     mirror = {"symmetry": f"type {planes};"}
     return {
         "p": CaseField(
             "[1 -1 -2 0 0 0 0]",
-            PRESSURE,
+            GAS.pressure,
             {**mirror, "wall": "type zeroGradient;", "other": f"type freestreamPressure; freestreamValue {pressure};"},
         ),
         "T": CaseField(
             "[0 0 0 1 0 0 0]",
-            TEMPERATURE,
+            GAS.temperature,
             {
                 **mirror,
                 "wall": "type zeroGradient;",
@@ -204,24 +203,9 @@ def _fields(stream: FreeStream, planes: Planes) -> dict[str, CaseField]:
 
 
 SETTINGS = {
-    "constant/thermophysicalProperties": f"""
-thermoType
-{{
-    type hePsiThermo; mixture pureMixture; transport const; thermo hConst; equationOfState perfectGas;
-    specie specie; energy sensibleEnthalpy;
-}}
-mixture
-{{
-    specie {{ molWeight {8314.47 / GAS_CONSTANT}; }}
-    thermodynamics {{ Cp {GAMMA / (GAMMA - 1.0) * GAS_CONSTANT}; Hf 0; }}
-    transport {{ mu 0; Pr 1; }}
-}}
-""",
+    "constant/thermophysicalProperties": GAS.dictionary("0", 1),
     "constant/turbulenceProperties": "simulationType laminar;\n",
-    "system/controlDict": """
-application rhoSimpleFoam; startFrom startTime; startTime 0; stopAt endTime; endTime %(iterations)d; deltaT 1;
-writeControl timeStep; writeInterval %(iterations)d; writeFormat ascii; writePrecision 12; timePrecision 8;
-""",
+    "system/controlDict": CONTROL,
     "system/fvSchemes": """
 ddtSchemes { default steadyState; }
 gradSchemes { default Gauss linear; }

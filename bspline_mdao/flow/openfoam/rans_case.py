@@ -22,12 +22,15 @@ from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.cells.wall_spacing import flat_plate_y_plus
 from ...grids.io.openfoam import CaseField, Planes
-from .flow_case import FreeStream, SpeedName
+from .flow_case import CONTROL, FreeStream, PerfectGas, SpeedName
 
 __all__ = ["RansCase"]
 
-GAMMA, GAS_CONSTANT, PRESSURE, TEMPERATURE = 1.4, 287.05, 101325.0, 288.15
+GAS = PerfectGas(1.4, 287.05, 101325.0, 288.15)
 """Ratio of heats, gas constant (J/(kg K)), and free stream (Pa, K) of compressible cases."""
+
+LOWEST, HIGHEST = GAS.temperature / 2.0, 2.0 * GAS.temperature
+"""Limits of temperatures (K), which are met in the first iterations alone."""
 
 PRANDTL = 0.72
 """Prandtl number of air."""
@@ -126,8 +129,7 @@ class RansCase(OneLine):
         """Free stream of a direction, a unit vector, and a speed (m/s), or a Mach number."""
         if not self.compressible:
             return FreeStream(speed * np.asarray(direction), 0.0, 0.5 * speed**2)
-        sound = np.sqrt(GAMMA * GAS_CONSTANT * TEMPERATURE)
-        return FreeStream(speed * sound * np.asarray(direction), PRESSURE, 0.5 * GAMMA * PRESSURE * speed**2)
+        return GAS.stream(direction, speed)
 
     def viscosity(self, stream: FreeStream) -> float:
         """Kinematic viscosity of the free stream (m^2/s)."""
@@ -159,7 +161,7 @@ class RansCase(OneLine):
             ),
         }
         if self.compressible:
-            fields["T"] = field("[0 0 0 1 0 0 0]", TEMPERATURE, "type zeroGradient;", _incoming(TEMPERATURE))
+            fields["T"] = field("[0 0 0 1 0 0 0]", GAS.temperature, "type zeroGradient;", _incoming(GAS.temperature))
         return fields
 
     def _turbulence_fields(self, field: Callable[..., CaseField], stream: FreeStream) -> dict[str, CaseField]:
@@ -229,10 +231,7 @@ def _incoming(value: float) -> str:
 
 COMMON = {
     "constant/turbulenceProperties": "simulationType RAS;\nRAS { RASModel %(model)s; turbulence on; }\n",
-    "system/controlDict": """
-application %(program)s; startFrom startTime; startTime 0; stopAt endTime; endTime %(iterations)d; deltaT 1;
-writeControl timeStep; writeInterval %(iterations)d; writeFormat ascii; writePrecision 12; timePrecision 8;
-""",
+    "system/controlDict": CONTROL,
     "system/fvSchemes": """
 ddtSchemes { default steadyState; }
 gradSchemes { default Gauss linear; }
@@ -273,19 +272,7 @@ relaxationFactors { equations { U 0.9; "(%(turbulence)s)" 0.5; } }
 """Files of settings of simpleFoam."""
 
 COMPRESSIBLE = {
-    "constant/thermophysicalProperties": f"""
-thermoType
-{{
-    type hePsiThermo; mixture pureMixture; transport const; thermo hConst; equationOfState perfectGas;
-    specie specie; energy sensibleEnthalpy;
-}}
-mixture
-{{
-    specie {{ molWeight {8314.47 / GAS_CONSTANT}; }}
-    thermodynamics {{ Cp {GAMMA / (GAMMA - 1.0) * GAS_CONSTANT}; Hf 0; }}
-    transport {{ mu %(mu)s; Pr {PRANDTL}; }}
-}}
-""",
+    "constant/thermophysicalProperties": GAS.dictionary("%(mu)s", PRANDTL),
     "system/fvSolution": """
 solvers
 {
@@ -301,7 +288,7 @@ SIMPLE
 relaxationFactors { equations { U 0.9; h 0.9; "(%(turbulence)s)" 0.5; } }
 """,
     "system/fvOptions": f"""
-limits {{ type limitTemperature; active yes; selectionMode all; min {TEMPERATURE / 2.0}; max {2.0 * TEMPERATURE}; }}
+limits {{ type limitTemperature; active yes; selectionMode all; min {LOWEST}; max {HIGHEST}; }}
 """,
 }
 """Files of settings of rhoSimpleFoam. Pressures and temperatures meet their limits in the first iterations alone, which
