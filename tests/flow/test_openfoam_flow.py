@@ -27,10 +27,15 @@ Q = 0.7e5 * 0.3**2
 
 @pytest.fixture(scope="module")
 def floor():
-    """A fitted box of 1 m, whose lowest side is a wall."""
+    """A fitted box of 1 m."""
+    return box(1.0)
+
+
+def box(width):
+    """A fitted box whose lowest side, of 1 m and a width (m), is a wall."""
     nodes = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 5)] * 3, indexing="ij"), axis=-1)
     patch = Patch("floor", "wall", (Window.whole(0, (5, 5, 5)).face(4),))
-    return fit_grid(Grid((Block(nodes, "box"),), (patch,)))
+    return fit_grid(Grid((Block(nodes * [1.0, width, 1.0], "box"),), (patch,)))
 
 
 def put_solver(tmp_path, monkeypatch, failure="", end=CONVERGED):
@@ -154,6 +159,26 @@ def test_a_disk_that_is_full_when_the_solution_is_kept_is_an_analysis_error(floo
             problem.run_model()
     problem.run_model()
     assert problem.get_val("Cp")[0] == pytest.approx(4000.0 / Q, rel=1e-9)
+
+
+DEAL, GATHER, RUN = (
+    "ls $case; cp $case/system/decomposeParDict $case/../dealt; mkdir $case/processor0",
+    "touch $case/../gathered_$3",
+    'printf "%s " "$@" > $case/../mpirun; shift 2; exec "$@"',
+)
+
+
+def test_several_processes_have_slices_across_the_longest_side_of_the_walls(tmp_path, monkeypatch):
+    put_solver(tmp_path, monkeypatch)
+    for program, script in {"decomposePar": DEAL, "reconstructPar": GATHER}.items():
+        stand_in(tmp_path / "bin", monkeypatch, program, f"case=$2; {script}")
+    stand_in(tmp_path / "bin", monkeypatch, "mpirun", f"case=$5; {RUN}")
+    flow_of(box(2.0), tmp_path, n_processes=3).run_model()
+    case = tmp_path / "case"
+    assert (tmp_path / "mpirun").read_text() == f"-n 3 rhoSimpleFoam -case {case} -parallel "
+    assert "numberOfSubdomains 3; method simple; simpleCoeffs { n (1 3 1)" in (tmp_path / "dealt").read_text()
+    assert (tmp_path / "gathered_-latestTime").exists()
+    assert not list(case.glob("processor*"))
 
 
 def test_what_is_not_converged_is_taken_if_so_asked(floor, tmp_path, monkeypatch):

@@ -123,8 +123,8 @@ def test_a_folder_stays_locked_while_the_program_of_a_run_that_was_killed_goes_o
         "def leave():\n"
         "    while not (case.path / 'solver').is_file(): time.sleep(0.01)\n"
         "    os._exit(9)\n"
-        "threading.Thread(target=leave).start()\n"
-        "with case.locked(): case.run('simpleFoam')\n"
+        "threading.Thread(target=leave, daemon=True).start()\n"
+        "with case.locked(): case.solve('simpleFoam')\n"
     )
     case = CaseFolder(tmp_path / "case")
     assert subprocess.run([sys.executable, "-c", begin, case.path], check=False).returncode == 9

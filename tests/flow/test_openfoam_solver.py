@@ -83,6 +83,19 @@ def test_the_next_design_takes_fewer_iterations_and_is_where_a_cold_start_ends(m
     np.testing.assert_allclose(values(problem, "CL", "CD"), values(cold, "CL", "CD"), rtol=1e-5)
 
 
+def test_two_processes_find_what_one_finds(model, tmp_path, monkeypatch):
+    for name in ("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"):
+        monkeypatch.setenv(name, "1")
+    monkeypatch.setenv("OMPI_MCA_rmaps_base_oversubscribe", "1")
+    case = InviscidCase(tolerance=1e-7, planes="empty")
+    found = []
+    for n_processes in (1, 2):
+        problem = problem_of(model, tmp_path / f"on_{n_processes}", case, n_processes=n_processes)
+        problem.run_model()
+        found.append([*values(problem, "CL", "CD"), *problem.get_val("CM"), *problem.get_val("Cp")])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-6, atol=1e-7)
+
+
 def test_differences_are_those_of_far_steps_on_both_sides(model, tmp_path):
     case = InviscidCase(tolerance=1e-7, planes="empty")
     problem = problem_of(model, tmp_path, case)

@@ -120,7 +120,7 @@ def fly(folder, case, speed, off_wall):
     run = CaseFolder(folder)
     with run.locked():
         write_case(folder, grid, fields, settings, planes="empty")
-        log = run.run(case.program, time_limit=120.0)
+        log = run.solve(case.program, time_limit=120.0)
     return Convergence.of(case.program, log), number_after(log, "average = ")
 
 

@@ -43,10 +43,10 @@ SPEEDS = {"Mach_number": (0.3, None), "speed": (30.0, "m/s")}
 class OpenFoamFlow(Copied, om.ExplicitComponent):
     """Steady flow by a solver of OpenFOAM, run in a folder of its own; each design starts from the last solution.
 
-    The solver has to be on the PATH: ``apt-get install openfoam`` on Debian. It runs on this machine, in one process.
-    What it prints goes to ``log.<program>`` in the folder, where the fields of the last design are as well. A design
-    that cannot be flown is an ``om.AnalysisError``, so that drivers take a smaller step: cells without volume, a solver
-    that is missing, diverged, was killed or took too long, or residuals that stay above their tolerance.
+    The solver has to be on the PATH: ``apt-get install openfoam`` on Debian. It runs on this machine. What it prints
+    goes to ``log.<program>`` in the folder, where the fields of the last design are as well. A design that cannot be
+    flown is an ``om.AnalysisError``, so that drivers take a smaller step: cells without volume, a solver that is
+    missing, diverged, was killed or took too long, or residuals that stay above their tolerance.
 
     ================  ======  ============  =====  =====================================================================
     name              role    shape         units  meaning
@@ -95,6 +95,9 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
         Point that moments are about, in the axes of the grid (m).
     axes : str
         Axes of the grid that point downstream, along the span, and up.
+    n_processes : int
+        On which OpenFOAM runs, by ``mpirun``, flow and adjoint: ``decomposePar`` deals the cells out before, and
+        ``reconstructPar`` puts the fields together after.
     time_limit : float, optional
         Wall time of a solution (s), after which the solver is stopped.
     unconverged : {"refuse", "take"}
@@ -137,6 +140,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
             reference_chord: float = 1.0,
             moment_reference: Sequence[float] = (0.0, 0.0, 0.0),
             axes: str = "xzy",
+            n_processes: int = 1,
             time_limit: float | None = None,
             unconverged: Literal["refuse", "take"] = "refuse",
             derivatives: Literal["none", "adjoint"] = "none",
@@ -153,6 +157,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
         self.options.declare("case", default=None, recordable=False, desc="what is solved")
         declare_references(self.options)
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
+        self.options.declare("n_processes", types=int, default=1, lower=1, desc="processes of OpenFOAM")
         self.options.declare("time_limit", default=None, desc="wall time of a solution, s")
         self.options.declare("unconverged", default="refuse", values=("refuse", "take"), desc="what is done with it")
         self.options.declare("derivatives", default="none", values=("none", "adjoint"), desc="of CL, CD and CM")
@@ -173,6 +178,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
             references,
             self.options["time_limit"],
             takes_unconverged=self.options["unconverged"] == "take",
+            n_processes=self.options["n_processes"],
         )
         self._adjoint = FlowAdjoint.of(self._flow) if self.options["derivatives"] == "adjoint" else None
         self._last, self._is_looked_at = LastState(), False

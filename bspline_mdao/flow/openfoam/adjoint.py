@@ -151,6 +151,7 @@ class AdjointRun(OneLine):
     tolerance: float = 1e-6  # of the initial residuals of flow and adjoint
     max_iterations: int = 5000  # of each of them
     time_limit: float | None = None  # s
+    slices: tuple[int, int, int] = (1, 1, 1)  # that cells are cut into, one for each process
 
     def solve(
         self,
@@ -175,7 +176,7 @@ class AdjointRun(OneLine):
             before = {name: WrittenField.read(folder.last, name) for name in UNITS if _has(folder, name)}
             self._write(folder.path, case, time, function, before)
             folder.remove_times()
-            log = folder.run(PROGRAM, time_limit=self.time_limit)
+            log = folder.solve(PROGRAM, self.slices, self.time_limit)
             return self._read(folder, log)
 
     def _write(

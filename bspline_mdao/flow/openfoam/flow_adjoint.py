@@ -47,7 +47,7 @@ class FlowAdjoint(OneLine):
         openings: dict[str, Opening] = {
             patch.name: "farfield" for patch in mesh.boundary if patch.kind not in ("wall", "symmetry")
         }
-        return cls(flow, AdjointRun(mesh.walls, openings, time_limit=flow.time_limit))
+        return cls(flow, AdjointRun(mesh.walls, openings, time_limit=flow.time_limit, slices=flow.slices))
 
     def gradient(
         self,

@@ -50,6 +50,7 @@ class CaseFlow(OneLine):
     time_limit: float | None = None  # of the solver (s)
     # whether a solution that is not converged counts all the same; `SolverError` if not
     takes_unconverged: bool = False
+    n_processes: int = 1  # that the solver runs on
 
     def solve(
         self,
@@ -65,7 +66,7 @@ class CaseFlow(OneLine):
             self._write(nodes, stream, directions)
             self.folder.start_from_solution(self._made_for)
             start = time.perf_counter()
-            log = self.folder.run(self.case.program, time_limit=self.time_limit)
+            log = self.folder.solve(self.case.program, self.slices, self.time_limit)
             seconds = time.perf_counter() - start
             convergence = self._converged(log)
             last = self.folder.last
@@ -89,6 +90,12 @@ class CaseFlow(OneLine):
     def planes(self) -> CaseWalls:
         """Faces of planes of symmetry, on the baseline."""
         return self.mesh.patches_of("symmetry")
+
+    @cached_property
+    def slices(self) -> tuple[int, int, int]:
+        """Slices along x, y and z that cells are cut into, one for each process, across the longest side of walls."""
+        longest = int(np.argmax(np.ptp(self.walls.points[self.walls.corners], axis=0)))
+        return tuple(self.n_processes if axis == longest else 1 for axis in range(3))  # type: ignore[return-value]
 
     @cached_property
     def _made_for(self) -> str:

@@ -29,16 +29,21 @@ def run_program(
     program: str,
     case: Path,
     *arguments: str,
+    n_processes: int = 1,  # that it runs on, by mpirun, where the case is dealt out to as many
     time_limit: float | None = None,  # s
     inherited: Sequence[int] = (),  # open files that it keeps open until it ends, such as the lock of the case
 ) -> str:  # what it printed
     """Run a program on a case."""
+    command = [program, "-case", str(case), *arguments]
+    if n_processes > 1:
+        command = ["mpirun", "-n", str(n_processes), *command, "-parallel"]
     return run_solver(
-        [program, "-case", str(case), *arguments],
+        command,
         case,
         log_path(program, case),
         INSTALL,
         _reason,
+        program=program,
         environment={"WM_PROJECT_DIR": os.environ.get("WM_PROJECT_DIR", HOME)},
         time_limit=time_limit,
         inherited=inherited,
