@@ -161,6 +161,26 @@ def test_a_disk_that_is_full_when_the_solution_is_kept_is_an_analysis_error(floo
     assert problem.get_val("Cp")[0] == pytest.approx(4000.0 / Q, rel=1e-9)
 
 
+def test_a_disk_that_is_full_while_a_case_is_written_is_an_analysis_error(floor, tmp_path, monkeypatch):
+    put_solver(tmp_path, monkeypatch)
+    problem = flow_of(floor, tmp_path)
+    problem.run_model()
+    problem.set_val("alpha", 2.0)
+    put, place = os.replace, str(tmp_path / "case" / "system")
+
+    def full(source, target):
+        if str(target).startswith(place):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
+        put(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", full)
+        with pytest.raises(om.AnalysisError, match=r"No space left on device \(.*system.*\); free some space"):
+            problem.run_model()
+    problem.run_model()
+    assert problem.get_val("Cp")[0] == pytest.approx(1000.0 / Q, rel=1e-9)
+
+
 DEAL, GATHER, RUN = (
     "ls $case; cp $case/system/decomposeParDict $case/../dealt; mkdir $case/processor0",
     "touch $case/../gathered_$3",

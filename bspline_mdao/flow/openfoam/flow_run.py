@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.display import OneLine
-from ...errors import SolverError
+from ...errors import InputError, SolverError
 from ...grids.io.openfoam import case_texts, put_texts
 from ..loads.stream import stream_axes
 from .case_fields import WrittenField
@@ -20,6 +20,7 @@ from .case_folder import CaseFolder
 from .case_mesh import CaseMesh
 from .flow_case import FlowCase, FreeStream
 from .printed_forces import functions_text, pitch_axis, printed_coefficients
+from .program import disk_full
 from .reference_check import doubts_about_axes_and_area, doubts_about_forces
 from .solver_log import Convergence
 from .wall_loads import CaseWalls, WallLoads, wall_loads
@@ -108,11 +109,16 @@ class CaseFlow(OneLine):
         functions = functions_text(self.case, stream, self.mesh.walls, directions, self.axes, self.references)
         control = "system/controlDict"
         texts = case_texts(fields, {**settings, control: settings[control] + functions}, self.mesh.boundary)
-        self.mesh.write(self.folder.path, nodes, self.case.planes)
-        self.folder.remove_times()
-        for name in ("0", "postProcessing"):
-            shutil.rmtree(self.folder.path / name, ignore_errors=True)
-        put_texts(self.folder.path, texts)
+        try:
+            self.mesh.write(self.folder.path, nodes, self.case.planes)
+            self.folder.remove_times()
+            for name in ("0", "postProcessing"):
+                shutil.rmtree(self.folder.path / name, ignore_errors=True)
+            put_texts(self.folder.path, texts)
+        except InputError as error:
+            if isinstance(error.__cause__, OSError):  # a disk that fills up fails a design, not the optimisation
+                raise disk_full(self.case.program, self.folder.path, error.__cause__) from error
+            raise
 
     def _converged(self, log: str) -> Convergence:
         """How the solver converged; `SolverError` where that is not enough."""
