@@ -8,7 +8,6 @@ from bspline_mdao.base.checks import as_axes
 from bspline_mdao.flow.loads.stream import stream_axes
 from bspline_mdao.flow.openfoam.case_mesh import CaseMesh
 from bspline_mdao.flow.openfoam.reference_check import doubts_about_axes_and_area, doubts_about_forces
-from bspline_mdao.flow.openfoam.wall_loads import face_geometry
 from bspline_mdao.generators import FarField, infinite_wing_grid, naca_section, onera_m6_grid
 
 
@@ -31,7 +30,7 @@ def doubts(mesh, area, axes="xzy", degrees=3.0):
 def planform(mesh):
     """Area that the walls cover seen from above."""
     walls = mesh.patches_of("wall")
-    _, areas = face_geometry(walls.points, walls.corners, walls.sizes)
+    _, areas = walls.geometry()
     return 0.5 * np.abs(areas[:, 1]).sum()
 
 

@@ -36,7 +36,7 @@ from ...errors import InputError, SolverError
 from ...grids.io.formats import POLYMESH
 from .case_fields import WrittenField
 from .case_folder import CaseFolder
-from .wall_loads import CaseWalls, face_geometry
+from .wall_loads import CaseWalls
 
 __all__ = ["AdjointRun", "AdjointSolution", "FlowFunction", "Opening"]
 
@@ -267,7 +267,7 @@ class AdjointRun(OneLine):
         )
         if far.n_faces == 0:
             return np.zeros(3)
-        _, areas = face_geometry(far.points, far.corners, far.sizes)
+        _, areas = far.geometry()
         pa, Ua, U = (
             WrittenField.read(folder.last, name).internal(far.n_cells)[far.cells] for name in ("pa", "Ua", "U")
         )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .wall_loads import CaseWalls, face_geometry
+from .wall_loads import CaseWalls
 
 __all__ = ["doubts_about_axes_and_area", "doubts_about_forces"]
 
@@ -30,7 +30,7 @@ def doubts_about_axes_and_area(
     area: float,  # reference area (m^2)
 ) -> list[str]:
     """What looks wrong before a flow is solved, with the numbers."""
-    _, areas = face_geometry(walls.points, walls.corners, walls.sizes)
+    _, areas = walls.geometry()
     frontal, side, planform = 0.5 * np.abs(areas @ axes.T).sum(axis=0)
     found = []
     if not any(1.0 / AREA_FACTOR < area / each < AREA_FACTOR for each in (planform, frontal) if each > 0.0):
@@ -44,7 +44,7 @@ def doubts_about_axes_and_area(
             f"downstream; see to the order of the axes"
         )
     for name, part in planes.patches.items():
-        _, normals = face_geometry(planes.points, planes.corners, planes.sizes)
+        _, normals = planes.geometry()
         normal = normals[part].sum(axis=0)
         across = abs(float(normal @ stream)) / float(np.linalg.norm(normal))
         if across > ACROSS:

@@ -1,7 +1,4 @@
-"""Loads on walls, summed here over the faces of a case: pressure and friction as OpenFOAM wrote them.
-
-Areas and centres of faces are those of OpenFOAM: a face is cut into triangles around the mean of its corners.
-"""
+"""Loads on walls, summed here over the faces of a case: pressure and friction as OpenFOAM wrote them."""
 
 from __future__ import annotations
 
@@ -14,13 +11,14 @@ from scipy.sparse import csr_array, eye_array
 
 from ...base.display import OneLine
 from ...errors import InputError, SolverError
+from ...grids.cells.polygons import polygon_geometry
 from ...grids.io.meshes.foam_lists import FoamFile
 from ...grids.io.meshes.polymesh import patches_of
 from ..loads.force_coefficients import ForceCoefficients
 from .case_fields import WrittenField
 from .flow_case import FreeStream
 
-__all__ = ["CaseWalls", "WallLoads", "face_geometry", "wall_loads"]
+__all__ = ["CaseWalls", "WallLoads", "wall_loads"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +66,10 @@ class CaseWalls(OneLine):
         """Faces of all of the patches."""
         return len(self.sizes)
 
+    def geometry(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centres (m) and area vectors (m^2) of the faces, each of shape (n_faces, 3)."""
+        return polygon_geometry(self.points, self.corners, np.cumsum([0, *self.sizes]))
+
     def values(self, field: WrittenField) -> np.ndarray:
         """Values of a field on the faces, shape (n_faces,), or (n_faces, 3) of a vector."""
         parts = [field.on_patch(name, self.cells[part], self.n_cells) for name, part in self.patches.items()]
@@ -75,25 +77,6 @@ class CaseWalls(OneLine):
         if not np.isfinite(values).all():
             raise SolverError(f"{field.path}: is not finite on walls; the flow diverged: take a smaller step")
         return values
-
-
-def face_geometry(
-    points: np.ndarray,  # (n_points, 3), points (m)
-    corners: np.ndarray,  # int (n_corners,), those of the faces one after the other
-    sizes: np.ndarray,  # int (n_faces,), how many each has
-) -> tuple[np.ndarray, np.ndarray]:  # centres (m) and area vectors (m^2) of the faces, each of shape (n_faces, 3)
-    """Centres and areas of faces as OpenFOAM finds them."""
-    starts, face = np.cumsum(sizes) - sizes, np.repeat(np.arange(len(sizes)), sizes)
-    following = np.arange(len(corners)) + 1
-    following[starts + sizes - 1] = starts
-    here, there = points[corners], points[corners[following]]
-    middle = np.add.reduceat(here, starts) / sizes[:, None]
-    normals = np.cross(there - here, middle[face] - here)
-    weights = np.linalg.norm(normals, axis=1)
-    sums = np.add.reduceat(weights[:, None] * (here + there + middle[face]), starts)
-    weight = np.add.reduceat(weights, starts)
-    centres = np.where(weight[:, None] > 0.0, sums / (3.0 * np.where(weight > 0.0, weight, 1.0))[:, None], middle)
-    return centres, 0.5 * np.add.reduceat(normals, starts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +100,7 @@ def wall_loads(
     references: tuple[float, float, Sequence[float]],  # area (m^2), chord (m) and point of the moments (m)
 ) -> WallLoads:
     """Sum pressure and friction over the faces of walls."""
-    centres, areas = face_geometry(walls.points, walls.corners, walls.sizes)
+    centres, areas = walls.geometry()
     Cp = (walls.values(WrittenField.read(folder, "p")) - stream.pressure) / stream.dynamic_pressure
     Cf = np.zeros((walls.n_faces, 3))
     if (folder / "wallShearStress").is_file():  # it is the stress of the wall on the flow

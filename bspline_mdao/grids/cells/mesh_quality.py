@@ -24,6 +24,7 @@ from numba import njit
 
 from ...base.display import OneLine
 from .mixed_cells import MixedMesh, face_keys
+from .polygons import polygon_geometry
 
 __all__ = ["BEYOND", "SEVERE", "SKEWED", "MeshQuality", "mesh_quality"]
 
@@ -91,8 +92,7 @@ def mesh_quality(mesh: MixedMesh, points: np.ndarray | None = None) -> MeshQuali
     """Measure the faces and cells of a mesh, with its nodes somewhere else if these are given, shape (n, 3)."""
     x = mesh.points if points is None else mesh.as_nodes(points)
     faces, is_inverted = _faces(mesh), mesh.quality(x).is_inverted
-    centres, areas = np.empty((len(faces.owner), 3)), np.empty((len(faces.owner), 3))
-    _face_centres(x, faces.corners, faces.starts, centres, areas)
+    centres, areas = polygon_geometry(x, faces.corners, faces.starts)
     middles, volumes = _cell_centres(centres, areas, faces.owner, faces.neighbour, mesh.n_cells)
     cosines, skewness, pyramids = (np.zeros((len(centres), *more)) for more in ((), (), (2,)))
     between = faces.owner, faces.neighbour
@@ -159,38 +159,6 @@ def _loops(rows, cells, order, starts, corners, ends, owner, neighbour):
 @njit(cache=True)
 def _dot(u, v):
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
-
-
-@njit(cache=True)
-def _triangle(p, q, r):
-    """Area vector of a triangle."""
-    u0, u1, u2, v0, v1, v2 = q[0] - p[0], q[1] - p[1], q[2] - p[2], r[0] - p[0], r[1] - p[1], r[2] - p[2]
-    return 0.5 * (u1 * v2 - u2 * v1), 0.5 * (u2 * v0 - u0 * v2), 0.5 * (u0 * v1 - u1 * v0)
-
-
-@njit(cache=True, error_model="numpy")
-def _face_centres(x, corners, starts, centres, areas):
-    """Write the centre and the area vector of every face."""
-    mean = np.empty(3)
-    for f in range(len(centres)):
-        begin, n = starts[f], starts[f + 1] - starts[f]
-        for d in range(3):
-            mean[d] = 0.0
-            for k in range(n):
-                mean[d] += x[corners[begin + k], d]
-            mean[d] /= n
-            centres[f, d] = areas[f, d] = 0.0
-        whole = 0.0
-        for k in range(n):
-            p, q = x[corners[begin + k]], x[corners[begin + (k + 1) % n]]
-            part = _triangle(p, q, mean)
-            size = np.sqrt(_dot(part, part))
-            whole += size
-            for d in range(3):
-                areas[f, d] += part[d]
-                centres[f, d] += size * (p[d] + q[d] + mean[d]) / 3.0
-        for d in range(3):
-            centres[f, d] = centres[f, d] / whole if whole > 0.0 else mean[d]
 
 
 def _cell_centres(
