@@ -14,7 +14,7 @@ from bspline_mdao.flow.su2.config import EULER, Su2Config, listed
 from bspline_mdao.flow.su2.frame import Su2Frame
 from bspline_mdao.flow.su2.mesh_text import MeshToFly, Su2Mesh
 from bspline_mdao.flow.su2.tables import NodeTable, last_of_history
-from bspline_mdao.flow.su2.wall_loads import WallLoads
+from bspline_mdao.flow.su2.wall_pressures import WallPressures
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.meshes import MeshModel
 
@@ -197,8 +197,8 @@ def test_a_grid_of_blocks_is_written_with_each_node_once(tmp_path):
 
 def test_a_pressure_of_one_on_a_part_of_a_box_is_the_force_of_its_area():
     corners = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.5, 3.0]])
-    loads = WallLoads(np.array([[0, 1, 2, 3], [0, 4, 1, 1]]), 5, 1.0)
+    walls = WallPressures(np.array([[0, 1, 2, 3], [0, 4, 1, 1]]), 5, 1.0)
     quad, triangle = np.array([0.0, 0.0, 2.0]), 0.5 * np.cross(corners[4] - corners[0], corners[1] - corners[0])
-    np.testing.assert_allclose(loads.force(corners, np.ones(5)), -quad - triangle)
+    np.testing.assert_allclose(walls.force(corners, np.ones(5)), -quad - triangle)
     at_tip = np.eye(5)[4]
-    np.testing.assert_allclose(loads.force(corners, at_tip), -triangle / 3.0)
+    np.testing.assert_allclose(walls.force(corners, at_tip), -triangle / 3.0)

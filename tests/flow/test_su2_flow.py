@@ -184,8 +184,8 @@ def test_forces_without_one_of_the_walls_are_refused(tmp_path, stand_in, monkeyp
     problem = problem_of(model, tmp_path)
     problem.run_model()
     problem.setup()
-    force = type(problem.model.flow._loads).force
-    monkeypatch.setattr(type(problem.model.flow._loads), "force", lambda *given: 1.1 * force(*given))
+    force = type(problem.model.flow._pressures).force
+    monkeypatch.setattr(type(problem.model.flow._pressures), "force", lambda *given: 1.1 * force(*given))
     with pytest.raises(InputError, match=r"by its pressures on the walls; see to MARKER_MONITORING, to"):
         problem.run_model()
 
@@ -252,7 +252,7 @@ def test_two_runs_in_one_folder_are_refused(tmp_path, stand_in):
 
 def test_what_does_not_fit_is_refused(tmp_path, stand_in):
     model = ring(tmp_path / "ring.su2")
-    with pytest.raises(InputError, match="there is no reference area"):
+    with pytest.raises(InputError, match="reference area None; give a positive number"):
         problem_of(model, tmp_path, reference_area=None)
     viscous = tmp_path / "viscous.cfg"
     viscous.write_text("SOLVER= NAVIER_STOKES\n")

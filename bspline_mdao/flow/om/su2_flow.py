@@ -28,13 +28,14 @@ from ...core.om.component import (
 from ...core.om.model_option import Copied, declare_model
 from ...errors import InputError, SolverError
 from ...names import GRID
+from ..loads.force_coefficients import check_references
 from ..su2.case import Gradient, Su2Case, Su2Point, Su2Solution
 from ..su2.config import Su2Config
 from ..su2.frame import Su2Frame
 from ..su2.mesh_text import MeshToFly, Su2Mesh
-from ..su2.wall_loads import WallLoads
+from ..su2.wall_pressures import WallPressures
 from .derivative_mode import outputs_downstream
-from .references import declare_references
+from .references import REFERENCES, declare_references
 
 __all__ = ["Su2Flow"]
 
@@ -161,11 +162,10 @@ class Su2Flow(Copied, om.ExplicitComponent):
         if self.comm.size > 1:
             raise InputError(f"{self.msginfo}: runs on one process of OpenMDAO; give n_processes to SU2 itself")
         options, model = self.options, self.options["model"]
-        if options["reference_area"] is None:
-            raise InputError(f"{self.msginfo}: there is no reference area; give reference_area, of what the grid shows")
+        check_references(*(options[name] for name in REFERENCES))
         self._flown = MeshToFly.of(model)
         self._frame = Su2Frame.of(options["axes"], self._flown.across, self.msginfo)
-        self._loads = WallLoads.of(self._flown)
+        self._pressures = WallPressures.of(self._flown)
         self._config = Su2Config.read(options["config"])
         self._config.check(self._flown.walls)
         self._case, self._solution, self._is_looked_at = self._of_case(), LastState(), False
@@ -177,13 +177,13 @@ class Su2Flow(Copied, om.ExplicitComponent):
         self.add_output("CL", desc="lift")
         self.add_output("CD", desc="drag")
         self.add_output("CM", shape=3, desc="moments about the axes of the grid")
-        self.add_discrete_output("Cp", np.zeros(len(self._loads.nodes)), desc="pressure coefficients at wall_nodes")
+        self.add_discrete_output("Cp", np.zeros(len(self._pressures.nodes)), desc="pressure coefficients at wall_nodes")
         check_along_directions(self, CHECK_STEP)
 
     @property
     def wall_nodes(self) -> np.ndarray:
         """Rows in ``grid`` of the nodes of ``Cp``, after ``setup``."""
-        return self._flown.rows[self._loads.nodes]
+        return self._flown.rows[self._pressures.nodes]
 
     def compute(self, inputs: Vector, outputs: Vector, discrete_inputs: dict, discrete_outputs: dict) -> None:
         """Run SU2."""
@@ -194,7 +194,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
             solution.values[f"CM{key[-1].lower()}"] * row for key, row in self._frame.moment_rows.items()
         )
         surface = solution.surface
-        at = np.searchsorted(surface.nodes, self._loads.nodes)
+        at = np.searchsorted(surface.nodes, self._pressures.nodes)
         discrete_outputs["Cp"] = surface.column("Pressure_Coefficient")[at]
 
     def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
@@ -268,7 +268,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
                     f"ties the density of the stream to its Reynolds number, and SU2's derivative is at a fixed "
                     f"density; set INIT_OPTION= TD_CONDITIONS, or leave Mach_number out of the variables"
                 )
-            self._loads.check(whole, solution.surface, solution.values, self._frame, *references, self.msginfo)
+            self._pressures.check(whole, solution.surface, solution.values, self._frame, *references, self.msginfo)
             self._is_looked_at = True
         self._gradients = {}
         return solution

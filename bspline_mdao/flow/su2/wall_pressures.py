@@ -15,7 +15,7 @@ from .frame import Su2Frame
 from .mesh_text import MeshToFly
 from .tables import NodeTable
 
-__all__ = ["WallLoads"]
+__all__ = ["WallPressures"]
 
 SLACK, SLACK_VISCOUS = 1e-3, 0.1
 """Parts of the force by which SU2's may differ from that of the pressures: without friction by how faces that are not
@@ -23,7 +23,7 @@ plane are cut, with friction by what it adds to the lift."""
 
 
 @dataclass(frozen=True, eq=False)
-class WallLoads(OneLine):
+class WallPressures(OneLine):
     """Faces of the walls."""
 
     quads: (
@@ -33,7 +33,7 @@ class WallLoads(OneLine):
     height: float  # between the planes of a mesh of two dimensions; 1 of three
 
     @classmethod
-    def of(cls, flown: MeshToFly) -> WallLoads:
+    def of(cls, flown: MeshToFly) -> WallPressures:
         """Take the walls of a mesh."""
         mesh, across = flown.mesh, flown.across
         quads = np.concatenate([mesh.into_fluid((mesh.markers or {})[name]) for name in flown.walls])
