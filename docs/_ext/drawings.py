@@ -1,6 +1,7 @@
 """What sphinx-gallery has to know of the run scripts: their arguments, their pictures, and where titles are."""
 
 import re
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -18,11 +19,13 @@ def draws(script: Path) -> bool:
 
 
 def patterns(with_all: bool) -> dict[str, str]:
-    """Which scripts have no page, since they draw nothing, and which are run."""
+    """Which scripts have no page, since they draw nothing, and which are run: those of OpenFOAM only where it is."""
     silent = [path.stem for path in SCRIPTS.glob("*.py") if not draws(path)]
+    has_openfoam = shutil.which("simpleFoam") is not None
+    missing = "" if has_openfoam else "".join(rf"(?<!{path.stem})" for path in SCRIPTS.glob("openfoam_*.py"))
     return {
         "ignore_pattern": rf"(^|[/\\])({'|'.join(sorted(silent))})\.py$",  # it is shown bare names and paths
-        "filename_pattern": r"\.py$" if with_all else rf"/({'|'.join(AT_ONCE)})\.py$",
+        "filename_pattern": rf"{missing}\.py$" if with_all else rf"/({'|'.join(AT_ONCE)})\.py$",
     }
 
 

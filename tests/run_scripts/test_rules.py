@@ -12,7 +12,7 @@ from public_imports import hidden_names
 SCRIPTS = sorted(Path(__file__).parents[2].glob("run_scripts/*.py"))
 ALLOWED = {"bspline_mdao", "openmdao", "mphys", "numpy", "matplotlib", "scipy", "threadpoolctl", "gmsh"}
 STANDARD = {"__future__", "csv", "functools", "itertools", "os", "pathlib", "re", "tempfile", "time", "typing"} | {
-    *("collections.abc", "dataclasses", "importlib.util", "warnings"),
+    *("collections.abc", "dataclasses", "importlib.util", "shutil", "warnings"),
 }
 LONGEST = 125
 """Lines of code that a script may have: those with more than a comment, an import or a part of a docstring."""
