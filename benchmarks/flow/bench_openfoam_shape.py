@@ -1,0 +1,322 @@
+"""OpenFOAM's own shape optimisation beside ours: the lift of its tutorial's NACA 0012, of the same cross section.
+
+``python benchmarks/flow/bench_openfoam_shape.py [--cycles N] [--iterations N] [--only peer slsqp nlopt] [--json FILE]``
+
+The tutorial is ``shapeOptimisation/naca0012/lift/opt/constraintProjection`` of ``adjointOptimisationFoam``: a laminar
+flow at a Reynolds number of 1000 and 2 degrees; lift is to grow, and the area of the section is to stay. Its variables
+are the free points of a box of volumetric B-splines. The peer runs as the tutorial has it, but in one process, for a
+number of flows (``--cycles``). Ours has the same mesh, moved by a lattice without structure, the same box with the
+same free points, the same schemes and conditions, and OpenFOAM's adjoint by `OpenFoamFlow`, with SLSQP of SciPy and of
+NLopt (``--iterations``). The peer has no bounds but a length of its first step; ours are bounded by the largest
+displacement that a control point of the peer's had.
+
+In the end all meshes are flown by the same solver to the same tolerance and judged by ``checkMesh``. CPU seconds are
+those of all processes. It needs ``adjointOptimisationFoam`` on the PATH, and its tutorials (Debian:
+``openfoam-examples``), or ``--tutorials`` with the folder of others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import openmdao.api as om
+from openmdao.core.driver import Driver
+from openmdao.vectors.vector import Vector
+
+from bspline_mdao import DesignSurface, NLoptDriver, ScipyDriver
+from bspline_mdao.design import FreeForm, Lattice
+from bspline_mdao.files import CaseField, read_mesh
+from bspline_mdao.flow import OpenFoamFlow
+from bspline_mdao.flow.openfoam.case_folder import CaseFolder
+from bspline_mdao.flow.openfoam.case_mesh import CaseMesh
+from bspline_mdao.flow.openfoam.flow_case import FreeStream
+from bspline_mdao.flow.openfoam.flow_run import CaseFlow, CaseResult
+from bspline_mdao.flow.openfoam.program import log_path, run_program
+from bspline_mdao.flow.openfoam.rans_case import RansCase
+from bspline_mdao.measures import EnclosedVolume
+from bspline_mdao.meshes import MeshModel, fit_mesh
+
+TUTORIALS = Path("/usr/share/doc/openfoam-examples/examples/incompressible/adjointOptimisationFoam")
+CASE, MESH = "shapeOptimisation/naca0012/lift/opt/constraintProjection", "resources/meshes/naca0012/polyMesh"
+
+PROGRAM = "adjointOptimisationFoam"
+
+AXES, REFERENCES = np.eye(3)[[0, 2, 1]], (1.0, 1.0, (0.25, 0.0, 0.0))
+"""Directions downstream, along the span and up; area (m^2) of the section, which is 1 m deep, chord and its quarter."""
+
+MOTION = "constant/dynamicMeshDict"
+"""The tutorial's file with the box."""
+
+DERIVATIVES = "optimisation/volumetricBSplinesFIDerivatives"
+"""Folder for the derivatives that the peer writes, by solvers and cycles."""
+
+PRINTED = {
+    "non-orthogonality": r"non-orthogonality Max: (\S+)",
+    "average": r"average: (\S+)",
+    "skewness": r"[Mm]ax skewness = ([^\s,]+)",
+    "wrong faces": r"(\d+) faces with incorrect orientation",
+}
+"""What ``checkMesh`` prints; counts only where they are not zero."""
+
+DRIVERS: dict[str, Callable[[int], Driver]] = {
+    "slsqp": lambda n: ScipyDriver(optimizer="SLSQP", tol=1e-4, maxiter=n, disp=False),
+    "nlopt": lambda n: NLoptDriver(optimizer="LD_SLSQP", tol=1e-4, maxiter=n, disp=False),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Tutorial:
+    """A copy of the tutorial's case, none of its files compressed."""
+
+    folder: Path
+
+    @classmethod
+    def copied(cls, tutorials: Path, folder: Path) -> Tutorial:
+        """Copy the case and its mesh, unless they are there."""
+        if folder.is_dir():
+            return cls(folder)
+        shutil.copytree(tutorials / CASE, folder)
+        shutil.copytree(tutorials / MESH, folder / "constant" / "polyMesh")
+        for file in folder.rglob("*.gz"):
+            file.with_suffix("").write_bytes(gzip.decompress(file.read_bytes()))
+            file.unlink()
+        return cls(folder)
+
+    def text(self, name: str) -> str:
+        """Text of a file, without its head."""
+        return re.sub(r"FoamFile\s*\{.*?\}", "", (self.folder / name).read_text(), count=1, flags=re.DOTALL)
+
+    def found(self, name: str, pattern: str) -> str:
+        """What stands in a file."""
+        (match,) = re.findall(pattern, self.text(name), re.DOTALL)
+        return match
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Of the free stream (m/s)."""
+        return np.array(self.found("0/U", r"internalField\s+uniform \(([^)]*)\)").split(), dtype=float)
+
+    @property
+    def alpha(self) -> float:
+        """Angle of attack (rad)."""
+        return float(np.arctan2(self.velocity[1], self.velocity[0]))
+
+    @property
+    def viscosity(self) -> float:
+        """Kinematic viscosity (m^2/s)."""
+        return float(self.found("constant/transportProperties", r"nu\s+nu\s+\[[^\]]*\]\s*([^;\s]+)"))
+
+    @property
+    def lift_of_objective(self) -> float:
+        """CL by the peer's objective."""
+        area, speed = (float(self.found("system/optimisationDict", rf"{x}\s+([^;\s]+)")) for x in ("Aref", "UInf"))
+        return -area * speed**2 / (REFERENCES[0] * self.velocity @ self.velocity)
+
+    def box(self, points: np.ndarray, is_free: np.ndarray) -> FreeForm:
+        """Variables of the peer, by the control points that it has written."""
+        orders = [int(self.found(MOTION, rf"degree{x}\s+(\d+)")) + 1 for x in "UVW"]
+        where = self.as_net(is_free)
+        axes = "".join(axis for axis, moves in zip("xyz", where.reshape(-1, 3).any(axis=0).tolist()) if moves)
+        lattice = Lattice(self.as_net(points), orders=orders, continuity=-1)
+        return FreeForm("shape", lattice, where=where.any(axis=3), direction=axes)
+
+    def as_net(self, values: np.ndarray) -> np.ndarray:
+        """Values of control points, of which OpenFOAM numbers the first direction first, in the shape of the box."""
+        shape = [int(self.found(MOTION, rf"nCPs{x}\s+(\d+)")) for x in "WVU"]
+        return values.reshape(*shape, 3).transpose(2, 1, 0, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class TutorialCase(RansCase):
+    """simpleFoam with the fields and schemes of the tutorial."""
+
+    tutorial: Tutorial = field(kw_only=True)
+
+    def files(self, stream: FreeStream) -> tuple[dict[str, CaseField], dict[str, str]]:
+        """Fields and settings; those of the solution of linear systems are ours."""
+        fields, settings = super().files(stream)
+        taken = {}
+        for name in ("U", "p"):
+            wall, far = (self.tutorial.found(f"0/{name}", rf"{patch}\s*\{{(.*?)\}}") for patch in ("suction", "inlet"))
+            conditions = {"wall": wall, "symmetry": f"type {self.planes};", "other": far}
+            taken[name] = CaseField(fields[name].dimensions, fields[name].value, conditions)
+        own = ("constant/turbulenceProperties", "constant/transportProperties", "system/fvSchemes")
+        return taken, {**settings, **{name: self.tutorial.text(name) for name in own}}
+
+
+class CountedFlow(OpenFoamFlow):
+    """The flow, which counts its solutions."""
+
+    def setup(self) -> None:
+        """Begin to count."""
+        super().setup()
+        self.lifts: list[float] = []
+        self.n_flows = self.n_adjoints = 0
+
+    def _solve(self, *state: np.ndarray) -> CaseResult:
+        self.n_flows += 1
+        found = super()._solve(*state)
+        self.lifts.append(found.loads.CL)
+        return found
+
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
+        """Count adjoints that were not there before."""
+        n_before = len(self._gradients)
+        super().compute_jacvec_product(inputs, d_inputs, d_outputs, mode)
+        self.n_adjoints += len(self._gradients) - n_before
+
+
+def spent() -> float:
+    """CPU seconds of this process and of those that have ended."""
+    return sum(os.times()[:4])
+
+
+def control_points(case: Path, cycle: int) -> tuple[np.ndarray, np.ndarray]:
+    """Control points of the peer (m) in one of its cycles, and which of their coordinates are free."""
+    (file,) = (case / "optimisation" / "controlPoints").glob(f"*cpsBsplines{cycle}.csv")
+    values = np.loadtxt(file, delimiter=",", skiprows=1)
+    return values[:, :3], values[:, 6:] > 0.0
+
+
+def peer_gradient(tutorial: Tutorial) -> np.ndarray:
+    """Derivatives of CL by the free coordinates of the control points, of the peer's first cycle."""
+    text = (tutorial.folder / DERIVATIVES / "volumetricBSplinesFIas11").read_text()
+    values = np.array([line.split() for line in text.splitlines()[1:] if line.strip()], dtype=float)
+    _, is_free = control_points(tutorial.folder, 0)
+    total = np.zeros(is_free.shape)
+    total[values[:, 0].astype(int)] = values[:, 1:4]
+    net = tutorial.as_net(tutorial.lift_of_objective * total)
+    return net[tutorial.as_net(is_free)]
+
+
+def moved_points(case: Path, cycle: int, folder: Path) -> np.ndarray:
+    """Points of the mesh of a cycle (m)."""
+    place = folder / "polyMesh"
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(case / "constant" / "polyMesh", place)
+    (place / "points").write_bytes(gzip.decompress((case / str(cycle) / "polyMesh" / "points.gz").read_bytes()))
+    return read_mesh(place).mesh.points
+
+
+def fly_peer(tutorial: Tutorial, n_cycles: int) -> dict:
+    """Run the tutorial, unless it has run; its control points and meshes stay in its folder."""
+    case = tutorial.folder
+    if not (case / DERIVATIVES / f"volumetricBSplinesFIvol{n_cycles}").is_file():
+        control = case / "system" / "controlDict"
+        control.write_text(re.sub(r"endTime\s+\d+;", f"endTime {n_cycles};", control.read_text()))
+        run_program(PROGRAM, case)
+    cycles = re.split(r"^Optimisation cycle \d+$", log_path(PROGRAM, case).read_text(), flags=re.MULTILINE)
+    log = "".join(cycles[: n_cycles + 1])
+    solved = re.findall(r"^Solving equations for solver (\w+)$", log, re.MULTILINE)
+    flows = re.findall(r"Solving equations for solver p1\n(.*?)Solving equations for", log, re.DOTALL)
+    objectives = [float(re.findall(r"^lift : (\S+)", flow, re.MULTILINE)[-1]) for flow in flows]
+    return {
+        "flows": solved.count("p1"),
+        "adjoints": len(solved) - solved.count("p1"),
+        "seconds": float(re.findall(r"^ExecutionTime = (\S+) s", log, re.MULTILINE)[-1]),
+        "history": [tutorial.lift_of_objective * objective for objective in objectives],
+    }
+
+
+def fly_ours(
+    driver: Driver, model: MeshModel, case: TutorialCase, variables: FreeForm, reach: float, folder: Path
+) -> tuple[dict, np.ndarray]:
+    """Optimise by our adjoint; numbers, and the points of the mesh that was found (m)."""
+    start = spent()
+    surface = DesignSurface.of(model)
+    volume = EnclosedVolume.of(surface.surface, relative=True, name="volume")
+    problem = om.Problem(driver=driver, reports=None)
+    group = problem.model
+    group.add_subsystem("movement", surface.grid_movement([variables], measures=[volume]), promotes=["*"])
+    flow = CountedFlow(model=model, folder=folder, case=case, reference_area=1.0, derivatives="adjoint", iprint=1)
+    group.add_subsystem("flow", flow, promotes=["*"])
+    group.add_design_var("shape", lower=-reach, upper=reach, ref=reach)
+    group.add_objective("CL", ref=-0.1)
+    group.add_constraint("volume", equals=1.0)
+    problem.setup(mode="rev")
+    problem.set_val("alpha", case.tutorial.alpha, units="rad")
+    problem.set_val("speed", np.linalg.norm(case.tutorial.velocity))
+    problem.run_model()
+    gradient = problem.compute_totals(["CL"], ["shape"])["CL", "shape"].ravel()  # its adjoint serves the driver, too
+    problem.run_driver()
+    found = {"flows": flow.n_flows, "adjoints": flow.n_adjoints, "seconds": spent() - start, "history": flow.lifts}
+    found |= {"gradient": gradient.tolist(), "shape": problem.get_val("shape").tolist()}
+    return found, problem.get_val("grid").reshape(-1, 3).copy()
+
+
+def judged(flow: CaseFlow, tutorial: Tutorial, model: MeshModel, points: np.ndarray) -> dict:
+    """What a mesh gives: its flow, its cells and how far its walls have moved (m)."""
+    loads = flow.solve(points, tutorial.alpha, float(np.linalg.norm(tutorial.velocity))).loads
+    log = run_program("checkMesh", flow.folder.path, "-constant")
+    matches = {name: re.search(pattern, log) for name, pattern in PRINTED.items()}
+    moves = np.linalg.norm(points - model.mesh.points, axis=1)[model.wall_rows]
+    volume = EnclosedVolume.of(DesignSurface.of(model).surface, relative=True)
+    area = volume.evaluate(points[volume.surface.rows])[0]
+    cells = {name: float(match[1]) if match else 0.0 for name, match in matches.items()}
+    return {"CL": loads.CL, "CD": loads.CD, "area": float(area), "wall": float(moves.max()), **cells}
+
+
+def measure(tutorials: Path, folder: Path, only: list[str], n_cycles: int, n_iterations: int, tolerance: float) -> dict:
+    """Run all that is asked for."""
+    tutorial = Tutorial.copied(tutorials, folder / "peer")
+    model = fit_mesh(tutorial.folder / "constant" / "polyMesh")
+    speed = float(np.linalg.norm(tutorial.velocity))
+    reynolds_number = speed / tutorial.viscosity
+    case = TutorialCase(reynolds_number, planes="empty", tolerance=tolerance, max_iterations=5000, tutorial=tutorial)
+    flow = CaseFlow(case, CaseMesh.of(model), CaseFolder(folder / "judge"), AXES, REFERENCES)
+    rows = {"start": judged(flow, tutorial, model, model.mesh.points)}
+    show("start", rows["start"])
+    peer = fly_peer(tutorial, n_cycles)
+    start, is_free = control_points(tutorial.folder, 0)
+    reach = float(np.abs(control_points(tutorial.folder, n_cycles)[0] - start).max())
+    rows["peer"] = peer | judged(flow, tutorial, model, moved_points(tutorial.folder, n_cycles, folder / "moved"))
+    show("peer", rows["peer"])
+    variables = tutorial.box(start, is_free)
+    for name in only:
+        found, points = fly_ours(DRIVERS[name](n_iterations), model, case, variables, reach, folder / name)
+        rows[name] = found | judged(flow, tutorial, model, points)
+        show(name, rows[name])
+        ours, theirs = np.array(found["gradient"]), peer_gradient(tutorial)
+        off, turned = np.linalg.norm(ours - theirs) / np.linalg.norm(theirs), np.dot(ours, theirs)
+        turned = np.degrees(np.arccos(turned / (np.linalg.norm(ours) * np.linalg.norm(theirs))))
+        print(f"    first gradient off the peer's by {100.0 * off:.1f} %, turned by {turned:.1f} deg")
+    return {"reach": reach, "rows": rows}
+
+
+def show(name: str, row: dict) -> None:
+    """Print a row."""
+    print(name, *(f"{what} {value:.5g}" for what, value in row.items() if np.isscalar(value)), sep="  ", flush=True)
+    if "history" in row:
+        print("    CL", *(f"{lift:.5f}" for lift in row["history"]), flush=True)
+
+
+def main() -> None:
+    """Measure what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tutorials", type=Path, default=TUTORIALS, help="folder of adjointOptimisationFoam's")
+    parser.add_argument("--cycles", type=int, default=5, help="flows of the peer")
+    parser.add_argument("--iterations", type=int, default=5, help="of SLSQP")
+    parser.add_argument("--only", nargs="*", choices=tuple(DRIVERS), default=list(DRIVERS), help="optimisers of ours")
+    parser.add_argument("--tolerance", type=float, default=1e-6, help="residuals of flows")
+    parser.add_argument("--folder", type=Path, help="keep the cases there; a run of the peer that is there counts")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.folder or Path(temporary)
+        found = measure(options.tutorials, folder, options.only, options.cycles, options.iterations, options.tolerance)
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
