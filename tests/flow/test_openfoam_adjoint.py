@@ -1,5 +1,6 @@
 """OpenFOAM's adjoint: what is written for it and what is read."""
 
+import gzip
 import re
 import shutil
 
@@ -61,6 +62,15 @@ def test_derivatives_value_and_iterations_are_those_of_the_program(tmp_path, mon
     found = RUN.solve(tmp_path / "case", tmp_path / "case/7", CD)
     assert np.array_equal(found.gradient, gradient)
     assert (found.value, found.n_flow, found.n_adjoint) == (0.75, 3, 7)
+
+
+def test_a_mesh_whose_files_are_compressed_has_the_same_adjoint(tmp_path, monkeypatch):
+    gradient = stands_in(tmp_path, monkeypatch, written(tmp_path / "case"))
+    for name in ("boundary", "faces", "points"):
+        file = tmp_path / "case/constant/polyMesh" / name
+        file.with_name(f"{name}.gz").write_bytes(gzip.compress(file.read_bytes()))
+        file.unlink()
+    assert np.array_equal(RUN.solve(tmp_path / "case", tmp_path / "case/7", CD).gradient, gradient)
 
 
 def test_the_derivative_by_the_velocity_is_that_of_the_fluxes_where_the_flow_comes_in(tmp_path, monkeypatch):

@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike
 from ...base.display import OneLine
 from ...errors import InputError, SolverError
 from ...grids.io.formats import POLYMESH
+from ...grids.io.meshes.foam_lists import FoamFile
 from .case_fields import WrittenField
 from .case_folder import CaseFolder
 from .wall_loads import CaseWalls
@@ -187,7 +188,8 @@ class AdjointRun(OneLine):
         shutil.copytree(time, place / "0", ignore=shutil.ignore_patterns("uniform", "*.gz"))
         shutil.copytree(case / "constant", place / "constant", dirs_exist_ok=True)
         model = self._model(case)
-        kinds = dict(_TYPES.findall((case / "constant" / POLYMESH / "boundary").read_text()))
+        boundary = FoamFile.read(case / "constant" / POLYMESH, "boundary").data.decode()
+        kinds = dict(_TYPES.findall(boundary))
         names = ["Ua", "pa"] + ["nuaTilda"] * (model == "SpalartAllmaras")
         for name in names:
             text = self._field(name, kinds)
