@@ -81,12 +81,12 @@ class Tutorial:
     folder: Path
 
     @classmethod
-    def copied(cls, tutorials: Path, folder: Path) -> Tutorial:
-        """Copy the case and its mesh, unless they are there."""
+    def copied(cls, case: Path, mesh: Path, folder: Path) -> Tutorial:
+        """Copy a case and its mesh, unless they are there."""
         if folder.is_dir():
             return cls(folder)
-        shutil.copytree(tutorials / CASE, folder)
-        shutil.copytree(tutorials / MESH, folder / "constant" / "polyMesh")
+        shutil.copytree(case, folder)
+        shutil.copytree(mesh, folder / "constant" / "polyMesh")
         for file in folder.rglob("*.gz"):
             file.with_suffix("").write_bytes(gzip.decompress(file.read_bytes()))
             file.unlink()
@@ -189,14 +189,13 @@ def control_points(case: Path, cycle: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def peer_gradient(tutorial: Tutorial) -> np.ndarray:
-    """Derivatives of CL by the free coordinates of the control points, of the peer's first cycle."""
+    """Derivatives of the objective by the free coordinates of the control points, of the peer's first cycle."""
     text = (tutorial.folder / DERIVATIVES / "volumetricBSplinesFIas11").read_text()
     values = np.array([line.split() for line in text.splitlines()[1:] if line.strip()], dtype=float)
     _, is_free = control_points(tutorial.folder, 0)
     total = np.zeros(is_free.shape)
     total[values[:, 0].astype(int)] = values[:, 1:4]
-    net = tutorial.as_net(tutorial.lift_of_objective * total)
-    return net[tutorial.as_net(is_free)]
+    return tutorial.as_net(total)[tutorial.as_net(is_free)]
 
 
 def moved_points(case: Path, cycle: int, folder: Path) -> np.ndarray:
@@ -208,10 +207,10 @@ def moved_points(case: Path, cycle: int, folder: Path) -> np.ndarray:
     return read_mesh(place).mesh.points
 
 
-def fly_peer(tutorial: Tutorial, n_cycles: int) -> dict:
+def fly_peer(tutorial: Tutorial, objective: str, n_cycles: int) -> dict:
     """Run the tutorial, unless it has run; its control points and meshes stay in its folder."""
     case = tutorial.folder
-    if not (case / DERIVATIVES / f"volumetricBSplinesFIvol{n_cycles}").is_file():
+    if not (case / DERIVATIVES / f"volumetricBSplinesFIas1{n_cycles}").is_file():
         control = case / "system" / "controlDict"
         control.write_text(re.sub(r"endTime\s+\d+;", f"endTime {n_cycles};", control.read_text()))
         run_program(PROGRAM, case)
@@ -219,12 +218,12 @@ def fly_peer(tutorial: Tutorial, n_cycles: int) -> dict:
     log = "".join(cycles[: n_cycles + 1])
     solved = re.findall(r"^Solving equations for solver (\w+)$", log, re.MULTILINE)
     flows = re.findall(r"Solving equations for solver p1\n(.*?)Solving equations for", log, re.DOTALL)
-    objectives = [float(re.findall(r"^lift : (\S+)", flow, re.MULTILINE)[-1]) for flow in flows]
+    history = [float(re.findall(rf"^{objective} : (\S+)", flow, re.MULTILINE)[-1]) for flow in flows]
     return {
         "flows": solved.count("p1"),
         "adjoints": len(solved) - solved.count("p1"),
         "seconds": float(re.findall(r"^ExecutionTime = (\S+) s", log, re.MULTILINE)[-1]),
-        "history": [tutorial.lift_of_objective * objective for objective in objectives],
+        "history": history,
     }
 
 
@@ -250,25 +249,36 @@ def fly_ours(
     gradient = problem.compute_totals(["CL"], ["shape"])["CL", "shape"].ravel()  # its adjoint serves the driver, too
     problem.run_driver()
     found = {"flows": flow.n_flows, "adjoints": flow.n_adjoints, "seconds": spent() - start, "history": flow.lifts}
-    found |= {"gradient": gradient.tolist(), "shape": problem.get_val("shape").tolist()}
+    found |= {"gradient": gradient, "shape": problem.get_val("shape")}
     return found, problem.get_val("grid").reshape(-1, 3).copy()
 
 
-def judged(flow: CaseFlow, tutorial: Tutorial, model: MeshModel, points: np.ndarray) -> dict:
-    """What a mesh gives: its flow, its cells and how far its walls have moved (m)."""
-    loads = flow.solve(points, tutorial.alpha, float(np.linalg.norm(tutorial.velocity))).loads
-    log = run_program("checkMesh", flow.folder.path, "-constant")
+def beside(ours: np.ndarray, theirs: np.ndarray) -> dict[str, float]:
+    """How far our first gradient is from the peer's (%), and how far it is turned (deg)."""
+    size = np.linalg.norm(theirs)
+    turned = np.degrees(np.arccos(ours @ theirs / (np.linalg.norm(ours) * size)))
+    return {"gradient off": float(100.0 * np.linalg.norm(ours - theirs) / size), "turned": float(turned)}
+
+
+def cells_of(case: Path, model: MeshModel, points: np.ndarray) -> dict[str, float]:
+    """What ``checkMesh`` finds of the mesh of a case, and how far its walls have moved (m)."""
+    log = run_program("checkMesh", case, "-constant")
     matches = {name: re.search(pattern, log) for name, pattern in PRINTED.items()}
     moves = np.linalg.norm(points - model.mesh.points, axis=1)[model.wall_rows]
-    volume = EnclosedVolume.of(DesignSurface.of(model).surface, relative=True)
-    area = volume.evaluate(points[volume.surface.rows])[0]
-    cells = {name: float(match[1]) if match else 0.0 for name, match in matches.items()}
-    return {"CL": loads.CL, "CD": loads.CD, "area": float(area), "wall": float(moves.max()), **cells}
+    return {"wall": float(moves.max())} | {name: float(match[1]) if match else 0.0 for name, match in matches.items()}
+
+
+def judged(flow: CaseFlow, tutorial: Tutorial, model: MeshModel, points: np.ndarray) -> dict[str, float]:
+    """What a mesh gives: its flow, the area of its section by that at the start, and its cells."""
+    loads = flow.solve(points, tutorial.alpha, float(np.linalg.norm(tutorial.velocity))).loads
+    area = EnclosedVolume.of(DesignSurface.of(model).surface, relative=True)
+    relative = area.evaluate(points[area.surface.rows]).item()
+    return {"CL": loads.CL, "CD": loads.CD, "area": relative, **cells_of(flow.folder.path, model, points)}
 
 
 def measure(tutorials: Path, folder: Path, only: list[str], n_cycles: int, n_iterations: int, tolerance: float) -> dict:
     """Run all that is asked for."""
-    tutorial = Tutorial.copied(tutorials, folder / "peer")
+    tutorial = Tutorial.copied(tutorials / CASE, tutorials / MESH, folder / "peer")
     model = fit_mesh(tutorial.folder / "constant" / "polyMesh")
     speed = float(np.linalg.norm(tutorial.velocity))
     reynolds_number = speed / tutorial.viscosity
@@ -276,7 +286,8 @@ def measure(tutorials: Path, folder: Path, only: list[str], n_cycles: int, n_ite
     flow = CaseFlow(case, CaseMesh.of(model), CaseFolder(folder / "judge"), AXES, REFERENCES)
     rows = {"start": judged(flow, tutorial, model, model.mesh.points)}
     show("start", rows["start"])
-    peer = fly_peer(tutorial, n_cycles)
+    peer = fly_peer(tutorial, "lift", n_cycles)
+    peer["history"] = [tutorial.lift_of_objective * objective for objective in peer["history"]]
     start, is_free = control_points(tutorial.folder, 0)
     reach = float(np.abs(control_points(tutorial.folder, n_cycles)[0] - start).max())
     rows["peer"] = peer | judged(flow, tutorial, model, moved_points(tutorial.folder, n_cycles, folder / "moved"))
@@ -285,11 +296,8 @@ def measure(tutorials: Path, folder: Path, only: list[str], n_cycles: int, n_ite
     for name in only:
         found, points = fly_ours(DRIVERS[name](n_iterations), model, case, variables, reach, folder / name)
         rows[name] = found | judged(flow, tutorial, model, points)
+        rows[name] |= beside(found["gradient"], tutorial.lift_of_objective * peer_gradient(tutorial))
         show(name, rows[name])
-        ours, theirs = np.array(found["gradient"]), peer_gradient(tutorial)
-        off, turned = np.linalg.norm(ours - theirs) / np.linalg.norm(theirs), np.dot(ours, theirs)
-        turned = np.degrees(np.arccos(turned / (np.linalg.norm(ours) * np.linalg.norm(theirs))))
-        print(f"    first gradient off the peer's by {100.0 * off:.1f} %, turned by {turned:.1f} deg")
     return {"reach": reach, "rows": rows}
 
 
@@ -297,7 +305,7 @@ def show(name: str, row: dict) -> None:
     """Print a row."""
     print(name, *(f"{what} {value:.5g}" for what, value in row.items() if np.isscalar(value)), sep="  ", flush=True)
     if "history" in row:
-        print("    CL", *(f"{lift:.5f}" for lift in row["history"]), flush=True)
+        print("    of each flow", *(f"{value:.5g}" for value in row["history"]), flush=True)
 
 
 def main() -> None:
@@ -315,7 +323,7 @@ def main() -> None:
         folder = options.folder or Path(temporary)
         found = measure(options.tutorials, folder, options.only, options.cycles, options.iterations, options.tolerance)
     if options.json:
-        options.json.write_text(json.dumps(found, indent=2) + "\n")
+        options.json.write_text(json.dumps(found, indent=2, default=np.ndarray.tolist) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,182 @@
+"""OpenFOAM's own shape optimisation beside ours: the losses of its tutorial's S-bend.
+
+``python benchmarks/flow/bench_openfoam_duct.py [--cycles N] [--iterations N] [--only slsqp nlopt] [--json FILE]``
+
+The tutorial is ``shapeOptimisation/sbend/laminar/opt/unconstrained/BFGS`` of ``adjointOptimisationFoam``: the total
+pressure that a laminar flow loses in a bend, of which two walls move with a box of volumetric B-splines. The peer and
+ours run as in ``bench_openfoam_shape.py``: its BFGS, and SLSQP of SciPy and NLopt by the adjoint's sensitivities of
+points, with the same free points, bounded by the largest displacement that one of the peer's had. Ours solves flow and
+adjoint by the peer's program as well, on the mesh that the lattice has moved.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import openmdao.api as om
+from bench_openfoam_shape import (
+    DRIVERS,
+    TUTORIALS,
+    Tutorial,
+    beside,
+    cells_of,
+    control_points,
+    fly_peer,
+    moved_points,
+    peer_gradient,
+    show,
+    spent,
+)
+from openmdao.core.driver import Driver
+from openmdao.vectors.vector import Vector
+
+from bspline_mdao import DesignSurface
+from bspline_mdao.design import FreeForm
+from bspline_mdao.errors import MovementError, SolverError
+from bspline_mdao.flow.openfoam.adjoint import AdjointRun, AdjointSolution, FlowFunction
+from bspline_mdao.flow.openfoam.case_mesh import CaseMesh
+from bspline_mdao.meshes import MeshModel, fit_mesh
+from bspline_mdao.names import GRID
+
+CASE, MESH = "shapeOptimisation/sbend/laminar/opt/unconstrained/BFGS", "resources/meshes/sbend/polyMesh"
+
+LOSSES = FlowFunction.pressure_losses("losses", ["Inlet", "Outlet"])
+WALLS = ("lower", "upper", "sideWall")
+"""All of them: what of the straight walls is in the box moves, too."""
+
+SCALE = 1e-7
+"""Of the losses (m^5/s^3), for the optimisers."""
+
+
+class Duct:
+    """A flow through the bend and its adjoint, in a copy of the tutorial's case."""
+
+    def __init__(self, tutorial: Tutorial, mesh: CaseMesh, folder: Path, tolerance: float):
+        self.mesh, self.folder, self.n_solved = mesh, folder, 0
+        self.history: list[float] = []
+        for name in ("constant", "system"):
+            shutil.copytree(tutorial.folder / name, folder / name)
+        self.flow = folder / "flow"
+        self.flow.mkdir()
+        self._keep(tutorial.folder / "0")
+        self.run = AdjointRun(WALLS, {"Inlet": "inlet", "Outlet": "outlet"}, tolerance)
+
+    def solve(self, nodes: np.ndarray) -> AdjointSolution:
+        """Solve both on a mesh, from the last solution."""
+        self.n_solved += 1
+        self.mesh.write(self.folder, nodes, "empty")
+        found = self.run.solve(self.folder, self.flow, LOSSES)
+        times = [path for path in (self.folder / "adjoint_losses").iterdir() if re.fullmatch(r"\d+", path.name)]
+        self._keep(max(times, key=lambda path: int(path.name)))
+        self.history.append(found.value)
+        print(f"losses {found.value:.5g}, {found.n_flow} and {found.n_adjoint} iterations", flush=True)
+        return found
+
+    def _keep(self, time: Path) -> None:
+        for name in ("U", "p"):
+            shutil.copyfile(time / name, self.flow / name)
+
+
+class Losses(om.ExplicitComponent):
+    """Losses of a mesh, by `SCALE`."""
+
+    def initialize(self) -> None:
+        """Declare the option."""
+        self.options.declare("duct", types=Duct)
+
+    def setup(self) -> None:
+        """Declare the variables."""
+        self.add_input(GRID, val=self.options["duct"].mesh.baseline.ravel(), units="m")
+        self.add_output("losses")
+        self._at: tuple[np.ndarray, AdjointSolution] | None = None
+
+    def compute(self, inputs: Vector, outputs: Vector) -> None:
+        """Solve flow and adjoint."""
+        outputs["losses"] = self._found(inputs).value / SCALE
+
+    def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
+        """Apply the gradient."""
+        if mode == "rev" and GRID in d_inputs:
+            d_inputs[GRID] += d_outputs["losses"] * self._found(inputs).gradient.ravel() / SCALE
+
+    def _found(self, inputs: Vector) -> AdjointSolution:
+        nodes = np.array(inputs[GRID])
+        if self._at is None or not np.array_equal(self._at[0], nodes):
+            try:
+                self._at = nodes, self.options["duct"].solve(nodes.reshape(-1, 3))
+            except (SolverError, MovementError) as error:
+                raise om.AnalysisError(str(error)) from error
+        return self._at[1]
+
+
+def fly_ours(
+    driver: Driver, model: MeshModel, duct: Duct, variables: FreeForm, reach: float
+) -> tuple[dict, np.ndarray]:
+    """Optimise by our adjoint; numbers, and the points of the mesh that was found (m)."""
+    start = spent()
+    problem = om.Problem(driver=driver, reports=None)
+    group = problem.model
+    group.add_subsystem("movement", DesignSurface.of(model).grid_movement([variables]), promotes=["*"])
+    group.add_subsystem("flow", Losses(duct=duct), promotes=["*"])
+    group.add_design_var("shape", lower=-reach, upper=reach, ref=reach)
+    group.add_objective("losses")
+    problem.setup(mode="rev")
+    problem.run_model()
+    gradient = SCALE * problem.compute_totals(["losses"], ["shape"])["losses", "shape"].ravel()
+    problem.run_driver()
+    nodes = problem.get_val(GRID).reshape(-1, 3).copy()
+    found = {"flows": duct.n_solved, "adjoints": duct.n_solved, "seconds": spent() - start, "history": duct.history}
+    return found | {"gradient": gradient, "shape": problem.get_val("shape")}, nodes
+
+
+def measure(tutorials: Path, folder: Path, only: list[str], n_cycles: int, n_iterations: int, tolerance: float) -> dict:
+    """Run all that is asked for."""
+    tutorial = Tutorial.copied(tutorials / CASE, tutorials / MESH, folder / "peer")
+    model = fit_mesh(tutorial.folder / "constant" / "polyMesh")
+    mesh = CaseMesh.of(model)
+    judge = Duct(tutorial, mesh, folder / "judge", tolerance)
+
+    def judged(points: np.ndarray) -> dict[str, float]:
+        return {"losses": judge.solve(points).value, **cells_of(judge.folder, model, points)}
+
+    rows = {"start": judged(mesh.baseline)}
+    show("start", rows["start"])
+    peer = fly_peer(tutorial, "losses", n_cycles)
+    start, is_free = control_points(tutorial.folder, 0)
+    reach = float(np.abs(control_points(tutorial.folder, n_cycles)[0] - start).max())
+    rows["peer"] = peer | judged(moved_points(tutorial.folder, n_cycles, folder / "moved"))
+    show("peer", rows["peer"])
+    for name in only:
+        duct = Duct(tutorial, mesh, folder / name, tolerance)
+        found, points = fly_ours(DRIVERS[name](n_iterations), model, duct, tutorial.box(start, is_free), reach)
+        rows[name] = found | judged(points) | beside(found["gradient"], peer_gradient(tutorial))
+        show(name, rows[name])
+    return {"reach": reach, "rows": rows}
+
+
+def main() -> None:
+    """Measure what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tutorials", type=Path, default=TUTORIALS, help="folder of adjointOptimisationFoam's")
+    parser.add_argument("--cycles", type=int, default=4, help="flows of the peer")
+    parser.add_argument("--iterations", type=int, default=4, help="of SLSQP")
+    parser.add_argument("--only", nargs="*", choices=tuple(DRIVERS), default=list(DRIVERS), help="optimisers of ours")
+    parser.add_argument("--tolerance", type=float, default=1e-6, help="residuals of flows and adjoints")
+    parser.add_argument("--folder", type=Path, help="keep the cases there; a run of the peer that is there counts")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.folder or Path(temporary)
+        found = measure(options.tutorials, folder, options.only, options.cycles, options.iterations, options.tolerance)
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=2, default=np.ndarray.tolist) + "\n")
+
+
+if __name__ == "__main__":
+    main()
