@@ -10,7 +10,9 @@ import pytest
 from public_imports import hidden_names
 
 SCRIPTS = sorted(Path(__file__).parents[2].glob("run_scripts/*.py"))
-ALLOWED = {"bspline_mdao", "openmdao", "mphys", "numpy", "matplotlib", "scipy", "threadpoolctl", "gmsh"}
+ALLOWED = {"bspline_mdao", "openmdao", "mphys", "numpy", "matplotlib", "scipy", "threadpoolctl", "gmsh"} | {
+    *("adflow", "baseclasses"),
+}
 STANDARD = {"__future__", "csv", "functools", "itertools", "os", "pathlib", "re", "tempfile", "time", "typing"} | {
     *("collections.abc", "dataclasses", "importlib.util", "shutil", "warnings"),
 }
