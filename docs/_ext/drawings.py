@@ -3,6 +3,7 @@
 import re
 import shutil
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 
 from sphinx_gallery.scrapers import figure_rst
@@ -12,6 +13,9 @@ SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 AT_ONCE = ("figure1_basis", "figure2_mesh1d", "figure3_modified_basis")
 """Scripts that take a second, whose pictures the pages of theory show: drawn in any case."""
 
+SOLVERS = {"openfoam": lambda: shutil.which("simpleFoam"), "adflow": lambda: find_spec("adflow")}
+"""Programs of others by the first word of the scripts that need them, and what tells whether they are here."""
+
 
 def draws(script: Path) -> bool:
     """Whether a script writes pictures."""
@@ -19,10 +23,12 @@ def draws(script: Path) -> bool:
 
 
 def patterns(with_all: bool) -> dict[str, str]:
-    """Which scripts have no page, since they draw nothing, and which are run: those of OpenFOAM only where it is."""
+    """Which scripts have no page, since they draw nothing, and which are run."""
     silent = [path.stem for path in SCRIPTS.glob("*.py") if not draws(path)]
-    has_openfoam = shutil.which("simpleFoam") is not None
-    missing = "" if has_openfoam else "".join(rf"(?<!{path.stem})" for path in SCRIPTS.glob("openfoam_*.py"))
+    elsewhere = [
+        path.stem for name, is_there in SOLVERS.items() if not is_there() for path in SCRIPTS.glob(f"{name}_*")
+    ]
+    missing = "".join(rf"(?<!{name})" for name in elsewhere)
     return {
         "ignore_pattern": rf"(^|[/\\])({'|'.join(sorted(silent))})\.py$",  # it is shown bare names and paths
         "filename_pattern": rf"{missing}\.py$" if with_all else rf"/({'|'.join(AT_ONCE)})\.py$",
