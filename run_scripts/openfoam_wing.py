@@ -1,0 +1,177 @@
+"""Least drag of a swept wing at a given lift in turbulent flow, by OpenFOAM: needs ``simpleFoam`` on the PATH.
+
+On Debian ``apt-get install openfoam`` brings it. The wing has a semi-span of three root chords, a taper of a half and a
+leading edge that is swept by 20 degrees. It starts with NACA 0012 sections and no twist, at a Reynolds number of 3
+million and a lift coefficient of 0.5. Angle of attack, twist and camber at stations are the variables; the volume stays
+as it is, since camber leaves thickness alone. What moves the grid is ours, and so is the optimiser. Derivatives are
+forward differences of the totals, each of them a flow that starts from that of the design.
+
+It takes half an hour, with ``--quick`` some minutes, by wall functions on coarse grids. What comes out are lift, drag,
+twist, camber and y+ of the wing at the start and at the optimum, the same on a finer grid that no optimiser saw, how
+the optimiser went on, and a picture of pressures, twist, camber and the history.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import openmdao.api as om
+
+import bspline_mdao as bm
+from bspline_mdao.drivers import recorded, scipy_slsqp
+from bspline_mdao.flow import OpenFoamFlow, RansCase
+from bspline_mdao.names import GRID
+from bspline_mdao.plotting import GRAY, draw_history, draw_pressures, driver_colors, figure, wall_quads
+from bspline_mdao.scripts import pick_size, run
+
+PLANFORM = bm.generators.Planform(root_chord=1.0, semi_span=3.0, taper=0.5, leading_edge_sweep=20.0)
+AREA = 0.75 * PLANFORM.semi_span
+"""Of the half wing that the grid shows (m^2): mean chord times semi-span."""
+
+REYNOLDS, SPEED, LIFT = 3e6, 30.0, 0.5
+"""Of the root chord; speed of the free stream (m/s); lift coefficient."""
+
+SLOPE = 3.7
+"""Lift per angle (1/rad), about."""
+
+UNIT, STEP = 0.01, 0.002
+"""Of the variables, and of the differences: angles in radians and camber in chords, which change the lift as much."""
+
+DRAG, COEFFICIENT = 1e-3, 0.1
+"""Units of the objective and of lift."""
+
+STATIONS = (0.0, 0.5, 1.0)
+"""Along the span, from root to tip, of twist and camber; at the root the angle of attack is the twist."""
+
+DRIVERS = {"SciPy SLSQP": scipy_slsqp}
+
+SIZES = {
+    "quick": (((10, 17, 9), (12, 17), (13, 9)), 1.2, 2),
+    "default": (((10, 17, 9), (12, 17), (13, 9)), 1.5, 12),
+    "paper": (((17, 33, 13), (17, 25), (21, 13)), 1.5, 25),
+}
+"""Nodes of the rows of blocks along the stream, away from the wing and along the span; cells per direction of the finer
+grid by those of the optimiser's; iterations at most."""
+
+TOLERANCE = 1e-6
+"""Of the flow's residuals: what iterations leave of the drag is below 0.01 counts."""
+
+SPACING = bm.generators.Spacing(off_wall=2e-3, leading=6e-3, trailing=1.2e-2, tip=0.02, root=0.25)
+"""Heights and lengths of the first cells (m): for y+ between 30 and 300."""
+
+
+def pose(model: bm.FittedModel, case: RansCase, folder: Path, alpha: float = LIFT / SLOPE) -> om.Problem:
+    """Pose the problem: angle of attack, twist outboard of the root, and camber. Not yet set up."""
+    mesh = bm.movers.moving_mesh(model)
+    axis = bm.design.ReferenceAxis.of(mesh, at=1.0)
+    variables = [bm.design.Twist("twist", axis, STATIONS), bm.design.Camber("camber", axis, STATIONS)]
+    geometry = bm.GridMovement(model=model, parametrization=bm.design.Parametrization(mesh, variables), fit=False)
+    flow = OpenFoamFlow(model=model, case=case, folder=folder, reference_area=AREA, time_limit=1800.0)
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("geometry", geometry, promotes=["*"])
+    problem.model.add_subsystem("flow", flow, promotes=["*"])
+    problem.model.set_input_defaults("speed", val=SPEED, units="m/s")
+    problem.model.set_input_defaults("alpha", val=alpha, units="rad")
+    problem.model.set_input_defaults("twist", val=np.zeros(len(STATIONS)), units="rad")
+    problem.model.add_design_var("alpha", lower=-0.05, upper=0.2, ref=UNIT, units="rad")
+    problem.model.add_design_var("twist", indices=[1, 2], lower=-0.15, upper=0.15, ref=UNIT, units="rad")
+    problem.model.add_design_var("camber", lower=-0.01, upper=0.04, ref=UNIT)
+    problem.model.add_constraint("CL", equals=LIFT, ref=COEFFICIENT)
+    problem.model.add_objective("CD", ref=DRAG)
+    problem.model.approx_totals(method="fd", form="forward", step=STEP)
+    return problem
+
+
+def trimmed(problem: om.Problem, design: om.Problem | None = None) -> om.Problem:
+    """Fly a design, the untwisted wing without one, at the angle that gives the lift."""
+    problem.setup()
+    if design is not None:
+        for name in ("alpha", "twist", "camber"):
+            problem.set_val(name, design.get_val(name))
+    for _ in range(6):
+        problem.run_model()
+        excess = problem.get_val("CL").item() - LIFT
+        if abs(excess) < 1e-4:
+            break
+        problem.set_val("alpha", problem.get_val("alpha") - excess / SLOPE)
+    return problem
+
+
+def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS) -> dict:
+    """Find twist and camber with every driver.
+
+    Parameters
+    ----------
+    paper, quick : bool
+        Another of `SIZES`; the quick one stops after some iterations.
+    figures : path-like, optional
+        Folder for ``openfoam_wing.png`` and the recorded cases.
+    drivers : dict
+        Makers of drivers by name.
+
+    Returns
+    -------
+    dict
+        ``n_nodes`` of the grid and of the finer one; the `summary` of the ``initial`` wing; by ``drivers`` the same and
+        what `RecordedRun.numbers` returns. What is ``finer`` is on the finer grid.
+    """
+    shape, finer, iterations = pick_size(SIZES, paper, quick)
+    case = RansCase(REYNOLDS, walls="functions", tolerance=TOLERANCE)
+    if shutil.which(case.program) is None:
+        raise bm.InputError(f"{case.program} of OpenFOAM is not on the PATH; on Debian: apt-get install openfoam")
+    wing = bm.generators.Wing(PLANFORM, bm.generators.naca_section(0.12))
+    model = bm.fit_grid(bm.generators.hh_wing_grid(wing, shape, SPACING))
+    fine_model, runs = model.member(finer), {}
+    with tempfile.TemporaryDirectory() as place:
+        coarse, fine = Path(place) / "coarse", Path(place) / "fine"
+        found = {"initial": trimmed(pose(model, case, coarse))}
+        for driver, make_driver in drivers.items():
+            problem = pose(model, case, coarse, found["initial"].get_val("alpha").item())
+            problem.driver = make_driver(1e-3, iterations)
+            with recorded(problem, figures, f"openfoam_wing_{driver}") as runs[driver]:
+                problem.run_driver()
+        on_the_way = {driver: each.numbers() for driver, each in runs.items()}
+        found |= {driver: trimmed(pose(model, case, coarse), each.problem) for driver, each in runs.items()}
+        again = {name: trimmed(pose(fine_model, case, fine), each) for name, each in found.items()}
+    numbers = {name: summary(each) | {"finer": summary(again[name])} for name, each in found.items()}
+    if figures:
+        draw(figures, model, found, runs)
+    return {
+        "n_nodes": [model.n_nodes, fine_model.n_nodes],
+        "initial": numbers["initial"],
+        "drivers": {driver: on_the_way[driver] | numbers[driver] for driver in runs},
+    }
+
+
+def summary(problem: om.Problem) -> dict:
+    """Tell lift, drag, angle, twist, camber and y+ of a design."""
+    numbers = {name: problem.get_val(name).item() for name in ("CL", "CD", "n_iterations")}
+    angles = {name: problem.get_val(name, units="deg").tolist() for name in ("alpha", "twist")}
+    return numbers | angles | {name: problem.get_val(name).tolist() for name in ("camber", "y_plus")}
+
+
+def draw(folder, model: bm.FittedModel, found, runs) -> None:
+    """Draw pressures at half of the span, twist and camber, and the history."""
+    with figure(folder, "openfoam_wing", (13.0, 3.6)) as canvas:
+        pressures, twist, camber, history = canvas.subplots(1, 4)
+        colors, quads = {"initial": GRAY, **driver_colors(runs)}, wall_quads(model)
+        for name, problem in found.items():
+            style = {"color": colors[name], "label": name}
+            corners = problem.get_val(GRID).reshape(-1, 3)[quads]
+            draw_pressures(pressures, corners, problem.get_val("Cp"), 0.5 * PLANFORM.semi_span, **style)
+            geometric = problem.get_val("alpha", units="deg") + problem.get_val("twist", units="deg")
+            twist.plot(STATIONS, geometric, "o-", **style)
+            camber.plot(STATIONS, 100.0 * problem.get_val("camber"), "o-", **style)
+        twist.set(xlabel="span", ylabel="angle of sections (deg)")
+        camber.set(xlabel="span", ylabel="camber (% of the chord)")
+        pressures.legend(fontsize=8)
+        draw_history(history, runs, "CD", "drag (counts)", lambda values: values * 1e4, log=False)
+
+
+if __name__ == "__main__":
+    run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/openfoam_wing.png'

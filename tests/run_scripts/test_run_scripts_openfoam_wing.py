@@ -1,0 +1,97 @@
+"""The wing with OpenFOAM: posed as it says, one line where the solver is missing, less drag where it is there."""
+
+import importlib
+import shutil
+from pathlib import Path
+
+import numpy as np
+import openmdao.api as om
+import pytest
+
+from bspline_mdao.core.model.fitted_model import FittedModel
+from bspline_mdao.plotting import wall_quads
+from bspline_mdao.scripts import run
+
+TIP_ANGLE, CAMBER = -0.04, 0.02
+"""Twist (rad) and camber (chords) of least drag in the stand-in."""
+
+
+@pytest.fixture
+def openfoam_wing(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "run_scripts"))
+    return importlib.import_module("openfoam_wing")
+
+
+class ThinWing(om.ExplicitComponent):
+    """Stands in for the flow: lift by angle and camber, drag by what the tip's twist and the root's camber lack."""
+
+    def initialize(self):
+        self.options.declare("model", types=FittedModel)
+        for name in ("case", "folder", "time_limit", "reference_area"):
+            self.options.declare(name)
+
+    def setup(self):
+        nodes = self.options["model"].regenerate().to_vector()
+        self.quads = wall_quads(self.options["model"])
+        walls, at = nodes.reshape(-1, 3), np.unique(self.quads)
+        self.tip = self._edges(walls, at[walls[at, 2] > 2.9])
+        self.root = self._edges(walls, at[walls[at, 2] < 1e-6])
+        self.middle = at[(walls[at, 2] < 1e-6) & (np.abs(walls[at, 0] - 0.5) < 0.1)]
+        self.add_input("grid", val=nodes, units="m")
+        self.add_input("alpha", units="deg")
+        self.add_input("speed", units="m/s")
+        for name, shape in {"CL": 1, "CD": 1, "Cp": len(self.quads), "y_plus": 2, "n_iterations": 1}.items():
+            self.add_output(name, shape=shape)
+
+    @staticmethod
+    def _edges(nodes, rows):
+        """Rows of the nodes furthest up and down the stream."""
+        return rows[np.argmin(nodes[rows, 0])], rows[np.argmax(nodes[rows, 0])]
+
+    def compute(self, inputs, outputs):
+        nodes, alpha = inputs["grid"].reshape(-1, 3), np.radians(inputs["alpha"].item())
+        (nose, tail), (root_nose, root_tail) = nodes[list(self.tip)], nodes[list(self.root)]
+        twist = np.arctan2(nose[1] - tail[1], tail[0] - nose[0])
+        camber = nodes[self.middle, 1].mean() - 0.5 * (root_nose[1] + root_tail[1])
+        outputs["CL"] = 3.7 * (alpha + 0.5 * twist + 2.0 * camber)
+        outputs["CD"] = 0.02 + (twist - TIP_ANGLE) ** 2 + (camber - CAMBER) ** 2
+
+
+@pytest.mark.slow
+def test_the_wing_gets_the_twist_and_the_camber_of_least_drag_at_its_lift(openfoam_wing, tmp_path, monkeypatch):
+    monkeypatch.setattr(openfoam_wing, "OpenFoamFlow", ThinWing)
+    monkeypatch.setattr(openfoam_wing.shutil, "which", lambda program: program)
+    monkeypatch.setitem(openfoam_wing.SIZES, "quick", (((7, 9, 7), (7, 7), (7, 6)), 1.2, 20))
+    numbers = openfoam_wing.main(quick=True, figures=tmp_path)
+    (found,) = numbers["drivers"].values()
+    assert found["success"]
+    for flown in (found, found["finer"]):
+        assert flown["CL"] == pytest.approx(0.5, abs=1e-4)
+        assert np.radians(flown["twist"][2]) == pytest.approx(TIP_ANGLE, abs=3e-3)
+        assert flown["camber"][0] > 0.75 * CAMBER  # coarse splines have less at mid-chord
+        assert flown["CD"] < numbers["initial"]["CD"] - 1.5e-3
+    assert found["twist"][0] == 0.0
+    assert numbers["n_nodes"][1] > numbers["n_nodes"][0]
+    assert (tmp_path / "openfoam_wing.png").stat().st_size > 20_000
+
+
+def test_openfoam_is_named_in_one_line_where_it_is_missing(openfoam_wing, monkeypatch, capsys):
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(SystemExit) as ended:
+        run(openfoam_wing.main, ["--quick"])
+    assert ended.value.code == 2
+    message = capsys.readouterr().err
+    assert "simpleFoam of OpenFOAM is not on the PATH; on Debian: apt-get install openfoam" in message
+    assert message.count("\n") == 1
+
+
+@pytest.mark.solver
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("simpleFoam") is None, reason="simpleFoam is not on the PATH: install OpenFOAM")
+def test_the_wing_has_less_drag_in_turbulent_flow(openfoam_wing, monkeypatch):
+    monkeypatch.setitem(openfoam_wing.SIZES, "quick", (((10, 13, 9), (10, 13), (9, 7)), 1.0, 1))
+    numbers = openfoam_wing.main(quick=True)
+    initial, (found,) = numbers["initial"], numbers["drivers"].values()
+    assert found["CL"] == pytest.approx(0.5, abs=1e-3)
+    assert found["CD"] < 0.98 * initial["CD"]
+    assert 10.0 < found["y_plus"][0] < found["y_plus"][1] < 500.0
