@@ -172,7 +172,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tutorials", type=Path, default=TUTORIALS, help="folder of adjointOptimisationFoam's")
     parser.add_argument("--cycles", type=int, default=4, help="flows of the peer")
-    parser.add_argument("--iterations", type=int, default=4, help="of SLSQP")
+    parser.add_argument("--iterations", type=int, default=3, help="of SLSQP")
     parser.add_argument("--only", nargs="*", choices=tuple(DRIVERS), default=list(DRIVERS), help="optimisers of ours")
     parser.add_argument("--tolerance", type=float, default=1e-6, help="residuals of flows and adjoints")
     parser.add_argument("--folder", type=Path, help="keep the cases there; a run of the peer that is there counts")

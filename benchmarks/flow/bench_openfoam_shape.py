@@ -1,6 +1,6 @@
-"""OpenFOAM's own shape optimisation beside ours: the lift of its tutorial's NACA 0012, of the same cross section.
+"""OpenFOAM's own shape optimisation beside ours: the lift of its tutorial's NACA 0012, whose area stays.
 
-``python benchmarks/flow/bench_openfoam_shape.py [--cycles N] [--iterations N] [--only peer slsqp nlopt] [--json FILE]``
+``python benchmarks/flow/bench_openfoam_shape.py [--cycles N] [--iterations N] [--only slsqp nlopt] [--json FILE]``
 
 The tutorial is ``shapeOptimisation/naca0012/lift/opt/constraintProjection`` of ``adjointOptimisationFoam``: a laminar
 flow at a Reynolds number of 1000 and 2 degrees; lift is to grow, and the area of the section is to stay. Its variables
@@ -320,8 +320,8 @@ def main() -> None:
     """Measure what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tutorials", type=Path, default=TUTORIALS, help="folder of adjointOptimisationFoam's")
-    parser.add_argument("--cycles", type=int, default=5, help="flows of the peer")
-    parser.add_argument("--iterations", type=int, default=5, help="of SLSQP")
+    parser.add_argument("--cycles", type=int, default=3, help="flows of the peer")
+    parser.add_argument("--iterations", type=int, default=3, help="of SLSQP")
     parser.add_argument("--only", nargs="*", choices=tuple(DRIVERS), default=list(DRIVERS), help="optimisers of ours")
     parser.add_argument("--tolerance", type=float, default=1e-6, help="residuals of flows")
     parser.add_argument("--folder", type=Path, help="keep the cases there; a run of the peer that is there counts")
