@@ -40,8 +40,8 @@ PART = 1.2
 """How far control points may move by their heights over the chord line: at 1 a side would lie on that line."""
 
 TOLERANCE, VIOLATION, TRIMMED = 3e-3, 2e-3, 2e-4
-"""Of the objective, 0.03 counts of drag; of constraints, in their unit; and of the lift of designs that are compared.
-Residuals leave half of these, so that an optimiser that asks for less finds no design that is feasible."""
+"""Of the objective, 0.03 counts of drag; of constraints, in their unit; and of the lift of designs that are compared,
+to which they are trimmed. What residuals leave is half of that: an optimiser that asks for less finds no design."""
 
 UNIT, STEP = 0.01, 0.002
 """Of the variables, and of the differences: heights in chords and the angle in radians, which move walls as much."""
@@ -57,7 +57,7 @@ N_AWAY, N_ALONG = 12, 2
 
 SIZES = {
     "quick": ((128, 64, 6e-6), (192, 96, 4e-6), 9, 5),
-    "default": ((128, 64, 6e-6), (192, 96, 4e-6), 13, 30),
+    "default": ((128, 64, 6e-6), (192, 96, 4e-6), 13, 20),
     "paper": ((128, 64, 6e-6), (256, 128, 3e-6), 13, 60),
 }
 """Cells around the section and away from it and heights of the first cells (chords), on the grid of the optimisers and
@@ -197,3 +197,5 @@ def draw(folder, model: bm.FittedModel, found, optimisation) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/openfoam_airfoil.png'
