@@ -165,7 +165,7 @@ def main(
     with recorded(problem) as done:
         initial, pressures = at_lift(problem), {"NACA 0012": pressures_of(problem)}
         problem.run_driver()
-    found = {"n_variables": problem.get_val("heights").size + 1, "run": done.numbers("cruise")}
+    found = {"n_variables": problem.get_val("heights").size + 1, "run": done.numbers()}
     found |= {"failed": problem.driver.n_failed_analyses, "initial": initial, "optimum": at_lift(problem)}
     pressures["optimum"] = pressures_of(problem)
     finer.setup()
@@ -226,3 +226,5 @@ def draw(folder, found: dict[str, tuple]) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/adflow_section.png'
