@@ -42,3 +42,9 @@ def test_the_wing_of_the_run_script_is_that_of_one_process():
             assert two[start_or_end][name] == pytest.approx(value, rel=1e-7, abs=1e-9)
     assert one["optimal"]["CL"] == pytest.approx(0.35, rel=1e-5)
     assert one["optimal"]["CD_induced"] < 1.001 * one["initial"]["CD_induced"] * (0.35 / one["initial"]["CL"]) ** 2
+
+
+def test_every_rank_has_the_history_that_the_first_one_has_recorded():
+    (one,), two = (run_ranks("cases/recorded_run.py", n) for n in (1, 2))
+    for text in two:
+        assert json.loads(text.splitlines()[-1]) == json.loads(one.splitlines()[-1])

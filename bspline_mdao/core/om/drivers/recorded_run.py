@@ -222,7 +222,10 @@ def recorded(problem: om.Problem, folder: str | PathLike | None = None, name: st
         rest = time.perf_counter() - start - sum(growing.values())
         run.seconds = growing | {"rest": rest}  # a copy: the problem may run again
         problem.cleanup()
-        run.history, run.convergence = _read(file)
+        if problem.comm.size == 1:
+            run.history, run.convergence = _read(file)
+        else:  # the first process has written it, and removes a temporary one
+            run.history, run.convergence = problem.comm.bcast(_read(file) if problem.comm.rank == 0 else None)
 
 
 def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
