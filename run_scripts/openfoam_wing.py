@@ -21,10 +21,10 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.drivers import recorded, scipy_slsqp
+from bspline_mdao.drivers import recorded
 from bspline_mdao.flow import OpenFoamFlow, RansCase
 from bspline_mdao.names import GRID
-from bspline_mdao.plotting import GRAY, draw_history, draw_pressures, driver_colors, figure, wall_quads
+from bspline_mdao.plotting import GRAY, ORANGE, draw_history, draw_pressures, figure, wall_quads
 from bspline_mdao.scripts import pick_size, run
 
 PLANFORM = bm.generators.Planform(root_chord=1.0, semi_span=3.0, taper=0.5, leading_edge_sweep=20.0)
@@ -40,23 +40,24 @@ SLOPE = 3.7
 UNIT, STEP = 0.01, 0.002
 """Of the variables, and of the differences: angles in radians and camber in chords, which change the lift as much."""
 
-DRAG, COEFFICIENT = 1e-3, 0.1
+DRAG, CONSTRAINT = 1e-3, 0.1
 """Units of the objective and of lift."""
+
+TOLERANCE, VIOLATION, TRIMMED = 3e-3, 2e-3, 1e-4
+"""Of the objective, 0.03 counts of drag; of the constraint, in its unit; and of the lift of designs to compare."""
 
 STATIONS = (0.0, 0.5, 1.0)
 """Along the span, from root to tip, of twist and camber; at the root the angle of attack is the twist."""
 
-DRIVERS = {"SciPy SLSQP": scipy_slsqp}
-
 SIZES = {
-    "quick": (((10, 17, 9), (12, 17), (13, 9)), 1.2, 2),
-    "default": (((10, 17, 9), (12, 17), (13, 9)), 1.5, 12),
-    "paper": (((17, 33, 13), (17, 25), (21, 13)), 1.5, 25),
+    "quick": (((10, 17, 9), (12, 17), (13, 9)), 1.2, 3),
+    "default": (((10, 17, 9), (12, 17), (13, 9)), 1.5, 14),
+    "paper": (((17, 33, 13), (17, 25), (21, 13)), 1.5, 40),
 }
 """Nodes of the rows of blocks along the stream, away from the wing and along the span; cells per direction of the finer
-grid by those of the optimiser's; iterations at most."""
+grid by those of the optimiser's; evaluations at most."""
 
-TOLERANCE = 1e-6
+RESIDUAL = 1e-6
 """Of the flow's residuals: what iterations leave of the drag is below 0.01 counts."""
 
 SPACING = bm.generators.Spacing(off_wall=2e-3, leading=6e-3, trailing=1.2e-2, tip=0.02, root=0.25)
@@ -79,7 +80,7 @@ def pose(model: bm.FittedModel, case: RansCase, folder: Path, alpha: float = LIF
     problem.model.add_design_var("alpha", lower=-0.05, upper=0.2, ref=UNIT, units="rad")
     problem.model.add_design_var("twist", indices=[1, 2], lower=-0.15, upper=0.15, ref=UNIT, units="rad")
     problem.model.add_design_var("camber", lower=-0.01, upper=0.04, ref=UNIT)
-    problem.model.add_constraint("CL", equals=LIFT, ref=COEFFICIENT)
+    problem.model.add_constraint("CL", equals=LIFT, ref=CONSTRAINT)
     problem.model.add_objective("CD", ref=DRAG)
     problem.model.approx_totals(method="fd", form="forward", step=STEP)
     return problem
@@ -94,56 +95,51 @@ def trimmed(problem: om.Problem, design: om.Problem | None = None) -> om.Problem
     for _ in range(6):
         problem.run_model()
         excess = problem.get_val("CL").item() - LIFT
-        if abs(excess) < 1e-4:
+        if abs(excess) < TRIMMED:
             break
         problem.set_val("alpha", problem.get_val("alpha") - excess / SLOPE)
     return problem
 
 
-def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS) -> dict:
-    """Find twist and camber with every driver.
+def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
+    """Find twist and camber.
 
     Parameters
     ----------
     paper, quick : bool
-        Another of `SIZES`; the quick one stops after some iterations.
+        Another of `SIZES`; the quick one stops after some evaluations.
     figures : path-like, optional
         Folder for ``openfoam_wing.png`` and the recorded cases.
-    drivers : dict
-        Makers of drivers by name.
 
     Returns
     -------
     dict
-        ``n_nodes`` of the grid and of the finer one; the `summary` of the ``initial`` wing; by ``drivers`` the same and
-        what `RecordedRun.numbers` returns. What is ``finer`` is on the finer grid.
+        ``n_nodes`` of the grid and of the finer one; the `summary` of the ``initial`` wing; of the ``optimum`` the same
+        and what `RecordedRun.numbers` returns. What is ``finer`` is on the finer grid.
     """
-    shape, finer, iterations = pick_size(SIZES, paper, quick)
-    case = RansCase(REYNOLDS, walls="functions", tolerance=TOLERANCE)
+    shape, finer, evaluations = pick_size(SIZES, paper, quick)
+    case = RansCase(REYNOLDS, walls="functions", tolerance=RESIDUAL)
     if shutil.which(case.program) is None:
         raise bm.InputError(f"{case.program} of OpenFOAM is not on the PATH; on Debian: apt-get install openfoam")
     wing = bm.generators.Wing(PLANFORM, bm.generators.naca_section(0.12))
     model = bm.fit_grid(bm.generators.hh_wing_grid(wing, shape, SPACING))
-    fine_model, runs = model.member(finer), {}
+    fine_model = model.member(finer)
     with tempfile.TemporaryDirectory() as place:
         coarse, fine = Path(place) / "coarse", Path(place) / "fine"
-        found = {"initial": trimmed(pose(model, case, coarse))}
-        for driver, make_driver in drivers.items():
-            problem = pose(model, case, coarse, found["initial"].get_val("alpha").item())
-            problem.driver = make_driver(1e-3, iterations)
-            with recorded(problem, figures, f"openfoam_wing_{driver}") as runs[driver]:
-                problem.run_driver()
-        on_the_way = {driver: each.numbers() for driver, each in runs.items()}
-        found |= {driver: trimmed(pose(model, case, coarse), each.problem) for driver, each in runs.items()}
-        again = {name: trimmed(pose(fine_model, case, fine), each) for name, each in found.items()}
-    numbers = {name: summary(each) | {"finer": summary(again[name])} for name, each in found.items()}
+        start = trimmed(pose(model, case, coarse))
+        problem = pose(model, case, coarse, start.get_val("alpha").item())
+        stop = {"ftol_abs": TOLERANCE, "ftol_rel": 0.0, "constraint_tolerance": VIOLATION, "maxeval": evaluations}
+        problem.driver = bm.NLoptDriver(optimizer="LD_SLSQP", disp=False, **stop)
+        with recorded(problem, figures, "openfoam_wing") as optimisation:
+            problem.run_driver()
+        numbers = {"initial": {}, "optimum": optimisation.numbers()}
+        found = {"initial": start, "optimum": trimmed(pose(model, case, coarse), problem)}
+        for name, design in found.items():
+            again = trimmed(pose(fine_model, case, fine), design)
+            numbers[name] |= summary(design) | {"finer": summary(again)}
     if figures:
-        draw(figures, model, found, runs)
-    return {
-        "n_nodes": [model.n_nodes, fine_model.n_nodes],
-        "initial": numbers["initial"],
-        "drivers": {driver: on_the_way[driver] | numbers[driver] for driver in runs},
-    }
+        draw(figures, model, found, optimisation)
+    return {"n_nodes": [model.n_nodes, fine_model.n_nodes], **numbers}
 
 
 def summary(problem: om.Problem) -> dict:
@@ -153,22 +149,23 @@ def summary(problem: om.Problem) -> dict:
     return numbers | angles | {name: problem.get_val(name).tolist() for name in ("camber", "y_plus")}
 
 
-def draw(folder, model: bm.FittedModel, found, runs) -> None:
+def draw(folder, model: bm.FittedModel, found, optimisation) -> None:
     """Draw pressures at half of the span, twist and camber, and the history."""
-    with figure(folder, "openfoam_wing", (13.0, 3.6)) as canvas:
-        pressures, twist, camber, history = canvas.subplots(1, 4)
-        colors, quads = {"initial": GRAY, **driver_colors(runs)}, wall_quads(model)
-        for name, problem in found.items():
-            style = {"color": colors[name], "label": name}
+    with figure(folder, "openfoam_wing", (10.0, 6.5)) as canvas:
+        (pressures, history), (twist, camber) = canvas.subplots(2, 2)
+        quads = wall_quads(model)
+        for color, (name, problem) in zip((GRAY, ORANGE), found.items()):
+            style = {"color": color, "label": f"{name}: {1e4 * problem.get_val('CD').item():.1f} counts"}
             corners = problem.get_val(GRID).reshape(-1, 3)[quads]
             draw_pressures(pressures, corners, problem.get_val("Cp"), 0.5 * PLANFORM.semi_span, **style)
             geometric = problem.get_val("alpha", units="deg") + problem.get_val("twist", units="deg")
-            twist.plot(STATIONS, geometric, "o-", **style)
-            camber.plot(STATIONS, 100.0 * problem.get_val("camber"), "o-", **style)
-        twist.set(xlabel="span", ylabel="angle of sections (deg)")
-        camber.set(xlabel="span", ylabel="camber (% of the chord)")
+            twist.plot(STATIONS, geometric, "o", **style)
+            camber.plot(STATIONS, 100.0 * problem.get_val("camber"), "o", **style)
+        twist.set(xlabel="part of the span", ylabel="angle of sections (deg)")
+        camber.set(xlabel="part of the span", ylabel="camber (% of the chord)")
         pressures.legend(fontsize=8)
-        draw_history(history, runs, "CD", "drag (counts)", lambda values: values * 1e4, log=False)
+        runs = {"NLopt LD_SLSQP": optimisation}
+        draw_history(history, runs, "CD", "drag (counts)", lambda values: 1e4 * values, log=False)
 
 
 if __name__ == "__main__":
