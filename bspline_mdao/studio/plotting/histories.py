@@ -63,6 +63,7 @@ def draw_history(
     for name, run in runs.items():
         axes.plot(function(run.history[response].ravel()), color=colors[name], label=name, linewidth=1.0)
     axes.set(xlabel="evaluation", ylabel=label, yscale="log" if log else "linear")
+    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.legend()
 
 
@@ -84,4 +85,5 @@ def draw_optimality(axes: Any, runs: Mapping[str, RecordedRun]) -> None:
         if found.violations.any():
             axes.semilogy(np.maximum(found.violations, LEAST), ":", label="violation", **style)
     axes.set(xlabel="evaluation", ylabel="optimality relative to the first, violation")
+    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.legend(fontsize=8)

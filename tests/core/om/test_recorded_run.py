@@ -127,6 +127,7 @@ def test_histories_are_drawn_as_they_were_recorded(runs, tmp_path):
         draw_history(values, runs, "f", "objective", lambda f: f - 1.0, log=False)
         draw_optimality(optimality, runs)
     assert values.get_ylabel() == "objective"
+    assert all(place == round(place) for axes in (values, optimality) for place in axes.get_xticks())
     for line, (name, run) in zip(values.lines, runs.items()):
         np.testing.assert_array_equal(line.get_ydata(), run.history["f"].ravel() - 1.0)
         assert (line.get_label(), line.get_color()) == (name, driver_colors(runs)[name])
