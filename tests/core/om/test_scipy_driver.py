@@ -177,6 +177,24 @@ def test_an_interrupt_leaves_the_best_design_that_satisfies_the_constraints(opti
     assert not problem.driver.is_interrupted
 
 
+@pytest.mark.parametrize(("tolerance", "is_start"), [(1e-6, True), (2.0, False)])
+def test_a_search_that_ends_early_keeps_the_best_design_within_the_tolerance_of_constraints(tolerance, is_start):
+    problem = om.Problem(reports=None, driver=ScipyDriver(maxiter=2, disp=False, constraint_tolerance=tolerance))
+    problem.model.add_subsystem("f", om.ExecComp("f = (x - 1)**2 + y"), promotes=["*"])
+    problem.model.add_subsystem("circle", om.ExecComp("r = x**2 + y**2"), promotes=["*"])
+    for name in "xy":
+        problem.model.add_design_var(name, lower=-2.0, upper=2.0)
+    problem.model.add_objective("f")
+    problem.model.add_constraint("r", equals=1.0)
+    problem.setup()
+    problem.set_val("y", 1.0)
+    problem.set_val("x", 0.0)
+    assert not problem.run_driver().success
+    found = problem.get_val("x").item(), problem.get_val("y").item()
+    assert (found == (0.0, 1.0)) == is_start
+    assert (problem.get_val("f").item() < 1.5) != is_start
+
+
 def test_an_interrupt_before_the_first_design_passes_through():
     problem, component = walled("SLSQP", make=Interrupted, is_beyond=lambda x: False)
     component.n_end = 1

@@ -5,6 +5,7 @@ Theory: ``docs/theory/drivers.rst``, "Failed analyses".
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -39,9 +40,9 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
     on there, and also starts again from the best point where failures have ended a search.
 
     At the end the model is run at the point that the optimizer has found, where it was last run elsewhere; a search
-    that has failed, or was interrupted from the keyboard, leaves the model at its best point. Other exceptions pass
-    through, with a note of the best point, to which the design variables are set. Records are short, as of
-    `NLoptDriver`.
+    that has failed, or was interrupted from the keyboard, leaves the model at its best point: that of lowest objective
+    among those that violate no scaled constraint by more than ``constraint_tolerance``. Other exceptions pass through,
+    with a note of the best point, to which the design variables are set. Records are short, as of `NLoptDriver`.
 
     Parameters
     ----------
@@ -97,13 +98,25 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
             disp: int | bool = True,
             singular_jac_behavior: Literal["error", "warn", "ignore"] = "warn",
             singular_jac_tol: float = 1e-16,
+            constraint_tolerance: float = 1e-06,
             **options: Any,
         ) -> None: ...
 
     @property
     def largest_violation(self) -> float:
         """Scaled violation up to which constraints count as satisfied."""
-        return FEASIBLE
+        return self.options["constraint_tolerance"]
+
+    def _declare_options(self) -> None:
+        """Declare the options."""
+        super()._declare_options()
+        self.options.declare(
+            "constraint_tolerance",
+            FEASIBLE,
+            types=Real,
+            lower=0.0,
+            desc="Scaled violation up to which a constraint counts as satisfied: of flows, what residuals leave of it.",
+        )
 
     def run(self) -> bool:
         """Optimise.
@@ -198,7 +211,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         """Take the first run, which the driver has done already, for the first point."""
         self._model = ScaledModel(self)
         limits = self._model.design_limits(), self._model.constraint_limits()
-        self._statement = Statement.of(*limits, FEASIBLE)
+        self._statement = Statement.of(*limits, self.largest_violation)
         self.best = self._statement.point(*self._model.present())
         if not (np.isfinite(self.best.objective) and np.isfinite(self.best.constraints).all()):
             self.best = None
@@ -216,7 +229,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         assert self.best is not None
         point = self._statement.point(*self._model.present())
         is_number = np.isfinite(point.objective) and np.isfinite(point.constraints).all()
-        if is_number and point.is_better(self.best, FEASIBLE):
+        if is_number and point.is_better(self.best, self.largest_violation):
             self.best = point
 
     def _place_at_best(self) -> None:
