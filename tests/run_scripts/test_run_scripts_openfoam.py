@@ -72,10 +72,11 @@ def test_the_section_gets_the_camber_that_its_moment_allows(script, tmp_path, mo
     assert len(cases.list_cases("driver", out_stream=None)) >= 3
 
 
-def test_openfoam_is_named_in_one_line_where_it_is_missing(script, monkeypatch, capsys):
+@pytest.mark.parametrize("name", ["openfoam_airfoil", "openfoam_wing"])
+def test_openfoam_is_named_in_one_line_where_it_is_missing(name, script, monkeypatch, capsys):
     monkeypatch.setenv("PATH", "")
     with pytest.raises(SystemExit) as ended:
-        run(script("openfoam_airfoil").main, ["--quick"])
+        run(script(name).main, ["--quick"])
     assert ended.value.code == 2
     message = capsys.readouterr().err
     assert "simpleFoam of OpenFOAM is not on the PATH; on Debian: apt-get install openfoam" in message

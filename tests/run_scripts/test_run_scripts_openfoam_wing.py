@@ -1,4 +1,4 @@
-"""The wing with OpenFOAM: posed as it says, one line where the solver is missing, less drag where it is there."""
+"""The wing with OpenFOAM: posed as it says, and less drag where the solver is there."""
 
 import importlib
 import shutil
@@ -10,16 +10,15 @@ import pytest
 
 from bspline_mdao.core.model.fitted_model import FittedModel
 from bspline_mdao.plotting import wall_quads
-from bspline_mdao.scripts import run
 
 TIP_ANGLE, CAMBER = -0.04, 0.02
 """Twist (rad) and camber (chords) of least drag in the stand-in."""
 
 
 @pytest.fixture
-def openfoam_wing(monkeypatch):
+def script(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "run_scripts"))
-    return importlib.import_module("openfoam_wing")
+    return importlib.import_module
 
 
 class ThinWing(om.ExplicitComponent):
@@ -58,7 +57,8 @@ class ThinWing(om.ExplicitComponent):
 
 
 @pytest.mark.slow
-def test_the_wing_gets_the_twist_and_the_camber_of_least_drag_at_its_lift(openfoam_wing, tmp_path, monkeypatch):
+def test_the_wing_gets_the_twist_and_the_camber_of_least_drag_at_its_lift(script, tmp_path, monkeypatch):
+    openfoam_wing = script("openfoam_wing")
     monkeypatch.setattr(openfoam_wing, "OpenFoamFlow", ThinWing)
     monkeypatch.setattr(openfoam_wing.shutil, "which", lambda program: program)
     monkeypatch.setitem(openfoam_wing.SIZES, "quick", (((7, 9, 7), (7, 7), (7, 6)), 1.2, 20))
@@ -74,20 +74,11 @@ def test_the_wing_gets_the_twist_and_the_camber_of_least_drag_at_its_lift(openfo
     assert (tmp_path / "openfoam_wing.png").stat().st_size > 20_000
 
 
-def test_openfoam_is_named_in_one_line_where_it_is_missing(openfoam_wing, monkeypatch, capsys):
-    monkeypatch.setenv("PATH", "")
-    with pytest.raises(SystemExit) as ended:
-        run(openfoam_wing.main, ["--quick"])
-    assert ended.value.code == 2
-    message = capsys.readouterr().err
-    assert "simpleFoam of OpenFOAM is not on the PATH; on Debian: apt-get install openfoam" in message
-    assert message.count("\n") == 1
-
-
 @pytest.mark.solver
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("simpleFoam") is None, reason="simpleFoam is not on the PATH: install OpenFOAM")
-def test_the_wing_has_less_drag_in_turbulent_flow(openfoam_wing, monkeypatch):
+def test_the_wing_has_less_drag_in_turbulent_flow(script, monkeypatch):
+    openfoam_wing = script("openfoam_wing")
     monkeypatch.setitem(openfoam_wing.SIZES, "quick", (((10, 13, 9), (10, 13), (9, 7)), 1.0, 3))
     numbers = openfoam_wing.main(quick=True)
     initial, found = numbers["initial"], numbers["optimum"]
