@@ -6,9 +6,9 @@ million and a lift coefficient of 0.5. Angle of attack, twist and camber at stat
 as it is, since camber leaves thickness alone. What moves the grid is ours, and so is the optimiser. Derivatives are
 forward differences of the totals, each of them a flow that starts from that of the design.
 
-It takes half an hour, with ``--quick`` some minutes, by wall functions on coarse grids. What comes out are lift, drag,
-twist, camber and y+ of the wing at the start and at the optimum, the same on a finer grid that no optimiser saw, how
-the optimiser went on, and a picture of pressures, twist, camber and the history.
+It takes a quarter of an hour, with ``--quick`` some minutes, by wall functions on coarse grids. What comes out are
+lift, drag, twist, camber and y+ of the wing at the start and at the optimum, the same on a finer grid that no optimiser
+saw, how the optimiser went on, and a picture of pressures, twist, camber and the history.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ STATIONS = (0.0, 0.5, 1.0)
 """Along the span, from root to tip, of twist and camber; at the root the angle of attack is the twist."""
 
 SIZES = {
-    "quick": (((10, 17, 9), (12, 17), (13, 9)), 1.2, 3),
+    "quick": (((10, 17, 9), (12, 17), (13, 9)), 1.2, 6),
     "default": (((10, 17, 9), (12, 17), (13, 9)), 1.5, 14),
     "paper": (((17, 33, 13), (17, 25), (21, 13)), 1.5, 40),
 }
