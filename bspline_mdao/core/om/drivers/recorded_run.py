@@ -18,6 +18,7 @@ from openmdao.core.driver import Driver
 from threadpoolctl import threadpool_limits
 
 from ....base.display import OneLine
+from ....base.numerics.processes import on_first
 from .case_history import Convergence, read_history
 from .nlopt_driver import NLoptDriver
 from .optimality import optimality_of
@@ -222,10 +223,7 @@ def recorded(problem: om.Problem, folder: str | PathLike | None = None, name: st
         rest = time.perf_counter() - start - sum(growing.values())
         run.seconds = growing | {"rest": rest}  # a copy: the problem may run again
         problem.cleanup()
-        if problem.comm.size == 1:
-            run.history, run.convergence = _read(file)
-        else:  # the first process has written it, and removes a temporary one
-            run.history, run.convergence = problem.comm.bcast(_read(file) if problem.comm.rank == 0 else None)
+        run.history, run.convergence = on_first(problem.comm, lambda: _read(file))  # which has written it
 
 
 def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
