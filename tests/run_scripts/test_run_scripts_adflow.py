@@ -1,4 +1,4 @@
-"""ADflow flies our sections, where it is installed: totals by its adjoint, forces on our nodes, and an optimum."""
+"""ADflow flies our sections and wings, where it is installed: totals by its adjoint, forces on our nodes, optima."""
 
 import importlib
 from pathlib import Path
@@ -69,3 +69,15 @@ def test_less_drag_at_the_same_lift_and_volume(script, tmp_path):
     assert best["least_thickness"] > adflow_section.THINNEST - 1e-6
     assert numbers["finer_optimum"]["CD"] < 0.5 * numbers["finer_initial"]["CD"]
     assert (tmp_path / "adflow_section.png").stat().st_size > 10_000
+
+
+def test_less_drag_of_a_wing_at_the_same_lift_by_twist_and_camber(script, tmp_path):
+    adflow_wing = script("adflow_wing")
+    numbers = adflow_wing.main(quick=True, folder=str(tmp_path / "wing"), figures=tmp_path)
+    assert numbers["failed"] == 0
+    for prefix in ("", "finer_"):
+        start, best = (numbers[f"{prefix}{name}"] for name in ("initial", "optimum"))
+        assert start["CL"] == pytest.approx(adflow_wing.LIFT, abs=1e-5)
+        assert best["CL"] == pytest.approx(adflow_wing.LIFT, abs=1e-5)
+        assert best["CD"] < 0.97 * start["CD"]
+    assert (tmp_path / "adflow_wing.png").stat().st_size > 10_000
