@@ -12,18 +12,14 @@ this program finds.
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
 import shutil
-import tempfile
 from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
 from bench_openfoam_shape import (
     DRIVERS,
-    TUTORIALS,
     Tutorial,
     beside,
     cells_of,
@@ -31,6 +27,7 @@ from bench_openfoam_shape import (
     fly_peer,
     moved_points,
     peer_gradient,
+    run,
     show,
     spent,
 )
@@ -169,20 +166,7 @@ def measure(tutorials: Path, folder: Path, only: list[str], n_cycles: int, n_ite
 
 def main() -> None:
     """Measure what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tutorials", type=Path, default=TUTORIALS, help="folder of adjointOptimisationFoam's")
-    parser.add_argument("--cycles", type=int, default=4, help="flows of the peer")
-    parser.add_argument("--iterations", type=int, default=3, help="of SLSQP")
-    parser.add_argument("--only", nargs="*", choices=tuple(DRIVERS), default=list(DRIVERS), help="optimisers of ours")
-    parser.add_argument("--tolerance", type=float, default=1e-6, help="residuals of flows and adjoints")
-    parser.add_argument("--folder", type=Path, help="keep the cases there; a run of the peer that is there counts")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE")
-    options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = options.folder or Path(temporary)
-        found = measure(options.tutorials, folder, options.only, options.cycles, options.iterations, options.tolerance)
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=2, default=np.ndarray.tolist) + "\n")
+    run(__doc__, measure, n_cycles=4)
 
 
 if __name__ == "__main__":

@@ -316,22 +316,27 @@ def show(name: str, row: dict) -> None:
         print("    of each flow", *(f"{value:.5g}" for value in row["history"]), flush=True)
 
 
-def main() -> None:
-    """Measure what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def run(doc: str | None, measured: Callable[..., dict], n_cycles: int) -> None:
+    """Measure what the command line asks for, by default after as many flows of the peer."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tutorials", type=Path, default=TUTORIALS, help="folder of adjointOptimisationFoam's")
-    parser.add_argument("--cycles", type=int, default=3, help="flows of the peer")
+    parser.add_argument("--cycles", type=int, default=n_cycles, help="flows of the peer")
     parser.add_argument("--iterations", type=int, default=3, help="of SLSQP")
     parser.add_argument("--only", nargs="*", choices=tuple(DRIVERS), default=list(DRIVERS), help="optimisers of ours")
-    parser.add_argument("--tolerance", type=float, default=1e-6, help="residuals of flows")
+    parser.add_argument("--tolerance", type=float, default=1e-6, help="residuals of our flows and adjoints")
     parser.add_argument("--folder", type=Path, help="keep the cases there; a run of the peer that is there counts")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or Path(temporary)
-        found = measure(options.tutorials, folder, options.only, options.cycles, options.iterations, options.tolerance)
+        found = measured(options.tutorials, folder, options.only, options.cycles, options.iterations, options.tolerance)
     if options.json:
         options.json.write_text(json.dumps(found, indent=2, default=np.ndarray.tolist) + "\n")
+
+
+def main() -> None:
+    """Measure what is asked for."""
+    run(__doc__, measure, n_cycles=3)
 
 
 if __name__ == "__main__":
