@@ -66,13 +66,15 @@ def run_solver(
     install: str,  # what to do where it is missing
     reason: Callable[[str], str | None],  # why it stopped, by what it printed; None: unclear
     *,
-    program: str = "",  # name in messages; that of the command by default
     environment: Mapping[str, str] | None = None,  # variables besides those of this process
+    n_processes: int = 1,  # that it runs on, by mpirun
     time_limit: float | None = None,  # s
     inherited: Sequence[int] = (),  # open files that it keeps open until it ends, such as the lock of the case
 ) -> str:  # what it printed
     """Run a program on a case."""
-    program = program or command[0]
+    program = command[0]
+    if n_processes > 1:
+        command = ["mpirun", "-n", str(n_processes), *command]
     missing = next((each for each in dict.fromkeys((command[0], program)) if not is_there(each)), None)
     if missing is not None:
         raise SolverError(f"{missing} is not on the PATH; {install}")

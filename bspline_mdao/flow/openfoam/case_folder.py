@@ -65,7 +65,8 @@ class CaseFolder:
         self._run("decomposePar", "-force")
         log = self._run(program, n_processes=n_processes, time_limit=time_limit)
         self._run("reconstructPar", "-latestTime")
-        self._remove_parts()
+        for path in self.path.glob("processor*"):
+            shutil.rmtree(path, ignore_errors=True)
         return log
 
     def _run(self, program: str, *arguments: str, n_processes: int = 1, time_limit: float | None = None) -> str:
@@ -73,11 +74,6 @@ class CaseFolder:
         assert self._lock is not None
         limits = {"n_processes": n_processes, "time_limit": time_limit}
         return run_program(program, self.path, *arguments, inherited=[self._lock], **limits)  # type: ignore[arg-type]
-
-    def _remove_parts(self) -> None:
-        """Remove what processes had of the case."""
-        for path in self.path.glob("processor*"):
-            shutil.rmtree(path, ignore_errors=True)
 
     @property
     def times(self) -> list[Path]:

@@ -34,17 +34,15 @@ def run_program(
     inherited: Sequence[int] = (),  # open files that it keeps open until it ends, such as the lock of the case
 ) -> str:  # what it printed
     """Run a program on a case."""
-    command = [program, "-case", str(case), *arguments]
-    if n_processes > 1:
-        command = ["mpirun", "-n", str(n_processes), *command, "-parallel"]
+    parallel = ["-parallel"] if n_processes > 1 else []
     return run_solver(
-        command,
+        [program, "-case", str(case), *arguments, *parallel],
         case,
         log_path(program, case),
         INSTALL,
         _reason,
-        program=program,
         environment={"WM_PROJECT_DIR": os.environ.get("WM_PROJECT_DIR", HOME)},
+        n_processes=n_processes,
         time_limit=time_limit,
         inherited=inherited,
     )

@@ -197,11 +197,10 @@ class Su2Case(OneLine):
             (self.path / name).write_text(self.config.with_settings(settings))
         except OSError as error:
             raise disk_full(program, self.path, error) from error
-        command = [program, name] if self.n_processes == 1 else ["mpirun", "-n", str(self.n_processes), program, name]
         log = self.path / f"log.{program}"
         install = INSTALL if program == self.program else INSTALL_ADJOINT
-        limits = {"time_limit": self.time_limit, "inherited": [lock]}
-        text = run_solver(command, self.path, log, install, _reason, program=program, **limits)  # type: ignore[arg-type]
+        limits = {"n_processes": self.n_processes, "time_limit": self.time_limit, "inherited": [lock]}
+        text = run_solver([program, name], self.path, log, install, _reason, **limits)  # type: ignore[arg-type]
         ended = re.search(r"Maximum number of iterations reached \((\w+) = (\d+)\) before convergence", text)
         if ended and self.needs_convergence:
             raise SolverError(
