@@ -12,6 +12,7 @@ from .core.design.motion import UnsteadyGrid as UnsteadyGrid
 from .core.design.motion import flapping as flapping
 from .core.design.motion import pitching as pitching
 from .core.design.named_deformations import parse_deformation as parse_deformation
+from .core.design.of_part import OfPart as OfPart
 from .core.design.parametrization import Parametrization as Parametrization
 from .core.design.planform import Camber as Camber
 from .core.design.planform import Chord as Chord

@@ -16,12 +16,14 @@ from bspline_mdao.core.design.linear_constraints import (
     Opposite,
     Pinned,
 )
+from bspline_mdao.core.design.of_part import OfPart
 from bspline_mdao.core.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.core.design.reference_axis import ReferenceAxis
 from bspline_mdao.core.design.selection import NearPlane
 from bspline_mdao.core.design.tangent_continuity import TangentContinuity
 from bspline_mdao.core.design.user_defined import UserVariable
 from bspline_mdao.core.fit.fitting import fit_grid
+from bspline_mdao.core.mesh.boundary import moving_mesh
 from bspline_mdao.generators import onera_m6_grid
 
 
@@ -73,6 +75,12 @@ def swelling(name):
     return UserVariable(name, [0.0, 0.0], function, derivative)
 
 
+def twisted_upper_side(name):
+    """Twist of the upper side alone."""
+    upper = moving_mesh(wing_model(), "*upper")
+    return OfPart(Twist(name, ReferenceAxis.of(upper), stations=3), upper)
+
+
 VARIABLES = {
     CoarseNet: lambda mesh: CoarseNet.of(wing_model(), mesh, Local("bump", direction="normal"), n=4),
     Camber: lambda mesh: Camber("camber", ReferenceAxis.of(mesh), stations=3),
@@ -80,6 +88,7 @@ VARIABLES = {
     Dihedral: lambda mesh: Dihedral("dihedral", ReferenceAxis.of(mesh), stations=3),
     FreeForm: lambda mesh: FreeForm("shape", Lattice.box(mesh, n=(4, 2, 3)), direction="xy"),
     Local: lambda mesh: Local("bump", ~NearPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), "normal"),
+    OfPart: lambda mesh: twisted_upper_side("part"),
     Span: lambda mesh: Span("span", ReferenceAxis.of(mesh), stations=3),
     Sweep: lambda mesh: Sweep("sweep", ReferenceAxis.of(mesh), stations=3),
     Taper: lambda mesh: Taper("taper", ReferenceAxis.of(mesh)),

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...base.display import OneLine
+from ...errors import InputError
 from ..design.junction import Junction
 from ..design.parametrization import Parametrization
 from ..design.reference_axis import ReferenceAxis
@@ -46,6 +47,7 @@ class DesignSurface(OneLine):
     ``trailing_edge``    starts at a fuselage, from where sections are whole
     ``planform_area``    area of ``surface`` seen along the normal to its planform (m^2): that of the half wing, if the
                          grid shows one half
+    `part`               some of its patches, for variables and measures of their own
     `parametrization`    ``Parametrization(mesh, variables, constraints)``
     `grid_movement`      ``GridMovement(model=model, parametrization=..., measures=...)``
     ===================  ===============================================================================================
@@ -108,6 +110,31 @@ class DesignSurface(OneLine):
         """
         mesh = moving_mesh(model, design, fixed, released, sliding)
         return cls(model, mesh, SurfaceGrid.of(model, design))
+
+    def part(self, design: str | Sequence[str]) -> DesignSurface:
+        """Take some of its patches, such as a flap, for variables and measures of their own.
+
+        Parameters
+        ----------
+        design : str or sequence of str
+            Patches by name or pattern (``"flap*"``), of those that are designed.
+
+        Returns
+        -------
+        DesignSurface
+            Its axis, edges and nodes are those of the part: variables of it are moved as `OfPart`.
+
+        Raises
+        ------
+        InputError
+            If there is no such patch, or one of them is not designed.
+        """
+        mesh = moving_mesh(self.model, design)
+        idle = self.mesh.surface_rows[mesh.surface_ids] < 0
+        if idle.any():
+            where = mesh.place_of_surface_point(int(np.argmax(idle)))
+            raise InputError(f"part of a design surface: {where} is not designed; take patches that are")
+        return DesignSurface(self.model, mesh, SurfaceGrid.of(self.model, design))
 
     @cached_property
     def axis(self) -> ReferenceAxis:

@@ -108,8 +108,12 @@ _AT = {
         0.25,
     )
 }
+_OF_PART = {
+    "patches": Key(NAMES, "patches that move, with an axis or a box of their own", otherwise="all that are designed")
+}
 _STATIONS = {
     **_AT,
+    **_OF_PART,
     "stations": Key(STATIONS, "stations along the axis with a value each", 1),
     "order": Key(one_of(2, 4), "order of the spline between them: 2 straight lines, 4 cubics", 4),
     "values": Key(NUMBERS, "which stations are variables, from 1 at the root; others stay", otherwise="all"),
@@ -152,7 +156,7 @@ VARIABLES = {
         "Chord",
         neutral=1.0,
     ),
-    "taper": VariableKind("factor on the ratio of tip and root chord", _AT, "Taper", neutral=1.0),
+    "taper": VariableKind("factor on the ratio of tip and root chord", _AT | _OF_PART, "Taper", neutral=1.0),
     "thickness": VariableKind("factors on the thickness of sections", _STATIONS, "ThicknessFactor", neutral=1.0),
     "camber": VariableKind("camber added to sections, in chords", _STATIONS, "Camber"),
     "control_points": VariableKind(
@@ -175,6 +179,7 @@ VARIABLES = {
                 "part of each extent by which the box is larger at both ends",
                 0.05,
             ),
+            **_OF_PART,
         },
         "FreeForm",
         "m",
@@ -191,6 +196,7 @@ VARIABLES = {
             **_COORDINATES,
             **_WHERE,
             **_LIMITS,
+            **_OF_PART,
         },
         "FreeForm",
         "m",
@@ -262,6 +268,20 @@ MEASURES = {
         "wedge angle (rad) of the trailing edge at stations", _MEASURE_STATIONS, "TrailingEdgeAngle.at", is_number=False
     ),
     "curvature": MeasureKind("integral of the curvature", _RELATIVE, "Curvature.integral"),
+    "clearance": MeasureKind(
+        "smooth lower bound of the distance (m) of the nodes of patches from those of others, which they do not touch",
+        {
+            "patches": Key(NAMES, "patches on one side, such as a flap", is_required=True),
+            "to": Key(NAMES, "patches on the other side", is_required=True),
+            "rho": Key(
+                POSITIVE,
+                "sharpness: 1 / rho of the distance on the baseline, times the logarithm of the number "
+                "of pairs, is what the bound is below it",
+                200.0,
+            ),
+        },
+        "Clearance.between",
+    ),
 }
 """Tables ``[measures.NAME]`` by kind. One with all defaults need not be written: its name is enough."""
 

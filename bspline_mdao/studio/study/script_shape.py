@@ -24,9 +24,13 @@ def shape_part(
     path_of: Callable[[str], ast.expr],  # makes the path of a file that it names
 ) -> Iterator[ast.stmt | str]:
     """Statements that make ``variables``, ``measures``, ``mover`` and ``shape`` of ``model`` and ``wing``."""
-    places = sorted({table["at"] for table in study.variables.values() if table.get("at", QUARTER) != QUARTER})
-    if places:
-        yield statement("axes = made", made={place: call("wing.axis_at", place) for place in places})
+    moved = {_names(part): part for _, table in _moving(study) if (part := _part(table))}
+    if moved:
+        yield statement("parts = made", made={name: call("wing.part", part) for name, part in moved.items()})
+    with_axes = [table for _, table in _moving(study) if table.get("at", QUARTER) != QUARTER]
+    if with_axes:
+        axes = {_place(t): expression("wing.axis_at(at)", wing=_surface(_part(t)), at=t["at"]) for t in with_axes}
+        yield statement("axes = made", made=dict(sorted(axes.items(), key=str)))
     lattices = {name: table for name, table in _moving(study) if table["kind"] in ("ffd", "free_lattice")}
     if lattices:
         yield statement("lattices = {}")
@@ -34,9 +38,10 @@ def shape_part(
         yield statement("lattices[name] = made", name=name, made=_lattice(table, path_of))
     yield statement("variables = made", made=[_variable(name, table) for name, table in _moving(study)])
     if study.measures:
-        parts = {_names(table["patches"]): table["patches"] for table in study.measures.values() if table["patches"]}
-        if parts:
-            of = {name: call("bm.measures.SurfaceGrid.of", expression("model"), part) for name, part in parts.items()}
+        measured = {_names(part): part for table in study.measures.values() if (part := _measured(table))}
+        if measured:
+            grid = "bm.measures.SurfaceGrid.of"
+            of = {name: call(grid, expression("model"), part) for name, part in measured.items()}
             yield statement("surfaces = made", made=of)
         yield statement("measures = made", made=[_measure(*item) for item in study.measures.items()])
     yield from study.kind.mover_part(lambda: _mover(study))
@@ -53,7 +58,29 @@ def _moving(study: Study) -> list[tuple[str, Table]]:
     return [(name, table) for name, table in study.variables.items() if VARIABLES[table["kind"]].made_by]
 
 
+def _part(table: Table) -> str | list[str] | None:
+    """Patches that a variable moves as a surface of their own; None where it moves all, or points of all."""
+    return None if table["kind"] == "control_points" else table.get("patches")
+
+
+def _surface(part: str | list[str] | None) -> ast.expr:
+    """The design surface, or a part of it."""
+    return expression("parts[part]", part=_names(part)) if part else expression("wing")
+
+
+def _place(table: Table) -> float | tuple[str, float]:
+    """Name of the axis of a variable: its part of the chord, of a part of the surface with the name of that."""
+    part = _part(table)
+    return (_names(part), table["at"]) if part else table["at"]
+
+
 def _variable(name: str, table: Table) -> ast.expr:
+    part = _part(table)
+    made = _made_variable(name, table)
+    return call("bm.design.OfPart", made, expression("part.mesh", part=_surface(part))) if part else made
+
+
+def _made_variable(name: str, table: Table) -> ast.expr:
     kind = VARIABLES[table["kind"]]
     made_by = f"bm.design.{kind.made_by}"
     if table["kind"] == "control_points":
@@ -62,7 +89,9 @@ def _variable(name: str, table: Table) -> ast.expr:
         return call(made_by, name, *where, direction=table["direction"])
     if table["kind"] == "lattice":
         settings = changed(table, kind.keys, ("margin",))
-        box = call("bm.design.Lattice.box", expression("wing.mesh"), tuple(table["n"]), **settings)
+        box = call(
+            "bm.design.Lattice.box", expression("wing.mesh", wing=_surface(_part(table))), tuple(table["n"]), **settings
+        )
         which = [expression("np.s_[slices]", slices=_slices(table["where"]))] if table["where"] else []
         return call(made_by, name, box, *which, direction=table["direction"])
     if table["kind"] in ("ffd", "free_lattice"):
@@ -72,10 +101,12 @@ def _variable(name: str, table: Table) -> ast.expr:
         within = f"lattices[name].within({', '.join(f'{key}={key}' for key in limits)})"
         which += [expression(within, name=name, **limits)] if limits else []
         return call(made_by, name, lattice, *which, direction=table["direction"])
-    axis = "wing.axis" if table["at"] == QUARTER else "axes[place]"
+    axis = expression("wing.axis", wing=_surface(_part(table)))
+    if table["at"] != QUARTER:
+        axis = expression("axes[place]", place=_place(table))
     settings = {"stations": table["stations"]} if "stations" in table else {}
     settings |= changed(table, kind.keys, ("order", "scales_thickness"))
-    return call(made_by, name, expression(axis, place=table["at"]), **settings)
+    return call(made_by, name, axis, **settings)
 
 
 def _lattice(table: Table, path_of: Callable[[str], ast.expr]) -> ast.expr:
@@ -113,14 +144,22 @@ def _names(patches: str | list[str]) -> str:
     return patches if isinstance(patches, str) else ", ".join(patches)
 
 
+def _measured(table: Table) -> list[str]:
+    """Patches that a measure is of, on both sides of a clearance; none where it is of all that are designed."""
+    sides = [table["patches"], table.get("to")]
+    return [name for side in sides if side for name in ([side] if isinstance(side, str) else side)]
+
+
 def _measure(name: str, table: Table) -> ast.expr:
-    kind, patches = MEASURES[table["kind"]], table["patches"]
+    kind, patches = MEASURES[table["kind"]], _measured(table)
     surface = expression("surfaces[part]", part=_names(patches)) if patches else expression("wing.surface")
+    sides = [table["patches"], table["to"]] if "to" in table else []
     always = ("n_chord", "n_span", "stations", "relative", "relative_to")
-    chosen = [key for key, spec in kind.keys.items() if key in always or table[key] != spec.default]
+    keys = {key: spec for key, spec in kind.keys.items() if key not in ("patches", "to")}
+    chosen = [key for key, spec in keys.items() if key in always or table[key] != spec.default]
     chosen.sort(key=lambda key: key == "relative_to")
     settings = {key: tuple(table[key]) if key in ("chord", "span") else table[key] for key in chosen}
-    return call(f"bm.measures.{kind.made_by}", surface, **settings, name=name)
+    return call(f"bm.measures.{kind.made_by}", surface, *sides, **settings, name=name)
 
 
 def _mover(study: Study) -> Iterator[ast.stmt | str]:

@@ -31,7 +31,7 @@ from .keys import (
     SCIPY,
     VARIABLES,
 )
-from .kinds import slices_of
+from .kinds import NAMES, slices_of
 from .names import choices, fault_of_name, shortened
 from .options import fault_of_option, fault_of_options, options_of
 from .responses import constraint_responses, objective_response
@@ -40,7 +40,7 @@ from .tables import Table, Tables
 __all__ = ["CASES", "Study", "read_study"]
 
 _TABLES = (
-    *("grid", "variables", "measures", "flow", "conditions", "objective", "constraints"),
+    *("families", "grid", "variables", "measures", "flow", "conditions", "objective", "constraints"),
     *("movement", "driver", "output"),
 )
 _MAX_BYTES = 2**20
@@ -131,6 +131,7 @@ class _Reader(Tables):
 
     def study(self) -> Study:
         self.known(self.document, _TABLES, (), "table")
+        self.families = self._families()
         grid = self.table("grid", GRID)
         self._check_grid(grid)
         flow = self._flow()
@@ -158,6 +159,18 @@ class _Reader(Tables):
         return Study(
             self.path, grid, variables, measures, flow, conditions, objective, constraints, movement, driver, output
         )  # fmt: skip
+
+    def _families(self) -> dict[str, list[str]]:
+        """Patches by the name that they have together."""
+        families = self.document.get("families", {})
+        if not isinstance(families, Mapping):
+            raise self.refuse(("families",), 'is no table; write [families] and below it lines such as flap = "flap_*"')
+        for name, patches in families.items():
+            if fault := fault_of_name("families", name):
+                raise self.refuse(("families", name), fault)
+            if not NAMES.accepts(patches):
+                raise self.refuse(("families", name), f"is {shortened(repr(patches))}; give {NAMES.words}")
+        return {name: [patches] if isinstance(patches, str) else patches for name, patches in families.items()}
 
     def _movement(self) -> Table:
         """Read what moves the control mesh."""
@@ -340,6 +353,12 @@ class _Reader(Tables):
         for path, of in asked.items():
             for name in names_in(of):
                 if name in MEASURES and name not in found:
+                    required = [key for key, spec in MEASURES[name].all_keys.items() if spec.is_required]
+                    if required:
+                        lacks = (
+                            f"is of '{name}', and there is no [measures.{name}]; add it with {' and '.join(required)}"
+                        )
+                        raise self.refuse(self._written(path), lacks)
                     defaults = {key: spec.default for key, spec in MEASURES[name].all_keys.items()}
                     found[name] = defaults | {"kind": name}
                 elif name not in (*found, *QUALITIES, *self.outputs):

@@ -11,6 +11,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from ...errors import InputError
 from .keys import Key
+from .kinds import NAMES
 from .names import choices, fault_of_name, shortened
 from .toml_lines import key_lines, line_of
 
@@ -39,6 +40,7 @@ class Tables:
             at = f"line {line}: " if line else ""
             raise InputError(f"{path}: {at}is not TOML ({' '.join(str(error).split())[:160]})") from error
         self.lines = key_lines(text)
+        self.families: dict[str, list[str]] = {}  # patches by the name of their family
 
     def refuse(self, path: Sequence[str], complaint: str) -> InputError:
         """Make the error that names file, line and key."""
@@ -66,7 +68,16 @@ class Tables:
                 raise self.refuse((*path,), f"has no key '{key}' ({spec.meaning}); give {spec.kind.words}")
             if key in found and not spec.kind.accepts(found[key]):
                 raise self.refuse((*path, key), f"is {shortened(_said(found[key]))}; give {spec.kind.words}")
-        return {key: found.get(key, spec.default) for key, spec in keys.items()}
+        values = {key: found.get(key, spec.default) for key, spec in keys.items()}
+        return {key: self.members(value) if keys[key].kind is NAMES else value for key, value in values.items()}
+
+    def members(self, patches: str | list[str] | None) -> str | list[str] | None:
+        """Patches, with those of families in the place of these."""
+        if patches is None or not self.families:
+            return patches
+        names = [patches] if isinstance(patches, str) else patches
+        found = list(dict.fromkeys(member for name in names for member in self.families.get(name, [name])))
+        return found if len(found) > 1 or isinstance(patches, list) else found[0]
 
     def named(self, name: str) -> list[str]:
         """Names of the tables in a table."""

@@ -46,7 +46,7 @@ def test_what_is_left_out_has_its_default(tmp_path):
         "twist": {
             "kind": "twist",
             **{"lower": -6.0, "upper": 6.0, "start": None, "ref": None, "at": 0.25},
-            **{"stations": 3, "order": 4, "values": None},
+            **{"stations": 3, "order": 4, "values": None, "patches": None},
         }
     }
     assert (study.flow["Mach_number"], study.flow["n_span"], study.driver["optimizer"]) == (0.3, 17, "LD_SLSQP")
