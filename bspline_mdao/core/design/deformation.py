@@ -22,6 +22,7 @@ from ...errors import InputError
 from ..mesh.frame import Frame, Plane
 from ..mesh.moving_mesh import MovingMesh
 from ..movement.mover import PLANE_TOLERANCE
+from .hinge import RotatedPart, about_axis
 from .section_formulas import rotation, scaling, shear
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "Pitch",
     "PointMap",
     "PrescribedPoints",
+    "Rotate",
     "RotateSections",
     "ScaleChord",
     "ScaleThickness",
@@ -272,6 +274,19 @@ class ShearUpwards(InFrame):
         self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return stream, normal + shear(self.amount) * span, span
+
+
+@dataclass(frozen=True, eq=False)
+class Rotate:
+    """Turn points about an axis, by an angle without limit; ``amount`` is the angle (rad), by the right hand."""
+
+    hinge: np.ndarray  # (2, 3), two points of the axis (m)
+    amount: float
+    part: RotatedPart  # what turns, and how much of it
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Move points (n, 3), in metres."""
+        return about_axis(points, self.hinge, self.amount * self.part.weights(points))
 
 
 @dataclass(frozen=True, eq=False)

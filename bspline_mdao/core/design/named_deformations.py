@@ -1,7 +1,8 @@
 """Deformations by name, from words such as ``twist=30deg+bend=120deg@0.7`` or a file of points.
 
 The command line and the studies of robustness ask for them. Words have the form ``name=value@place,key=value``; angles
-are in degrees there and in radians in the maps. Theory: ``docs/theory/deformations.rst``.
+are in degrees there and in radians in the maps. Commas within brackets part nothing:
+``rotate=25deg@hinge(0.7,0,0 -> 0.7,0,3),blend=0.05``. Theory: ``docs/theory/deformations.rst``.
 """
 
 from __future__ import annotations
@@ -9,22 +10,26 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from ...errors import InputError
+from ..measures.edge_cuts import cut_edges, edges_of_quads
+from ..mesh.control_net import surface_quads
 from ..mesh.frame import Frame, Plane, mesh_planes, surface_frame
 from ..mesh.moving_mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid
 from .deformation import (
     Bend,
     Deformation,
     Pitch,
     PointMap,
     PrescribedPoints,
+    Rotate,
     RotateSections,
     ScaleChord,
     ScaleThickness,
@@ -34,7 +39,10 @@ from .deformation import (
     Translate,
     random_bumps,
 )
+from .hinge import ON_LINE, BehindHinge, Hinge, NearestPart, RotatedPart
 from .lattice_deformation import LatticeDeformation, moved_lattice
+from .reference_axis import chord_lines
+from .selection import OnPatch
 
 __all__ = [
     "DEFORMATIONS",
@@ -50,6 +58,12 @@ SUFFIXES = (".csv", ".dat", ".npy", ".txt")
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """Pattern of a number in words."""
+
+_POINT = rf"\s*({_NUMBER})\s*,\s*({_NUMBER})\s*,\s*({_NUMBER})\s*"
+"""Pattern of a point in words."""
+
+_STEEPEST = 1.5
+"""Largest slope of the fading of a blend, times its length."""
 
 _INBOARD = 0.1
 """Part of the span inboard of an arc from which on points count for the thickness of the surface on it, which may have
@@ -100,10 +114,10 @@ def parse_deformation(spec: str | Sequence[str], model: HasWallSpacing, mesh: Mo
     texts = [spec] if isinstance(spec, str) else list(spec)
     if not any(text.strip() for text in texts):
         raise InputError(f"deformation: nothing is asked for; the names are {', '.join(DEFORMATIONS)}")
-    points, planes, maps = mesh.points[mesh.surface_ids], mesh_planes(mesh), []
+    surface, maps = _Surface(model, mesh, mesh.points[mesh.surface_ids], mesh_planes(mesh)), []
     for request in [request for text in texts for request in _requests(text)]:
-        maps.append(_make(request, _Surface(model.wall_spacing, points, planes)))
-        points = maps[-1].apply(points)
+        maps.append(_make(request, surface))
+        surface = replace(surface, points=maps[-1].apply(surface.points), before=tuple(maps))
     return Deformation(mesh, tuple(maps))
 
 
@@ -111,13 +125,35 @@ def parse_deformation(spec: str | Sequence[str], model: HasWallSpacing, mesh: Mo
 class _Surface:
     """The surface as the deformations before one have left it, by which lengths and directions count."""
 
-    wall_spacing: Callable[[], float]
-    points: np.ndarray
+    model: Any
+    mesh: MovingMesh
+    points: np.ndarray  # (n_surface, 3), control points (m)
     planes: tuple[Plane, ...]
+    before: tuple[PointMap, ...] = ()  # the deformations before
 
     @cached_property
     def frame(self) -> Frame:
         return surface_frame(self.points, self.planes)
+
+    def part(self, patches: Sequence[str]) -> NearestPart:
+        """Patches by name or pattern, known by control points and by nodes."""
+        is_part = OnPatch(self.model, patches).mask(self.mesh)
+        walls = SurfaceGrid.of(self.model)
+        of_nodes = np.zeros(walls.n_points, dtype=bool)
+        for number in walls.part(patches):
+            of_nodes[walls.parts[number]] = True
+        points = np.concatenate([self.mesh.points[self.mesh.surface_ids], walls.points])
+        known = NearestPart.of(points, np.concatenate([is_part, of_nodes]))
+        return known.moved(lambda points: reduce(lambda at, point_map: point_map.apply(at), self.before, points))
+
+    def line(self, chord: float, span: tuple[float, float]) -> np.ndarray:
+        """Points at a part of the chord and at two parts of the span, shape (2, 3); angles turn the rear down."""
+        frame, quads = self.frame, surface_quads(self.mesh)
+        places, levels = frame.to_local(self.points)[:, 2], np.multiply(span, frame.span)
+        lines = chord_lines(self.points, quads, places, levels, frame.axes[0])
+        local = frame.to_local(lines.leading + chord * lines.chords)
+        ends = frame.to_space(np.column_stack([local[:, :2], levels]))
+        return ends[::-1] if np.linalg.det(frame.axes) > 0.0 else ends
 
 
 def read_points(
@@ -208,6 +244,29 @@ class Request:
             degrees = self._match(text, f"({_NUMBER})", "an angle such as 30deg")
         return math.radians(self._between(degrees, -limit, limit))
 
+    def hinge(self) -> np.ndarray:
+        """Read the place as an axis, ``hinge(0,0,0 -> 0,0,1)``: two points, shape (2, 3)."""
+        match = re.fullmatch(rf"hinge\({_POINT}->{_POINT}\)", self.at or "")
+        if match is None:
+            asked = "no axis is named" if self.at is None else f"'{self.at}' is no axis"
+            raise self.fail(f"{asked}; write @hinge(x,y,z -> x,y,z), or @chord 0.7 for a part of the chord")
+        numbers = np.array(match.groups(), dtype=float).reshape(2, 3)
+        try:
+            return Hinge(*numbers).points
+        except InputError as error:
+            raise self.fail(str(error)) from None
+
+    def between(self, key: str, default: tuple[float, float]) -> tuple[float, float]:
+        """Read an option as two rising parts from 0 to 1, ``0.6:0.9``."""
+        text = self.options.get(key)
+        if text is None:
+            return default
+        match = re.fullmatch(f"({_NUMBER}):({_NUMBER})", text)
+        low, high = (float(match[1]), float(match[2])) if match else (1.0, 0.0)
+        if not 0.0 <= low < high <= 1.0:
+            raise self.fail(f"{key} '{text}' is not two rising parts from 0 to 1; write for example {key}=0.6:0.9")
+        return low, high
+
     def vector(self) -> tuple[float, float, float]:
         """Read the value as three numbers."""
         match = re.fullmatch(f"({_NUMBER})/({_NUMBER})/({_NUMBER})", self.value)
@@ -241,7 +300,7 @@ def parse_requests(text: str) -> list[Request]:
 
 
 def _parse(text: str) -> Request:
-    first, *rest = text.split(",")
+    first, *rest = re.split(r",(?![^()]*\))", text)
     pairs = []
     for word in (first, *rest):
         pair = re.fullmatch(r"\s*([a-z]+)\s*=\s*([^=]+?)\s*", word)
@@ -307,6 +366,52 @@ def _pitch(request: Request, surface: _Surface) -> Pitch:
     return Pitch(surface.frame, request.angle(), request.number("@", 0.25))
 
 
+def _rotate(request: Request, surface: _Surface) -> Rotate:
+    is_on_chord = (request.at or "").startswith("chord")
+    request.only("@", "patches", "blend", "ends", *(["span"] if is_on_chord else []))
+    angle, blend = request.angle(math.inf), request.number("blend", 0.0, low=0.0)
+    if "patches" not in request.options and not blend:
+        raise request.fail(
+            "say what turns: blend=LENGTH for what is behind the hinge line, or patches=NAMES, with * for all of them"
+        )
+    if "ends" in request.options and not blend:
+        raise request.fail("ends is of what is behind the hinge line; give blend as well, or leave it out")
+    ends = request.number("ends", blend, low=-1e-12)
+    try:
+        hinge = _line(request, surface) if is_on_chord else request.hinge()
+        patches = [name.strip() for name in request.options.get("patches", "").split("/") if name.strip()]
+        whole = surface.part(patches) if patches else None
+        behind = BehindHinge(hinge, surface.frame.axes[0], blend, abs(ends)) if blend else None
+    except InputError as error:
+        raise error if str(error).startswith("deformation") else request.fail(str(error)) from None
+    rotate = Rotate(hinge, angle, RotatedPart(whole, behind))
+    if behind is not None:
+        _require_room(request, rotate, behind, surface)
+    return rotate
+
+
+def _line(request: Request, surface: _Surface) -> np.ndarray:
+    """The hinge at a part of the chord."""
+    match = re.fullmatch(rf"chord\s+({_NUMBER})", request.at or "")
+    if match is None or not 0.0 <= float(match[1]) <= 1.0:
+        raise request.fail(f"'{request.at}' is no part of the chord from 0 to 1; write for example @chord 0.7")
+    return surface.line(float(match[1]), request.between("span", (0.0, 1.0)))
+
+
+def _require_room(request: Request, rotate: Rotate, behind: BehindHinge, surface: _Surface) -> None:
+    """Refuse a blend within which the surface folds: areas there change by ``1 - angle slope height``."""
+    edges = edges_of_quads(surface_quads(surface.mesh))
+    on_line = cut_edges(edges, behind.ahead(surface.points)).at(surface.points)
+    points = np.concatenate([surface.points, on_line])
+    is_blended = (behind.weights(points) > 0.0) & (behind.ahead(points) > -ON_LINE * surface.frame.chord)
+    heights = rotate.amount * behind.height(points[is_blended])
+    if _STEEPEST * heights.max(initial=0.0) >= behind.blend:
+        highest, least = heights.max() / abs(rotate.amount), _STEEPEST * heights.max()
+        raise request.fail(
+            f"a surface {highest:.3g} m off the hinge folds in this blend; give a blend above {least:.2g}"
+        )
+
+
 def _lattice(request: Request, surface: _Surface) -> LatticeDeformation:
     request.only("to")
     if "to" not in request.options:
@@ -322,7 +427,7 @@ def _translate(request: Request, surface: _Surface) -> Translate:
 def _bumps(request: Request, surface: _Surface) -> PointMap:
     request.only("seed", "wavelength")
     cells = request.value.removesuffix("cells")
-    unit = surface.wall_spacing() if cells != request.value else 1.0
+    unit = surface.model.wall_spacing() if cells != request.value else 1.0
     height = Request(request.text, request.name, cells.strip(), None, {}).number(low=0.0)
     seed = request.number("seed", 0.0, low=-0.5)
     wavelength = request.number("wavelength", 0.5 * surface.frame.chord, low=0.0)
@@ -338,6 +443,7 @@ DEFORMATIONS = {
     "sweep": _by_angle(ShearDownstream, 85.0),
     "dihedral": _by_angle(ShearUpwards, 85.0),
     "pitch": _pitch,
+    "rotate": _rotate,
     "translate": _translate,
     "bumps": _bumps,
     "ffd": _lattice,

@@ -10,6 +10,7 @@ from bspline_mdao.core.design.deformation import (
     Bend,
     Deformation,
     Pitch,
+    Rotate,
     RotateSections,
     ScaleChord,
     ScaleThickness,
@@ -22,6 +23,7 @@ from bspline_mdao.core.design.deformation import (
     random_bumps,
     vjp,
 )
+from bspline_mdao.core.design.hinge import NearestPart, RotatedPart
 from bspline_mdao.core.design.lattice_deformation import LatticeDeformation
 from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints
 from bspline_mdao.core.mesh.frame import Plane, mesh_planes, surface_frame
@@ -79,6 +81,9 @@ def maps_of(points, planes=(SYMMETRY,)):
         "dihedral": ShearUpwards(frame, 0.2),
         "translate": Translate(np.array([0.1, 0.2, 0.0]), 1.5),
         "bumps": random_bumps(points, 0.05, 0.8, seed=4, planes=planes),
+        "rotate": Rotate(
+            np.array([[0.5, 0.1, 0.0], [0.9, 0.0, 2.0]]), 7.0, RotatedPart(NearestPart.of(points, points[:, 2] > 1.0))
+        ),
         "given": PrescribedPoints(points[::-1], 0.3),
         "ffd": lattice_map(points),
     }
@@ -225,7 +230,7 @@ def test_bumps_leave_several_planes_of_symmetry_in_place():
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in maps_of(swept_wing()) if name not in ("translate", "bumps", "given", "ffd")]
+    "name", [name for name in maps_of(swept_wing()) if name not in ("rotate", "translate", "bumps", "given", "ffd")]
 )
 @pytest.mark.parametrize("angle", [0.0, 0.5])
 def test_deformations_turn_with_the_surface_and_its_plane(name, angle):
@@ -279,6 +284,7 @@ def test_planes_of_a_mesh_are_found_once(mesh):
         "translate=0.1/-2e-1/0",
         "bumps=20cells,seed=3,wavelength=0.4",
         "bumps=0.02",
+        "rotate=-30deg@hinge(0.5,0,0 -> 0.5,0,1),patches=*",
     ],
 )
 def test_points_on_the_symmetry_plane_stay_exactly_in_it(model, mesh, surface, spec):

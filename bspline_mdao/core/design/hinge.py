@@ -1,0 +1,207 @@
+"""Rotations about hinges: an axis through two points, and how much of a surface turns about it.
+
+A point x turns about the axis through the points a and b, of direction u = (b - a) / |b - a|, by an angle t after
+Rodrigues, exact for any angle:
+
+    a + cos t r + sin t u x r + (1 - cos t) u (u . r) ,    r = x - a .
+
+The named deformation ``rotate`` and the design variable `bspline_mdao.design.Rotation` are made of it. Theory:
+``docs/theory/deformations.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...base.checks import as_vector
+from ...base.display import OneLine
+from ...errors import InputError
+
+__all__ = ["BehindHinge", "Hinge", "NearestPart", "RotatedPart", "about_axis", "about_axis_rates"]
+
+PARALLEL = 1e-6
+"""Sine of the angle to the stream below which a hinge has nothing behind it."""
+
+ON_LINE = 1e-9
+"""Distance ahead of a hinge line or beyond its ends, by its length, up to which a point counts as on it: round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hinge(OneLine):
+    """An axis through two points, about which control surfaces, tails, blades and whole bodies turn.
+
+    Its points are rows among those that design variables move: what moves the surface about them moves them along,
+    and `HingePoints` moves them alone.
+
+    Parameters
+    ----------
+    first, second : array_like, shape (3,)
+        Two points of the axis on the baseline (m). Positive angles turn by the right hand from the first to the second.
+
+    Raises
+    ------
+    InputError
+        If a point is not finite, or both are the same.
+
+    Examples
+    --------
+    >>> from bspline_mdao.design import Hinge
+    >>> Hinge((0.7, 0.0, 0.0), (0.7, 0.0, 3.0)).points.tolist()
+    [[0.7, 0.0, 0.0], [0.7, 0.0, 3.0]]
+    """
+
+    first: Any
+    second: Any
+
+    def __post_init__(self) -> None:
+        if not self.points[0].tolist() != self.points[1].tolist():
+            raise InputError(f"hinge: both of its points are {self.points[0].tolist()}; give two different ones")
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Both points on the baseline (m), shape (2, 3)."""
+        return np.stack([as_vector(end, f"hinge: its {which} point") for which, end in self._ends])
+
+    @property
+    def _ends(self) -> tuple[tuple[str, Any], ...]:
+        return ("first", self.first), ("second", self.second)
+
+
+@dataclass(frozen=True, eq=False)
+class BehindHinge(OneLine):
+    """How much turns by where it is: all behind the hinge line and between its ends, fading out ahead and beside."""
+
+    # Distances ahead of the line are at right angles to it, normal to what the hinge and the stream span no distance
+    # counts; the ends are cut along the stream. Both fade as 1 - p^2 (3 - 2 p), whose slope has no jump.
+
+    hinge: np.ndarray  # (2, 3), points of the axis (m)
+    stream: np.ndarray  # (3,), unit vector downstream
+    blend: float  # distance ahead of the line over which turning fades (m)
+    ends: float  # distance beyond its ends over which turning fades (m); 0: not at all beyond them
+
+    def __post_init__(self) -> None:
+        if not self._across @ self._across > PARALLEL**2:
+            raise InputError("hinge: its line is along the stream, so that nothing lies behind it; name patches")
+
+    @cached_property
+    def _line(self) -> np.ndarray:
+        """Unit vector along the hinge."""
+        line = self.hinge[1] - self.hinge[0]
+        return line / np.sqrt(np.sum(line**2))
+
+    @cached_property
+    def _across(self) -> np.ndarray:
+        """Part of the hinge's unit vector that is normal to the stream."""
+        return self._line - (self._line @ self.stream) * self.stream
+
+    @cached_property
+    def _length(self) -> float:
+        return float(np.linalg.norm(self.hinge[1] - self.hinge[0]))
+
+    def ahead(self, points: np.ndarray) -> np.ndarray:
+        """Distances (m) of points (n, 3) ahead of the hinge line, at right angles to it."""
+        behind = self.stream - (self.stream @ self._line) * self._line
+        return -(points - self.hinge[0]) @ behind / np.linalg.norm(behind)
+
+    def height(self, points: np.ndarray) -> np.ndarray:
+        """Heights (m) of points (n, 3) above hinge and stream, on the side that positive angles lift what is behind."""
+        normal = np.cross(self._line, self.stream)
+        return (points - self.hinge[0]) @ normal / np.linalg.norm(normal)
+
+    def weights(self, points: np.ndarray) -> np.ndarray:
+        """Parts of the angle by which points (n, 3), in metres, turn: from 0 to 1."""
+        along = (points - self.hinge[0]) @ self._across / (self._across @ self._across)
+        slack = ON_LINE * self._length
+        weights = faded(self.ahead(points), self.blend, slack)
+        for beyond in (-along, along - self._length):
+            weights = weights * faded(beyond, self.ends, slack)
+        return weights
+
+
+def faded(distances: np.ndarray, reach: float, slack: float) -> np.ndarray:
+    """1 up to a distance of zero, 0 from the reach on, a cubic between; without a reach a step at the slack."""
+    if not reach > slack:
+        return np.where(distances.real > slack, 0.0, 1.0)
+    part = np.where(distances.real < 0.0, 0.0, np.where(distances.real > reach, 1.0, distances / reach))
+    return 1.0 - part**2 * (3.0 - 2.0 * part)
+
+
+@dataclass(frozen=True, eq=False)
+class NearestPart(OneLine):
+    """A part of a surface by known points of it and of the rest: any other point is of what it is nearest to."""
+
+    part: np.ndarray  # (n, 3), points of the part (m)
+    rest: np.ndarray  # (m, 3), points of the rest (m), none of which are of the part
+
+    @classmethod
+    def of(cls, points: np.ndarray, is_part: np.ndarray) -> NearestPart:
+        """Divide points, shape (n, 3)."""
+        return cls(points[is_part], points[~is_part])
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Whether points (n, 3) are of the part."""
+        to_part, to_rest = (self._distances(known, points.real) for known in (self.part, self.rest))
+        return to_part <= to_rest
+
+    def moved(self, by: Callable[[np.ndarray], np.ndarray]) -> NearestPart:
+        """The part where a map takes its points."""
+        return NearestPart(by(self.part), by(self.rest))
+
+    @staticmethod
+    def _distances(known: np.ndarray, points: np.ndarray) -> np.ndarray:
+        return cKDTree(known).query(points)[0] if len(known) else np.full(len(points), np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class RotatedPart(OneLine):
+    """What turns about a hinge: a part as a whole, what is behind the hinge line, or both."""
+
+    whole: NearestPart | None = None
+    behind: BehindHinge | None = None
+
+    def weights(self, points: np.ndarray) -> np.ndarray:
+        """Parts of the angle by which points (n, 3), in metres, turn: from 0 to 1; real or complex as these are."""
+        weights = np.zeros(len(points)) if self.behind is None else self.behind.weights(points)
+        return weights if self.whole is None else np.where(self.whole.contains(points), 1.0, weights)
+
+
+def about_axis(
+    points: np.ndarray,  # (n, 3), m
+    hinge: np.ndarray,  # (2, 3), points of the axis (m)
+    angles: np.ndarray,  # (n,) or (), rad
+) -> np.ndarray:  # (n, 3), m
+    """Turn points about an axis; real or complex."""
+    line = hinge[1] - hinge[0]
+    line = line / np.sqrt(np.sum(line**2))
+    arms, angles = points - hinge[0], np.asarray(angles)[..., None]
+    along = (arms @ line)[:, None] * line
+    # versine by the half angle, so that small turns keep their digits
+    return points + np.sin(angles) * np.cross(line, arms) + 2.0 * np.sin(0.5 * angles) ** 2 * (along - arms)
+
+
+def about_axis_rates(
+    points: np.ndarray, hinge: np.ndarray, angles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Differentiate `about_axis`, of angles (n,), with respect to each point and to both of the axis."""
+    # Returns matrices (n, 3, 3), of the points, the first and the second of the axis.
+    line = hinge[1] - hinge[0]
+    length = np.sqrt(np.sum(line**2))
+    line = line / length
+    arms, sines = points - hinge[0], np.sin(angles)[:, None, None]
+    versines = 2.0 * np.sin(0.5 * angles)[:, None, None] ** 2
+    identity, projection = np.eye(3), np.outer(line, line)
+    turned = identity + sines * _cross_matrix(line) + versines * (projection - identity)
+    of_line = versines * ((arms @ line)[:, None, None] * identity + line[:, None] * arms[:, None, :])
+    of_second = (of_line - sines * _cross_matrix(arms)) @ ((identity - projection) / length)
+    return turned, identity - turned - of_second, of_second
+
+
+def _cross_matrix(vectors: np.ndarray) -> np.ndarray:
+    """Matrices of the products of vectors (..., 3) with others, shape (..., 3, 3)."""
+    return np.cross(np.asarray(vectors)[..., None, :], np.eye(3)).swapaxes(-1, -2)

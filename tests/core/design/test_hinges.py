@@ -1,0 +1,269 @@
+"""Rotation about hinges: the map, the part of a surface that turns, and grids and meshes that follow."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from mesh_cases import mesh_around_two_sections, section_model
+
+from bspline_mdao import InputError, fit_grid
+from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.core.design.deformation import Rotate, jvp, vjp
+from bspline_mdao.core.design.hinge import BehindHinge, NearestPart, RotatedPart, about_axis, about_axis_rates
+from bspline_mdao.design import parse_deformation
+from bspline_mdao.generators import naca_section, onera_m6_grid, section_o_grid
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import report_quality
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import ComovingFrame, LinearElasticity, Rotations, moving_mesh
+
+OBLIQUE = np.array([[0.3, -0.2, 0.1], [0.9, 0.4, 1.3]])
+STEP = 1e-40
+
+
+@cache
+def section():
+    """Fit of an O-grid about NACA 0012 of unit chord, x downstream and y up."""
+    return fit_grid(section_o_grid(naca_section(0.12), n_around=64, far=20.0, n_away=24))
+
+
+@cache
+def wing():
+    """Fit of a small M6."""
+    return fit_grid(onera_m6_grid((15, 13, 13)), n_control=(7, 6, 6))
+
+
+def deformed(model, words):
+    """Control mesh, its surface, and where words put that."""
+    mesh = moving_mesh(model)
+    surface = mesh.points[mesh.surface_ids]
+    return mesh, surface, parse_deformation(words, model, mesh).apply(surface)
+
+
+def n_inverted(model, points):
+    """Cells that are inverted where control points are somewhere, and on the baseline."""
+    baseline = model.regenerate()
+    quality = GridQuality.of_baseline(baseline)
+    nodes = (grid.to_vector().reshape(-1, 3) for grid in (model.regenerate(points), baseline))
+    return tuple(report_quality(quality, each).n_inverted for each in nodes)
+
+
+# the map
+
+
+@pytest.mark.parametrize("angle", [25.0, 200.0, 400.0, -725.0])
+def test_points_turn_rigidly_by_any_angle_and_as_turns_of_parts_do(angle):
+    points = np.random.default_rng(0).normal(size=(30, 3))
+    turned = about_axis(points, OBLIQUE, np.radians(angle))
+    apart = [np.linalg.norm(p[:, None] - p, axis=-1) for p in (points, turned)]
+    np.testing.assert_allclose(*apart, atol=1e-13)
+    np.testing.assert_allclose(about_axis(OBLIQUE, OBLIQUE, np.radians(angle)), OBLIQUE, atol=1e-15)
+    by_parts = points
+    for _ in range(7):
+        by_parts = about_axis(by_parts, OBLIQUE, np.radians(angle) / 7.0)
+    np.testing.assert_allclose(turned, by_parts, atol=1e-13)
+
+
+def test_positive_angles_turn_by_the_right_hand_from_the_first_point_to_the_second():
+    turned = about_axis(np.array([[2.0, 0.0, 5.0]]), np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 3.0]]), np.radians(90.0))
+    np.testing.assert_allclose(turned, [[1.0, 1.0, 5.0]], atol=1e-15)
+
+
+def test_rates_in_points_axis_and_angles_are_exact():
+    random = np.random.default_rng(1)
+    points, angles = random.normal(size=(7, 3)), random.uniform(-8.0, 8.0, 7)
+    d_points, d_hinge = random.normal(size=(7, 3)), random.normal(size=(2, 3))
+    rates = about_axis_rates(points, OBLIQUE, angles)
+    directions = d_points, *(np.broadcast_to(d, (7, 3)) for d in d_hinge)
+    found = sum(np.einsum("nij,nj->ni", rate, d) for rate, d in zip(rates, directions))
+    exact = about_axis(points + 1j * STEP * d_points, OBLIQUE + 1j * STEP * d_hinge, angles).imag / STEP
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
+
+
+def test_turning_fades_without_a_jump_of_its_slope_ahead_of_the_line_and_beyond_its_ends():
+    hinge, stream = np.array([[0.7, 0.1, 1.0], [0.9, 0.1, 2.0]]), np.array([1.0, 0.0, 0.0])
+    part = RotatedPart(behind=BehindHinge(hinge, stream, blend=0.2, ends=0.3))
+    places = np.array([[0.75, 5.0, 1.0], [2.0, -3.0, 2.0], [0.0, 0.0, 1.5], [2.0, 0.0, 0.6], [2.0, 0.0, 2.4]])
+    np.testing.assert_array_equal(part.weights(places), [1.0, 1.0, 0.0, 0.0, 0.0])
+    for start, end in (([0.3, 0.0, 1.5], [1.0, 0.0, 1.5]), ([1.5, 0.0, 0.5], [1.5, 0.0, 2.5])):
+        line = np.linspace(start, end, 4001)
+        weights = part.weights(line)
+        slopes = np.diff(weights) / np.linalg.norm(np.diff(line, axis=0), axis=1)
+        assert weights.min() == 0.0
+        assert weights.max() == 1.0
+        assert np.abs(np.diff(slopes)).max() < 0.02 * np.abs(slopes).max()
+
+
+def test_ends_of_a_swept_hinge_are_cut_along_the_stream():
+    hinge, stream = np.array([[0.7, 0.0, 1.0], [1.2, 0.0, 2.0]]), np.array([1.0, 0.0, 0.0])
+    sharp = BehindHinge(hinge, stream, blend=0.1, ends=0.0)
+    behind = np.array([[x, 0.0, z] for z in (0.999, 1.001, 1.999, 2.001) for x in (1.3, 4.0)])
+    np.testing.assert_array_equal(sharp.weights(behind), [0, 0, 1, 1, 1, 1, 0, 0])
+
+
+def test_other_points_are_of_the_part_whose_known_points_are_nearest():
+    points = np.random.default_rng(2).uniform(size=(40, 3))
+    part = NearestPart.of(points, points[:, 0] > 0.6)
+    np.testing.assert_array_equal(part.contains(points), points[:, 0] > 0.6)
+    np.testing.assert_array_equal(part.contains(points + 1e-9), points[:, 0] > 0.6)
+
+
+# words
+
+
+def test_a_flap_turns_whole_behind_its_line_and_nothing_does_ahead_of_the_blend():
+    _, surface, moved = deformed(section(), "rotate=-25deg@hinge(0.7,0,0 -> 0.7,0,1),blend=0.1")
+    behind, ahead = surface[:, 0] >= 0.7, surface[:, 0] <= 0.6
+    hinge = np.array([[0.7, 0.0, 0.0], [0.7, 0.0, 1.0]])
+    np.testing.assert_allclose(moved[behind], about_axis(surface[behind], hinge, np.radians(-25.0)), atol=1e-12)
+    np.testing.assert_array_equal(moved[ahead], surface[ahead])
+    assert 0 < np.count_nonzero(~behind & ~ahead) < len(surface)
+
+
+def test_a_part_of_the_chord_is_the_line_through_it_and_turns_the_trailing_edge_down():
+    model = wing()
+    mesh = moving_mesh(model)
+    surface = mesh.points[mesh.surface_ids]
+    deformation = parse_deformation("rotate=20deg@chord 0.7,span=0.5:0.8,blend=0.1,ends=0.1", model, mesh)
+    (rotate,) = deformation.maps
+    along = np.sort(rotate.hinge[:, 2]) / surface[:, 2].max()
+    np.testing.assert_allclose(along, [0.5, 0.8], atol=1e-3)
+    moved = deformation.apply(surface)
+    lowest = np.argmin((moved - surface)[:, 1])
+    assert (moved - surface)[lowest, 1] < -0.03
+    assert np.abs((moved - surface)[surface[:, 2] < 0.3 * surface[:, 2].max()]).max() == 0.0
+
+
+def test_words_mean_the_same_whatever_comes_before_since_patches_go_along():
+    model = wing()
+    mesh, surface, moved = deformed(model, "stretch=2+rotate=30deg@hinge(0.2,0,0 -> 0.2,0,1),patches=wing_upper")
+    (upper,) = parse_deformation("rotate=1@hinge(0,0,0->0,0,1),patches=*upper", model, mesh).maps
+    is_upper = upper.part.weights(surface)
+    stretched = surface * [1.0, 1.0, 2.0]
+    hinge = np.array([[0.2, 0.0, 0.0], [0.2, 0.0, 1.0]])
+    wanted = np.where(is_upper[:, None] > 0.0, about_axis(stretched, hinge, np.radians(30.0)), stretched)
+    assert 0 < np.count_nonzero(is_upper) < len(surface)
+    np.testing.assert_allclose(moved, wanted, atol=1e-12)
+
+
+def test_nodes_of_the_patches_turn_and_all_others_stay():
+    model = wing()
+    deformation = parse_deformation("rotate=20deg@hinge(0.7,0,0 -> 0.7,0,1),patches=*upper", model, moving_mesh(model))
+    walls = SurfaceGrid.of(model)
+    is_upper = np.zeros(walls.n_points, dtype=bool)
+    is_upper[walls.parts[walls.patches.index("wing_upper")]] = True
+    hinge = np.array([[0.7, 0.0, 0.0], [0.7, 0.0, 1.0]])
+    moved = deformation.apply_to_nodes(walls.points)
+    np.testing.assert_allclose(moved[is_upper], about_axis(walls.points[is_upper], hinge, np.radians(20.0)), atol=1e-12)
+    np.testing.assert_array_equal(moved[~is_upper], walls.points[~is_upper])
+
+
+def test_derivatives_where_turning_fades_are_those_of_differences_and_transposed():
+    hinge, stream = np.array([[0.7, 0.1, 1.0], [0.9, 0.2, 2.0]]), np.array([1.0, 0.0, 0.0])
+    random = np.random.default_rng(5)
+    points = random.uniform([0.2, -0.3, 0.4], [1.5, 0.3, 2.6], (400, 3))
+    behind = BehindHinge(hinge, stream, blend=0.4, ends=0.5)
+    rotate = Rotate(hinge, np.radians(200.0), RotatedPart(NearestPart.of(points, points[:, 1] > 0.2), behind))
+    d_points, bar = random.normal(size=(2, *points.shape))
+    exact = jvp(rotate, points, d_points)
+    assert np.sum(exact * bar) == pytest.approx(np.sum(d_points * vjp(rotate, points, bar)), rel=1e-12)
+    difference = 0.0
+    for step, factor in ((1e-4, 8.0), (2e-4, -1.0)):
+        ends = (rotate.apply(points + sign * step * d_points) for sign in (1.0, -1.0))
+        difference = difference + factor * np.subtract(*ends) / (12.0 * 1e-4)
+    off = np.abs(difference - exact).max(axis=1)
+    assert (off < 1e-8).mean() > 0.98  # the others are where the fading begins and ends, or parts meet
+    is_faded = (behind.weights(points) > 0.1) & (behind.weights(points) < 0.9)
+    assert np.count_nonzero(is_faded & (off < 1e-8)) > 50
+
+
+REFUSED = {
+    "rotate=25": "say what turns: blend=LENGTH",
+    "rotate=25,blend=0.1": "no axis is named; write @hinge",
+    "rotate=25@0.7,blend=0.1": "'0.7' is no axis; write @hinge",
+    "rotate=25@hinge(0,0,0;0,0,1),blend=0.1": "is no axis; write @hinge",
+    "rotate=25@hinge(0,0->0,0,1),blend=0.1": "is no axis; write @hinge",
+    "rotate=25@hinge(0,0,0->0,0,1,blend=0.1": "not of the form name=value",
+    "rotate=25@hinge(0,0,0->0,0,0),blend=0.1": "both of its points are .*; give two different ones",
+    "rotate=25@hinge(1e999,0,0->0,0,1),blend=0.1": "its first point is .inf, .*; give three finite numbers",
+    "rotate=25@hinge(0,0,0->1,0,0),blend=0.1": "along the stream, so that nothing lies behind it",
+    "rotate=25@hinge(0,0,0->0,0,1),patches=flap*": "no patch is called 'flap.*'; the patches are .*wing_upper",
+    "rotate=25@hinge(0,0,0->0,0,1),patches=*,ends=1": "ends is of what is behind the hinge line; give blend",
+    "rotate=25@hinge(0,0,0->0,0,1),blend=0": "give a number above 0",
+    "rotate=25@hinge(0,0,0->0,0,1),blend=1,span=0:1": "'span' is not known here; rotate takes @ and patches",
+    "rotate=25@chord 1.7,blend=0.1": "is no part of the chord from 0 to 1; write for example @chord 0.7",
+    "rotate=25@chord 0.7,span=0.9:0.6,blend=0.1": "span '0.9:0.6' is not two rising parts from 0 to 1",
+    "rotate=25@chord 0.7,span=0.3:0.6,blend=0.01": r"folds in this blend; give a blend above 0\.0",
+    "rotate=25@hinge(__import__('os'),0,0->0,0,1),blend=1": "not of the form|is no axis",
+    "rotate=lots@hinge(0,0,0->0,0,1),blend=1": "'lots' is not an angle",
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_words_that_turn_nothing_or_are_not_understood_are_refused_in_one_line(words):
+    model = wing()
+    with pytest.raises(InputError, match=REFUSED[words]) as error:
+        parse_deformation(words, model, moving_mesh(model))
+    assert "\n" not in str(error.value)
+    assert str(error.value).startswith("deformation '")
+
+
+# grids and meshes that follow
+
+
+@pytest.mark.parametrize("angle", [-25.0, 25.0])
+def test_the_grid_of_a_section_follows_its_flap_without_an_inverted_cell(angle):
+    model = section()
+    mesh, _, moved = deformed(model, f"rotate={angle}deg@hinge(0.7,0,0 -> 0.7,0,1),blend=0.1")
+    points = Rotations(mesh).move(mesh.points, moved).points
+    assert n_inverted(model, points) == (0, 0)
+
+
+@pytest.mark.parametrize("angle", [200.0, 400.0])
+def test_a_whole_body_turns_by_any_angle_with_an_outer_boundary_that_goes_along(angle):
+    model = section()
+    mesh, _, moved = deformed(model, f"rotate={angle}deg@hinge(0.4,0,0 -> 0.4,0,1),patches=*")
+    points = ComovingFrame(LinearElasticity(mesh, n_increments=1)).move(mesh.points, moved).points
+    hinge = np.array([[0.4, 0.0, 0.0], [0.4, 0.0, 1.0]])
+    np.testing.assert_allclose(points, about_axis(mesh.points, hinge, np.radians(angle)), atol=1e-10)
+
+
+def test_within_an_outer_boundary_that_stays_a_body_turned_by_400_degrees_is_taken_for_40():
+    model = section()
+    words = "rotate={}deg@hinge(0.4,0,0 -> 0.4,0,1),patches=*"
+    mesh, _, by_400 = deformed(model, words.format(400))
+    by_40 = deformed(model, words.format(40))[2]
+    mover = Rotations(mesh)
+    points = [mover.move(mesh.points, surface).points for surface in (by_400, by_40)]
+    np.testing.assert_allclose(*points, atol=1e-9)
+    assert n_inverted(model, points[0]) == (0, 0)
+
+
+@pytest.mark.parametrize("angle", [-25.0, 25.0])
+def test_a_mesh_without_structure_takes_the_same_words_about_a_flap_in_one_piece(angle):
+    model = section_model()  # an ellipse, z up
+    design = model.design_mesh()
+    words = f"rotate={angle}deg@hinge(0.2,0,0 -> 0.2,1,0),blend=0.2"
+    walls = model.deformed(parse_deformation(words, model, design))
+    surface = design.points[design.surface_ids]
+    hinge, behind = np.array([[0.2, 0.0, 0.0], [0.2, 1.0, 0.0]]), surface[:, 0] >= 0.2
+    np.testing.assert_allclose(walls[behind], about_axis(surface[behind], hinge, np.radians(angle)), atol=1e-12)
+    np.testing.assert_array_equal(walls[surface[:, 0] < 0.0], surface[surface[:, 0] < 0.0])
+    movement = model.mover_of(design).move(model.control_points, walls)
+    nodes = model.node_map.at(movement.points).nodes
+    assert not model.mesh.quality(nodes).is_inverted.any()
+
+
+@pytest.mark.parametrize("angle", [-25.0, 25.0])
+def test_a_flap_behind_a_gap_turns_as_a_whole_and_the_main_element_stays(angle):
+    model = MeshModel.of(*mesh_around_two_sections(0.04))
+    design = model.design_mesh()
+    surface = design.points[design.surface_ids]
+    words = f"rotate={angle}deg@hinge(0.3,-0.108,0 -> 0.3,-0.108,1),patches=fl*"
+    walls = model.deformed(parse_deformation(words, model, design))
+    is_flap = np.isin(design.surface_ids, np.searchsorted(model.wall_rows, np.unique(model.mesh.markers["flap"])))
+    hinge = np.array([[0.3, -0.108, 0.0], [0.3, -0.108, 1.0]])
+    np.testing.assert_allclose(walls[is_flap], about_axis(surface[is_flap], hinge, np.radians(angle)), atol=1e-12)
+    np.testing.assert_array_equal(walls[~is_flap], surface[~is_flap])
+    movement = model.mover_of(design).move(model.control_points, walls)
+    assert not model.mesh.quality(model.node_map.at(movement.points).nodes).is_inverted.any()
