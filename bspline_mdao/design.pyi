@@ -3,6 +3,7 @@
 from .core.design.coarse_net import CoarseNet as CoarseNet
 from .core.design.displacement import Local as Local
 from .core.design.free_form import FreeForm as FreeForm
+from .core.design.hinge import Hinge as Hinge
 from .core.design.interior_points import InteriorPoints as InteriorPoints
 from .core.design.junction import Junction as Junction
 from .core.design.lattice import Lattice as Lattice
@@ -23,6 +24,8 @@ from .core.design.planform import Taper as Taper
 from .core.design.planform import ThicknessFactor as ThicknessFactor
 from .core.design.planform import Twist as Twist
 from .core.design.reference_axis import ReferenceAxis as ReferenceAxis
+from .core.design.rotation import HingePoints as HingePoints
+from .core.design.rotation import Rotation as Rotation
 from .core.design.selection import InBlock as InBlock
 from .core.design.selection import InBox as InBox
 from .core.design.selection import Nearest as Nearest

@@ -7,6 +7,7 @@ import numpy as np
 from bspline_mdao.core.design.coarse_net import CoarseNet
 from bspline_mdao.core.design.displacement import Local
 from bspline_mdao.core.design.free_form import FreeForm
+from bspline_mdao.core.design.hinge import Hinge
 from bspline_mdao.core.design.lattice import Lattice
 from bspline_mdao.core.design.linear_constraints import (
     EqualDisplacement,
@@ -19,6 +20,7 @@ from bspline_mdao.core.design.linear_constraints import (
 from bspline_mdao.core.design.of_part import OfPart
 from bspline_mdao.core.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.core.design.reference_axis import ReferenceAxis
+from bspline_mdao.core.design.rotation import Rotation
 from bspline_mdao.core.design.selection import NearPlane
 from bspline_mdao.core.design.tangent_continuity import TangentContinuity
 from bspline_mdao.core.design.user_defined import UserVariable
@@ -89,6 +91,7 @@ VARIABLES = {
     FreeForm: lambda mesh: FreeForm("shape", Lattice.box(mesh, n=(4, 2, 3)), direction="xy"),
     Local: lambda mesh: Local("bump", ~NearPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), "normal"),
     OfPart: lambda mesh: twisted_upper_side("part"),
+    Rotation: lambda mesh: Rotation("flap", Hinge((0.6, 0.0, 0.2), (0.9, 0.1, 1.1)), [3, 8], blend=0.2),
     Span: lambda mesh: Span("span", ReferenceAxis.of(mesh), stations=3),
     Sweep: lambda mesh: Sweep("sweep", ReferenceAxis.of(mesh), stations=3),
     Taper: lambda mesh: Taper("taper", ReferenceAxis.of(mesh)),

@@ -187,9 +187,11 @@ def test_every_variable_constraint_and_measure_is_in_a_table_of_derivative_tests
 
     from bspline_mdao.core.design.interior_points import InteriorPoints
     from bspline_mdao.core.design.junction import Junction
+    from bspline_mdao.core.design.rotation import HingePoints
 
-    # These bind to a model, and to parts of a surface: test_interior_points.py, test_junction.py in tests/core/design.
-    inside = {InteriorPoints, Junction}
+    # These bind to a model, to parts of a surface, or move none of it by themselves: test_interior_points.py,
+    # test_junction.py and test_hinges.py in tests/core/design.
+    inside = {InteriorPoints, Junction, HingePoints}
     assert kinds("core.design", "bind") == set(VARIABLES) | inside
     assert kinds("core.design", "equations") == set(CONSTRAINTS)
     assert kinds("core.measures", "surface", "evaluate", "partials") == set(MEASURES)

@@ -28,7 +28,7 @@ from bspline_mdao.core.design.interior_points import InteriorPoints
 from bspline_mdao.core.design.user_defined import UserVariable
 from bspline_mdao.core.fit.surface_fit import SurfaceFollower
 from bspline_mdao.core.mesh.surface import SurfaceGrid
-from bspline_mdao.design import Junction, Parametrization
+from bspline_mdao.design import Hinge, HingePoints, Junction, Parametrization, Rotation
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
@@ -134,6 +134,11 @@ USERS = {UserVariable: lambda mesh: UserVariable("growth", [1.0], grow, growth)}
 TAPER = (VARIABLES[next(kind for kind in VARIABLES if kind.__name__ == "Taper")],)
 
 
+def hinged():
+    hinge = Hinge((0.6, 0.0, 0.2), (0.9, 0.1, 1.1))
+    return Parametrization(mesh(), [HingePoints("line", hinge, "xy"), Rotation("flap", hinge)])
+
+
 def joined():
     return Parametrization(mesh(), [make(mesh()) for make in TAPER], junction=Junction(np.arange(14), 0.5))
 
@@ -147,6 +152,7 @@ THINGS = {
         for kind, make in {**VARIABLES, **USERS}.items()
     },
     "Parametrization, Junction": (joined, designed),
+    "Parametrization, HingePoints": (hinged, designed),
     **{
         f"Parametrization, {kind.__name__}": (parametrized(TAPER, [make]), designed)
         for kind, make in CONSTRAINTS.items()

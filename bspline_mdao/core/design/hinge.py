@@ -22,6 +22,10 @@ from scipy.spatial import cKDTree
 from ...base.checks import as_vector
 from ...base.display import OneLine
 from ...errors import InputError
+from ..mesh.frame import mesh_frame
+from ..mesh.moving_mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid
+from .reference_axis import ReferenceAxis
 
 __all__ = ["BehindHinge", "Hinge", "NearestPart", "RotatedPart", "about_axis", "about_axis_rates"]
 
@@ -60,17 +64,52 @@ class Hinge(OneLine):
     second: Any
 
     def __post_init__(self) -> None:
-        if not self.points[0].tolist() != self.points[1].tolist():
+        if not np.any(self.points[0] != self.points[1]):
             raise InputError(f"hinge: both of its points are {self.points[0].tolist()}; give two different ones")
+
+    @classmethod
+    def on_chord(
+        cls, mesh: MovingMesh, chord: float, span: tuple[float, float] = (0.0, 1.0), surface: SurfaceGrid | None = None
+    ) -> Hinge:
+        """Lay a hinge along a part of the chord, such that positive angles turn the trailing edge down.
+
+        Parameters
+        ----------
+        mesh : MovingMesh
+            The control mesh, whose surface gives stream, normal and span.
+        chord : float
+            Part of the chord, 0 the leading edge and 1 the trailing edge.
+        span : tuple of float
+            Parts of the span where it begins and ends.
+        surface : SurfaceGrid, optional
+            As of `ReferenceAxis.of`.
+
+        Returns
+        -------
+        Hinge
+
+        Raises
+        ------
+        InputError
+            As `ReferenceAxis.of`.
+
+        Examples
+        --------
+        >>> from bspline_mdao import DesignSurface, fit_grid
+        >>> from bspline_mdao.design import Hinge
+        >>> from bspline_mdao.generators import flat_plate_grid
+        >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+        >>> Hinge.on_chord(wing.mesh, 0.75, span=(0.2, 0.5)).points.round(6).tolist()
+        [[0.75, 0.0, 1.0], [0.75, 0.0, 0.4]]
+        """
+        ends = ReferenceAxis.of(mesh, chord, 2, span, surface).points
+        return cls(*(ends[::-1] if np.linalg.det(mesh_frame(mesh).axes) > 0.0 else ends))
 
     @cached_property
     def points(self) -> np.ndarray:
         """Both points on the baseline (m), shape (2, 3)."""
-        return np.stack([as_vector(end, f"hinge: its {which} point") for which, end in self._ends])
-
-    @property
-    def _ends(self) -> tuple[tuple[str, Any], ...]:
-        return ("first", self.first), ("second", self.second)
+        ends = ("first", self.first), ("second", self.second)
+        return np.stack([as_vector(end, f"hinge: its {which} point") for which, end in ends])
 
 
 @dataclass(frozen=True, eq=False)

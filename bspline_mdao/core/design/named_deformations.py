@@ -41,7 +41,6 @@ from .deformation import (
 )
 from .hinge import ON_LINE, BehindHinge, Hinge, NearestPart, RotatedPart
 from .lattice_deformation import LatticeDeformation, moved_lattice
-from .reference_axis import chord_lines
 from .selection import OnPatch
 
 __all__ = [
@@ -148,12 +147,9 @@ class _Surface:
 
     def line(self, chord: float, span: tuple[float, float]) -> np.ndarray:
         """Points at a part of the chord and at two parts of the span, shape (2, 3); angles turn the rear down."""
-        frame, quads = self.frame, surface_quads(self.mesh)
-        places, levels = frame.to_local(self.points)[:, 2], np.multiply(span, frame.span)
-        lines = chord_lines(self.points, quads, places, levels, frame.axes[0])
-        local = frame.to_local(lines.leading + chord * lines.chords)
-        ends = frame.to_space(np.column_stack([local[:, :2], levels]))
-        return ends[::-1] if np.linalg.det(frame.axes) > 0.0 else ends
+        points = self.mesh.points.copy()
+        points[self.mesh.surface_ids] = self.points
+        return Hinge.on_chord(replace(self.mesh, points=points), chord, span).points
 
 
 def read_points(

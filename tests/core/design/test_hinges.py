@@ -10,7 +10,19 @@ from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.design.deformation import Rotate, jvp, vjp
 from bspline_mdao.core.design.hinge import BehindHinge, NearestPart, RotatedPart, about_axis, about_axis_rates
-from bspline_mdao.design import parse_deformation
+from bspline_mdao.core.design.variable import Layout
+from bspline_mdao.design import (
+    Hinge,
+    HingePoints,
+    OnPatch,
+    Parametrization,
+    ReferenceAxis,
+    Rotation,
+    Span,
+    SurfaceRows,
+    Twist,
+    parse_deformation,
+)
 from bspline_mdao.generators import naca_section, onera_m6_grid, section_o_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import report_quality
@@ -267,3 +279,114 @@ def test_a_flap_behind_a_gap_turns_as_a_whole_and_the_main_element_stays(angle):
     np.testing.assert_array_equal(walls[~is_flap], surface[~is_flap])
     movement = model.mover_of(design).move(model.control_points, walls)
     assert not model.mesh.quality(model.node_map.at(movement.points).nodes).is_inverted.any()
+
+
+# design variables
+
+FLAP = Hinge((0.6, 0.0, 0.3), (0.9, 0.05, 0.9))
+
+
+def with_a_flap(where=None, blend=0.15):
+    """Twist and span of a wing, then the place of a flap's hinge, its angle, and a tab's behind it."""
+    mesh = moving_mesh(wing())
+    axis, tab = ReferenceAxis.of(mesh, n=3), Hinge((0.85, 0.0, 0.4), (0.95, 0.0, 0.7))
+    variables = [
+        Twist("twist", axis, 3),
+        Span("span", axis),
+        HingePoints("line", FLAP, "xy"),
+        Rotation("flap", FLAP, where, blend=blend),
+        Rotation("tab", tab, blend=0.05, ends=0.1),
+    ]
+    return Parametrization(mesh, variables)
+
+
+def away(parametrization, angle=37.0):
+    """Surface points off the baseline, and values off those at which nothing moves."""
+    random = np.random.default_rng(3)
+    surface = parametrization.mesh.points[parametrization.mesh.surface_ids]
+    values = {name: v + 0.05 * random.normal(size=v.shape) for name, v in parametrization.initial.items()}
+    return surface + 0.01 * random.normal(size=surface.shape), values | {"flap": np.array([angle])}
+
+
+@pytest.mark.parametrize("angle", [37.0, 400.0])
+@pytest.mark.parametrize("where", [None, "wing_upper"])
+def test_derivatives_in_angle_hinge_points_and_surface_are_exact_and_transposed(where, angle):
+    shape = with_a_flap(where and OnPatch(wing(), where))
+    (initial, values), random = away(shape, angle), np.random.default_rng(4)
+    partials, bar = shape.partials(initial, values), random.normal(size=initial.size)
+    for name, matrix in {None: partials.initial, **partials.values}.items():
+        direction = random.normal(size=matrix.shape[1])
+        step = 1j * STEP * direction
+        at = (initial, values | {name: values[name] + step}) if name else (initial + step.reshape(-1, 3), values)
+        exact, forward = shape.apply(*at).imag.ravel() / STEP, matrix @ direction
+        assert np.abs(exact).max() > 1e-4
+        np.testing.assert_allclose(forward, exact, rtol=0, atol=1e-12 * np.abs(exact).max(), err_msg=str(name))
+        assert bar @ forward == pytest.approx((matrix.T @ bar) @ direction, rel=1e-10)
+
+
+def test_a_variable_and_words_turn_a_flap_alike():
+    model = wing()
+    mesh, surface, moved = deformed(model, "rotate=20deg@hinge(0.7,0,0 -> 0.7,0,1),blend=0.1,ends=0.2")
+    hinge = Hinge((0.7, 0.0, 0.0), (0.7, 0.0, 1.0))
+    shape = Parametrization(mesh, [Rotation("flap", hinge, blend=0.1, ends=0.2)])
+    np.testing.assert_allclose(shape.apply(surface, {"flap": np.array([20.0])}), moved, atol=1e-14)
+
+
+def test_a_hinge_goes_along_with_what_moves_the_wing_before():
+    mesh = moving_mesh(wing())
+    surface, axis = mesh.points[mesh.surface_ids], ReferenceAxis.of(mesh, n=3)
+    hinge, spread = Hinge((0.7, 0.0, 0.4), (0.9, 0.0, 0.8)), np.array([1.0, 1.0, 2.0])
+    shape = Parametrization(mesh, [Span("span", axis), Rotation("flap", hinge, SurfaceRows([31, 40, 41]))])
+    moved = shape.apply(surface, {"span": np.array([2.0]), "flap": np.array([50.0])})
+    wanted = about_axis(surface[[31, 40, 41]] * spread, hinge.points * spread, np.radians(50.0))
+    np.testing.assert_allclose(moved[[31, 40, 41]], wanted, atol=1e-12)
+
+
+def test_the_hinge_of_a_tab_turns_with_the_flap_and_its_own_hinge_stays():
+    mesh = moving_mesh(wing())
+    tab = Hinge((0.95, 0.001, 0.5), (0.95, 0.001, 0.7))  # just below the upper side
+    flap = Rotation("flap", FLAP, OnPatch(wing(), "*upper"))
+    layout = Layout(mesh, (FLAP, tab))
+    turned = flap.bind(layout).apply(layout.points, np.array([30.0]))
+    np.testing.assert_array_equal(turned[layout.rows(FLAP)], FLAP.points)
+    np.testing.assert_allclose(
+        turned[layout.rows(tab)], about_axis(tab.points, FLAP.points, np.radians(30.0)), atol=1e-14
+    )
+
+
+def test_a_hinge_that_moves_turns_the_flap_about_where_it_goes():
+    mesh = moving_mesh(wing())
+    surface = mesh.points[mesh.surface_ids]
+    shape = Parametrization(mesh, [HingePoints("line", FLAP, "xy"), Rotation("all", FLAP, np.arange(20, 40))])
+    values = {"line": np.array([0.1, 0.2, -0.3, 0.4]), "all": np.array([-70.0])}
+    hinge = FLAP.points + [[0.1, 0.2, 0.0], [-0.3, 0.4, 0.0]]
+    moved = shape.apply(surface, values)
+    free = np.setdiff1d(np.arange(20, 40), mesh.in_plane_rows)
+    np.testing.assert_allclose(moved[free], about_axis(surface[free], hinge, np.radians(-70.0)), atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Hinge((0, 0, 0), (0, 0, 0)), "both of its points are .*; give two different ones"),
+        (lambda: Hinge((0, 0, 0), (0, 0)), "its second point is .*; give three finite numbers"),
+        (lambda: Rotation("flap", ((0, 0, 0), (0, 0, 1))), "'flap': the hinge is of type tuple; give a Hinge"),
+        (lambda: HingePoints("line", None), "'line': the hinge is of type NoneType; give a Hinge"),
+        (lambda: Rotation("flap", FLAP, blend=-0.1), "'flap': blend -0.1; give a distance in metres"),
+        (lambda: Rotation("flap", FLAP, blend=0.0), "give a positive blend, or neither"),
+        (lambda: Rotation("flap", FLAP, ends=0.1), "give a positive blend, or neither"),
+        (lambda: _bound(Rotation("flap", FLAP, OnPatch(wing(), "flap*"))), "no patch is called 'flap"),
+        (lambda: _bound(Rotation("flap", Hinge((9, 0, 0), (9, 0, 1)), blend=0.1)), "no point of the surface is behind"),
+        (lambda: _bound(HingePoints("line", FLAP, "abc")), "'line': no direction is called 'abc'"),
+        (lambda: _bound(HingePoints("line", FLAP)), r"'?line'?.* moves nothing \(no point of the surface\)"),
+        (lambda: Hinge.on_chord(moving_mesh(wing()), 0.7, (0.9, 0.2)), "give two rising parts"),
+    ],
+)
+def test_hinges_and_rotations_that_cannot_be_are_refused(make, message):
+    with pytest.raises(InputError, match=message) as error:
+        make()
+    assert "\n" not in str(error.value)
+
+
+def _bound(variable):
+    return Parametrization(moving_mesh(wing()), [variable])
