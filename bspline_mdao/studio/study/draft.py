@@ -71,6 +71,14 @@ def _wing(body: Body, free_form: list[str]) -> Iterator[str]:
     yield "# lower = 0.7"
     yield "# upper = 1.3"
     yield ""
+    yield "# [variables.flap]  # angle of a flap about a hinge along the chord, degrees, trailing edge down"
+    yield '# kind = "rotation"'
+    yield "# chord = 0.75"
+    yield "# span = [0.3, 0.6]"
+    yield f"# blend = {float(f'{0.05 * body.frame.chord:.1g}')}  # fades ahead of the hinge; behind a gap give patches"
+    yield "# lower = -10.0"
+    yield "# upper = 10.0"
+    yield ""
     yield from free_form
     yield "[flow]"
     if body.why_no_lattice:

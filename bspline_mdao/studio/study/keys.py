@@ -20,10 +20,12 @@ from .kinds import (
     FLAG,
     FRACTIONS,
     LATTICE,
+    LINE,
     NAMES,
     NUMBER,
     NUMBERS,
     OPTIONS,
+    PART,
     PARTS,
     POINT,
     POSITIVE,
@@ -125,6 +127,11 @@ _LIMITS = {
     "low": Key(CORNER, "lower corner of the box whose points move, with its sides (m)", otherwise="no limit"),
     "high": Key(CORNER, "upper corner of that box (m)", otherwise="no limit"),
 }
+_HINGE = {
+    "axis": Key(LINE, "two points of the hinge (m); angles turn by the right hand about it", otherwise="see chord"),
+    "chord": Key(PART, "part of the chord along which the hinge is; angles turn the rear down", otherwise="see axis"),
+    "span": Key(PARTS, "parts of the span between which it is", [0.0, 1.0]),
+}
 
 
 @dataclass(frozen=True)
@@ -209,6 +216,30 @@ VARIABLES = {
             **_LIMITS,
         },
         "FreeForm",
+        "m",
+    ),
+    "rotation": VariableKind(
+        "angle (deg) by which a part of the design surface turns about a hinge: flaps, tails, blades, bodies",
+        {
+            **_HINGE,
+            "hinge": Key(TEXT, "variable above, of the kind hinge, about whose hinge it is", otherwise="see chord"),
+            "patches": Key(
+                NAMES, "patches that turn as wholes, such as those of a flap behind a gap", otherwise="none"
+            ),
+            "blend": Key(POSITIVE, "distance ahead of the hinge (m) over which turning fades", otherwise="see patches"),
+            "ends": Key(
+                number("a number from 0 to 1e20", 0.0),
+                "distance beyond the ends of the hinge (m) over which turning fades; 0: not at all",
+                otherwise="as blend",
+            ),
+        },
+        "Rotation",
+        "deg",
+    ),
+    "hinge": VariableKind(
+        "displacements (m) of the two points of a hinge, of the first and then of the second",
+        {**_HINGE, **_COORDINATES},
+        "HingePoints",
         "m",
     ),
     "alpha": VariableKind("angle of attack (deg) of the flow", {}, units="deg"),

@@ -106,6 +106,11 @@ BOUND = Kind(
     lambda value: NUMBER.accepts(value) or list_of(NUMBER, "").accepts(value),
 )
 POINT = list_of(number("", -1e9, 1e9), "a list of three numbers up to 1e9 in size", 3)
+_LINE = list_of(POINT, "", 2)
+LINE = Kind(
+    "a list of two different points, each of three numbers up to 1e9 in size",
+    lambda value: _LINE.accepts(value) and value[0] != value[1],
+)
 CORNER = list_of(number("", -math.inf, math.inf), "a list of three numbers, -inf or inf where there is no limit", 3)
 TRIPLE = list_of(whole(1, 10_000), "a list of three whole numbers", 3)
 _COUNTS = list_of(whole(2, MOST_POINTS), "", 3)

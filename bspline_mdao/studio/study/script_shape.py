@@ -36,6 +36,9 @@ def shape_part(
         yield statement("lattices = {}")
     for name, table in lattices.items():
         yield statement("lattices[name] = made", name=name, made=_lattice(table, path_of))
+    hinges = {name: made for name, table in _moving(study) if (made := _hinge(table)) is not None}
+    if hinges:
+        yield statement("hinges = made", made=hinges)
     yield statement("variables = made", made=[_variable(name, table) for name, table in _moving(study)])
     if study.measures:
         measured = {_names(part): part for table in study.measures.values() if (part := _measured(table))}
@@ -60,7 +63,7 @@ def _moving(study: Study) -> list[tuple[str, Table]]:
 
 def _part(table: Table) -> str | list[str] | None:
     """Patches that a variable moves as a surface of their own; None where it moves all, or points of all."""
-    return None if table["kind"] == "control_points" else table.get("patches")
+    return None if table["kind"] in ("control_points", "rotation") else table.get("patches")
 
 
 def _surface(part: str | list[str] | None) -> ast.expr:
@@ -101,12 +104,28 @@ def _made_variable(name: str, table: Table) -> ast.expr:
         within = f"lattices[name].within({', '.join(f'{key}={key}' for key in limits)})"
         which += [expression(within, name=name, **limits)] if limits else []
         return call(made_by, name, lattice, *which, direction=table["direction"])
+    if table["kind"] in ("rotation", "hinge"):
+        about = expression("hinges[name]", name=table.get("hinge") or name)
+        if table["kind"] == "hinge":
+            return call(made_by, name, about, direction=table["direction"])
+        patches = [call("bm.design.OnPatch", expression("model"), table["patches"])] if table["patches"] else []
+        return call(made_by, name, about, *patches, **changed(table, kind.keys, ("blend", "ends")))
     axis = expression("wing.axis", wing=_surface(_part(table)))
     if table["at"] != QUARTER:
         axis = expression("axes[place]", place=_place(table))
     settings = {"stations": table["stations"]} if "stations" in table else {}
     settings |= changed(table, kind.keys, ("order", "scales_thickness"))
     return call(made_by, name, axis, **settings)
+
+
+def _hinge(table: Table) -> ast.expr | None:
+    """Hinge of a variable; None where it has none of its own."""
+    if table.get("axis"):
+        return call("bm.design.Hinge", *map(tuple, table["axis"]))
+    if table["kind"] not in ("rotation", "hinge") or table["chord"] is None:
+        return None
+    span = {"span": tuple(table["span"])} if table["span"] != VARIABLES["hinge"].keys["span"].default else {}
+    return call("bm.design.Hinge.on_chord", expression("wing.mesh"), table["chord"], **span)
 
 
 def _lattice(table: Table, path_of: Callable[[str], ast.expr]) -> ast.expr:

@@ -269,6 +269,8 @@ class _Reader(Tables):
             free = [condition for condition, values in conditions.items() if not values["trim"]]
             self._check_bounds(name, table, len(free) if conditions else 1)
             self._check_points(name, table, found)
+            if kind in ("rotation", "hinge"):
+                self._check_hinge(name, table, found)
             if kind == "alpha" and name != "alpha":
                 raise self.refuse(("variables", name), "is the angle of attack; call it [variables.alpha]")
             if kind == "alpha" and conditions and not free:
@@ -302,13 +304,34 @@ class _Reader(Tables):
                 said = f"is '{table['where']}', which is no point of a lattice of {table['n']}"
                 raise self.refuse(("variables", name, "where"), said)
 
+    def _check_hinge(self, name: str, table: Table, above: Mapping[str, Table]) -> None:
+        """Refuse rotations about no axis or several, and those of nothing."""
+        given = [key for key in ("axis", "chord", "hinge") if table.get(key) is not None]
+        if len(given) != 1:
+            choice = "axis, chord or hinge" if table["kind"] == "rotation" else "axis or chord"
+            said = f"has {' and '.join(given) or 'no axis'}; give one of {choice}"
+            raise self.refuse(("variables", name, *given[1:2]), said)
+        if "span" in self.document["variables"][name] and given != ["chord"]:
+            raise self.refuse(("variables", name, "span"), "is of a hinge along the chord; give chord, or leave it out")
+        if given == ["hinge"] and above.get(table["hinge"], {}).get("kind") != "hinge":
+            hinges = [other for other, each in above.items() if each["kind"] == "hinge"]
+            advice = choices(table["hinge"], hinges, "there are") if hinges else "write the table of the hinge first"
+            said = f"is '{shortened(table['hinge'])}', which is no hinge in a table above; {advice}"
+            raise self.refuse(("variables", name, "hinge"), said)
+        if table["kind"] == "rotation" and not (table["patches"] or table["blend"]):
+            said = "does not say what turns; give blend for what is behind the hinge, or patches, '*' for all of them"
+            raise self.refuse(("variables", name), said)
+        if table.get("ends") is not None and not table["blend"]:
+            raise self.refuse(("variables", name, "ends"), "is of what is behind the hinge; give blend as well")
+
     def _check_bounds(self, name: str, table: Table, n_alpha: int) -> None:
         """Refuse lists of other lengths than there are values, and bounds that leave nothing between them."""
         stations, chosen = table.get("stations"), table.get("values")
         n = len(stations) if isinstance(stations, list) else stations
         if chosen and n and (max(chosen) > n or len(set(chosen)) < len(chosen)):
             raise self.refuse(("variables", name, "values"), f"is {chosen}; there are {n} stations, name each once")
-        n_values = {"taper": 1, "alpha": n_alpha}.get(table["kind"], len(chosen) if chosen else n)
+        known = {"taper": 1, "rotation": 1, "alpha": n_alpha, "hinge": 2 * len(table.get("direction") or "")}
+        n_values = known.get(table["kind"], len(chosen) if chosen else n)
         for key in ("lower", "upper", "start"):
             given = table[key]
             n_wanted = n if key == "start" and chosen else n_values
@@ -465,8 +488,10 @@ def _is_file(path: Path) -> bool:
 
 def _n_values(table: Table) -> float:
     """Number of the values of a variable; infinite where it takes the grid to know."""
-    if table["kind"] in ("taper", "alpha"):
+    if table["kind"] in ("taper", "rotation", "alpha"):
         return 1
+    if table["kind"] == "hinge":
+        return 2 * len(table["direction"])
     stations = table.get("values") or table.get("stations", math.inf)
     return len(stations) if isinstance(stations, list) else stations
 
