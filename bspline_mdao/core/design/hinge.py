@@ -47,11 +47,14 @@ class Hinge(OneLine):
     ----------
     first, second : array_like, shape (3,)
         Two points of the axis on the baseline (m). Positive angles turn by the right hand from the first to the second.
+    name : str, optional
+        Name of an output of `GridMovement`, shape (6,), with both points where design variables put them (m), which a
+        `bspline_mdao.flow.HingeMoment` about this hinge needs; without a name there is none.
 
     Raises
     ------
     InputError
-        If a point is not finite, or both are the same.
+        If a point is not finite, both are the same, or the name is no name.
 
     Examples
     --------
@@ -62,14 +65,22 @@ class Hinge(OneLine):
 
     first: Any
     second: Any
+    name: str = ""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not (not self.name or self.name.isidentifier()):
+            raise InputError(f"hinge: the name '{self.name}'; give one of letters, digits and _, such as 'flap_hinge'")
         if not np.any(self.points[0] != self.points[1]):
             raise InputError(f"hinge: both of its points are {self.points[0].tolist()}; give two different ones")
 
     @classmethod
     def on_chord(
-        cls, mesh: MovingMesh, chord: float, span: tuple[float, float] = (0.0, 1.0), surface: SurfaceGrid | None = None
+        cls,
+        mesh: MovingMesh,
+        chord: float,
+        span: tuple[float, float] = (0.0, 1.0),
+        surface: SurfaceGrid | None = None,
+        name: str = "",
     ) -> Hinge:
         """Lay a hinge along a part of the chord, such that positive angles turn the trailing edge down.
 
@@ -83,6 +94,8 @@ class Hinge(OneLine):
             Parts of the span where it begins and ends.
         surface : SurfaceGrid, optional
             As of `ReferenceAxis.of`.
+        name : str, optional
+            As of `Hinge`.
 
         Returns
         -------
@@ -103,7 +116,8 @@ class Hinge(OneLine):
         [[0.75, 0.0, 1.0], [0.75, 0.0, 0.4]]
         """
         ends = ReferenceAxis.of(mesh, chord, 2, span, surface).points
-        return cls(*(ends[::-1] if np.linalg.det(mesh_frame(mesh).axes) > 0.0 else ends))
+        first, second = ends[::-1] if np.linalg.det(mesh_frame(mesh).axes) > 0.0 else ends
+        return cls(first, second, name)
 
     @cached_property
     def points(self) -> np.ndarray:

@@ -8,7 +8,7 @@ Theory: ``docs/theory/parametrization.rst`` and ``docs/theory/linear_constraints
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,7 @@ from ...errors import InputError
 from ...names import ALL_NAMES
 from ..mesh.moving_mesh import MovingMesh, require_mesh
 from .elimination import Elimination, eliminate
+from .hinge import Hinge
 from .junction import Junction, SlidingJunction
 from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, Variable, ones_like
 
@@ -37,6 +38,8 @@ class SurfacePartials(OneLine):
 
     initial: csr_array  # (3 n_surface, 3 n_surface), with respect to the surface control points of the baseline
     values: dict[str, csr_array]  # each (3 n_surface, n_values), with respect to the values of each variable
+    # the same of the points of hinges that have names, with 6 rows
+    hinges: dict[str, SurfacePartials] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +99,10 @@ class Parametrization(OneLine):
         taken = [name for name in names if not name or name in ALL_NAMES]
         if taken:
             raise InputError(f"parametrization: a variable is called '{taken[0]}', which is taken; choose another name")
+        hinges = [hinge.name for hinge in self._named]
+        taken = [name for n, name in enumerate(hinges) if name in (*names, *ALL_NAMES, *hinges[:n])]
+        if taken:
+            raise InputError(f"parametrization: a hinge is called '{taken[0]}', as something else is; choose another")
 
     @cached_property
     def layout(self) -> Layout:
@@ -105,6 +112,16 @@ class Parametrization(OneLine):
             if not any(item is other for other in auxiliary):
                 auxiliary.append(item)
         return Layout(self.mesh, tuple(auxiliary))
+
+    @property
+    def _named(self) -> list[Hinge]:
+        """The hinges that have names."""
+        return [item for item in self.layout.auxiliary if isinstance(item, Hinge) and item.name]
+
+    @cached_property
+    def hinges(self) -> dict[str, slice]:
+        """Rows of the points of hinges that have names."""
+        return {hinge.name: self.layout.rows(hinge) for hinge in self._named}
 
     @cached_property
     def maps(self) -> dict[str, DesignMap]:
@@ -155,14 +172,38 @@ class Parametrization(OneLine):
         InputError
             If points or values are missing, too many or too few.
         """
+        rows, initial = self._moved(initial, values), np.asarray(initial)
+        displacement = rows[self.layout.rows()] - initial
+        return initial + (self._matrix @ displacement.reshape(-1)).reshape(-1, 3)
+
+    def hinge_points(self, initial: np.ndarray, values: Values) -> dict[str, np.ndarray]:
+        """Move the hinges that have names.
+
+        Parameters
+        ----------
+        initial, values
+            As for `apply`.
+
+        Returns
+        -------
+        dict of ndarray, shape (2, 3)
+            Both points of each (m), by its name.
+
+        Raises
+        ------
+        InputError
+            As `apply`.
+        """
+        rows = self._moved(initial, values)
+        return {name: rows[of_hinge] for name, of_hinge in self.hinges.items()}
+
+    def _moved(self, initial: np.ndarray, values: Values) -> np.ndarray:
+        """Move all rows by the variables, and what slides."""
         initial, values = self._checked(initial, values)
         rows = self._rows(initial)
         for name, design_map in self.maps.items():
             rows = design_map.apply(rows, values[name])
-        if self._sliding is not None:
-            rows = self._sliding.apply(rows, self._sliding.initial)
-        displacement = rows[self.layout.rows()] - initial
-        return initial + (self._matrix @ displacement.reshape(-1)).reshape(-1, 3)
+        return rows if self._sliding is None else self._sliding.apply(rows, self._sliding.initial)
 
     def extremes(self, bounds: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> Iterator[np.ndarray]:
         """Move the baseline to the most extreme designs, as `increments_for` wants them.
@@ -279,9 +320,13 @@ class Parametrization(OneLine):
         values: list[csr_array] = []
         for step in steps:
             initial, values = step.points @ initial, [step.points @ value for value in values] + [step.values]
-        return SurfacePartials(
-            rest + matrix @ initial[:n], {name: matrix @ value[:n] for name, value in zip(self.maps, values)}
-        )
+        hinges = {}
+        for name, rows in self.hinges.items():
+            of_hinge = slice(3 * rows.start, 3 * rows.stop)
+            by_values = {of: part[of_hinge] for of, part in zip(self.maps, values)}
+            hinges[name] = SurfacePartials(initial[of_hinge], by_values)
+        of_values = {name: matrix @ value[:n] for name, value in zip(self.maps, values)}
+        return SurfacePartials(rest + matrix @ initial[:n], of_values, hinges)
 
     def _require_effect(self) -> None:
         """Refuse values that move nothing."""

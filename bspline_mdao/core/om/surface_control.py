@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from openmdao.jacobians.jacobian import Jacobian
 from openmdao.vectors.vector import Vector
+from scipy.sparse import csr_array
 
 from ...names import CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
-from ..design.parametrization import Parametrization
+from ..design.parametrization import Parametrization, SurfacePartials
 from .check_directions import check_along_directions
 from .component import (
     SMOOTH_STEP,
@@ -35,6 +37,7 @@ class SurfaceControl(SparseComponent):
     ``control_points_initial``  input   (3 n_control_points)  m      control points before the move, xyz interleaved
     ``surface_control_points``  output  (3 n_surface)         m      those on the design surface after the move, in
                                                                      the order of the mesh's ``surface_ids``
+    name of each hinge          output  (6,)                  m      both points of a `Hinge` that has a name
     ==========================  ======  ====================  =====  ===============================================
 
     Options
@@ -92,6 +95,8 @@ class SurfaceControl(SparseComponent):
             self.add_input(variable.name, val=parametrization.initial[variable.name], units=variable.units)
         self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
         self.add_output(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
+        for name, rows in parametrization.hinges.items():
+            self.add_output(name, val=parametrization.layout.points[rows].ravel(), units="m")
         check_along_directions(self, SMOOTH_STEP)
 
     @fails_together
@@ -99,24 +104,27 @@ class SurfaceControl(SparseComponent):
         """Declare what may differ from zero."""
         pattern, ids = self.options["parametrization"].pattern, self.options["parametrization"].mesh.surface_ids
         columns = (3 * ids[:, None] + [0, 1, 2]).ravel()
-        self._sparse = {CONTROL_POINTS_INITIAL: SparsePattern.of(pattern.initial)}
-        self._sparse |= {name: SparsePattern.of(values) for name, values in pattern.values.items()}
-        for name, sparse in self._sparse.items():
-            cols = columns[sparse.cols] if name == CONTROL_POINTS_INITIAL else sparse.cols
-            self.declare_sparse(SURFACE_CONTROL_POINTS, name, sparse.rows, cols)
+        self._sparse = {key: SparsePattern.of(matrix) for key, matrix in _parts(pattern) if matrix.nnz}
+        for (of, wrt), sparse in self._sparse.items():
+            cols = columns[sparse.cols] if wrt == CONTROL_POINTS_INITIAL else sparse.cols
+            self.declare_sparse(of, wrt, sparse.rows, cols)
 
     @fails_together
     def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Move the points."""
-        outputs[SURFACE_CONTROL_POINTS] = self.options["parametrization"].apply(*self._at(inputs)).ravel()
+        parametrization, at = self.options["parametrization"], self._at(inputs)
+        outputs[SURFACE_CONTROL_POINTS] = parametrization.apply(*at).ravel()
+        for name, points in parametrization.hinge_points(*at).items() if parametrization.hinges else ():
+            outputs[name] = points.ravel()
 
     @fails_together
     def compute_partials(self, inputs: Vector, partials: Jacobian) -> None:
         """Differentiate the move."""
         refuse_complex_step(self)
         found = self.options["parametrization"].partials(*self._at(inputs))
-        for name, matrix in {CONTROL_POINTS_INITIAL: found.initial, **found.values}.items():
-            partials[SURFACE_CONTROL_POINTS, name] = self._sparse[name].data(matrix, f"{self.msginfo}: '{name}'")
+        for key, matrix in _parts(found):
+            if key in self._sparse:
+                partials[key] = self._sparse[key].data(matrix, f"{self.msginfo}: '{key[1]}'")
 
     def _at(self, inputs: Vector) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Surface control points of the baseline and the values of all variables."""
@@ -125,3 +133,10 @@ class SurfaceControl(SparseComponent):
         names = [variable.name for variable in parametrization.variables]
         values = {name: finite_values(inputs[name], name, self.msginfo) for name in names}
         return initial[parametrization.mesh.surface_ids], values
+
+
+def _parts(partials: SurfacePartials) -> Iterator[tuple[tuple[str, str], csr_array]]:
+    """Matrices of the surface and of hinges, by the names of outputs and inputs."""
+    for of, found in {SURFACE_CONTROL_POINTS: partials, **partials.hinges}.items():
+        for wrt, matrix in {CONTROL_POINTS_INITIAL: found.initial, **found.values}.items():
+            yield (of, wrt), matrix

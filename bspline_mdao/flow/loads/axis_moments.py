@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,7 @@ from scipy.sparse import csr_array
 
 from ...base.display import OneLine
 
-__all__ = ["AxisMoment"]
+__all__ = ["AxisMoment", "HingeLoads", "hinge_moment", "hinge_moment_rates"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,3 +85,70 @@ class AxisMoment(OneLine):
         start, end = self.ends @ nodes + self.offsets
         length = np.sqrt(np.sum((end - start) ** 2))
         return start, (end - start) / length, length
+
+
+@dataclass(frozen=True, eq=False)
+class HingeLoads(OneLine):
+    """Force and moment of what belongs to a control surface: of them follows its moment about any axis."""
+
+    # values are the force (m^2) and the moment about the origin below (m^3), by the dynamic pressure, shape (6,)
+
+    name: str  # name of the six
+    points: csr_array  # (n_forces, n_nodes), weights of the nodes of a grid in the points that forces act at
+    weights: np.ndarray  # (n_forces,), part of each force that counts
+    origin: np.ndarray  # (3,), that the moment is about (m)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The name."""
+        return (self.name,)
+
+    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha: float) -> dict[str, Any]:
+        """Loads of forces divided by the dynamic pressure (m^2), shape (n_forces, 3), on nodes (m); real or complex."""
+        return {self.name: self._loads(forces, self.points @ nodes - self.origin)}
+
+    def jvp(
+        self,
+        forces: np.ndarray,
+        nodes: np.ndarray,
+        alpha: float,
+        d_forces: np.ndarray,
+        d_nodes: np.ndarray,
+        d_alpha: float,
+    ) -> dict[str, Any]:
+        """Derivative of `evaluate` along a direction in all of its arguments."""
+        of_forces = self._loads(d_forces, self.points @ nodes - self.origin)
+        turned = self.weights @ np.cross(self.points @ d_nodes, forces)
+        return {self.name: of_forces + np.concatenate([np.zeros(3), turned])}
+
+    def vjp(
+        self, forces: np.ndarray, nodes: np.ndarray, alpha: float, bars: dict
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Apply the transpose of `jvp`."""
+        force_bar, moment_bar = np.reshape(bars[self.name], (2, 3))
+        arms, weights = self.points @ nodes - self.origin, self.weights[:, None]
+        arms_bar = weights * np.cross(forces, moment_bar)
+        return weights * (force_bar + np.cross(moment_bar, arms)), self.points.T @ arms_bar, 0.0
+
+    def _loads(self, forces: np.ndarray, arms: np.ndarray) -> np.ndarray:
+        return np.concatenate([self.weights @ forces, self.weights @ np.cross(arms, forces)])
+
+
+def hinge_moment(
+    loads: np.ndarray,  # (6,), force (m^2) and moment about the origin (m^3)
+    axis: np.ndarray,  # (2, 3), two points of the axis (m)
+    origin: np.ndarray,  # (3,), m
+) -> complex:
+    """Moment (m^3) of `HingeLoads` about an axis, by the right hand from its first point to its second."""
+    line = axis[1] - axis[0]
+    return (loads[3:] - np.cross(axis[0] - origin, loads[:3])) @ line / np.sqrt(np.sum(line**2))
+
+
+def hinge_moment_rates(loads: np.ndarray, axis: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of `hinge_moment` with respect to the loads, shape (6,), and to the points of the axis, (2, 3)."""
+    line = axis[1] - axis[0]
+    length = np.sqrt(np.sum(line**2))
+    line, arm = line / length, axis[0] - origin
+    moment = loads[3:] - np.cross(arm, loads[:3])
+    of_second = (moment - line * (moment @ line)) / length
+    return np.concatenate([np.cross(arm, line), line]), np.stack([-of_second - np.cross(loads[:3], line), of_second])

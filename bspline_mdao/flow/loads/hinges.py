@@ -13,8 +13,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...base.display import OneLine
+from ...core.design.hinge import Hinge
 from ...errors import InputError
-from .axis_moments import AxisMoment
+from .axis_moments import AxisMoment, HingeLoads
 from .span_strips import SpanStrips
 
 __all__ = ["HingeMoment"]
@@ -36,9 +37,10 @@ class HingeMoment(OneLine):
         Ends of the box along the chord: 0 at the leading edge, 1 at the trailing edge.
     span : tuple of float
         Ends of the box along the span: 0 at span 0, 1 at the tip; negative on the negative side of a whole wing.
-    axis : sequence of two points, optional
+    axis : sequence of two points or Hinge, optional
         Two points of the axis (m), in the axes of the grid; it stays where it is, and a positive moment turns by the
-        right hand from the first to the second.
+        right hand from the first to the second. Of a `bspline_mdao.design.Hinge` with a name, the axis is where design
+        variables put it: its name is an input of the flow, as it is an output of `GridMovement`.
     reference_area, reference_chord : float, optional
         Area (m^2) and chord (m) that the moment is divided by; those of the flow by default.
     patches : str, sequence of str or SurfaceGrid, optional
@@ -54,7 +56,7 @@ class HingeMoment(OneLine):
     name: str
     chord: tuple[float, float] = (0.0, 1.0)
     span: tuple[float, float] = (-1.0, 1.0)
-    axis: Sequence | None = None
+    axis: Sequence | Hinge | None = None
     reference_area: float | None = None
     reference_chord: float | None = None
     patches: Any = None
@@ -66,7 +68,10 @@ class HingeMoment(OneLine):
             ends = getattr(self, what)
             if np.shape(ends) != (2,) or not ends[0] < ends[1]:
                 raise InputError(f"hinge {self.name}: {what} {ends}; give two ends, the lower one first")
-        if self.axis is not None and (
+        if isinstance(self.axis, Hinge):
+            if not self.axis.name:
+                raise InputError(f"hinge {self.name}: its axis is a Hinge without a name; give it one")
+        elif self.axis is not None and (
             np.shape(self.axis) != (2, 3) or not np.isfinite(self.axis).all() or np.ptp(self.axis, axis=0).max() == 0.0
         ):
             raise InputError(f"hinge {self.name}: axis {self.axis}; give two different points x, y, z")
@@ -80,6 +85,15 @@ class HingeMoment(OneLine):
         """Name of the coefficient."""
         return f"CM_{self.name}"
 
+    @property
+    def loads(self) -> str:
+        """Name of force and moment, of which the coefficient about a `Hinge` is made."""
+        return f"loads_{self.name}"
+
+    def volume(self, references: tuple[float, float]) -> float:
+        """What its moment is divided by (m^3), of reference area (m^2) and chord (m) of the flow."""
+        return (self.reference_area or references[0]) * (self.reference_chord or references[1])
+
     def moment(
         self,
         points: csr_array,
@@ -88,7 +102,7 @@ class HingeMoment(OneLine):
         nodes: np.ndarray,
         faces: np.ndarray,
         is_within: np.ndarray,
-    ) -> AxisMoment:
+    ) -> AxisMoment | HingeLoads:
         """Decide on the baseline which forces count, and about which axis.
 
         Parameters
@@ -118,7 +132,9 @@ class HingeMoment(OneLine):
             raise InputError(
                 f"hinge {self.name}: none of its patches lies in chord {self.chord} and span {self.span}; widen them"
             )
-        volume = (self.reference_area or references[0]) * (self.reference_chord or references[1])
+        volume = self.volume(references)
+        if isinstance(self.axis, Hinge):
+            return HingeLoads(self.loads, points, weights, self.axis.points[0])
         if self.axis is not None:
             return AxisMoment.about_fixed(points, weights, self.axis, volume)
         ends = edges.line(self.chord[0], np.clip(self.span, edges.parts[0], edges.parts[-1]))

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..functionals import FUNCTIONALS
-from .axis_moments import AxisMoment
+from .axis_moments import AxisMoment, HingeLoads
 from .force_coefficients import ForceCoefficients
 from .hinges import HingeMoment
 from .induced_drag import InducedDrag
@@ -173,13 +173,18 @@ class WingCoefficients:
                 raise InputError(f"hinge {hinge.name}: there is a moment {hinge.output} already; give another name")
             taken.add(hinge.output)
             moment = hinge.moment(points, references, induced.strips, nodes, faces, is_within)
-            kernels.append(MomentCoefficient(hinge.output, moment))
+            kernels.append(moment if isinstance(moment, HingeLoads) else MomentCoefficient(hinge.output, moment))
         return cls(coefficients, induced, tuple(kernels))
 
     @property
     def moments(self) -> dict[str, AxisMoment]:
         """Moments about axes, by name."""
         return {kernel.name: kernel.moment for kernel in self.kernels if isinstance(kernel, MomentCoefficient)}
+
+    @property
+    def hinge_loads(self) -> tuple[str, ...]:
+        """Names of forces and moments of control surfaces whose hinges move."""
+        return tuple(kernel.name for kernel in self.kernels if isinstance(kernel, HingeLoads))
 
     def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha: float) -> dict[str, np.ndarray]:
         """Compute them for forces divided by the dynamic pressure (m^2), nodes (m) and an angle of attack (rad)."""

@@ -13,6 +13,7 @@ import numpy as np
 import openmdao.api as om
 from openmdao.vectors.vector import Vector
 
+from ...core.design.hinge import Hinge
 from ...core.mesh.surface import SurfaceGrid
 from ...core.model.model import Model
 from ...core.om.component import CheckedOnProcesses, add_bar, direction_in, fails_together
@@ -32,6 +33,7 @@ from ..loads.stream import RADIAN
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
 from .flow_files import load_states, save_states, write_fields
+from .moved_hinge import MovedHingeMoment
 from .outputs import declare_outputs, documents_outputs
 from .references import REFERENCES, declare_references
 from .spurious_drag import drag_sources, is_optimised, warn_of_spurious_drag
@@ -53,6 +55,7 @@ class EulerFlow(Copied, om.Group):
     ``grid``          input   (3 n_nodes)   m      nodes, blocks in file order, each in C order of (i, j, k)
     ``alpha``         input   (1,)          deg    angle of attack; 2 by default
     ``Mach_number``   input   (1,)                 of the free stream; 0.3 by default
+    name of a Hinge   input   (6,)          m      both points of the axis of a hinge moment, where it moves
     ``states``        output  (5 n_cells)          see `EulerState`
     {outputs}
     ``CM_...``        output  (1,)                 hinge moments, one for each of the ``hinges``, by its name
@@ -188,6 +191,10 @@ class EulerFlow(Copied, om.Group):
             state.start_from(states, alpha)
         self.add_subsystem("state", state, promotes=["*"])
         self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, forces=forces), promotes=["*"])
+        for hinge in self.options["hinges"]:
+            if isinstance(hinge.axis, Hinge):
+                made = MovedHingeMoment(hinge=hinge, volume=hinge.volume((references[0], references[1])))
+                self.add_subsystem(f"hinge_{hinge.name}", made, promotes=["*"])
         if self.options["loaded"] is not None:
             wall_forces = EulerWallForces(flow=flow, nodes=nodes, surface=self.options["loaded"])
             self.add_subsystem("wall_forces", wall_forces, promotes=["*"])
@@ -300,6 +307,8 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
     ``Mach_number``   input   (1,)                 of the free stream
     {outputs}
     ``CM_...``        output  (1,)                 hinge moments
+    ``loads_...``     output  (6,)                 force (m^2) and moment (m^3) of a control surface whose hinge moves,
+                                                   by the dynamic pressure; about its first point on the baseline
     ================  ======  ============  =====  =====================================================================
 
     Wall faces are in the order of `CellFaces`.
@@ -337,6 +346,8 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
         for name in self._forces.wing.moments:
             if name not in FUNCTIONALS:
                 self.add_output(name, desc="hinge moment")
+        for name in self._forces.wing.hinge_loads:
+            self.add_output(name, shape=6, desc="force, m^2, and moment, m^3, by the dynamic pressure")
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Sum the pressures on the walls, and the rest of the outputs."""
