@@ -26,4 +26,9 @@ from .core.movement.young_modulus import InverseVolumeLaw as InverseVolumeLaw
 from .core.movement.young_modulus import OrthogonalityLaw as OrthogonalityLaw
 from .core.movement.young_modulus import StiffnessLaw as StiffnessLaw
 from .core.movement.young_modulus import WallDistanceLaw as WallDistanceLaw
+from .core.sliding.closest import closest_on as closest_on
+from .core.sliding.fixed_surface import Cone as Cone
+from .core.sliding.fixed_surface import Cylinder as Cylinder
+from .core.sliding.fixed_surface import Revolution as Revolution
+from .core.sliding.fixed_surface import Sphere as Sphere
 from .core.walls.wall_correction import WallCorrection as WallCorrection

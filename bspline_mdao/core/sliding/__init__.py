@@ -1,0 +1,1 @@
+"""Fixed surfaces, plane and curved, that nodes of a grid slide on."""
