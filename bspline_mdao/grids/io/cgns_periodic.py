@@ -20,8 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from ..topology.grid import Patch
 from ..topology.index_space import Window
-from ..topology.periodic import CLOSE
 from ..topology.periodic_pair import Motion, PeriodicPair
+from ..topology.rotation_fit import CLOSE
 from .cgns_connections import ONE_TO_ONE, connections_of, donor_of, periodic_of, range_window
 from .cgns_nodes import children, first_child, value, word
 

@@ -22,11 +22,9 @@ from .faces import inward_directions
 from .grid import Grid
 from .index_space import Window, face_layers
 from .periodic_pair import SMALLEST, Motion, PeriodicPair
+from .rotation_fit import CLOSE, congruent_triangles, fit_rotation
 
-__all__ = ["CLOSE", "find_periodic"]
-
-CLOSE = 1e-5
-"""Nodes of both sides lie on each other when they are closer than this part of the grid's size."""
+__all__ = ["find_periodic"]
 
 PLANAR = 1e-6
 """A window is planar when its nodes leave the plane by less than this part of the grid's size."""
@@ -123,7 +121,7 @@ def _rotations(sides: list[_Side], size: float) -> list[Motion]:
     apart = cdist(corners, corners)
     found: dict[tuple[float, ...], list[Motion]] = {}
     for side, triangle in _triangles(sides, size):
-        for laid in _congruent(corners, apart, triangle, CLOSE * size):
+        for laid in congruent_triangles(corners, apart, triangle, CLOSE * size):
             motion = _rotation(triangle, laid, size)
             if motion and side.may_repeat(motion):
                 values = (*motion.axis, motion.angle, *(np.asarray(motion.point) / size))
@@ -159,26 +157,12 @@ def _joined(sides: list[_Side], near: float) -> Iterator[tuple[_Side, np.ndarray
             yield sides[members[0]], corners[outer]
 
 
-def _congruent(corners: np.ndarray, apart: np.ndarray, triangle: np.ndarray, near: float) -> np.ndarray:
-    """Find all triangles of corners, shape (n, 3, 3), with the sides of one, to ``near`` (m); ``apart``: distances."""
-    sides = lengths(triangle[[0, 0, 1]] - triangle[[1, 2, 2]])
-    is_first, is_second, is_third = (np.abs(apart - length) <= near for length in sides)
-    a, b = np.nonzero(is_first)
-    rows, c = np.nonzero(is_second[a] & is_third[b])
-    return corners[np.stack([a[rows], b[rows], c], axis=1)]
-
-
 def _rotation(points: np.ndarray, laid: np.ndarray, size: float) -> Motion | None:
-    """Rotation that lays points, shape (n, 3), onto others best; None where it takes a screw or a translation."""
-    middle, other = points.mean(axis=0), laid.mean(axis=0)
-    u, _, vt = np.linalg.svd((laid - other).T @ (points - middle))
-    turn = (u * [1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    sine = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    angle = float(np.arctan2(lengths(sine), 0.5 * (np.trace(turn) - 1.0)))
-    if not SMALLEST < angle < np.pi - SMALLEST:
+    """Rotation ahead that lays points, shape (n, 3), onto others best, or back; None by half a turn and of a screw."""
+    motion = fit_rotation(points, laid, size)
+    if motion is None or abs(motion.angle) >= np.pi - SMALLEST:
         return None
-    motion = Motion.about(sine / lengths(sine), angle, other - turn @ middle, CLOSE * size)
-    return motion if motion is None or motion.is_ahead else motion.inverse()
+    return motion if motion.is_ahead else motion.inverse()
 
 
 def _translations(sides: list[_Side], size: float) -> list[Motion]:
