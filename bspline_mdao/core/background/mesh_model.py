@@ -34,6 +34,7 @@ from ..model.movable import Movable
 from ..movement.default_mover import default_mover
 from ..riding.riding_mesh import RidingWalls
 from ..riding.wall_faces import WallFaces
+from ..sliding.sliding_nodes import Slide
 from ..splines.mesh import BSplineMesh
 from ..walls.body_points import Body
 from .background_lattice import BackgroundLattice
@@ -408,8 +409,8 @@ class MeshModel(Plottable, Movable):
         """Yes: cells are judged by the nodes of all processes."""
         return True
 
-    def map_meeting(self, rows: np.ndarray, whole: Any) -> MeshMap:
-        """Walls are met by their control points as they are."""
+    def map_meeting(self, rows: np.ndarray, whole: Any, slides: Sequence[Slide] = ()) -> MeshMap:
+        """Walls are met by their control points as they are, and no markers slide on surfaces."""
         return self.node_map
 
     def follower(self, mesh: MovingMesh, surface: SurfaceGrid, numbers: np.ndarray) -> WallFollower:

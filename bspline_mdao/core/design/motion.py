@@ -18,6 +18,7 @@ from ...errors import InputError
 from ..mesh.frame import mesh_frame
 from ..mesh.moving_mesh import MovingMesh
 from ..model.fitted_model import FittedModel
+from ..model.movable import ControlPointMap
 from ..movement.mover import MovementReport, Mover, differentiable
 from .deformation import Bend, Deformation, Pitch, PointMap, amount_jvp, jvp
 
@@ -213,9 +214,14 @@ class UnsteadyGrid(OneLine):
             )
         movement = self._differentiable_mover.move(initial, surface, **self._shared)
         control_velocities = movement.jvp(np.zeros_like(initial), d_surface)
-        state = self.model.grid_map().at(movement.points)
+        state = self._map.at(movement.points)
         velocities = state.jvp(control_velocities)
         return GridState(time, state.nodes, velocities, movement.points, control_velocities, movement.report)
+
+    @cached_property
+    def _map(self) -> ControlPointMap:
+        """Map to the grid, in which patches slide as those of the mover's mesh."""
+        return self.model.map_sliding(self.mover.mesh.slides, self.model)
 
     @cached_property
     def _differentiable_mover(self) -> Mover:

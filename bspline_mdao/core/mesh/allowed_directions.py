@@ -44,8 +44,9 @@ class AllowedDirections:
         self.fixed[ids] = True
 
     def keep_in_plane(self, ids: np.ndarray, normal: np.ndarray) -> None:
-        """Fix points in the direction of a unit normal."""
-        left = normal - np.einsum("nij,ni->nj", self.basis[ids], self.basis[ids] @ normal)
+        """Fix points in the direction of a unit normal, shape (3,), or each in its own, shape (n, 3)."""
+        normals = np.broadcast_to(normal, (len(ids), 3))
+        left = normals - np.einsum("nij,nik,nk->nj", self.basis[ids], self.basis[ids], normals)
         length = np.linalg.norm(left, axis=1)
         is_new = (length > INDEPENDENT) & (self.n_normals[ids] < 3)
         new = ids[is_new]

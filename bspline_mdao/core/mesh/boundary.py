@@ -11,12 +11,11 @@ Theory: ``docs/theory/movers.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import singledispatch
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,9 +27,20 @@ from ...grids.topology.topology import BoundaryFace, Topology, describe
 from ..model.fitted_model import FittedModel
 from ..model.model import Model
 from ..model.movable import Movable
+from ..sliding.fixed_surface import FixedSurface
 from ..splines.greville import greville_abscissae
 from ..splines.volume import Volume
 from .allowed_directions import AllowedDirections, required_planes, sliding_planes
+from .curved_sides import (
+    Side,
+    Sliding,
+    curved_slides,
+    given_surfaces,
+    is_curved,
+    require_off_design,
+    slide_in_plane,
+    tangent_normals,
+)
 from .following_faces import following_sides
 from .moving_mesh import MovingMesh
 
@@ -55,7 +65,7 @@ def moving_mesh(
     design: str | Sequence[str] | None = None,
     fixed: Selection | Sequence[Selection] = (),
     released: str | Sequence[str] = (),
-    sliding: str | Sequence[str] = (),
+    sliding: Sliding = (),
 ) -> MovingMesh:
     """Make the control mesh of a model ready to move.
 
@@ -70,9 +80,11 @@ def moving_mesh(
         Patches, or numbers of control points (from 0), that stay where they are.
     released : str or sequence of str
         Patches whose control points are free.
-    sliding : str or sequence of str
-        Planar patches whose control points slide in their planes. Symmetry planes do in any case, and planar patches
-        that the design surface ends on unless they are walls, fixed or released.
+    sliding : str, sequence of str, or mapping from str to FixedSurface or None
+        Patches whose control points slide: planar ones in their planes, others on a cylinder, a cone, a sphere or a
+        surface of revolution about x, y or z, which are found from their nodes, or on the surface that a mapping gives
+        (``{"casing": Cylinder(...)}``; None has it found). Symmetry planes slide in any case, and planar patches that
+        the design surface ends on unless they are walls, fixed or released.
 
     Returns
     -------
@@ -81,13 +93,18 @@ def moving_mesh(
     Raises
     ------
     InputError
-        If a patch does not exist, one that is to slide is not planar, two things are asked of one patch, there is no
-        design surface, or a block is planar.
+        If a patch does not exist, one that is to slide is on no such surface or far from the one that is given, two
+        things are asked of one patch, there is no design surface, or a block is planar.
 
     Notes
     -----
     Curved patches of the far field, of kind ``other`` and of no kind follow the design surface where it ends on them,
     unless they are fixed or periodic: their points are free.
+
+    Where a patch slides on a curved surface, its nodes stay on that as well as they are on it on the baseline, and on
+    planes that end on it, whatever control points do. These slide in its tangent planes, and are free on sides of
+    blocks on which the design surface ends. Components take the surface from the mesh, see :doc:`/theory/sliding`. The
+    design surface may leave it; its nodes on the edge there do not.
 
     Examples
     --------
@@ -107,12 +124,18 @@ def _of_blocks(
     design: str | Sequence[str] | None = None,
     fixed: Selection | Sequence[Selection] = (),
     released: str | Sequence[str] = (),
-    sliding: str | Sequence[str] = (),
+    sliding: Sliding = (),
 ) -> MovingMesh:
     """See `moving_mesh`."""
     parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
     asked = _Requests.of(model.topology, len(model.control_points), design, fixed, released, sliding)
-    return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters, model.mesh.volumes)
+    is_whole = model.ownership is None
+
+    def nodes() -> np.ndarray:
+        return model.local_nodes()
+
+    blocks, points = model.mesh.control_ids, model.control_points
+    return _mesh(model.topology, blocks, points, asked, parameters, model.mesh.volumes, nodes if is_whole else None)
 
 
 def require_mesh_of(model: Movable, mesh: MovingMesh, what: str) -> None:
@@ -128,7 +151,7 @@ def moving_grid(
     design: str | Sequence[str] | None = None,
     fixed: Selection | Sequence[Selection] = (),
     released: str | Sequence[str] = (),
-    sliding: str | Sequence[str] = (),
+    sliding: Sliding = (),
 ) -> tuple[MovingMesh, np.ndarray]:
     """Make a grid ready to move node by node, as the paper's comparator does.
 
@@ -139,7 +162,7 @@ def moving_grid(
     nodes : ndarray, shape (n_nodes, 3)
         All nodes of the grid (m), blocks in order, each in C order.
     design, fixed, released, sliding
-        As for `moving_mesh`; numbers are those of the points of the mesh.
+        As for `moving_mesh`; numbers are those of the points of the mesh, and patches slide in planes alone.
 
     Returns
     -------
@@ -173,6 +196,8 @@ def moving_grid(
         point_ids[rows[segment.block][segment.slices]] = ids
     points = np.empty((max(int(ids.max()) for ids in blocks) + 1, 3))
     points[point_ids] = nodes
+    if isinstance(sliding, Mapping):
+        raise InputError("moving grid: without splines patches slide in planes alone; name planar ones, no surfaces")
     asked = _Requests.of(topology, len(points), design, fixed, released, sliding)
     return _mesh(topology, blocks, points, asked), point_ids
 
@@ -186,6 +211,7 @@ class _Requests:
     released: frozenset[str]
     sliding: frozenset[str]
     fixed_point_ids: np.ndarray
+    surfaces: Mapping[str, FixedSurface]  # those that are given, by patch
 
     @classmethod
     def of(
@@ -195,7 +221,7 @@ class _Requests:
         design: str | Sequence[str] | None,
         fixed: Selection | Sequence[Selection],
         released: str | Sequence[str],
-        sliding: str | Sequence[str],
+        sliding: Sliding,
     ) -> _Requests:
         for name, segment in zip(topology.segment_names, topology.segments):
             if 1 in segment.shape:
@@ -205,14 +231,19 @@ class _Requests:
                 )
         fixed_patches, fixed_point_ids = _split(fixed, n_points)
         design = wall_patches(topology) if design is None else design
-        asked = {"fixed": fixed_patches, "released": released, "sliding": sliding}
+        asked = {"fixed": fixed_patches, "released": released, "sliding": _names(sliding)}
         found = {what: matching_patches(topology, patterns) for what, patterns in asked.items()}
         for (what, names), (other, others) in combinations(found.items(), 2):
             if names & others:
                 raise InputError(
                     f"{topology.source}: patch '{min(names & others)}' is to be both {what} and {other}; choose one"
                 )
-        return cls(matching_patches(topology, design), **found, fixed_point_ids=fixed_point_ids)
+        surfaces = {
+            name: surface
+            for pattern, surface in given_surfaces(sliding).items()
+            for name in matching_patches(topology, pattern)
+        }
+        return cls(matching_patches(topology, design), **found, fixed_point_ids=fixed_point_ids, surfaces=surfaces)
 
 
 def _mesh(
@@ -222,18 +253,27 @@ def _mesh(
     asked: _Requests,
     parameters: tuple[np.ndarray, ...] | None = None,
     volumes: tuple[Volume, ...] | None = None,
+    nodes: Callable[[], np.ndarray] | None = None,
 ) -> MovingMesh:
     """Sort the boundary faces of all blocks by what is asked of them."""
     allowed = AllowedDirections.of(len(points))
-    others: list[_Side] = []
+    others: list[Side] = []
+    designed: list[Side] = []
     allowed.fix(asked.fixed_point_ids)
     for number, (face, ids) in enumerate(boundary_points(topology, blocks)):
         if face.patch in asked.design:
             allowed.surface[ids] = True
+            designed.append(Side(face, ids, number))
         elif face.patch in asked.fixed or face.patch not in asked.released:
-            others.append(_Side(face, ids, number))
-    for ids, asked_plane in _asked_planes(others, points, asked, topology.source):
-        allowed.keep_in_plane(ids, asked_plane.normal)
+            others.append(Side(face, ids, number))
+    require_off_design(_curved(designed, points, asked, nodes is not None), topology.source)
+    curved_sides = _curved(others, points, asked, nodes is not None)
+    slides = curved_slides(topology, curved_sides, asked.surfaces, nodes)
+    ids_of = {side.number: side.ids for side in curved_sides}
+    others = [side for side in others if side.number not in ids_of]
+    in_planes = list(_asked_planes(others, points, asked, topology.source))
+    for side, asked_plane in in_planes:
+        allowed.keep_in_plane(side.ids, asked_plane.normal)
     others = [side for side in others if not (_is_asked_to_slide(side.face, asked) or _is_symmetry(side.face, asked))]
     undecided = [side for side in others if _may_slide(side.face, asked)]
     fixed = [side for side in others if not _may_slide(side.face, asked)]
@@ -244,8 +284,14 @@ def _mesh(
     for side, plane in zip(undecided, planes):
         if plane is not None:
             allowed.keep_in_plane(side.ids[~allowed.surface[side.ids]], plane[0])
+    for slide in slides:
+        unmet = [ids_of[number] for number in slide.sides if not allowed.surface[ids_of[number]].any()]
+        ids = np.unique(np.concatenate([np.zeros(0, dtype=int), *unmet]))
+        allowed.keep_in_plane(ids, tangent_normals(slide.surface, points[ids]))
     for side in fixed:
         allowed.fix(side.ids)
+    ends = [(side, plane.normal, plane.offset) for side, plane in in_planes]
+    ends += [(side, *plane) for side, plane in zip(undecided, planes) if plane is not None]
     return MovingMesh(
         tuple(blocks),
         topology.segment_names,
@@ -256,26 +302,29 @@ def _mesh(
         planes=tuple(plane for side, plane in zip(undecided, planes) if plane and side.face.kind != "farfield"),
         obstacles=_met(fixed, allowed.surface),
         following=_met((side for side in undecided if side.number in following), allowed.surface),
+        slides=(*slides, *(slide_in_plane(*end) for end in ends)) if slides else (),
     )
 
 
-class _Side(NamedTuple):
-    """Side of a segment on the boundary: its face, its points, and its number in `boundary_points`."""
-
-    face: BoundaryFace
-    ids: np.ndarray
-    number: int
+def _curved(sides: Sequence[Side], points: np.ndarray, asked: _Requests, may_be_found: bool) -> list[Side]:
+    """Sides that are to slide on a surface that is given, or, where one may be found, are not planar."""
+    found = [side for side in sides if _is_asked_to_slide(side.face, asked)]
+    is_given = [side.face.patch in asked.surfaces for side in found]
+    return [
+        side
+        for side, given, curved in zip(found, is_given, is_curved(found, points))
+        if given or (curved and may_be_found)
+    ]
 
 
 def _asked_planes(
-    others: Sequence[_Side], points: np.ndarray, asked: _Requests, source: str
-) -> Iterator[tuple[np.ndarray, MeanPlane]]:
-    """Yield the points of the faces that have to slide, and the mean plane of each."""
+    others: Sequence[Side], points: np.ndarray, asked: _Requests, source: str
+) -> Iterator[tuple[Side, MeanPlane]]:
+    """Yield the faces that have to slide in planes, and the mean plane of each."""
     for is_wanted, reason in ((_is_asked_to_slide, ("is to slide", "fix or release it")), (_is_symmetry, ())):
         found = [side for side in others if is_wanted(side.face, asked)]
         whats = [f"{source}: patch {side.face.patch}" for side in found]
-        planes = required_planes([points[side.ids] for side in found], whats, *reason)
-        yield from ((side.ids, plane) for side, plane in zip(found, planes))
+        yield from zip(found, required_planes([points[side.ids] for side in found], whats, *reason))
 
 
 def _is_asked_to_slide(face: BoundaryFace, asked: _Requests) -> bool:
@@ -292,7 +341,7 @@ def _may_slide(face: BoundaryFace, asked: _Requests) -> bool:
     return face.kind in ("other", "farfield", "overset", None) and face.patch not in asked.fixed
 
 
-def _met(sides: Iterable[_Side], surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
+def _met(sides: Iterable[Side], surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
     """Gather the faces that the design surface ends on by patch: what to call it, and its points."""
     found: dict[str, list[np.ndarray]] = {}
     for face, ids, _ in sides:
@@ -344,6 +393,11 @@ def matching_names(names: Iterable[str], patterns: str | Sequence[str], what: st
             raise InputError(f"{what}: no patch is called '{pattern}'; the patches are {existing}")
         found |= matches
     return frozenset(found)
+
+
+def _names(sliding: Sliding) -> str | Sequence[str]:
+    """Patterns of the patches that are to slide."""
+    return list(sliding) if isinstance(sliding, Mapping) else sliding
 
 
 def _split(fixed: Selection | Sequence[Selection], n_points: int) -> tuple[list[str], np.ndarray]:

@@ -22,6 +22,8 @@ from ...errors import InputError
 from ...grids.cells.hexahedron import CellQuality, cell_quality, collapsed_corners
 from ...grids.cells.quads import rings
 from ...grids.topology.block_layout import BlockLayout
+from ..sliding.fixed_surface import Plane
+from ..sliding.sliding_nodes import Slide
 from ..splines.volume import Volume
 
 __all__ = ["MovingMesh", "Tangling", "require_mesh"]
@@ -84,6 +86,9 @@ class MovingMesh(OneLine):
         Points that are in no block: the marker that they are of, for messages, the points, and their numbers there.
     copies : ndarray of int, shape (n_copies, 2)
         Rows of ``surface_ids`` of surface points, and of those that move as they do: both planes of a section.
+    slides : tuple of Slide
+        Patches that slide on fixed surfaces which are not planes, and planes that end on them; empty where there are
+        none.
 
     Examples
     --------
@@ -111,6 +116,7 @@ class MovingMesh(OneLine):
     surface_faces: np.ndarray | None = None
     markers: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()
     copies: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
+    slides: tuple[Slide, ...] = ()
 
     @property
     def n_points(self) -> int:
@@ -175,6 +181,11 @@ class MovingMesh(OneLine):
     def n_invalid(self) -> int:
         """Number of elements that are invalid on the baseline."""
         return int(np.count_nonzero(~self.is_valid))
+
+    @property
+    def curved_slides(self) -> tuple[Slide, ...]:
+        """Those of `slides` that are on no plane."""
+        return tuple(slide for slide in self.slides if not isinstance(slide.surface, Plane))
 
     def stranded_blocks(self) -> tuple[str, ...]:
         """Names of the blocks that no chain of shared points joins to the design surface: nothing moves them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,6 +25,7 @@ from ...grids.topology.topology import Topology
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.family import IndexScaling, refine
 from ..evaluation.transfer import NodeTransfer
+from ..sliding.sliding_nodes import Slide
 from ..splines.mesh import BSplineMesh
 from ..walls.body_points import Body
 from ..walls.embedded_points import EmbeddedPoints
@@ -184,13 +186,16 @@ class FittedModel(Plottable, Model):
     def __getstate__(self) -> dict:
         return {name: value for name, value in self.__dict__.items() if name not in ("_evaluator", "_grid_map")}
 
-    def regenerate(self, control_points: np.ndarray | None = None) -> Grid:
+    def regenerate(self, control_points: np.ndarray | None = None, slides: Sequence[Slide] = ()) -> Grid:
         """Grid of given control points, see `bspline_mdao.core.walls.grid_map`.
 
         Parameters
         ----------
         control_points : ndarray, shape (n_control_points, 3), optional
             Moved control points (m); the fitted ones by default.
+        slides : sequence of Slide
+            Patches that slide on surfaces which are not planes, ``mesh.slides`` of the mesh that moved: their nodes
+            stay on these.
 
         Returns
         -------
@@ -207,7 +212,7 @@ class FittedModel(Plottable, Model):
         if control_points is not None:
             what = f"{self.header.source}: control points"
             points = as_finite_points(control_points, self.mesh.n_control_points, what)
-            return self.header.grid(self.topology.shapes, self.grid_map().at(points).nodes)
+            return self.header.grid(self.topology.shapes, self.map_sliding(slides, self).at(points).nodes)
         nodes = self.evaluator().forward(self.control_points)
         return self.header.grid(self.topology.shapes, nodes if self.residual is None else nodes + self.residual)
 

@@ -25,6 +25,7 @@ from ...grids.topology.node_numbering import NodeNumbering, face_rows, node_copi
 from ...grids.topology.partition import Partition, Subdomain
 from ...grids.topology.topology import Topology
 from ..evaluation.evaluator import Evaluator
+from ..sliding.sliding_nodes import Slide, SlidingNodes
 from ..splines.mesh import BSplineMesh
 from ..walls.grid_map import GridMap
 from ..walls.wall_correction import WallCorrection
@@ -139,10 +140,16 @@ class Model(Movable):
     ) -> tuple[GridMap, WallCorrection]:
         """Map to the nodes of the process for walls that are met exactly, and what of the correction it needs."""
 
-    def map_meeting(self, rows: np.ndarray, whole: Model) -> GridMap:
-        """Correct the map: ``surface`` is one more input."""
-        grid_map, correction = self.corrected_map(rows, whole)
-        return grid_map.meeting(correction)
+    def map_meeting(self, rows: np.ndarray, whole: Model, slides: Sequence[Slide] = ()) -> GridMap:
+        """Correct the map: ``surface`` is one more input where nodes are given."""
+        if not slides:
+            grid_map, correction = self.corrected_map(rows, whole)
+            return grid_map.meeting(correction)
+        topology, nodes = whole.topology, nodes_at(whole, np.arange(whole.n_nodes))
+        sliding, given = SlidingNodes.of(topology, nodes, slides), source_rows(node_copies(topology), rows)
+        asked = np.concatenate([given, np.setdiff1d(sliding.rows, given)])
+        grid_map, correction = self.corrected_map(asked, whole)
+        return grid_map.meeting(correction, len(rows), sliding.among(asked))
 
     def partition(self, n_ranks: int) -> Partition:
         """Deal the blocks out, see `Partition.of`."""

@@ -20,6 +20,7 @@ from ...grids.cells.cell_judge import CellJudge
 from ...grids.topology.node_partition import NodePartition
 from ...grids.topology.partition import Partition, Subdomain
 from ..evaluation.node_map import NodeState
+from ..sliding.sliding_nodes import Slide
 from ..splines.mesh import BSplineMesh
 from ..walls.body_points import BodyPoints
 
@@ -166,9 +167,13 @@ class Movable(ABC):
         return subdomain is None or subdomain.windows is not None
 
     @abstractmethod
-    def map_meeting(self, rows: np.ndarray, whole: Any) -> ControlPointMap:
+    def map_meeting(self, rows: np.ndarray, whole: Any, slides: Sequence[Slide] = ()) -> ControlPointMap:
         """Map to the nodes of the process that puts nodes of walls, by their rows, exactly where they are given."""
-        # `whole` is the model of all nodes
+        # `whole` is the model of all nodes; nodes of ``slides`` stay on their surfaces
+
+    def map_sliding(self, slides: Sequence[Slide], whole: Any) -> ControlPointMap:
+        """Map to the nodes of the process that keeps nodes of patches on the surfaces that these slide on."""
+        return self.map_meeting(np.zeros(0, dtype=int), whole, slides) if slides else self.node_map
 
     def embed_points(self, points: np.ndarray, tolerance: float | None = None) -> EmbeddedMap:
         """Find what moves points that are no nodes; `InputError` where nothing does, or of a part of a model."""

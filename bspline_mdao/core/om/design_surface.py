@@ -22,6 +22,7 @@ from ..measures.area import ProjectedArea
 from ..measures.measure import Measure
 from ..measures.thickness import within_edges
 from ..mesh.boundary import Selection, moving_mesh
+from ..mesh.curved_sides import Sliding
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.movable import Movable
@@ -86,7 +87,7 @@ class DesignSurface(OneLine):
         *,
         fixed: Selection | Sequence[Selection] = (),
         released: str | Sequence[str] = (),
-        sliding: str | Sequence[str] = (),
+        sliding: Sliding = (),
     ) -> DesignSurface:
         """Take patches of a fitted grid as the design surface.
 

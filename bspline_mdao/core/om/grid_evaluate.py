@@ -14,8 +14,11 @@ from ...errors import InputError
 from ...grids.topology.partition import Partition, Subdomain
 from ...names import CONTROL_POINTS, GRID, SURFACE
 from ..evaluation.node_map import NodeState
+from ..mesh.boundary import require_mesh_of
+from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.movable import ControlPointMap, Movable
+from ..sliding.sliding_nodes import Slide
 from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges, lines_among
 from .component import (
@@ -64,9 +67,12 @@ class GridEvaluate(SparseComponent):
         blocks, see :doc:`/theory/asked_walls`.
     numbers : sequence of int, optional
         Which of its nodes, each once; all by default.
+    mesh : MovingMesh, optional
+        Control mesh that moved: where patches of it slide on surfaces that are not planes, see `moving_mesh`, their
+        nodes stay on these, see :doc:`/theory/sliding`.
     assembled : bool
         Declare A as a sparse matrix instead of applying it matrix-free, for solvers that want a matrix. It takes many
-        times the memory and the time, and the map has to be linear, without a ``surface``.
+        times the memory and the time, and the map has to be linear, without a ``surface`` or patches that slide on one.
 
     Raises
     ------
@@ -102,6 +108,7 @@ class GridEvaluate(SparseComponent):
             partition: Partition | Subdomain | None = None,
             surface: SurfaceGrid | None = None,
             numbers: Sequence[int] | np.ndarray | None = None,
+            mesh: MovingMesh | None = None,
             assembled: bool = False,
             **options: Any,
         ) -> None: ...
@@ -112,20 +119,26 @@ class GridEvaluate(SparseComponent):
         declare_partition(self)
         self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
         self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
+        types = (MovingMesh, type(None))
+        self.options.declare("mesh", types=types, default=None, recordable=False, desc="control mesh that moved")
         self.options.declare("assembled", types=bool, default=False, desc="declare the sparse Jacobian")
 
     @property
     def is_linear(self) -> bool:
         """Whether the outputs depend linearly (affinely, with a residual) on the inputs."""
-        return self.options["model"].is_linear
+        return self.options["model"].is_linear and not self._slides
 
     @fails_together
     def setup(self) -> None:
         """Declare the variables, of the sizes of the model."""
         model, surface = part_of_model(self), self.options["surface"]
+        if self.options["mesh"] is not None:
+            require_mesh_of(self.options["model"], self.options["mesh"], f"{self.msginfo}: the mesh")
         self._last = LastState()
-        if self.options["assembled"] and surface is not None:
-            raise InputError(f"{self.msginfo}: assembled=True does not go with a surface; leave one out")
+        if self.options["assembled"] and (surface is not None or self._slides):
+            raise InputError(
+                f"{self.msginfo}: assembled=True does not go with a surface, given or slid on; leave one out"
+            )
         if self.options["assembled"] and not self.is_linear:
             raise InputError(
                 f"{self.msginfo}: assembled=True needs a linear map; fit the grid with wall_layer=False, or leave "
@@ -179,10 +192,16 @@ class GridEvaluate(SparseComponent):
 
     def _map_of(self, model: Movable) -> ControlPointMap:
         """Map to the nodes of this process, which meets walls that are given."""
-        surface = self.options["surface"]
+        surface, whole = self.options["surface"], self.options["model"]
         if surface is None:
-            return model.node_map
-        return model.map_meeting(surface.rows[self._numbers(surface)], self.options["model"])
+            return model.map_sliding(self._slides, whole)
+        return model.map_meeting(surface.rows[self._numbers(surface)], whole, self._slides)
+
+    @property
+    def _slides(self) -> tuple[Slide, ...]:
+        """Patches that slide on surfaces that are not planes."""
+        mesh = self.options["mesh"]
+        return () if mesh is None else mesh.slides
 
     def _numbers(self, surface: SurfaceGrid) -> np.ndarray:
         """Numbers of the nodes of the surface that are given."""

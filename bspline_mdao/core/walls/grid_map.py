@@ -1,14 +1,16 @@
 """The whole map from control points, and from wall nodes where their places are given, to the grid.
 
     y = A b + T(b) r                    r: residual of the fit, turned with its surroundings (`.rotation_map`)
-    y <- y + E (w - y_wall)             w: wall nodes where they are to be; E fades over blocks (`.wall_correction`)
+    y <- y + E (w - y_wall)             w: wall nodes where they are to be; E fades over blocks (`.wall_correction`).
+                                        Of nodes that slide on fixed surfaces w is the closest point there to y, or
+                                        to where they are given (`bspline_mdao.core.sliding`)
     x = layer(y; x0, w)                 nodes near walls follow them as a rigid body (`.layer`)
 
 At the control points of the baseline it gives the baseline, and a rigid motion of all control points moves all nodes
 with it, to round-off. Without walls the layer is nothing, and without a residual there is none to turn. What is near
 which wall, and where in its span a node is, is that of the baseline and stays.
 
-Theory: ``docs/theory/wall_layer.rst``, ``docs/theory/asked_walls.rst``.
+Theory: ``docs/theory/wall_layer.rst``, ``docs/theory/asked_walls.rst``, ``docs/theory/sliding.rst``.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ from ...grids.topology.topology import Topology
 from ...names import CONTROL_POINTS, SURFACE
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.node_map import require_inputs
+from ..sliding.closest import Closest
+from ..sliding.sliding_nodes import SlidingNodes
 from ..splines.mesh import BSplineMesh
 from .grid_walls import GridWalls
 from .node_vectors import Vectors
@@ -49,7 +53,9 @@ class GridMap(OneLine):
     numbering: (
         NodeNumbering  # which nodes of the grid they are; in the map of all of it every number is that of its row
     )
-    correction: WallCorrection | None = None  # correction of nodes whose places are given, see `meeting`
+    correction: WallCorrection | None = None  # correction of nodes whose places are known, see `meeting`
+    n_given: int = 0  # how many of these are given, the first ones; the others are asked to slide from where they are
+    sliding: SlidingNodes | None = None  # which of both slide on surfaces
 
     @classmethod
     def of(
@@ -104,19 +110,23 @@ class GridMap(OneLine):
             following = WallFollowing(layer, rows, plane_rows, walls.normals)
         return cls(evaluator, nodes, rotation_map, vectors, following, numbering)
 
-    def meeting(self, correction: WallCorrection) -> GridMap:
+    def meeting(
+        self, correction: WallCorrection, n_given: int | None = None, sliding: SlidingNodes | None = None
+    ) -> GridMap:
         """Return the map with a second input, ``surface``: where the nodes of a correction of `nodes` are to be."""
-        return replace(self, correction=correction)
+        # the first ones of them, all by default; without one there is no such input
+        n_given = len(correction.rows) if n_given is None else n_given
+        return replace(self, correction=correction, n_given=n_given, sliding=sliding)
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
-        return (CONTROL_POINTS,) if self.correction is None else (CONTROL_POINTS, SURFACE)
+        return (CONTROL_POINTS, SURFACE) if self.n_given else (CONTROL_POINTS,)
 
     @property
     def is_linear(self) -> bool:
         """Whether the nodes depend linearly (affinely, with a residual) on the control points."""
-        return self.rotation_map is None and self.following is None
+        return self.rotation_map is None and self.following is None and self.sliding is None
 
     @property
     def n_asked(self) -> int:
@@ -144,7 +154,7 @@ class GridMap(OneLine):
         surface: np.ndarray | None = None,
     ) -> GridState:
         """Nodes and their derivative."""
-        rotation = mismatch = followed = None
+        rotation = mismatch = followed = slid = None
         if self.rotation_map is not None and isinstance(self.residual, Vectors):
             rotation = self.rotation_map.at(control_points)
             nodes = rotation.evaluate(control_points, self.residual)
@@ -152,13 +162,20 @@ class GridMap(OneLine):
             nodes = self.evaluator.forward(control_points)
             if isinstance(self.residual, np.ndarray):
                 nodes += self.residual
-        if self.correction is not None and surface is not None:
-            mismatch = self.correction.meet(nodes, surface)
-        elif self.correction is not None or surface is not None:
+        if (surface is not None) != (self.n_given > 0):
             raise InputError("grid: places of nodes and a correction that meets them go together; give both or none")
+        if self.correction is not None:
+            wall = nodes[self.correction.rows]
+            if surface is not None:
+                mismatch = surface - wall[: self.n_given]
+                wall[: self.n_given] = surface
+            if self.sliding is not None:
+                slid = self.sliding.at(wall)
+                wall[self.sliding.places] = slid.points
+            self.correction.meet(nodes, wall)
         if self.following is not None:
             followed = self.following.at(self.nodes, nodes, self.nodes, nodes)
-        return GridState(self, nodes, rotation, followed, mismatch)
+        return GridState(self, nodes, rotation, followed, mismatch, slid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +187,7 @@ class GridState:
     rotation: RotationState | None  # rotations of the residual
     followed: Followed | None  # nodes that followed walls
     mismatch: np.ndarray | None = None  # (n_surface, 3), given places minus those of the control points alone (m)
+    slid: Closest | None = None  # where nodes slid to, and its derivative
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -192,7 +210,11 @@ class GridState:
             change = of.evaluator.forward(control_points)
         if of.correction is not None:
             met = change[of.correction.rows]
-            change += of.correction.forward(-met if surface is None else surface - met)
+            asked = met.copy()
+            asked[: of.n_given] = 0.0 if surface is None else surface
+            if self.slid is not None and of.sliding is not None:
+                asked[of.sliding.places] = self.slid.jvp(asked[of.sliding.places])
+            change += of.correction.forward(asked - met)
         if self.followed is not None:
             self.followed.jvp(change, change)
         return change
@@ -212,8 +234,12 @@ class GridState:
         if self.followed is not None:
             self.followed.add_vjp(bar, bar)
         if of.correction is not None:
-            bars[SURFACE] = of.correction.adjoint(bar)
-            bar[of.correction.rows] -= bars[SURFACE]
+            asked_bar = of.correction.adjoint(bar)
+            bar[of.correction.rows] -= asked_bar
+            if self.slid is not None and of.sliding is not None:
+                asked_bar[of.sliding.places] = self.slid.vjp(asked_bar[of.sliding.places])
+            bars[SURFACE] = asked_bar[: of.n_given]
+            bar[of.correction.rows[of.n_given :]] += asked_bar[of.n_given :]
         if CONTROL_POINTS in wrt:
             if self.rotation is not None and isinstance(of.residual, Vectors):
                 parts = self.rotation.vjp(of.residual, bar, ("points", "control_points"))

@@ -8,6 +8,7 @@ import pytest
 import riding_cases
 from mesh_cases import body_model, section_model, smooth_change
 from scipy.spatial.transform import Rotation
+from sliding_cases import passage
 
 from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.fit.live_fit import live_fit, live_grid
@@ -70,6 +71,17 @@ def of_given_walls(rng):
     return grid_map.meeting(correction).at, {"control_points": points, "surface": given}
 
 
+def of_sliding(is_given, rng):
+    """A passage whose hub and casing slide on surfaces, with places of the blade's nodes or without."""
+    model = passage(contour=lambda x: 2.0 - 0.3 * x)
+    mesh, surface = moving_mesh(model, "blade", sliding=["hub", "casing"]), SurfaceGrid.of(model, "blade")
+    points = {"control_points": moved(model.control_points, rng)}
+    if not is_given:
+        return model.map_sliding(mesh.slides, model).at, points
+    given = surface.points + 1e-3 * rng.normal(size=surface.points.shape)
+    return model.map_meeting(surface.rows, model, mesh.slides).at, {**points, "surface": given}
+
+
 def of_embedded_points(rng):
     """Points in the volumes, some of them next to walls, and in the body."""
     nodes = riding_cases.model().regenerate().to_vector().reshape(-1, 3)
@@ -125,6 +137,8 @@ MAPS = {
     "grid without a residual": lambda rng: of_grid(plate(), rng),
     "grid of the paper": lambda rng: of_grid(paper(), rng),
     "grid, walls are given": of_given_walls,
+    "grid, patches slide on surfaces": lambda rng: of_sliding(False, rng),
+    "grid, patches slide and walls are given": lambda rng: of_sliding(True, rng),
     "embedded points": of_embedded_points,
     "points in a body": of_body_points,
     "surface": lambda rng: of_surface(wing(), rng),

@@ -1,0 +1,111 @@
+"""Nodes of patches that slide on fixed surfaces: where they are to be, from where control points take them.
+
+A node stays as far from its surfaces as it is on the baseline: on them, but for the digits of the file or of a radius
+that somebody gave. So nothing moves at rest. A node of several surfaces, such as a casing and a plane of symmetry that
+ends on it, stays on all of them.
+
+Theory: ``docs/theory/sliding.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...grids.topology.node_numbering import node_copies, source_rows
+from ...grids.topology.sharing import boundary_sections
+from ...grids.topology.topology import Topology
+from .closest import Closest, closest_on
+from .fixed_surface import FixedSurface, Plane
+
+__all__ = ["Slide", "SlidingNodes"]
+
+INDEPENDENT = 1e-3
+"""A surface counts where its normal leaves those of the node's others by more than this (rad), as in planes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slide(OneLine):
+    """Sides of segments whose nodes slide on one surface."""
+
+    what: str  # the patch, for messages
+    surface: FixedSurface
+    sides: tuple[int, ...]  # their numbers in `bspline_mdao.grids.topology.sharing.boundary_sides`
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Nodes that slide on the same surfaces."""
+
+    what: str  # for messages
+    surfaces: tuple[FixedSurface, ...]
+    places: np.ndarray  # (m,) of int, which of the nodes that slide
+    heights: np.ndarray  # (n_surfaces, m), values of the functions of the surfaces on the baseline (m)
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingNodes(OneLine):
+    """Nodes that slide on surfaces that are not planes. Made by `SlidingNodes.of`."""
+
+    rows: np.ndarray  # (n,) of int, their rows in the grid vector, each shared node once, ascending
+    groups: tuple[_Group, ...]
+    places: np.ndarray  # (n,) of int, which of the nodes they are whose places are asked for, see `among`
+
+    @classmethod
+    def of(
+        cls,
+        topology: Topology,
+        nodes: np.ndarray,  # (n_nodes, 3), the baseline (m)
+        slides: Sequence[Slide],  # the curved ones, and planes that nodes of these stay in as well
+    ) -> SlidingNodes:
+        """Find the surfaces of every node."""
+        numbers, copies = topology.layout.numbers, node_copies(topology)
+        rows_of_segments = [numbers[segment.block][segment.slices] for segment in topology.segments]
+        sides = [source_rows(copies, rows.ravel()) for _, rows in boundary_sections(topology, rows_of_segments)]
+        members = [np.unique(np.concatenate([sides[n] for n in slide.sides])) for slide in slides]
+        curved = [rows for slide, rows in zip(slides, members) if not isinstance(slide.surface, Plane)]
+        rows = np.unique(np.concatenate(curved))
+        is_on = _independent(slides, nodes[rows], np.array([np.isin(rows, of_slide) for of_slide in members]))
+        patterns, which = np.unique(is_on, axis=1, return_inverse=True)
+        groups = []
+        for number, pattern in enumerate(patterns.T):
+            chosen = [slide for slide, counts in zip(slides, pattern) if counts]
+            places = np.flatnonzero(which.ravel() == number)
+            heights = np.array([slide.surface.levels(nodes[rows[places]]).values for slide in chosen])
+            groups.append(_Group(chosen[0].what, tuple(slide.surface for slide in chosen), places, heights))
+        return cls(rows, tuple(groups), np.arange(len(rows)))
+
+    def among(self, rows: np.ndarray) -> SlidingNodes:
+        """Return the same for nodes by their rows, (m,) of int, that these are some of."""
+        order = np.argsort(rows)
+        return replace(self, places=order[np.searchsorted(rows, self.rows, sorter=order)])
+
+    def at(self, asked: np.ndarray) -> Closest:
+        """Where the nodes are to be, shape (n, 3), from where they and others are asked to be, shape (m, 3) (m)."""
+        points = asked[self.places]
+        found, jacobians = np.empty_like(points), np.empty((len(points), 3, 3))
+        for group in self.groups:
+            closest = closest_on(group.surfaces, points[group.places], group.heights, group.what)
+            found[group.places], jacobians[group.places] = closest.points, closest.jacobians
+        return Closest(found, jacobians)
+
+
+def _independent(slides: Sequence[Slide], points: np.ndarray, is_on: np.ndarray) -> np.ndarray:
+    """Which of the surfaces of every node count, (n_slides, n): those with a normal that its others do not have."""
+    kept, basis = np.zeros_like(is_on), np.zeros((len(points), 3, 3))
+    counts = np.zeros(len(points), dtype=int)
+    for number in sorted(range(len(slides)), key=lambda n: isinstance(slides[n].surface, Plane)):
+        places = np.flatnonzero(is_on[number] & (counts < 3))
+        normals = slides[number].surface.levels(points[places]).gradients
+        normals = normals / np.linalg.norm(normals, axis=1)[:, None]
+        left = normals - np.einsum("nij,nik,nk->nj", basis[places], basis[places], normals)
+        length = np.linalg.norm(left, axis=1)
+        is_new = length > INDEPENDENT
+        new = places[is_new]
+        basis[new, counts[new]] = left[is_new] / length[is_new, None]
+        counts[new] += 1
+        kept[number, new] = True
+    return kept

@@ -1,0 +1,255 @@
+"""Grids whose nodes slide on surfaces that are not planes."""
+
+import logging
+
+import numpy as np
+import openmdao.api as om
+import pytest
+from mover_cases import mesh_of, rotation
+from sliding_cases import lean, passage, passage_grid, rows_of, surface_of
+
+from bspline_mdao import DesignSurface, GridEvaluate, GridMovement, InputError, fit_grid
+from bspline_mdao.core.design.motion import UnsteadyGrid
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.topology.partition import Partition
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import Cone, Cylinder, LinearElasticity, Rotations, moving_mesh
+from bspline_mdao.testing import central_difference, check_totals, dot_test
+
+CASES = {
+    "cylinder": {},
+    "turned": {"turn": rotation()},
+    "two blocks": {"n_blocks": 2},
+    "walls": {"hub": "wall", "casing": "wall"},
+    "cone": {"contour": lambda x: 2.0 - 0.3 * x},
+    "contour": {"contour": lambda x: 2.0 - 0.1 * np.sin(2.0 * x)},
+    "symmetry": {"far": "symmetry", "contour": lambda x: 2.0 - 0.3 * x},
+}
+SLIDING = ["hub", "casing"]
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    """A model, its mesh and map, and control points moved behind a blade that leans by 0.25 m at the casing."""
+    options = CASES[request.param]
+    model = passage(**options)
+    mesh = moving_mesh(model, "blade", sliding=SLIDING)
+    movement = Rotations(mesh).move(model.control_points, lean(mesh, 0.1, options.get("turn")))
+    return model, mesh, model.map_sliding(mesh.slides, model), movement.points
+
+
+@pytest.fixture(scope="module")
+def simple():
+    return passage()
+
+
+def test_nodes_stay_on_their_surfaces_whatever_control_points_do(case):
+    model, mesh, grid_map, points = case
+    nodes, plain = grid_map.at(points).nodes, model.grid_map().at(points).nodes
+    for name in SLIDING:
+        rows, surface = rows_of(model, name), surface_of(mesh, name)
+        heights = surface.levels(grid_map.nodes[rows]).values
+        assert np.abs(surface.levels(nodes[rows]).values - heights).max() < 1e-14
+        assert surface.distances(plain[rows]).max() > 1e-3  # without, they leave it
+        assert np.linalg.norm(nodes[rows] - grid_map.nodes[rows], axis=1).max() > 0.03
+    quality = GridQuality.of_baseline(model.regenerate())
+    assert all(cells.is_valid.all() for cells in quality.cells(nodes))
+
+
+def test_nodes_stay_in_planes_that_end_on_the_surfaces(case):
+    model, mesh, grid_map, points = case
+    nodes = grid_map.at(points).nodes
+    for slide in mesh.slides[2:]:
+        rows = rows_of(model, slide.what.split("'")[1])
+        assert slide.surface.distances(nodes[rows]).max() < 1e-14
+    assert len(mesh.slides) > 3
+
+
+def test_at_rest_nothing_moves_and_shared_nodes_have_the_same_bits(case):
+    model, _, grid_map, points = case
+    at_rest, baseline = (m.at(model.control_points).nodes for m in (grid_map, model.grid_map()))
+    np.testing.assert_array_equal(at_rest, baseline)
+    nodes, copies = grid_map.at(points).nodes, grid_map.numbering.copies
+    np.testing.assert_array_equal(nodes[copies[:, 0]], nodes[copies[:, 1]])
+
+
+def test_derivatives_are_exact_and_transposed(case):
+    _, _, grid_map, points = case
+    state, rng = grid_map.at(points), np.random.default_rng(1)
+    direction = rng.normal(size=points.shape)
+    exact = state.jvp(control_points=direction)
+    differences = central_difference(lambda h: grid_map.at(points + h * direction).nodes, 1e-4, levels=3)
+    np.testing.assert_allclose(exact, differences, atol=1e-9 * np.abs(exact).max())
+    pair = (lambda d: state.jvp(control_points=d)), (lambda bar: state.vjp(bar)["control_points"])
+    assert dot_test(*pair, points.shape, state.nodes.shape) < 1e-14
+
+
+def test_the_edge_of_a_given_wall_slides_and_its_other_nodes_are_where_they_are_given(simple):
+    mesh, surface = moving_mesh(simple, "blade", sliding=SLIDING), SurfaceGrid.of(simple, "blade")
+    grid_map, rng = simple.map_meeting(surface.rows, simple, mesh.slides), np.random.default_rng(2)
+    given = surface.points + 0.02 * np.sin(3.0 * surface.points[:, ::-1])
+    points = simple.control_points + 0.01 * np.sin(2.0 * simple.control_points[:, ::-1])
+    state = grid_map.at(points, given)
+    is_edge = np.isin(surface.rows, np.concatenate([rows_of(simple, name) for name in (*SLIDING, "inlet", "outlet")]))
+    np.testing.assert_array_equal(state.nodes[surface.rows[~is_edge]], given[~is_edge])
+    for name in SLIDING:
+        assert surface_of(mesh, name).distances(state.nodes[rows_of(simple, name)]).max() < 1e-14
+    plain = simple.grid_map().at(points).nodes[surface.rows]
+    np.testing.assert_allclose(given - state.mismatch, plain, atol=1e-14)
+    directions = [rng.normal(size=array.shape) for array in (points, given)]
+    exact = state.jvp(*directions)
+    differences = central_difference(
+        lambda h: grid_map.at(points + h * directions[0], given + h * directions[1]).nodes, 1e-4, levels=3
+    )
+    np.testing.assert_allclose(exact, differences, atol=1e-9 * np.abs(exact).max())
+    bar = rng.normal(size=exact.shape)
+    bars = state.vjp(bar)
+    back = np.vdot(bars["control_points"], directions[0]) + np.vdot(bars["surface"], directions[1])
+    assert abs(back - np.vdot(bar, exact)) < 1e-13 * np.linalg.norm(bar) * np.linalg.norm(exact)
+
+
+def test_layers_at_a_casing_keep_their_heights():
+    grid = passage_grid((13, 13, 17), hub="wall", casing="wall", off_wall=1e-3)
+    model = fit_grid(grid, n_control=(7, 7, 7))
+    mesh = moving_mesh(model, "blade", sliding=SLIDING)
+    movement = Rotations(mesh).move(model.control_points, lean(mesh, 0.04))
+    nodes = model.map_sliding(mesh.slides, model).at(movement.points).nodes.reshape(13, 13, 17, 3)
+    before = model.regenerate().blocks[0].nodes
+    for end, inner in ((0, 1), (-1, -2)):
+        ratio = np.linalg.norm(nodes[:, :, inner] - nodes[:, :, end], axis=-1)
+        ratio /= np.linalg.norm(before[:, :, inner] - before[:, :, end], axis=-1)
+        assert np.abs(nodes - before)[:, :, end].max() > 0.03
+        assert abs(np.median(ratio) - 1.0) < 1e-3
+        assert np.abs(ratio[:, 2:] - 1.0).max() < 0.04
+        assert np.abs(ratio - 1.0).max() < 0.2  # in the corner, which the blade leans over
+
+
+def test_control_points_slide_in_tangent_planes_where_nothing_ends_on_the_side_and_are_free_elsewhere(simple):
+    mesh = moving_mesh(simple, "blade", sliding={"casing": None})
+    ids = mesh.blocks[0]
+    assert mesh.is_free[ids[1:-1, 1:-1, -1]].all()
+    grid = passage_grid(n_blocks=2, blade="other")
+    strut = moving_mesh(fit_grid(grid, n_control=(6, 5, 6)), "hub", fixed="blade", sliding="casing")
+    inner = strut.blocks[0][1:-1, 1:-1, -1].ravel()
+    np.testing.assert_array_equal(strut.is_free[inner].sum(axis=1), 2)
+    radial = strut.points[inner] * [0.0, 1.0, 1.0]
+    radial /= np.linalg.norm(radial, axis=1)[:, None]
+    assert np.abs((strut.slide(np.ones_like(strut.points))[inner] * radial).sum(axis=1)).max() < 1e-14
+
+
+def test_a_surface_that_is_given_keeps_nodes_as_far_off_as_they_are_and_says_how_far(simple, caplog):
+    tunnel = Cylinder((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 2.001)
+    with caplog.at_level(logging.WARNING):
+        mesh = moving_mesh(simple, "blade", sliding={"cas*": tunnel})
+    (message,) = caplog.messages
+    assert "patch casing: nodes are up to 0.001 m off the given Cylinder, node (" in message
+    grid_map, rows = simple.map_sliding(mesh.slides, simple), rows_of(simple, "casing")
+    movement = Rotations(mesh).move(simple.control_points, lean(mesh, 0.1))
+    np.testing.assert_allclose(tunnel.levels(grid_map.at(movement.points).nodes[rows]).values, -1e-3, atol=1e-14)
+    np.testing.assert_array_equal(grid_map.at(simple.control_points).nodes, grid_map.nodes)
+
+
+def test_what_cannot_slide_is_refused(simple):
+    far = Cylinder((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 2.5)
+    with pytest.raises(InputError, match=r"patch casing: node \(.*\) of block 1 is 0.5 m off the given Cylinder, more"):
+        moving_mesh(simple, "blade", sliding={"casing": far})
+    with pytest.raises(InputError, match=r"patch blade is to slide, but leaves its plane by .* m, a cylinder by"):
+        moving_mesh(simple, "hub", sliding="blade")
+    with pytest.raises(InputError, match="patch 'blade' is to slide and is of the design surface; name the patches"):
+        moving_mesh(simple, "blade", sliding="blade")
+    with pytest.raises(InputError, match=r"'casing' is to slide on 2\.0; give a Cylinder, Cone, Sphere or Revolution"):
+        moving_mesh(simple, "blade", sliding={"casing": 2.0})
+    with pytest.raises(InputError, match="no patch is called 'shroud'"):
+        moving_mesh(simple, "blade", sliding={"shroud": far})
+    with pytest.raises(InputError, match="to be both fixed and sliding"):
+        moving_mesh(simple, "blade", fixed="casing", sliding={"casing": far})
+    corner = simple.regenerate().blocks[0].nodes[0, 0, -1]
+    with pytest.raises(InputError, match="is on the axis; fix or release it, or give another surface"):
+        moving_mesh(simple, "blade", sliding={"casing": Cone(corner, (1.0, 0.0, 0.0), 0.1)})
+    with pytest.raises(InputError, match="moving grid: without splines patches slide in planes alone"):
+        mesh_of(passage_grid(), design="blade", sliding={"casing": far})
+
+
+def test_grids_that_do_not_ask_have_the_map_that_they_had(simple):
+    mesh = moving_mesh(simple, "blade")
+    assert mesh.slides == ()
+    assert simple.map_sliding(mesh.slides, simple) is simple.grid_map()
+
+
+def test_a_model_regenerates_the_grid_with_nodes_on_their_surfaces(case):
+    model, mesh, grid_map, points = case
+    grid = model.regenerate(points, mesh.slides)
+    np.testing.assert_array_equal(grid.to_vector().reshape(-1, 3), grid_map.at(points).nodes)
+
+
+def test_each_process_has_the_bits_of_the_whole_grid():
+    model = passage(n_blocks=2)
+    mesh = moving_mesh(model, "blade", sliding=SLIDING)
+    points = model.control_points + 0.01 * np.sin(3.0 * model.control_points[:, ::-1])
+    whole, rng = model.map_sliding(mesh.slides, model).at(points), np.random.default_rng(3)
+    direction, bar = rng.normal(size=points.shape), rng.normal(size=whole.nodes.shape)
+    bars = np.zeros_like(points)
+    for rank in range(2):
+        subdomain = Partition.of(model.topology, 2).subdomain(rank)
+        part = model.part(subdomain).map_sliding(mesh.slides, model)
+        state = part.at(points)
+        np.testing.assert_array_equal(state.nodes[: part.n_asked], whole.nodes[subdomain.rows])
+        np.testing.assert_allclose(
+            state.jvp(direction)[: part.n_asked], whole.jvp(direction)[subdomain.rows], atol=1e-12
+        )
+        bars += state.vjp(part.padded(bar[subdomain.rows]))["control_points"]
+    np.testing.assert_allclose(bars, whole.vjp(bar)["control_points"], atol=1e-11)
+
+
+def problem_of(component):
+    """A problem of one component."""
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("body", component)
+    return problem
+
+
+def movement_problem(model, mesh, **options):
+    """The group, run at a blade that leans."""
+    problem = om.Problem(GridMovement(model=model, mover=LinearElasticity(mesh), fit=False, **options), reports=None)
+    problem.setup()
+    problem.set_val("surface_control_points", lean(mesh, 0.05).ravel())
+    problem.run_model()
+    return problem
+
+
+def test_the_group_keeps_nodes_on_their_surfaces_with_exact_totals(simple):
+    wing = DesignSurface.of(simple, "blade", sliding=SLIDING)
+    problem = movement_problem(simple, wing.mesh)
+    nodes = problem.get_val("grid").reshape(-1, 3)
+    for name in SLIDING:
+        assert surface_of(wing.mesh, name).distances(nodes[rows_of(simple, name)]).max() < 1e-14
+    check = check_totals(problem, ["grid"], ["surface_control_points"], n_directions=1)
+    assert check.transposed < 1e-12
+    assert check.differences < 1e-8
+
+
+def test_components_that_cannot_follow_a_surface_refuse_it(simple):
+    mesh = moving_mesh(simple, "blade", sliding=SLIDING)
+    with pytest.raises(InputError, match="live=True does not keep patch 'hub' on the surface that it slides on"):
+        om.Problem(GridMovement(model=simple, mover=Rotations(mesh), live=True), reports=None).setup()
+    with pytest.raises(InputError, match="assembled=True does not go with a surface, given or slid on"):
+        problem_of(GridEvaluate(model=simple, mesh=mesh, assembled=True)).setup()
+    other = moving_mesh(passage(n_control=(5, 5, 5)), "blade", sliding=SLIDING)
+    with pytest.raises(InputError, match="the mesh is not the control mesh of"):
+        problem_of(GridEvaluate(model=simple, mesh=other)).setup()
+
+
+def test_grids_in_time_keep_nodes_on_their_surfaces(simple):
+    mesh = moving_mesh(simple, "blade", sliding=SLIDING)
+
+    def motion(time, rest):
+        ahead, behind = (lean(mesh, 0.1 * (time + h)) for h in (1e-6, -1e-6))
+        return lean(mesh, 0.1 * time), (ahead - behind) / 2e-6
+
+    state = UnsteadyGrid(simple, Rotations(mesh), motion).at(0.7)
+    for name in SLIDING:
+        rows, surface = rows_of(simple, name), surface_of(mesh, name)
+        assert surface.distances(state.nodes[rows]).max() < 1e-14
+        normals = surface.levels(state.nodes[rows]).gradients
+        assert np.abs((normals * state.velocities[rows]).sum(axis=1)).max() < 1e-14
+        assert np.abs(state.velocities[rows]).max() > 0.05

@@ -1,0 +1,62 @@
+"""Grids with outer walls that are not planes, on which nodes of a wall's neighbours slide."""
+
+import numpy as np
+from topology_cases import grid_of, patch
+
+from bspline_mdao import fit_grid
+from bspline_mdao.core.generators.stretching import stretch_from
+from bspline_mdao.grids.topology.index_space import Window
+
+SIDES = {"inlet": 0, "outlet": 1, "blade": 2, "far": 3, "hub": 4, "casing": 5}
+KINDS = {"blade": "wall", "hub": "other", "casing": "other", "inlet": "other", "outlet": "other", "far": "farfield"}
+SHIFT = np.array([3.0, -2.0, 1.0])
+
+
+def passage_grid(shape=(13, 9, 11), contour=None, turn=None, n_blocks=1, off_wall=None, **kinds):
+    """A passage beside a blade, between a hub and a casing about x, whole or cut in two along x, viscous or not."""
+    contour = contour or (lambda x: 2.0 + 0.0 * x)
+    n_along, n_around, n_off = shape
+    around, part = np.linspace(0.0, 1.0, n_around) ** 1.4, np.linspace(0.0, 1.0, n_off)
+    if off_wall is not None:
+        half = 0.5 * stretch_from(n_off // 2 + 1, 2.0 * off_wall)
+        around, part = stretch_from(n_around, off_wall), np.concatenate([half, 1.0 - half[-2::-1]])
+    x, angle, part = np.meshgrid(np.linspace(0.0, 1.5, n_along) ** 1.1, 0.05 + 0.9 * around, part, indexing="ij")
+    angle = angle + 0.08 * np.sin(np.pi * x / 1.5) * (0.95 - angle)  # the blade is cambered
+    r = 1.0 + part * (contour(x) - 1.0)
+    nodes = np.stack([x, r * np.cos(angle), r * np.sin(angle)], axis=-1)
+    nodes = nodes if turn is None else nodes @ turn.T + SHIFT
+    cut = n_along // 2
+    blocks = [nodes] if n_blocks == 1 else [nodes[: cut + 1], nodes[cut:]]
+    wholes = [Window.whole(number, block.shape[:3]) for number, block in enumerate(blocks)]
+    patches = []
+    for name, side in SIDES.items():
+        on = {"inlet": wholes[:1], "outlet": wholes[-1:]}.get(name, wholes)
+        patches.append(patch({**KINDS, **kinds}[name], *(whole.face(side) for whole in on), name=name))
+    return grid_of(*blocks, patches=patches)
+
+
+def passage(n_control=(6, 5, 6), **options):
+    """The same, fitted."""
+    return fit_grid(passage_grid(**options), n_control=n_control)
+
+
+def rows_of(model, name):
+    """Rows of the nodes of a patch."""
+    numbers = model.topology.layout.numbers
+    windows = [face.window for face in model.topology.boundary if face.patch == name]
+    return np.unique(np.concatenate([numbers[w.block][w.slices].ravel() for w in windows]))
+
+
+def surface_of(mesh, name):
+    """The surface that a patch slides on."""
+    return next(slide.surface for slide in mesh.slides if slide.what == f"patch '{name}'")
+
+
+def lean(mesh, amount, turn=None):
+    """Surface points of a mesh turned about x, more where they are farther from it, and not alike along it."""
+    points = mesh.points[mesh.surface_ids]
+    x, y, z = (points if turn is None else (points - SHIFT) @ turn).T
+    angle = amount * np.sin(2.0 * x) * (y * y + z * z)
+    c, s = np.cos(angle), np.sin(angle)
+    leant = np.column_stack([x, c * y - s * z, s * y + c * z])
+    return leant if turn is None else leant @ turn.T + SHIFT
