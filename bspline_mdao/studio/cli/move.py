@@ -27,7 +27,6 @@ from ...core.mesh.moving_mesh import MovingMesh
 from ...core.mesh.surface import SurfaceGrid
 from ...core.model.fitted_model import FittedModel
 from ...core.movement.mover import MEND, IncrementReport, Movement
-from ...core.walls.wall_correction import WallCorrection
 from ...errors import InputError, MovementError
 from ...grids.cells.certificate import Certificate, certify_cells
 from ...grids.cells.grid_quality import GridQuality
@@ -181,25 +180,24 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
     mesh, deformation, surface, movement = moved_control_mesh(model, model_file, options)
     progress(0.7, "evaluating")
     baseline = model.regenerate()
-    grid, miss = _grid(model, options, deformation, movement.points, baseline)
+    grid, miss = _grid(model, options, mesh, deformation, movement.points)
     progress(0.8, "quality")
     gaps = periodic_gaps(model.topology, baseline, grid)
     return Moved(mesh, model.control_points, surface, movement, grid, miss, *_compared(baseline, grid), gaps)
 
 
 def _grid(
-    model: FittedModel, options: MoveOptions, deformation: Deformation, points: np.ndarray, baseline: Grid
+    model: FittedModel, options: MoveOptions, mesh: MovingMesh, deformation: Deformation, points: np.ndarray
 ) -> tuple[Grid, SurfaceMiss | None]:
     """Make the grid of moved control points, with the wall where the same deformation puts its nodes."""
     # Returns grid; miss: how far the control points alone would have missed that; None where these come from a file,
     # and nothing is asked of nodes.
+    topology, slides = model.topology, mesh.slides
     if _is_given(deformation):
-        return model.regenerate(points), None
-    surface, topology = SurfaceGrid.of(model, options.design or None), model.topology
-    nodes = baseline.to_vector().reshape(-1, 3)
+        return model.regenerate(points, slides), None
+    surface = SurfaceGrid.of(model, options.design or None)
     wall = deformation.apply_to_nodes(surface.points, surface.on_planes(model))
-    correction = WallCorrection.of(topology, nodes, surface.rows)
-    state = model.grid_map().meeting(correction).at(points, wall)
+    state = model.map_meeting(surface.rows, model, slides).at(points, wall)
     source = node_sharing(topology).source_rows()
     miss = SurfaceMiss.of(topology, source, surface.rows, wall - state.mismatch, wall)
     return model.header.grid(topology.shapes, state.nodes), replace(miss, unit=model.header.length_unit)
@@ -246,6 +244,7 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "n_elements": len(moved.mesh.elements),
         "n_invalid_before": moved.mesh.n_invalid,
         "following": [what for what, _ in moved.mesh.following],
+        "sliding": [{"patch": slide.what, "surface": str(slide.surface)} for slide in moved.mesh.curved_slides],
         "digits": report.digits,
         "seconds": report.seconds,
         "miss": vars(moved.miss) if moved.miss else None,
@@ -281,6 +280,7 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     if moved.mesh.following:
         names = ", ".join(what for what, _ in moved.mesh.following)
         print_lines([f"the surface ends on curved faces, which follow it unless they are fixed (--fix): {names}"])
+    print_lines([f"nodes of {slide.what} slide on {slide.surface}" for slide in moved.mesh.curved_slides])
     print_lines(_of_elements(moved))
     print_table(INCREMENT_COLUMNS[: len(rows[0])], rows)
     print_table(
@@ -365,8 +365,8 @@ def _trials(model: FittedModel, model_file: Path, moved: Moved, options: MoveOpt
     quality = GridQuality.of_baseline(baseline)
 
     def n_inverted(other: MoveOptions) -> int:
-        _, deformation, _, movement = moved_control_mesh(model, model_file, other)
-        grid = _grid(model, other, deformation, movement.points, baseline)[0]
+        mesh, deformation, _, movement = moved_control_mesh(model, model_file, other)
+        grid = _grid(model, other, mesh, deformation, movement.points)[0]
         return judge_move(quality, grid.to_vector().reshape(-1, 3)).n_inverted
 
     return try_cures(options, model.topology, moved.mesh, patches_of(moved.newly_inverted), n_inverted)

@@ -86,7 +86,8 @@ MOVING = (
         "--slide",
         multiple=True,
         metavar="PATCH",
-        help="Planar patch that slides in its plane, as symmetry planes do and any plane that the surface ends on.",
+        help="Patch that slides in its plane, as symmetry planes do and any plane that the surface ends on, or on its "
+        "cylinder, cone, sphere or surface of revolution.",
     ),
     click.option("--fix", "--pin", multiple=True, metavar="PATCH", help="Patch to hold where it is."),
     click.option("--release", multiple=True, metavar="PATCH", help="Patch that moves freely with the grid."),

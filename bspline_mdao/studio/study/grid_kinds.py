@@ -64,7 +64,7 @@ class GridKind(ABC):
         """Arguments of ``wing.grid_movement`` besides measures and quality."""
 
     @abstractmethod
-    def write(self, when: str, name: str) -> ast.expr:
+    def write(self, when: str, name: str, slides: bool) -> ast.expr:
         """Call that writes the grid ``"before"``, or ``"after"`` of the problem as it is."""
 
 
@@ -124,9 +124,10 @@ class Blocks(GridKind):
         """Arguments of ``wing.grid_movement``."""
         return {"mover": expression("mover")}
 
-    def write(self, when: str, name: str) -> ast.expr:
-        """Call that writes the grid."""
-        points = {"before": "", "after": 'problem.get_val("control_points").reshape(-1, 3)'}[when]
+    def write(self, when: str, name: str, slides: bool) -> ast.expr:
+        """Call that writes the grid, in which patches may slide on surfaces."""
+        moved = f'problem.get_val("control_points").reshape(-1, 3){", wing.mesh.slides" if slides else ""}'
+        points = {"before": "", "after": moved}[when]
         return expression(f"bm.write_grid(HERE / file, model.regenerate({points}))", file=name)
 
 
@@ -187,7 +188,7 @@ class Meshes(GridKind):
         """Arguments of ``wing.grid_movement``."""
         return {}
 
-    def write(self, when: str, name: str) -> ast.expr:
+    def write(self, when: str, name: str, slides: bool) -> ast.expr:
         """Call that writes the mesh."""
         moved = 'model.node_map.at(problem.get_val("control_points").reshape(-1, 3)).nodes'  # of all processes
         points = {"before": "mesh.mesh.points", "after": moved}[when]

@@ -92,7 +92,11 @@ GRID = {
     "design": Key(NAMES, "patches that are designed", otherwise="all walls"),
     "fixed": Key(NAMES, "patches that stay where they are", otherwise="see moving_mesh"),
     "released": Key(NAMES, "patches that move freely with the grid", otherwise="none"),
-    "sliding": Key(NAMES, "planar patches that slide in their planes", otherwise="planes of symmetry"),
+    "sliding": Key(
+        NAMES,
+        "patches that slide in planes, or on cylinders, cones or surfaces of revolution",
+        otherwise="symmetry planes",
+    ),
 }
 """Table ``[grid]``."""
 

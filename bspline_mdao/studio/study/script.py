@@ -243,7 +243,7 @@ class _Script:
 
     def _written(self, when: str) -> ast.expr:
         """Write the grid before or after."""
-        return self.study.kind.write(when, self.study.written(when))
+        return self.study.kind.write(when, self.study.written(when), bool(self.study.grid["sliding"]))
 
     def _summary(self) -> ast.Call:
         """Summary of the design as it is, with what lift and drag would be on a finer grid."""

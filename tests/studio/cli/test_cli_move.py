@@ -488,3 +488,16 @@ def test_periodic_sides_that_a_move_takes_apart_are_named_with_the_gap(tmp_path,
     assert f"are {apart.max():.3g} m apart" in told
     assert run(["move", "passage.h5", "--deform", "twist=0deg", "-o", "n.xyz", "--json", "n.json"]) == 0
     assert numbers("n.json")["periodic_gaps"] == []
+
+
+def test_nodes_of_a_curved_patch_that_is_to_slide_stay_on_its_surface(workplace, capsys):
+    fit_grid(flare_grid()).save("floor.h5")
+    assert run(move("--deform", "translate=0/1e-3/1e-3", "--fix", "side*", "--slide", "cone")) == 0
+    found = numbers("m.json")
+    assert found["following"] == []
+    assert [slide["patch"] for slide in found["sliding"]] == ["patch 'cone'"]
+    assert "nodes of patch 'cone' slide on Cone(" in " ".join(capsys.readouterr().out.split())
+    before, after = (grid.blocks[0].nodes[-1].reshape(-1, 3) for grid in (flare_grid(), read_grid("moved.xyz")))
+    (slide,) = moving_mesh(FittedModel.load("floor.h5"), fixed="side*", sliding="cone").curved_slides
+    assert slide.surface.distances(after).max() < 1e-13
+    assert np.linalg.norm(after - before, axis=1).max() > 1e-3

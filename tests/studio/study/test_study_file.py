@@ -188,6 +188,14 @@ def test_the_script_moves_by_rotations_and_lets_the_far_field_go_along_if_it_is_
     assert ", mover=mover, comoving=True, quality=" in script
 
 
+def test_the_grid_that_is_written_keeps_patches_that_slide_on_their_surfaces(tmp_path):
+    moved = 'model.regenerate(problem.get_val("control_points").reshape(-1, 3)'
+    text = study_script(study_of(tmp_path, STUDY), tmp_path)
+    assert f"{moved})" in text
+    text = study_script(study_of(tmp_path, STUDY.replace('m6"', 'm6"\nsliding = "far*"')), tmp_path)
+    assert f"{moved}, wing.mesh.slides)" in text
+
+
 @pytest.mark.parametrize("setting", ["increments = 3", "poisson_ratio = 0.1"])
 def test_settings_of_elasticity_want_elasticity(tmp_path, setting):
     with pytest.raises(InputError, match=r"\[movement\] '.*' is of elasticity; add mover = \"elasticity\", or leave"):
