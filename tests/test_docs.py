@@ -144,6 +144,13 @@ def test_a_variable_of_ones_own_works_as_the_page_says():
     assert np.abs(contents["problem"].compute_totals(["corner_ks"], ["bow"])["corner_ks", "bow"]).min() > 0.0
 
 
+def test_a_flap_turns_about_its_hinge_as_the_page_says():
+    problem = run_blocks("howto/flaps.rst")["problem"]
+    assert problem.get_val("corner_ks").item() > 0.1
+    totals = problem.compute_totals(["corner_ks"], ["flap", "hinge_line", "twist"])
+    assert all(np.abs(total).max() > 0.0 for total in totals.values())
+
+
 def test_a_flow_of_ones_own_works_as_the_page_says():
     problem = run_blocks("howto/own_flow.rst")["problem"]
     twist = problem.compute_totals(["CL"], ["twist"])["CL", "twist"]

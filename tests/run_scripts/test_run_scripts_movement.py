@@ -103,3 +103,18 @@ def test_section4_cpu_stops_at_the_mesh_that_the_time_allows_and_extrapolates(sc
     found = section4_cpu.study("blended_wing_body", (9, 9, 9), (5, 5, 5), (0.5, 0.75), seconds=0.0)
     assert {len(times["n_points"]) for times in found["node_based"].values()} == {1}  # the first is always tried
     assert {len(times["n_points"]) for times in found["b_spline"].values()} == {2}
+
+
+def test_flaps_turn_by_25_degrees_without_an_inverted_cell_and_a_section_by_any_angle(script, tmp_path):
+    numbers = script("flap_deflection").main(quick=True, figures=tmp_path)
+    for name, found in numbers.items():
+        assert len(found["angles"]) == len(found["heights"]) == len(found["worst"]) == 11
+        assert max(found["n_inverted"]) == 0, name
+        assert min(found["worst"]) > (0.4 if name == "gap" else 0.95)
+    for low, high in numbers["section"]["heights"]:
+        assert 0.999 < low <= high < 1.001
+    for low, high in numbers["wing"]["heights"]:
+        assert 0.85 < low <= high < 1.15
+    assert numbers["whole section"]["angles"][-1] == 400.0
+    np.testing.assert_allclose(numbers["whole section"]["heights"], 1.0, atol=1e-9)
+    assert (tmp_path / "flap_deflection.png").stat().st_size > 100_000
