@@ -9,6 +9,8 @@ from scipy.spatial import Delaunay
 from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh, fans
+from bspline_mdao.grids.topology.grid import Block, Grid, Patch
+from bspline_mdao.grids.topology.index_space import Window
 
 TETRAHEDRA = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
 
@@ -185,3 +187,38 @@ def periodic_mesh(lean: float = 0.3, twist: float = 0.0) -> tuple[MixedMesh, dic
 def periodic_model() -> MeshModel:
     """The mesh between periodic sides."""
     return MeshModel.of(*periodic_mesh(), LatticeSettings(spacing=0.3))
+
+
+def sector_mesh(
+    angle: float = 0.5,  # between its sides (rad), of either sign
+    inner: float = 1.2,  # radius of the floor (m)
+    axis: tuple[float, float, float] = (2.0, -1.0, 0.5),
+    point: tuple[float, float, float] = (0.3, 4.0, -0.2),  # a point of the axis (m)
+    lean: float = 0.3,  # how far sides bend
+) -> tuple[MixedMesh, dict[str, str]]:
+    """The mesh between periodic sides, bent around an axis, with ends that walls meet."""
+    mesh, kinds = periodic_mesh(lean)
+    ahead = np.array(axis) / np.linalg.norm(axis)
+    first = np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))])
+    first /= np.linalg.norm(first)
+    frame = np.stack([ahead, first, np.cross(ahead, first)])
+    x, y, z = mesh.points.T
+    points = np.stack([x, (inner + z) * np.cos(angle * y), (inner + z) * np.sin(angle * y)], axis=1) @ frame + point
+    cells = mesh.cells["tetra"]
+    return MixedMesh(points, {"tetra": cells if angle < 0.0 else cells[:, [1, 0, 2, 3]]}, mesh.markers), kinds
+
+
+@cache
+def sector_model(angle: float = 0.5) -> MeshModel:
+    """A sector around an oblique axis."""
+    return MeshModel.of(*sector_mesh(angle), LatticeSettings(spacing=0.3))
+
+
+def nozzle_wedge(angle: float, n: tuple[int, int, int] = (15, 11, 4)) -> Grid:
+    """One block of a wedge with its axis x, below a wall that narrows."""
+    i, j, k = np.meshgrid(*(np.linspace(0.0, 1.0, count) for count in n), indexing="ij")
+    r, turned = j * (1.0 - 0.3 * np.sin(np.pi * i) ** 2), angle * (k - 0.5)
+    nodes = np.stack([3.0 * i, r * np.cos(turned), r * np.sin(turned)], axis=-1)
+    whole = Window.whole(0, n)
+    ends = (Patch(name, "farfield", (whole.face(side),)) for side, name in enumerate(("in", "out")))
+    return Grid((Block(nodes, "block 1"),), (Patch("nozzle", "wall", (whole.face(3),)), *ends), "nozzle")

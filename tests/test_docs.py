@@ -8,12 +8,14 @@ import shlex
 import shutil
 import sys
 import textwrap
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 import su2_stand_in
+from mesh_cases import sector_mesh
 from overset_cases import two_cylinders
 from riding_cases import mesh, su2_text
 
@@ -118,6 +120,20 @@ def test_overset_grids_move_as_the_page_says(tmp_path, monkeypatch):
     np.testing.assert_array_equal(contents["same"].to_vector(), read_grid("by_hand.cgns").to_vector())
     before, after = (each.blocks[0].nodes[:, 0] for each in (grid, contents["same"]))
     np.testing.assert_allclose(after, before * [1.0, 1.02, 1.0], rtol=0, atol=1e-13)
+
+
+def test_sectors_move_as_the_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    sector, _ = sector_mesh(0.5, axis=(0.0, 0.0, 1.0), point=(0.0, 0.0, 0.0))
+    names = {"body": "blade", "floor": "hub", "top": "casing", "in": "inlet", "out": "outlet"}
+    markers = {names.get(name, name): faces for name, faces in (sector.markers or {}).items()}
+    (tmp_path / "sector.su2").write_text(su2_text(replace(sector, markers=markers)))
+    assert run_commands("howto/sectors.rst") == ["fit", "move", "quality"]
+    contents = run_blocks("howto/sectors.rst")
+    assert contents["gap"] < 1e-14
+    moved = read_mesh("leaned.su2").mesh
+    assert not moved.quality().is_inverted.any()
+    assert np.abs(moved.points - sector.points).max() > 0.03
 
 
 def test_a_case_for_openfoam_is_written_as_the_page_says(folder, monkeypatch):

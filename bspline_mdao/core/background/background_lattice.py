@@ -4,6 +4,8 @@ Control points at the Greville abscissae give the identity, so that nothing is s
 
     y = x0 + A d ,    d: displacements of the control points; A: the basis functions at the nodes.
 
+In cylindrical coordinates (`.lattice_frame`) both are components along directions that turn with the angle.
+
 Theory: ``docs/theory/background_lattice.rst``.
 """
 
@@ -17,9 +19,11 @@ import numpy as np
 
 from ...base.display import OneLine
 from ..evaluation.evaluator import Evaluator
+from ..evaluation.turned_evaluator import TurnedEvaluator
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
 from ..walls.embedded_points import ON_PLANE
+from .lattice_frame import Directions, LatticeFrame
 from .lattice_line import LatticeLine
 
 __all__ = ["BackgroundLattice"]
@@ -30,7 +34,7 @@ class BackgroundLattice(OneLine):
     """A lattice around a mesh."""
 
     lines: tuple[LatticeLine, LatticeLine, LatticeLine]  # its directions
-    axes: np.ndarray  # (3, 3), rows are the unit vectors of the directions
+    frame: LatticeFrame  # the coordinates that these are
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -56,18 +60,35 @@ class BackgroundLattice(OneLine):
 
     @cached_property
     def control_points(self) -> np.ndarray:
-        """Control points that give the identity (m), shape (n_control, 3)."""
+        """Control points (m), shape (n_control, 3): in coordinates that are straight they give the identity."""
+        return self.frame.to_space(self._control_coordinates)
+
+    @cached_property
+    def control_directions(self) -> Directions:
+        """Directions of the coordinates at the control points."""
+        return self.frame.directions_at(self._control_coordinates)
+
+    @property
+    def _control_coordinates(self) -> np.ndarray:
         net = np.meshgrid(*(line.control_coordinates for line in self.lines), indexing="ij")
-        return np.stack([part.ravel() for part in net], axis=1) @ self.axes
+        return np.stack([part.ravel() for part in net], axis=1)
 
     def evaluator(
         self,
         points: np.ndarray,  # (n, 3), in the box of the lattice (m)
         # numbers of points that are on a side of it but for rounding, the axis across it, and its end: 0 or -1
         on_sides: Sequence[tuple[np.ndarray, int, int]] = (),
-    ) -> Evaluator:
-        """A at points."""
-        local = points @ self.axes.T
+    ) -> Evaluator | TurnedEvaluator:
+        """Vectors at points from those of control points."""
+        basis = self.basis(points, on_sides)
+        if self.frame.is_cartesian:
+            return basis
+        at_control, at_points = self.control_directions, self.frame.directions(points)
+        return TurnedEvaluator(basis, at_control.local, at_control.space, at_points.local, at_points.space)
+
+    def basis(self, points: np.ndarray, on_sides: Sequence[tuple[np.ndarray, int, int]] = ()) -> Evaluator:
+        """A at points, see `evaluator`."""
+        local = self.frame.to_local(points)
         parameters = np.stack([line.parameters(x) for line, x in zip(self.lines, local.T)], axis=1)
         for ids, axis, end in on_sides:
             parameters[ids, axis] = -end
@@ -75,13 +96,13 @@ class BackgroundLattice(OneLine):
 
     def distances(self, points: np.ndarray) -> np.ndarray:
         """Distances of points, shape (n, 3), from the box of the lattice, 0 within (m)."""
-        local = points @ self.axes.T
+        local = self.frame.to_local(points)
         ends = np.array([[-np.inf, np.inf] if line.is_periodic else line.breaks[[0, -1]] for line in self.lines])
         return np.linalg.norm(local - np.clip(local, ends[:, 0], ends[:, 1]), axis=1)
 
     def sides_at(self, points: np.ndarray) -> set[tuple[int, int]]:
         """Sides of the lattice that points, shape (n, 3), reach: the direction across, and its end, 0 or -1."""
-        local, found = points @ self.axes.T, set()
+        local, found = self.frame.to_local(points), set()
         for axis, line in enumerate(self.lines):
             if line.is_periodic:
                 continue
@@ -93,11 +114,11 @@ class BackgroundLattice(OneLine):
 
     def elements(self, points: np.ndarray) -> np.ndarray:
         """Number of the element of the lattice that each point, shape (n, 3), is in."""
-        spans = [line.spans(x) for line, x in zip(self.lines, (points @ self.axes.T).T)]
+        spans = [line.spans(x) for line, x in zip(self.lines, self.frame.to_local(points).T)]
         return np.ravel_multi_index(spans, [len(line.breaks) - 1 for line in self.lines])
 
     def refinement(self, points: np.ndarray) -> np.ndarray:
         """How much less of a wall an element has than one that nothing asked to be smaller, for those of points."""
-        free = [(line, x) for line, x in zip(self.lines, (points @ self.axes.T).T) if not line.is_tied]
+        free = [(line, x) for line, x in zip(self.lines, self.frame.to_local(points).T) if not line.is_tied]
         parts = [(np.diff(line.breaks) / line.scales)[line.spans(x)] for line, x in free]
         return np.prod(parts, axis=0) ** ((len(free) - 1.0) / len(free))

@@ -145,7 +145,10 @@ def lattice_axes(
         along = [abs(axis @ plane.normal) for axis in axes]
         if any(ALIGNED < part < 1.0 - FLAT for part in along):
             names = ", ".join(name for each in planes for name in each.markers)
-            raise InputError(f"{source}: the planes of {names} are not at right angles, as the sides of a lattice are")
+            raise InputError(
+                f"{source}: the planes of {names} are not at right angles, as the sides of a lattice are; "
+                f"sides of a sector may be of kind periodic"
+            )
         if not any(part >= 1.0 - FLAT for part in along):
             axes.append(plane.normal)
     for shift in shifts:

@@ -12,6 +12,7 @@ Theory: ``docs/theory/background_lattice.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -155,24 +156,32 @@ class LatticeLine:
         """Matrices G_0, G_1 and G_2 of the unknowns, each of shape (n_unknowns, n_unknowns)."""
         return tuple(self.products(m, self.scales ** (2 * m - 1)) for m in range(3))  # type: ignore[return-value]
 
-    def products(self, m: int, weights: np.ndarray) -> csr_array:
+    def products(
+        self, m: int, weights: np.ndarray, factors: Callable[[np.ndarray], np.ndarray] | None = None
+    ) -> csr_array:
         """Integrals of products of the m-th derivatives of two unknowns, weighted by spans, shape (n_spans,)."""
+        # factors: further weights of coordinates (m), shape (n,)
         if self.is_tied:
             return csr_array(np.full((1, 1), float(m == 0)))
-        # exact for products of two basis functions
-        basis, lengths = self.at_gauss_points(m, self.degree + 1)
-        lengths *= np.repeat(weights, self.degree + 1)
+        n = self.degree + 1  # exact for products of two basis functions
+        basis, lengths = self.at_gauss_points(m, n)
+        lengths *= np.repeat(weights, n)
+        if factors is not None:
+            lengths *= factors(self.gauss_points(n))
         return csr_array(basis.T @ (lengths[:, None] * basis))
+
+    def gauss_points(self, n: int) -> np.ndarray:
+        """Coordinates of n Gauss points of each span (m)."""
+        places, widths = np.polynomial.legendre.leggauss(n)[0], np.diff(self.breaks)[:, None]
+        return (self.breaks[:-1, None] + 0.5 * widths * (1.0 + places)).ravel()
 
     def at_gauss_points(self, m: int, n: int) -> tuple[csr_array, np.ndarray]:
         """The m-th derivatives of the unknowns at n Gauss points of each span, and the lengths these stand for (m)."""
         if self.is_tied:
             return csr_array(np.full((1, 1), float(m == 0))), np.ones(1)
-        places, weights = np.polynomial.legendre.leggauss(n)
-        widths = np.diff(self.breaks)[:, None]
-        points = (self.breaks[:-1, None] + 0.5 * widths * (1.0 + places)).ravel()
-        basis = BSpline(self.coordinate_knots, np.eye(self.n_control), self.degree)(points, nu=m) @ self.ties
-        return csr_array(basis), (0.5 * widths * weights).ravel()
+        weights, widths = np.polynomial.legendre.leggauss(n)[1], np.diff(self.breaks)[:, None]
+        spline = BSpline(self.coordinate_knots, np.eye(self.n_control), self.degree)
+        return csr_array(spline(self.gauss_points(n), nu=m) @ self.ties), (0.5 * widths * weights).ravel()
 
 
 def even_breaks(low: float, high: float, width: float) -> np.ndarray:

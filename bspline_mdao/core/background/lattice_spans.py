@@ -15,6 +15,7 @@ from ...base.display import OneLine
 from ...base.numerics.memory import available_bytes
 from ...errors import InputError
 from .background_lattice import BackgroundLattice
+from .lattice_frame import LatticeFrame
 from .lattice_line import LatticeLine
 from .lattice_settings import LatticeSettings
 from .wall_widths import THINNEST, Gap, Interval, WallBody, asked_in_gap, bodies_of, gaps_between, graded_breaks
@@ -47,11 +48,11 @@ class MeshBox(OneLine):
     """What lattices are laid around."""
 
     source: str  # where the mesh comes from
-    axes: np.ndarray  # (3, 3), rows are the directions of the lattice
+    frame: LatticeFrame  # coordinates of the lattice
     section_axis: int | None  # direction across a section, whose nodes are all at the two ends of it
-    low: np.ndarray  # (3,), corners of the box of the mesh, in these directions (m)
+    low: np.ndarray  # (3,), corners of the box of the mesh, in these coordinates (m)
     high: np.ndarray
-    walls: np.ndarray  # (n_wall, 3), nodes of walls, in these directions (m)
+    walls: np.ndarray  # (n_wall, 3), nodes of walls, in these coordinates (m)
     faces: np.ndarray  # int (n_faces, 4), their faces
     periods: Mapping[int, float]  # lengths of periods, by directions in which the mesh repeats itself (m)
 
@@ -61,15 +62,15 @@ class MeshBox(OneLine):
         source: str,  # where the mesh comes from
         points: np.ndarray,  # (n, 3), nodes of the mesh (m)
         faces: np.ndarray,  # int (n_faces, 4), faces of its walls
-        axes: np.ndarray,  # (3, 3), rows are the directions of the lattice
+        frame: LatticeFrame,  # coordinates of the lattice
         section_axis: int | None,  # direction across a section
         periods: Mapping[int, float],  # lengths of periods, by directions (m)
     ) -> MeshBox:
         """Measure a mesh."""
         rows, numbers = np.unique(faces, return_inverse=True)
-        points = points @ axes.T
+        points = frame.to_local(points)
         low, high = points.min(axis=0), points.max(axis=0)
-        return cls(source, axes, section_axis, low, high, points[rows], numbers.reshape(faces.shape), periods)
+        return cls(source, frame, section_axis, low, high, points[rows], numbers.reshape(faces.shape), periods)
 
     def lattice(self, settings: LatticeSettings) -> BackgroundLattice:
         """Lay a lattice; `InputError` if memory does not hold what moves it."""
@@ -123,7 +124,7 @@ class MeshBox(OneLine):
                 continue
             inner = graded_breaks(even, asked, settings.growth)
             lines.append(LatticeLine.between(box, inner, width, settings.growth, FAR * self.size))
-        return BackgroundLattice((lines[0], lines[1], lines[2]), self.axes)
+        return BackgroundLattice((lines[0], lines[1], lines[2]), self.frame)
 
     def _around_bodies(self, axis: int, settings: LatticeSettings) -> list[Interval]:
         """Widths that bodies ask for in one direction, in their boxes and a little beyond; one of all for a spacing."""

@@ -12,12 +12,12 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ...base.display import OneLine
 from ...names import CONTROL_POINTS
 from ..evaluation.node_map import require_inputs
 from ..riding.riding_mesh import WALL, EmbeddedMesh, EmbeddedMeshState
+from .node_copies import TiedNodes
 
 __all__ = ["MeshMap", "MeshState"]
 
@@ -28,9 +28,7 @@ class MeshMap(OneLine):
 
     embedded: EmbeddedMesh  # its nodes by those of the lattice and of its walls
     n_walls: int  # number of nodes of walls, the first control points
-    # nodes of `embedded` on periodic sides, and the matrix that gives each the mean of itself and its copies: symmetric
-    tied: np.ndarray
-    means: csr_array
+    tied: TiedNodes  # nodes of `embedded` on periodic sides
     # int, places of the nodes of this process among those of `embedded`, which has those of the walls as well; None
     # where it has all
     places: np.ndarray | None = None
@@ -63,16 +61,16 @@ class MeshMap(OneLine):
         """Nodes for control points, shape (n_control_points, 3), in metres, with their derivative."""
         walls, lattice = control_points[: self.n_walls], control_points[self.n_walls :]
         state = self.embedded.at(lattice, walls)
-        if len(self.tied):
+        rows = self.tied.rows
+        if len(rows):
             before = self.embedded.mesh.points
-            state.nodes[self.tied] = before[self.tied] + self.alike(state.nodes - before)[self.tied]
+            state.nodes[rows] = before[rows] + self.alike(state.nodes - before)[rows]
         return MeshState(self, state)
 
     def alike(self, change: np.ndarray) -> np.ndarray:
         """Changes of the nodes of `embedded`, shape (n, 3), in place: those of copies are their mean."""
         # The lattice moves copies alike; what fades around walls on one side alone, and what follows them, does not.
-        change[self.tied] = self.means @ change[self.tied]
-        return change
+        return self.tied.alike(change)
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
         """Derivatives by all nodes of those by the nodes of this process: its nodes are all."""

@@ -76,7 +76,7 @@ class MeshModel(Plottable, Movable):
     planes : tuple of EndPlane
         Planes that the mesh ends in, whose nodes stay in them.
     periodic : tuple of PeriodicSides
-        Sides that are copies of each other, whose nodes move alike.
+        Sides that are copies of each other by a shift or a rotation, whose nodes move alike.
     box : MeshBox
         What the lattice is laid around.
     lattice : BackgroundLattice
@@ -126,7 +126,7 @@ class MeshModel(Plottable, Movable):
         kinds : mapping of str to str
             Kinds of the markers, see `marker_kinds`: nodes of walls go where they are asked to, those of planes of
             symmetry stay in these, those inside the mesh or of no marker move along, those of periodic sides that are
-            copies of each other by a shift move alike, and all others stay.
+            copies of each other by a shift or a rotation move alike, and all others stay.
         settings : LatticeSettings
             What the lattice is like.
         mesh_file : path-like
@@ -154,9 +154,9 @@ class MeshModel(Plottable, Movable):
                 f"{mesh.source}: no marker is a wall, or it has no faces, so that nothing moves; say which are"
             )
         faces = np.concatenate([markers[name] for name in walls])
-        axes, planes, sides = sides_of(mesh, kinds, np.unique(faces))
-        section, periods = section_axis(mesh.points, planes, axes), {each.axis: each.period for each in sides}
-        box = MeshBox.of(mesh.source, mesh.points, faces, axes, section, periods)
+        frame, planes, sides = sides_of(mesh, kinds, np.unique(faces))
+        section, periods = section_axis(mesh.points, planes, frame.axes), {each.axis: each.period for each in sides}
+        box = MeshBox.of(mesh.source, mesh.points, faces, frame, section, periods)
         return cls(mesh, dict(kinds), settings, planes, sides, box, box.lattice(settings), os.fspath(mesh_file))
 
     def save(self, path: str | os.PathLike, compress: bool = True) -> None:
@@ -216,10 +216,22 @@ class MeshModel(Plottable, Movable):
     def deformed(self, deformation: Deformation) -> np.ndarray:
         """Where a deformation puts the nodes of the walls that are its surface (m), shape (n_surface, 3)."""
         mesh = deformation.mesh
-        nodes = mesh.points[mesh.surface_ids]
-        change = deformation.slide(deformation.apply_to_nodes(nodes) - nodes)
-        change[mesh.copies[:, 1]] = change[mesh.copies[:, 0]]  # both planes of a section move alike
-        return nodes + change
+        return mesh.points[mesh.surface_ids] + mesh.with_copies(self._changed(deformation))
+
+    def split_copies(self, deformation: Deformation) -> tuple[float, str]:
+        """How differently a deformation moves copies of nodes of walls and their originals (m), at most, and where."""
+        mesh, change = deformation.mesh, self._changed(deformation)
+        off = np.linalg.norm((change - mesh.with_copies(change.copy()))[mesh.copies[:, 1]], axis=1)
+        if not off.any():
+            return 0.0, ""
+        worst = int(np.argmax(off))
+        return float(off[worst]), mesh.place_of_surface_point(mesh.copies[worst, 1])
+
+    @staticmethod
+    def _changed(deformation: Deformation) -> np.ndarray:
+        """Displacements of nodes of walls by a deformation, shape (n_surface, 3), in planes where these are."""
+        nodes = deformation.mesh.points[deformation.mesh.surface_ids]
+        return deformation.slide(deformation.apply_to_nodes(nodes) - nodes)
 
     def wall_spacing(self) -> float:
         """Find the median height of the cells at the walls (m)."""
@@ -306,13 +318,15 @@ class MeshModel(Plottable, Movable):
         rows[ids] = np.arange(len(ids))
         kept = rows[mesh.in_plane_rows] >= 0
         copies = rows[mesh.copies]
+        is_kept = (copies >= 0).all(axis=1)
         return replace(
             mesh,
             surface_ids=ids,
             in_plane_rows=rows[mesh.in_plane_rows[kept]],
             in_plane_normals=mesh.in_plane_normals[kept],
             surface_faces=rows[np.searchsorted(self.wall_rows, faces)],
-            copies=copies[(copies >= 0).all(axis=1)],
+            copies=copies[is_kept],
+            copy_turns=None if mesh.copy_turns is None else mesh.copy_turns[is_kept],
         )
 
     def _faces_of(self, names: Collection[str]) -> np.ndarray:

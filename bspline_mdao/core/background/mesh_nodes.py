@@ -15,7 +15,7 @@ from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
 from .background_lattice import BackgroundLattice
 from .end_planes import EndPlane
 from .mesh_map import MeshMap
-from .periodic_sides import means_of_copies
+from .node_copies import TiedNodes
 
 __all__ = ["map_of_nodes"]
 
@@ -46,4 +46,4 @@ def map_of_nodes(
     embedded = EmbeddedMesh(
         mesh, lattice.control_points, evaluator, moving, none, None, np.zeros(n), walls, mesh.points
     )
-    return MeshMap(embedded.with_baseline(), n_walls, *means_of_copies(pairs, n), places)
+    return MeshMap(embedded.with_baseline(), n_walls, TiedNodes.of(pairs, mesh.points, lattice.frame), places)

@@ -19,6 +19,7 @@ from ...errors import InputError
 from ...names import CONTROL_POINTS
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.node_map import require_inputs
+from ..evaluation.turned_evaluator import TurnedEvaluator
 from ..walls.body_points import Body, BodyPoints
 from .background_lattice import BackgroundLattice
 
@@ -32,7 +33,7 @@ class MeshPoints(OneLine):
     points: np.ndarray  # (n, 3), the points on the baseline (m)
     in_volume: np.ndarray  # int, numbers of those on the lattice
     in_body: np.ndarray  # int, numbers of those in the body
-    evaluator: Evaluator  # the lattice at those on it
+    evaluator: Evaluator | TurnedEvaluator  # the lattice at those on it
     offsets: np.ndarray  # (n_in_volume, 3), what it makes of them on the baseline is off by round-off (m)
     body: BodyPoints | None  # what those in the body ride on
     wall_rows: np.ndarray  # int (n_walls,), nodes of the walls among those of the mesh

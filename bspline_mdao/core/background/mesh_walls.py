@@ -17,7 +17,8 @@ from ..riding.riding_mesh import RidingWalls
 from ..riding.wall_faces import WallFaces
 from ..walls.embedded_points import ON_PLANE
 from .background_lattice import BackgroundLattice
-from .periodic_sides import PeriodicSides, copies_among
+from .node_copies import copies_among
+from .periodic_sides import PeriodicSides
 
 __all__ = ["FADE", "copies_of_walls", "following_walls"]
 
@@ -69,7 +70,7 @@ def _copies_in_layer(mesh: MixedMesh, wall_rows: np.ndarray, lattice: Background
     axis = next((axis for axis, line in enumerate(lattice.lines) if line.is_tied), None)
     if axis is None:
         return np.zeros((0, 2), dtype=int)
-    places = mesh.points[wall_rows] @ lattice.axes.T
+    places = lattice.frame.to_local(mesh.points[wall_rows])
     is_low = places[:, axis] < lattice.lines[axis].breaks.mean()
     first, second = np.flatnonzero(is_low), np.flatnonzero(~is_low)
     in_plane = np.delete(places, axis, axis=1)

@@ -1,23 +1,26 @@
-"""Periodic sides of a mesh that are shifted copies of each other: the lattice repeats itself, and copies move alike.
+"""Periodic sides of a mesh, copies of each other by a shift or a rotation: the lattice repeats itself along that.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ...base.display import OneLine
+from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
-from .end_planes import PERIODIC, EndPlane, find_end_planes, lattice_axes
+from ...grids.cells.quads import area_vectors
+from ...grids.topology.periodic_pair import Motion
+from ...grids.topology.rotation_fit import CLOSE, fit_turn, rotation_between
+from .end_planes import FLAT, PERIODIC, SYMMETRY, EndPlane, find_end_planes, lattice_axes
+from .lattice_frame import AROUND, CylindricalFrame, LatticeFrame
 
-__all__ = ["PeriodicSides", "along_axes", "copies_among", "find_periodic_sides", "means_of_copies", "sides_of"]
+__all__ = ["PeriodicSides", "along_axes", "find_periodic_sides", "sides_of"]
 
 SHIFTED = 1e-6
 """Part of the size of a mesh by which copies of nodes may be off: digits of single precision."""
@@ -32,54 +35,53 @@ class PeriodicSides(OneLine):
 
     markers: tuple[str, str]
     pairs: np.ndarray  # int (n, 2), nodes of the first side and their copies
-    shift: np.ndarray  # (3,), from the first to the second (m)
-    axis: int = -1  # direction of the lattice along the shift
+    motion: Motion  # from the first to the second
+    axis: int = -1  # direction of the lattice along it
+    period: float = 0.0  # length by which the lattice repeats itself in that direction (m)
 
-    @property
-    def period(self) -> float:
-        """Length of the shift (m)."""
-        return float(np.linalg.norm(self.shift))
+    def gap(self, points: np.ndarray) -> float:
+        """How far nodes of the mesh, shape (n, 3), are from where the motion takes their copies, at most (m)."""
+        return float(
+            np.linalg.norm(self.motion.move(points[self.pairs[:, 0]]) - points[self.pairs[:, 1]], axis=1).max()
+        )
 
 
 def sides_of(
     mesh: MixedMesh,
     kinds: Mapping[str, str],
     wall_rows: np.ndarray,  # int, nodes of walls
-) -> tuple[np.ndarray, tuple[EndPlane, ...], tuple[PeriodicSides, ...]]:
-    """Directions of the lattice of a mesh, the planes that it ends in, and its periodic sides that can be tied."""
+) -> tuple[LatticeFrame, tuple[EndPlane, ...], tuple[PeriodicSides, ...]]:
+    """Coordinates of the lattice of a mesh, the planes that it ends in, and its periodic sides that can be tied."""
     sides = find_periodic_sides(mesh, kinds)
-    tied = {name for each in sides for name in each.markers}
-    axes, planes = lattice_axes(
-        mesh.source, find_end_planes(mesh, kinds, wall_rows, tied), [each.shift for each in sides]
-    )
+    for each in sides:
+        if not each.motion.is_translation:
+            found = _around(mesh, kinds, wall_rows, each, sides)
+            if found is not None:
+                return found
+    sides = tuple(each for each in sides if each.motion.is_translation)
+    axes, planes = _axes_and_planes(mesh, kinds, wall_rows, sides)
     kept = along_axes(sides, axes)
     if len(kept) == len(sides):
-        return axes, planes, kept
-    tied = {name for each in kept for name in each.markers}
-    axes, planes = lattice_axes(
-        mesh.source, find_end_planes(mesh, kinds, wall_rows, tied), [each.shift for each in kept]
-    )
-    return axes, planes, along_axes(kept, axes)
+        return LatticeFrame(axes), planes, kept
+    axes, planes = _axes_and_planes(mesh, kinds, wall_rows, kept)
+    return LatticeFrame(axes), planes, along_axes(kept, axes)
 
 
 def find_periodic_sides(mesh: MixedMesh, kinds: Mapping[str, str]) -> tuple[PeriodicSides, ...]:
-    """Find pairs of periodic markers whose nodes are those of the other but for a shift."""
+    """Find pairs of periodic markers whose nodes are those of the other but for a shift or a rotation."""
     size, found = float(np.linalg.norm(np.ptp(mesh.points, axis=0))), []
-    sides = {
-        n: np.unique(faces) for n, faces in (mesh.markers or {}).items() if kinds.get(n) == PERIODIC and len(faces)
-    }
+    markers = {n: faces for n, faces in (mesh.markers or {}).items() if kinds.get(n) == PERIODIC and len(faces)}
+    sides = {name: np.unique(faces) for name, faces in markers.items()}
     names, taken = list(sides), set[str]()
-    for k, first in enumerate(names):
-        for second in names[k + 1 :]:
-            rows, others = sides[first], sides[second]
-            if len(rows) != len(others) or {first, second} & taken:
-                continue
-            shift = mesh.points[others].mean(axis=0) - mesh.points[rows].mean(axis=0)
-            distances, nearest = cKDTree(mesh.points[others]).query(mesh.points[rows] + shift)
-            if distances.max() > SHIFTED * size or len(np.unique(nearest)) < len(rows):
-                continue
-            taken |= {first, second}
-            found.append(PeriodicSides((first, second), np.stack([rows, others[nearest]], axis=1), shift))
+    for find in (_shifted, _turned):
+        for k, first in enumerate(names):
+            for second in names[k + 1 :]:
+                if len(sides[first]) != len(sides[second]) or {first, second} & taken:
+                    continue
+                laid = find(mesh, markers[first], markers[second], size)
+                if laid is not None:
+                    taken |= {first, second}
+                    found.append(PeriodicSides((first, second), *laid))
     return tuple(found)
 
 
@@ -87,33 +89,118 @@ def along_axes(sides: Sequence[PeriodicSides], axes: np.ndarray) -> tuple[Period
     """Those sides whose shift is along a direction of the lattice, rows of axes, and is the period of it."""
     found: list[PeriodicSides] = []
     for each in sides:
-        along = np.abs(axes @ each.shift) / each.period
+        period = float(np.linalg.norm(each.motion.shift))
+        along = np.abs(axes @ each.motion.shift) / period
         axis = int(np.argmax(along))
         others = [other.period for other in found if other.axis == axis]
-        is_same = all(abs(period - each.period) <= SHIFTED * period for period in others)
+        is_same = all(abs(period - other) <= SHIFTED * period for other in others)
         if np.sqrt(max(1.0 - along[axis] ** 2, 0.0)) <= UPRIGHT and is_same:
-            found.append(replace(each, axis=axis))
+            found.append(replace(each, axis=axis, period=period))
     return tuple(found)
 
 
-def copies_among(pairs: np.ndarray, n: int) -> np.ndarray:
-    """Pairs of the first of all that are copies of each other, among n, and each other one, from pairs (m, 2)."""
-    graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    _, label = connected_components(graph, directed=False)
-    _, first = np.unique(label, return_index=True)
-    root = first[label]
-    others = np.flatnonzero(root != np.arange(n))
-    return np.stack([root[others], others], axis=1)
+def _shifted(mesh: MixedMesh, side: np.ndarray, other: np.ndarray, size: float) -> tuple[np.ndarray, Motion] | None:
+    """Pairs of nodes of the faces of two markers that are copies by a shift, and the shift."""
+    rows, others = np.unique(side), np.unique(other)
+    shift = mesh.points[others].mean(axis=0) - mesh.points[rows].mean(axis=0)
+    distances, nearest = cKDTree(mesh.points[others]).query(mesh.points[rows] + shift)
+    if distances.max() > SHIFTED * size or len(np.unique(nearest)) < len(rows):
+        return None
+    return np.stack([rows, others[nearest]], axis=1), Motion(shift=tuple(shift.tolist()), unit=mesh.length_unit)
 
 
-def means_of_copies(pairs: np.ndarray, n: int) -> tuple[np.ndarray, csr_array]:
-    """Nodes of n that have copies, ascending, and the matrix that gives each the mean of itself and its copies."""
-    copies = copies_among(pairs, n)
-    rows = np.unique(copies)
-    root = rows.copy()
-    root[np.searchsorted(rows, copies[:, 1])] = copies[:, 0]
-    _, group = np.unique(root, return_inverse=True)
-    shape = (int(group.max(initial=-1)) + 1, len(rows))
-    members = csr_array((np.ones(len(rows)), (group, np.arange(len(rows)))), shape=shape)
-    counts = np.asarray(members.sum(axis=1)).ravel()
-    return rows, csr_array((members.T @ members).multiply(1.0 / counts[group][:, None]))
+def _turned(mesh: MixedMesh, side: np.ndarray, other: np.ndarray, size: float) -> tuple[np.ndarray, Motion] | None:
+    """The same by a rotation."""
+    rows, others = np.unique(side), np.unique(other)
+    inwards = _inwards(mesh, np.concatenate([side, other]))
+    found = rotation_between(mesh.points[rows], mesh.points[others], inwards[rows], inwards[others], size)
+    if found is None:
+        return None
+    return np.stack([rows, others[found[1]]], axis=1), replace(found[0], unit=mesh.length_unit)
+
+
+def _inwards(mesh: MixedMesh, faces: np.ndarray) -> np.ndarray:
+    """Directions into the mesh at its nodes, shape (n_points, 3): zero but at nodes of faces with cells on one side."""
+    faces, found = mesh.into_fluid(faces), np.zeros_like(mesh.points)
+    np.add.at(found, faces.ravel(), np.repeat(area_vectors(mesh.points[faces]), 4, axis=0))
+    return found
+
+
+def _axes_and_planes(
+    mesh: MixedMesh, kinds: Mapping[str, str], wall_rows: np.ndarray, sides: Iterable[PeriodicSides]
+) -> tuple[np.ndarray, tuple[EndPlane, ...]]:
+    """Directions of a Cartesian lattice, as rows, and planes."""
+    tied = {name for each in sides for name in each.markers}
+    shifts = [np.array(each.motion.shift) for each in sides]
+    return lattice_axes(mesh.source, find_end_planes(mesh, kinds, wall_rows, tied), shifts)
+
+
+def _around(
+    mesh: MixedMesh,
+    kinds: Mapping[str, str],
+    wall_rows: np.ndarray,
+    turned: PeriodicSides,
+    sides: Sequence[PeriodicSides],
+) -> tuple[LatticeFrame, tuple[EndPlane, ...], tuple[PeriodicSides, ...]] | None:
+    """The same in cylindrical coordinates about the axis of some sides; None where these cannot be tied."""
+    size, axis = float(np.linalg.norm(np.ptp(mesh.points, axis=0))), np.array(turned.motion.axis)
+    planes = find_end_planes(mesh, kinds, wall_rows, {name for each in sides for name in each.markers})
+    is_across = [abs(plane.normal @ axis) >= 1.0 - FLAT for plane in planes]
+    if any(is_across):  # to the last bit: what slides in a plane stays in it
+        normal = planes[is_across.index(True)].normal
+        axis = normal if normal @ axis > 0.0 else -normal
+    first, second = mesh.points[turned.pairs.T]
+    motion = fit_turn(axis, first, second, size)
+    assert motion is not None
+    motion = replace(motion, angle=_angle_through(mesh, turned, motion), unit=mesh.length_unit)
+    frame = CylindricalFrame.about(motion, mesh.points, mesh.points[wall_rows])
+    bent = [plane for plane, across in zip(planes, is_across) if not across and _is_needed(plane, kinds)]
+    if bent:
+        raise InputError(
+            f"{mesh.source}: the plane of {', '.join(bent[0].markers)} is not at right angles to the axis of the "
+            f"{turned.motion} between {' and '.join(turned.markers)}; give either another kind"
+        )
+    kept = [tied for each in sides if (tied := _tied(each, frame, mesh.points, size)) is not None]
+    if all(each.motion.is_translation for each in kept):
+        return None
+    ends = (
+        replace(plane, axis=0, end=-1 if plane.normal @ frame.axes[0] > 0.0 else 0)
+        for plane, across in zip(planes, is_across)
+        if across
+    )
+    return frame, tuple(ends), tuple(kept)
+
+
+def _angle_through(mesh: MixedMesh, sides: PeriodicSides, motion: Motion) -> float:
+    """Angle of a rotation from the first side to the second (rad), the way through the mesh: it may be the longer."""
+    faces = (mesh.markers or {})[sides.markers[0]]
+    rows = np.unique(faces)
+    ahead = np.cross(motion.axis, mesh.points[rows] - motion.point)
+    towards = float(np.median(np.einsum("nd,nd->n", _inwards(mesh, faces)[rows], ahead)))
+    is_other = towards * motion.angle < 0.0
+    return motion.angle - float(np.copysign(2.0 * np.pi, motion.angle)) if is_other else motion.angle
+
+
+def _is_needed(plane: EndPlane, kinds: Mapping[str, str]) -> bool:
+    """Whether nodes have to stay in a plane: others that walls end on may rest as well."""
+    return not plane.markers or any(kinds.get(name) == SYMMETRY for name in plane.markers)
+
+
+def _tied(sides: PeriodicSides, frame: CylindricalFrame, points: np.ndarray, size: float) -> PeriodicSides | None:
+    """Sides that repeat by a period of a cylindrical lattice; None of others."""
+    first, second = (frame.to_local(points[rows]) for rows in sides.pairs.T)
+    if sides.motion.is_translation:
+        return next(iter(along_axes([sides], frame.axes[:1])), None)
+    steps = (second - first)[first[:, 1] > frame.near, AROUND] / frame.radius
+    tied = [
+        replace(sides, motion=motion, axis=AROUND, period=frame.period)
+        for motion in (frame.motion, frame.motion.inverse())
+    ]
+    gaps = [each.gap(points) for each in tied]
+    if min(gaps) > CLOSE * size:
+        return None
+    found = tied[int(np.argmin(gaps))]
+    # where sides go around the whole circle, some steps are wrong by a turn, which has to be a number of periods
+    is_cut = (np.abs(steps - found.motion.angle) > np.pi).any()
+    turns = 2.0 * np.pi / abs(found.motion.angle)
+    return None if is_cut and abs(turns - round(turns)) > SHIFTED else found

@@ -41,16 +41,21 @@ def points_to_move(
             side = np.moveaxis(is_free, axis, 0)[end]
             if lattice.lines[axis].is_periodic:
                 continue
-            if (axis, end) in closed:
+            if (axis, end) == lattice.frame.side_on_axis(lattice.lines[axis].breaks[0]):
+                side[..., 1:] = False
+            elif (axis, end) in closed:
                 side[..., axis] = False
             elif (axis, end) not in at_walls:
                 side[...] = False
     all_free = np.concatenate([np.zeros((n, 3), dtype=bool), is_free.reshape(-1, 3)])
-    frames = None
-    if not np.array_equal(lattice.axes, np.eye(3)):
-        frames = np.broadcast_to(lattice.axes, (len(all_free), 3, 3))
-    on_walls = [np.flatnonzero(np.isin(wall_rows, plane.rows)) for plane in planes]
-    normals = [np.tile(plane.normal, (len(rows), 1)) for plane, rows in zip(planes, on_walls)]
+    frame, frames = lattice.frame, None
+    if not np.array_equal(frame.axes, np.eye(3)) or not frame.is_cartesian:
+        frames = np.broadcast_to(frame.axes, (len(all_free), 3, 3)).copy()
+        frames[n:] = lattice.control_directions.rows
+    ends = [(plane.normal, np.flatnonzero(np.isin(wall_rows, plane.rows))) for plane in planes]
+    ends += [(normal, np.flatnonzero(frame.is_on_axis(control_points[:n]))) for normal in frame.across_axis]
+    on_walls, copies = [rows for _, rows in ends], copies_of_walls(mesh, wall_rows, lattice, periodic)
+    normals = [np.tile(normal, (len(rows), 1)) for normal, rows in ends]
     return MovingMesh(
         blocks=ids,
         names=names,
@@ -63,7 +68,8 @@ def points_to_move(
         volumes=lattice.mesh.volumes,
         surface_faces=np.searchsorted(wall_rows, walls.faces),
         markers=tuple(_places(mesh, walls, wall_rows)),
-        copies=copies_of_walls(mesh, wall_rows, lattice, periodic),
+        copies=copies,
+        copy_turns=frame.turns_of_copies(control_points[copies[:, 1]], control_points[copies[:, 0]]),
     )
 
 

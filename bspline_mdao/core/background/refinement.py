@@ -70,7 +70,7 @@ def narrower(lattice: BackgroundLattice, points: np.ndarray) -> tuple[tuple[int,
     """Halve the spans that points of walls, shape (n, 3), are in, see `LatticeSettings.refined`."""
     # In all directions: what is short along a wall has to fade over as short a way across it.
     found = []
-    for axis, (line, places) in enumerate(zip(lattice.lines, (points @ lattice.axes.T).T)):
+    for axis, (line, places) in enumerate(zip(lattice.lines, lattice.frame.to_local(points).T)):
         if not line.is_tied:
             spans = np.unique(line.spans(places))
             ends = zip(line.breaks[spans].tolist(), line.breaks[spans + 1].tolist())

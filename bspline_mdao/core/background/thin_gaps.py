@@ -31,7 +31,7 @@ def thin_gaps(
     faces: np.ndarray,  # int (n_faces, 4), their faces
 ) -> tuple[ThinGap, ...]:
     """Find pairs of bodies whose gap is thinner somewhere than the lattice's spans across it: where it is worst."""
-    local, found = walls @ lattice.axes.T, []
+    local, found = lattice.frame.to_local(walls), []
     bodies = bodies_of(local, faces)
     for gap in gaps_between(local, bodies, [widest_span(lattice, body.low, body.high) for body in bodies]):
         widths = np.linalg.norm(gap.vectors, axis=1)
@@ -51,6 +51,6 @@ def widest_span(lattice: BackgroundLattice, low: np.ndarray, high: np.ndarray) -
     widest = 0.0
     for line, *ends in zip(lattice.lines, low, high):
         if not line.is_tied:
-            first, last = line.spans(np.array(ends))
+            first, last = (0, 0) if line.is_periodic else line.spans(np.array(ends))  # those of a period are even
             widest = max(widest, float(np.diff(line.breaks)[first : last + 1].max()))
     return widest

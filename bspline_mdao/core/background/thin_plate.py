@@ -47,6 +47,7 @@ from ..movement.rotation_field import SurfaceVectors, surface_rotations
 from ..movement.rotation_vectors import turns, turns_jvp, turns_vjp
 from ..walls.rotations import LocalRotations
 from .background_lattice import BackgroundLattice
+from .lattice_frame import Directions
 from .lattice_settings import DEFAULTS, LatticeSettings
 from .turned_gradients import TurnedGradients
 
@@ -119,9 +120,9 @@ class ThinPlate(OneLine):
     def follow(self, at_rest: np.ndarray, surface: np.ndarray) -> LatticeDisplacement:
         """Follow surface points to where they go, both of shape (n_surface, 3)."""
         vectors = SurfaceVectors.of(self._surface, at_rest, surface)
-        of_walls = self.wall_pull(self.averaged(vectors.values @ self.axial))
+        of_walls = self.wall_pull(self.averaged(self.axial(vectors.values)))
         at_places = self.turned.at_places(self.solved(of_walls, self.rotating))
-        right = self.wall_pull((surface - at_rest) @ self.lattice.axes.T) + self.turned.pull(turns(at_places))
+        right = self.wall_pull(self.at_surface.local(surface - at_rest)) + self.turned.pull(turns(at_places))
         return LatticeDisplacement(self, vectors, at_places, self.in_space(self.solved(right, self.sliding)))
 
     def missed(self, of_surface: np.ndarray) -> np.ndarray:
@@ -159,11 +160,11 @@ class ThinPlate(OneLine):
 
     def in_space(self, unknowns: np.ndarray) -> np.ndarray:
         """Displacements of the control points in space, of the unknowns in the directions of the lattice."""
-        return (self._unknowns @ unknowns) @ self.lattice.axes
+        return self.lattice.control_directions.space(self._unknowns @ unknowns)
 
     def in_space_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `in_space`."""
-        return self._unknowns.T @ (bar @ self.lattice.axes.T)
+        return self._unknowns.T @ self.lattice.control_directions.local(bar)
 
     @cached_property
     def turned(self) -> TurnedGradients:
@@ -171,9 +172,17 @@ class ThinPlate(OneLine):
         return TurnedGradients(self.lattice)
 
     @cached_property
-    def axial(self) -> np.ndarray:
-        """From rotation vectors in space to those in the directions of the lattice, as rows, shape (3, 3)."""
-        return self.lattice.axes.T * np.sign(np.linalg.det(self.lattice.axes))
+    def at_surface(self) -> Directions:
+        """Directions of the lattice at the surface points."""
+        return self.lattice.frame.directions(self.wall_points[self.mesh.surface_ids])
+
+    def axial(self, vectors: np.ndarray) -> np.ndarray:
+        """Rotation vectors of the surface, shape (n_surface, 3), in the directions of the lattice."""
+        return self.lattice.frame.sign * self.at_surface.local(vectors)
+
+    def axial_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `axial`."""
+        return self.lattice.frame.sign * self.at_surface.space(bar)
 
     @cached_property
     def _surface(self) -> LocalRotations:
@@ -191,7 +200,7 @@ class ThinPlate(OneLine):
     @cached_property
     def _walls(self) -> csr_array:
         """Displacements of the nodes of walls from the unknowns, shape (n_walls, n_unknowns)."""
-        return csr_array(self.lattice.evaluator(self.wall_points).matrix() @ self._unknowns)
+        return csr_array(self.lattice.basis(self.wall_points).matrix() @ self._unknowns)
 
     @cached_property
     def _means(self) -> tuple[csr_array, csr_array]:
@@ -251,7 +260,7 @@ class ThinPlate(OneLine):
     @cached_property
     def _matrix(self) -> csr_array:
         """Matrix of the unknowns, shape (n_unknowns, n_unknowns)."""
-        resting = self.lattice.evaluator(self.at_rest).matrix() @ self._unknowns
+        resting = self.lattice.basis(self.at_rest).matrix() @ self._unknowns
         parts = ((self._walls, self._weights), (resting, self._all_weights[self.n_walls :]))
         matrix = BENDING * bending_energy(self.lattice) + self.turned.energy
         for part, weights in parts:
@@ -277,9 +286,9 @@ class LatticeDisplacement(OneLine):
         """Change of the displacement with the surface points at rest and where they go, both (n_surface, 3)."""
         mover = self.mover
         d_vectors = self.vectors.jvp(d_at_rest, d_surface)
-        d_of_walls = mover.wall_pull(mover.averaged(d_vectors @ mover.axial))
+        d_of_walls = mover.wall_pull(mover.averaged(mover.axial(d_vectors)))
         d_at_places = mover.turned.at_places(mover.solved(d_of_walls, mover.rotating))
-        right = mover.wall_pull((d_surface - d_at_rest) @ mover.lattice.axes.T)
+        right = mover.wall_pull(mover.at_surface.local(d_surface - d_at_rest))
         right += mover.turned.pull(turns_jvp(self.at_places, d_at_places))
         return mover.in_space(mover.solved(right, mover.sliding))
 
@@ -289,9 +298,9 @@ class LatticeDisplacement(OneLine):
         right_bar = mover.solved(mover.in_space_vjp(bar), mover.sliding)
         by_places = turns_vjp(self.at_places, mover.turned.pull_vjp(right_bar))
         turned_bar = mover.solved(mover.turned.at_places_vjp(by_places), mover.rotating)
-        by_vectors = mover.averaged_vjp(mover.wall_pull_vjp(turned_bar)) @ mover.axial.T
+        by_vectors = mover.axial_vjp(mover.averaged_vjp(mover.wall_pull_vjp(turned_bar)))
         at_rest_bar, surface_bar = self.vectors.vjp(by_vectors)
-        by_walls = mover.wall_pull_vjp(right_bar) @ mover.lattice.axes
+        by_walls = mover.at_surface.space(mover.wall_pull_vjp(right_bar))
         return at_rest_bar - by_walls, surface_bar + by_walls
 
 

@@ -7,6 +7,9 @@ or the geometric mean of these, and t the square of the width by h. So it has th
 does not depend on the size of anything. R is known at two Gauss points in each direction of each span, which is exact
 where it is the same everywhere: a rigid motion costs nothing.
 
+In cylindrical coordinates slopes around are by the length of the arc, r0 / r times those by its coordinate; that the
+directions turn is left out, which a period makes small: what does not depend on the angle costs nothing for it.
+
 All is a product of matrices of one direction each, which are applied one after the other.
 
 Theory: ``docs/theory/background_lattice.rst``.
@@ -14,7 +17,7 @@ Theory: ``docs/theory/background_lattice.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +26,7 @@ from scipy.sparse import csr_array, kron
 
 from ...base.display import OneLine
 from .background_lattice import BackgroundLattice
+from .lattice_frame import AROUND
 from .lattice_line import LatticeLine
 
 __all__ = ["TurnedGradients"]
@@ -51,7 +55,8 @@ class TurnedGradients(OneLine):
         (x0, y0, z0), (x1, y1, z1) = (
             [line.products(m, self._weights_of(line)) for line in self.lattice.lines] for m in range(2)
         )
-        across = kron(y1, z0) + kron(y0, z1)
+        y0_around = self.lattice.lines[1].products(0, self._weights_of(self.lattice.lines[1]), self._squared_steepness)
+        across = kron(y1, z0) + kron(y0_around, z1)
         return csr_array(self._scale * (kron(x0, across) + kron(x1, kron(y0, z0))))
 
     def at_places(self, unknowns: np.ndarray) -> np.ndarray:
@@ -106,10 +111,19 @@ class TurnedGradients(OneLine):
 
     def _weighted(self, along: int) -> list[np.ndarray]:
         """Weighted slopes in one direction, and values in the others, of unknowns at the places."""
-        return [
+        found = [
             (slopes if axis == along else values) * weights[:, None]
             for axis, (values, slopes, weights) in enumerate(self._tables)
         ]
+        if along == AROUND and not self.lattice.frame.is_cartesian:
+            found[1] *= self.lattice.frame.steepness(self.lattice.lines[1].gauss_points(N_PLACES))[:, None]
+        return found
+
+    @property
+    def _squared_steepness(self) -> Callable[[np.ndarray], np.ndarray] | None:
+        """Factors of squared slopes in the third direction by the second coordinate (m); none where all are one."""
+        frame = self.lattice.frame
+        return None if frame.is_cartesian else lambda radii: frame.steepness(radii) ** 2
 
     @staticmethod
     def _applied(matrices: Sequence[np.ndarray], field: np.ndarray) -> np.ndarray:

@@ -60,7 +60,7 @@ Work = namedtuple("Work", "values is_in columns n")
 SYMMETRY = "symmetry plane"
 """Name of the constraint that the symmetry planes of a mesh are."""
 
-SECTION = "both planes of a section"
+SECTION = "both planes of a section, or periodic sides"
 """Name of the constraint that surface points move as those that they are copies of."""
 
 
@@ -165,7 +165,8 @@ def eliminate(
     in_planes = Equations.of(len(mesh.surface_ids), mesh.in_plane_rows[:, None], mesh.in_plane_normals[:, None, None])
     named = [(SYMMETRY, in_planes)]
     if len(mesh.copies):
-        alike = np.stack([np.eye(3), -np.eye(3)], axis=1)
+        turns = np.eye(3) if mesh.copy_turns is None else mesh.copy_turns
+        alike = np.stack(np.broadcast_arrays(turns, -np.eye(3)), axis=-2)
         named.append((SECTION, Equations.of(len(mesh.surface_ids), mesh.copies, alike)))
     named += [(item.name, _checked(item.name, item.equations(mesh, points), len(points))) for item in constraints]
     matrix = vstack([equations.matrix for _, equations in named], format="csr")

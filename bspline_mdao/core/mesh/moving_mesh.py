@@ -85,7 +85,10 @@ class MovingMesh(OneLine):
     markers : tuple of (str, ndarray of int, ndarray of int)
         Points that are in no block: the marker that they are of, for messages, the points, and their numbers there.
     copies : ndarray of int, shape (n_copies, 2)
-        Rows of ``surface_ids`` of surface points, and of those that move as they do: both planes of a section.
+        Rows of ``surface_ids`` of surface points, and of those that move as they do: both planes of a section, or
+        periodic sides.
+    copy_turns : ndarray, shape (n_copies, 3, 3), or None
+        Rotation by which the displacement of each copy is turned; none by default.
     slides : tuple of Slide
         Patches that slide on fixed surfaces which are not planes, and planes that end on them; empty where there are
         none.
@@ -116,6 +119,7 @@ class MovingMesh(OneLine):
     surface_faces: np.ndarray | None = None
     markers: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()
     copies: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
+    copy_turns: np.ndarray | None = None
     slides: tuple[Slide, ...] = ()
 
     @property
@@ -219,6 +223,14 @@ class MovingMesh(OneLine):
         original[self.copies[:, 1]] = self.copies[:, 0]
         _, first = np.unique(original[rows], return_index=True)
         return original[rows][np.sort(first)]
+
+    def with_copies(self, displacement: np.ndarray) -> np.ndarray:
+        """Displacements of the surface, shape (n_surface, 3), in place: copies move as their originals do."""
+        moved = displacement[self.copies[:, 0]]
+        displacement[self.copies[:, 1]] = (
+            moved if self.copy_turns is None else np.einsum("nij,nj->ni", self.copy_turns, moved)
+        )
+        return displacement
 
     def slide(self, displacement: np.ndarray) -> np.ndarray:
         """Project displacements, shape (n_points, 3), onto what each point may do: zero on the surface and where fixed.

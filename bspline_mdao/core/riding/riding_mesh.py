@@ -32,6 +32,7 @@ from ...names import CONTROL_POINTS
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.inversion import PointInversion, embed_points, invert_points
 from ..evaluation.node_map import require_inputs
+from ..evaluation.turned_evaluator import TurnedEvaluator
 from ..model.fitted_model import FittedModel
 from ..walls.closest_points import TriangleTree
 from ..walls.embedded_points import ON_PLANE, planes_of
@@ -174,7 +175,7 @@ class EmbeddedMesh(OneLine):
 
     mesh: MixedMesh
     control_points: np.ndarray
-    evaluator: Evaluator
+    evaluator: Evaluator | TurnedEvaluator
     rows: np.ndarray
     left: np.ndarray
     boundary: Evaluator | None

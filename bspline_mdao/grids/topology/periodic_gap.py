@@ -14,8 +14,9 @@ from scipy.spatial import cKDTree
 from ...base.numerics.vectors import lengths
 from .grid import Grid
 from .index_space import Window
-from .periodic import CLOSE, find_periodic
+from .periodic import find_periodic
 from .periodic_pair import PeriodicPair
+from .rotation_fit import CLOSE
 from .topology import Topology, describe
 
 __all__ = ["PeriodicGap", "periodic_gaps"]
@@ -34,7 +35,8 @@ class PeriodicGap:
         return (
             f"periodic faces drift apart: {describe(self.pair.windows[0])} and {describe(self.pair.others[0])}, by a "
             f"{self.pair.motion}, are {self.gap:.3g} {unit} apart at {describe(self.node)}; nothing ties them, and "
-            f"flow solvers will not take them for periodic. Deform walls alike where they end on both, or not there"
+            f"flow solvers will not take them for periodic. The lattice of 'fit --lattice' ties them; or deform walls "
+            f"alike where they end on both, or not there"
         )
 
 

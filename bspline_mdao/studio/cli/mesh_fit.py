@@ -19,6 +19,7 @@ from ...core.design.named_deformations import parse_deformation
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.io.marker_guess import MarkerGuess
+from .mesh_periodic import side_numbers
 from .meshes import n_unmarked_faces, unmarked_lines
 from .output import counts_text, print_lines, print_table, print_title, print_warnings, written_json
 
@@ -66,7 +67,8 @@ def fit_mesh_numbers(model: MeshModel, kinds: Mapping[str, MarkerGuess], seconds
     markers = [{"name": name, **vars(guess)} for name, guess in kinds.items()]
     unmarked = n_unmarked_faces(model.mesh)
     mesh = {"mesh": model.mesh.source, "markers": markers, "n_unmarked_faces": unmarked}
-    return {**mesh, **lattice_numbers(model), "seconds": seconds}
+    periodic = {"periodic": side_numbers(model.periodic, model.mesh)}
+    return {**mesh, **lattice_numbers(model), **periodic, "seconds": seconds}
 
 
 def lattice_numbers(model: MeshModel) -> dict:
@@ -80,7 +82,8 @@ def lattice_numbers(model: MeshModel) -> dict:
         "n_nodes_at_rest": len(mesh.stored_ids(model.rows_at_rest)),
         "lattice": list(model.lattice.shape),
         "spacing": model.lattice.spacing,
-        "axes": model.lattice.axes.tolist(),
+        "axes": model.lattice.frame.axes.tolist(),
+        "is_cylindrical": not model.lattice.frame.is_cartesian,
         "units": mesh.unit or None,
     }
 
@@ -122,18 +125,19 @@ def show_lattice(model: MeshModel) -> None:
     """Print what the lattice around a mesh is like."""
     lattice, mesh, unit = model.lattice, model.mesh, model.mesh.length_unit
     resting = len(mesh.stored_ids(model.rows_at_rest))
+    about = "" if lattice.frame.is_cartesian else " along the axis, the radius and the angle"
     lines = [
         f"{counted(len(mesh.stored_ids(model.wall_rows)), 'node')} on walls, which go where they are asked to; "
         f"{counted(resting, 'node')} at rest on other markers",
-        f"lattice of {counts_text(lattice.shape)} control points, the narrowest spans {lattice.spacing:.3g} {unit} "
-        f"wide",
+        f"lattice of {counts_text(lattice.shape)} control points{about}, the narrowest spans "
+        f"{lattice.spacing:.3g} {unit} wide",
     ]
     if model.settings.refined:
         lines.append("refined for moves")
     in_planes = dict.fromkeys(name for plane in model.planes for name in plane.markers)
     lines += [f"nodes of {name} stay in their plane" for name in in_planes]
     lines += [
-        f"nodes of {' and '.join(sides.markers)} move alike, {sides.period:.4g} {unit} apart"
+        f"nodes of {' and '.join(sides.markers)} move alike: a {sides.motion} lays one onto the other"
         for sides in model.periodic
     ]
     print_lines([*lines, *untied_lines(model, set(in_planes))])
@@ -146,15 +150,11 @@ def untied_lines(model: MeshModel, in_planes: set[str]) -> list[str]:
     lines = []
     for sides in find_periodic_sides(model.mesh, model.kinds) if untied else ():
         if not tied & {*sides.markers}:
-            shift = ", ".join(f"{x:.4g}" for x in sides.shift)
             lines.append(
-                f"nodes of {' and '.join(sides.markers)} stay: they are copies by the shift ({shift}) "
-                f"{model.mesh.length_unit}, which is along no direction of the lattice, or differs from that of others"
+                f"nodes of {' and '.join(sides.markers)} stay: they are copies by a {sides.motion}, which is along no "
+                f"direction of the lattice, or differs from that of others"
             )
             untied = [name for name in untied if name not in sides.markers]
     if untied:
-        lines.append(
-            f"nodes of {', '.join(untied)} stay: no shift lays these sides onto each other, and sides that a rotation "
-            f"does are not tied"
-        )
+        lines.append(f"nodes of {', '.join(untied)} stay: no shift and no rotation lays these sides onto each other")
     return lines

@@ -25,6 +25,7 @@ from ...grids.cells.overlap_change import OverlapChange
 from ...grids.io.meshes.blocks import BlockMeshFile
 from .cures import Trial, verdict
 from .mesh_fit import lattice_numbers, show_lattice
+from .mesh_periodic import gap_lines, side_numbers
 from .move import MoveOptions, write_points
 from .moved_cells import MovedCells
 from .moved_mesh import MovedMesh
@@ -39,6 +40,9 @@ from .output import (
 from .units import unit_warnings
 
 __all__ = ["move_mesh"]
+
+SPLIT = 1e-9
+"""Part of the size of a mesh by which a deformation may differ on copies of nodes: round-off."""
 
 FINER = (1.5, 2.25)
 """Spacings of the lattice that are tried where cells are inverted, by which it is divided."""
@@ -55,7 +59,13 @@ class _Moved:
     mesh: MovedMesh
     seconds: float
     overlap: OverlapChange | None = None  # of a grid of blocks
+    split: tuple[float, str] = (0.0, "")  # how differently the deformation moves copies on periodic sides, and where
     n_inverted_before: int = 0  # cells that the lattice of the model inverted, where it was refined for the move
+
+    @property
+    def periodic(self) -> list[dict]:
+        """Its periodic sides before and after."""
+        return side_numbers(self.model.periodic, self.model.mesh, self.state.nodes)
 
     @property
     def cells(self) -> MovedCells:
@@ -114,12 +124,13 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     """Make the move and measure it."""
     start = time.process_time()
     mesh = model.design_mesh(options.design or None)
-    surface = model.deformed(parse_deformation(options.deform, model, mesh))
+    deformation = parse_deformation(options.deform, model, mesh)
+    surface = model.deformed(deformation)
     movement = model.mover_of(mesh).move(model.control_points, surface)
     state = model.node_map.at(movement.points)
     seconds = time.process_time() - start
     judged = MovedMesh.of(model, movement.points, state.nodes)
-    return _Moved(model, surface, movement, state, judged, seconds)
+    return _Moved(model, surface, movement, state, judged, seconds, split=model.split_copies(deformation))
 
 
 def _overlap(model: MeshModel, file: BlockMeshFile, nodes: np.ndarray) -> OverlapChange:
@@ -179,10 +190,11 @@ def _complaint(moved: _Moved, trials: Sequence[Trial]) -> str:
     place = mesh.points[mesh.stored_ids(faces[cell_of_face == worst])].mean(axis=0)
     what, power = ("area", 2) if mesh.n_copies == 2 else ("volume", 3)
     size = f"{what} {cells.after.volumes[worst]:.3g} {mesh.length_unit}^{power}"
+    split = "".join(f"; {line}" for line in _split_lines(moved))
     return (
         f"the move inverts {new} of the mesh, the worst is number {worst + 1} at "
         f"({', '.join(f'{x:.4g}' for x in place)}), of {size}; nothing was written; {verdict(trials)}, or "
-        f"--allow-invalid to see it"
+        f"--allow-invalid to see it{split}"
     )
 
 
@@ -198,6 +210,7 @@ def _numbers(model_file: Path, output: Path, moved: _Moved, options: MoveOptions
         "largest_displacement": float(np.linalg.norm(moved.state.nodes - model.mesh.points, axis=1).max()),
         "digits": moved.movement.report.digits,
         **moved.mesh.numbers(),
+        "periodic": moved.periodic,
         "overlap": moved.overlap and vars(moved.overlap),
         "seconds": moved.seconds,
     }
@@ -215,7 +228,20 @@ def _show(output: Path, moved: _Moved) -> None:
         inverted = counted(moved.n_inverted_before, "cell")
         print_lines([f"refined for this move, since the lattice of the model inverted {inverted}; 'fit --for' does it"])
     moved.mesh.show()
+    print_lines(gap_lines(moved.periodic, mesh.length_unit))
     if moved.overlap is not None:
         print_lines(moved.overlap.lines())
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
-    print_warnings([*unit_warnings(output, mesh), *moved.mesh.warnings()])
+    print_warnings([*unit_warnings(output, mesh), *moved.mesh.warnings(), *_split_lines(moved)])
+
+
+def _split_lines(moved: _Moved) -> list[str]:
+    """Say of walls that end on both periodic sides if they were asked to move differently there."""
+    off, where = moved.split
+    mesh = moved.model.mesh
+    if off <= SPLIT * float(np.linalg.norm(np.ptp(mesh.points, axis=0))):
+        return []
+    return [
+        f"walls end on both periodic sides, and the deformation differs there by up to {off:.3g} {mesh.length_unit}, "
+        f"at {where}, which moves as its copy does; deform them alike there, or other walls by --design"
+    ]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
+from ...core.background.periodic_sides import find_periodic_sides
 from ...errors import InputError
 from ...grids.cells.certificate import Certificate
 from ...grids.cells.mesh_heights import height_quantiles, mesh_wall_spacings
@@ -22,6 +23,7 @@ from ...grids.io.disk import replaced_file
 from ...grids.io.marker_guess import MarkerGuess
 from ...grids.io.marker_kinds import draft_kinds, marker_kinds, undecided
 from ...grids.io.meshes.files import read_mesh
+from .mesh_periodic import gap_lines, side_numbers
 from .output import (
     certificate_numbers,
     check_outputs,
@@ -94,10 +96,14 @@ def measure_mesh(
         newly = quality.is_inverted & ~before.quality().is_inverted if baseline else np.zeros(0, dtype=bool)
         walls = {marker: faces for marker, faces in (before.markers or {}).items() if kinds[marker].kind == "wall"}
         heights = {marker: _heights(before, faces, mesh.points, baseline) for marker, faces in walls.items()}
+        sides = find_periodic_sides(before, {marker: guess.kind for marker, guess in kinds.items()})
+        periodic = side_numbers(sides, before, mesh.points if baseline else None)
     numbers = {**_quality_numbers(name, baseline, before, quality, newly, heights), **_proved(certificate)}
+    numbers["periodic"] = periodic
     with written_json(json, numbers):
         pass
     _show_quality(name, numbers, baseline)
+    print_lines(gap_lines(periodic, before.length_unit))
     _show_proved(certificate, before)
 
 

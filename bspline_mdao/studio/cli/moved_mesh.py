@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.background.mesh_model import MeshModel
 from ...core.evaluation.spline_validity import certify_splines
-from ...grids.cells.certificate import Certificate
+from ...grids.cells.certificate import BlockCertificate, Certificate
 from ...grids.cells.mixed_bounds import certify_mixed
 from ...grids.cells.mixed_cells import MixedMesh
 from .moved_cells import MovedCells
@@ -19,7 +19,7 @@ __all__ = ["MovedMesh"]
 
 @dataclass(frozen=True, eq=False)
 class MovedMesh:
-    """Cells of a mesh before and after a move, and the certificate of both cells and lattice."""
+    """Cells of a mesh before and after a move, and the certificate of cells and of a Cartesian lattice."""
 
     mesh: MixedMesh
     cells: MovedCells
@@ -36,7 +36,9 @@ class MovedMesh:
         walls = model.node_map.embedded.walls
         assert walls is not None
         ratios = walls.heights(nodes) / walls.heights(model.mesh.points)
-        splines = certify_splines(*model.splines_at(control_points), model.spline_names)
+        splines: tuple[BlockCertificate, ...] = ()
+        if model.lattice.frame.is_cartesian:  # in others the map is none of one volume
+            splines = certify_splines(*model.splines_at(control_points), model.spline_names)
         cells = MovedCells.of(model.mesh, nodes, ratios)
         return cls(model.mesh, cells, Certificate(certify_mixed(model.mesh, nodes), splines))
 

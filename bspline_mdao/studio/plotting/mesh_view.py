@@ -159,7 +159,8 @@ class MeshView(View):
         """Two families of layers of the lattice around the walls, which have all of its edges."""
         if self.model is None or self.state.control_points is None:
             raise InputError(f"{self.title}: a mesh has no lattice; fit it first: fit_mesh(file).plot('lattice')")
-        lattice, walls = self.model.lattice, self.model.mesh.points[self.model.wall_rows] @ self.model.lattice.axes.T
+        lattice = self.model.lattice
+        walls = lattice.frame.to_local(self.model.mesh.points[self.model.wall_rows])
         near = []
         for axis, line in enumerate(lattice.lines):
             x, beyond = line.control_coordinates, NEAR_SPANS * lattice.spacing

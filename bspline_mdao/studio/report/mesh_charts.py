@@ -94,10 +94,13 @@ def _lattice_chart(
 ) -> Chart | None:
     """The layer of the lattice that is nearest to the section."""
     lattice, data = model.lattice, []
-    across = int(np.argmax(np.abs(lattice.axes[:, axes.span])))
-    layer = int(np.argmin(np.abs(lattice.lines[across].control_coordinates * lattice.axes[across, axes.span] - place)))
+    if not lattice.frame.is_cartesian:  # its layers are no planes
+        return None
+    directions = lattice.frame.axes
+    across = int(np.argmax(np.abs(directions[:, axes.span])))
+    layer = int(np.argmin(np.abs(lattice.lines[across].control_coordinates * directions[across, axes.span] - place)))
     around = np.concatenate(bodies).reshape(-1, 3)
-    along = around @ lattice.axes.T
+    along = lattice.frame.to_local(around)
     near = []  # control points of each direction that are within some spans of the body
     for axis, line in enumerate(lattice.lines):
         x, beyond = line.control_coordinates, NEAR_SPANS * lattice.spacing

@@ -97,7 +97,7 @@ def _quality_table(
     note = (
         "Non-orthogonality and skewness of faces as OpenFOAM's checkMesh defines them; pyramids are those between the "
         "middle of a cell and its faces: a cell is inverted where one of them is not positive. Elements of the lattice "
-        "are valid where its map is proved to have a positive Jacobian everywhere."
+        "are valid where its map is proved to have a positive Jacobian everywhere; around an axis it is no such map."
     )
     return Table("Quality of the cells", ("measure", *(s.label for s in shapes)), [(n, *v) for n, v in rows], note)
 
@@ -110,7 +110,7 @@ def _width(model: MeshModel) -> float | None:
 
 def _certificate(model: MeshModel, shape: Shape) -> str:
     """What is proved of the lattice."""
-    if shape.control_points is None:
+    if shape.control_points is None or not model.lattice.frame.is_cartesian:
         return "–"
     mesh, points = model.splines_at(shape.control_points)
     (found,) = certify_splines(mesh, points, model.spline_names, model.splines_at(model.control_points)[1])

@@ -95,7 +95,7 @@ def test_gradients_that_are_a_rotation_cost_nothing_whatever_the_unit():
     turn, energies = turns(np.array([[0.4, -1.1, 0.8]]))[0], []
     for scale in (1.0, 1000.0):
         model = MeshModel.of(MixedMesh(scale * mesh.points, mesh.cells, mesh.markers), kinds)
-        turned, net = TurnedGradients(model.lattice), model.lattice.control_points @ model.lattice.axes.T
+        turned, net = TurnedGradients(model.lattice), model.lattice.frame.to_local(model.lattice.control_points)
         everywhere = np.broadcast_to(turn, (len(turned.at_places(net)), 3, 3))
         left = turned.energy @ (net @ turn.T) - turned.pull(everywhere)
         assert np.abs(left).max() < 1e-13 * (np.abs(turned.energy) @ np.abs(net @ turn.T)).max()

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mesh_cases import mesh_around_two_sections, periodic_mesh
+from mesh_cases import mesh_around_two_sections, periodic_mesh, sector_mesh
 from riding_cases import mesh, plane_su2_text, su2_text
 from test_cli import fails_as_expected, numbers
 
@@ -138,13 +138,40 @@ def test_sides_that_stay_are_copies_by_another_shift_or_no_copies():
     model = MeshModel.of(sheared, {**kinds, "in": "periodic", "out": "periodic"}, LatticeSettings(spacing=0.3))
     (line,) = untied_lines(model, set())
     assert line.startswith(
-        "nodes of in and out stay: they are copies by the shift (3.5, 0, 0) ft, which is along no dir"
+        "nodes of in and out stay: they are copies by a translation by (3.5, 0, 0) ft, which is along no dir"
     )
     model = MeshModel.of(*periodic_mesh(twist=0.1), LatticeSettings(spacing=0.3))
     assert untied_lines(model, set()) == [
-        "nodes of per_1, per_2 stay: no shift lays these sides onto each other, and sides that "
-        "a rotation does are not tied"
+        "nodes of per_1, per_2 stay: no shift and no rotation lays these sides onto each other"
     ]
+
+
+def test_sides_by_a_rotation_are_tied_and_their_gap_is_told(workplace, capsys):
+    sector, _ = sector_mesh()
+    (workplace / "sector.su2").write_text(su2_text(sector))
+    (workplace / "kinds.toml").write_text('[kinds]\nfloor = "wall"\n')
+    assert run(["fit", "sector.su2", "--patches", "kinds.toml", "-o", "sector.h5", "--json", "fit.json"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "control points along the axis, the radius and the angle" in shown
+    assert "nodes of per_1 and per_2 move alike: a rotation about the direction (0.872872, -0.436436," in shown
+    (fitted,) = numbers("fit.json")["periodic"]
+    assert fitted["markers"] == ["per_1", "per_2"]
+    assert fitted["gap"] < 1e-14
+    move = ["move", "sector.h5", "--deform", "translate=0.02/0.01/-0.01", "-o", "moved.su2"]
+    assert run([*move, "--design", "body", "--json", "move.json"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"copies of nodes of per_1 and per_2, a rotation .* by 28\.6479 deg, are off by up to \d", shown)
+    assert "walls end on both periodic sides" not in shown
+    (moved,) = numbers("move.json")["periodic"]
+    assert max(moved["gap"], moved["gap_before"]) < 1e-14
+    quality = ["quality", "moved.su2", "--patches", "kinds.toml", "--baseline", "sector.su2"]
+    assert run([*quality, "--json", "quality.json"]) == 0
+    assert "are off by up to" in " ".join(capsys.readouterr().out.split())
+    (measured,) = numbers("quality.json")["periodic"]
+    assert measured["gap"] == pytest.approx(moved["gap"], abs=1e-14)
+    assert run(move) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"differs there by up to 0\.0\d+ m, at node \d+ of marker 'floor', which moves as its copy", shown)
 
 
 def test_what_cannot_be_fitted_or_moved_ends_in_one_line(workplace, capsys):
