@@ -44,12 +44,12 @@ class Cubes(om.ExplicitComponent):
         partials["total", "x"] = partials["y", "x"].sum(axis=0)
 
 
-def cubes(factor=1.0, **design):
+def cubes(factor=1.0, constrained=None, **design):
     problem = om.Problem(reports=None)
     problem.model.add_subsystem("cubes", Cubes(factor=factor), promotes=["*"])
     problem.model.add_design_var("x", **{"ref": 0.1, **design})
     problem.model.add_objective("total")
-    problem.model.add_constraint("y", lower=0.0)
+    problem.model.add_constraint("y", indices=constrained, lower=0.0)
     problem.setup()
     problem.run_model()
     return problem
@@ -133,6 +133,11 @@ def test_entries_that_are_not_designed_do_not_count():
     check = check_totals(cubes(indices=[1, 3], ref=1.0), step=0.01)
     assert check.differences < 1e-9
     assert check.transposed < 1e-14
+
+
+def test_entries_that_are_not_constrained_do_not_count():
+    problem = cubes(constrained=[2, 0])
+    assert check_totals(problem, step=0.1).transposed < 1e-14
 
 
 def test_totals_of_nothing_are_refused():
