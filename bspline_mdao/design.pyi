@@ -2,6 +2,7 @@
 
 from .core.design.coarse_net import CoarseNet as CoarseNet
 from .core.design.displacement import Local as Local
+from .core.design.displacement import Translation as Translation
 from .core.design.free_form import FreeForm as FreeForm
 from .core.design.hinge import Hinge as Hinge
 from .core.design.interior_points import InteriorPoints as InteriorPoints

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from bspline_mdao.core.design.coarse_net import CoarseNet
-from bspline_mdao.core.design.displacement import Local
+from bspline_mdao.core.design.displacement import Local, Translation
 from bspline_mdao.core.design.free_form import FreeForm
 from bspline_mdao.core.design.hinge import Hinge
 from bspline_mdao.core.design.lattice import Lattice
@@ -96,6 +96,7 @@ VARIABLES = {
     Sweep: lambda mesh: Sweep("sweep", ReferenceAxis.of(mesh), stations=3),
     Taper: lambda mesh: Taper("taper", ReferenceAxis.of(mesh)),
     ThicknessFactor: lambda mesh: ThicknessFactor("thickness", ReferenceAxis.of(mesh), stations=3),
+    Translation: lambda mesh: Translation("position", "yx"),
     Twist: lambda mesh: Twist("twist", ReferenceAxis.of(mesh, at=0.4), stations=3),
     UserVariable: lambda mesh: swelling("swelling"),
 }

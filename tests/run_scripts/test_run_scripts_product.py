@@ -10,7 +10,7 @@ from adaptation_cases import skewed_grid
 from component_cases import two_blocks
 
 from bspline_mdao import InputError, write_grid
-from bspline_mdao.drivers import scipy_slsqp
+from bspline_mdao.drivers import nlopt, scipy_slsqp
 from bspline_mdao.files import read_mesh
 
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
@@ -175,6 +175,25 @@ def test_wing_body_su2_moves_and_optimises_tetrahedra_from_their_file(script, tm
     assert numbers["totals"]["transposed"] < 1e-12
     assert numbers["totals"]["differences"] < 1e-8
     assert (tmp_path / "wing_body_su2.png").stat().st_size > 50_000
+
+
+@pytest.mark.slow
+def test_wing_slides_on_body_keeps_its_root_on_the_fuselage_and_trims(script, tmp_path):
+    slides = script("wing_slides_on_body")
+    numbers = slides.main(quick=True, figures=tmp_path, drivers={"NLopt LD_SLSQP": nlopt})
+    assert set(numbers["moves"]) == {"baseline", *slides.MOVES, "optimum"}
+    for text, judged in numbers["moves"].items():
+        assert judged["n_inverted"] == 0, text
+        assert judged["off_fuselage"] < 1e-10, text
+        assert judged["smallest_ratio"] > 0.3, text
+        assert 0.8 < judged["heights"][0] <= judged["heights"][1] < 1.2, text
+    optimum = numbers["drivers"]["NLopt LD_SLSQP"]["optimum"]
+    assert optimum["CL"].item() == pytest.approx(slides.LIFT, abs=1e-6)
+    assert optimum["CM"][2] == pytest.approx(0.0, abs=1e-6)
+    assert 0.2 < optimum["position"].item() < 0.5
+    assert numbers["totals"]["transposed"] < 1e-11
+    assert numbers["totals"]["differences"] < 1e-8
+    assert (tmp_path / "wing_slides_on_body.png").stat().st_size > 50_000
 
 
 def test_wing_body_su2_says_in_one_line_that_gmsh_is_missing(script, monkeypatch):

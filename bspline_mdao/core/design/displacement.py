@@ -1,6 +1,7 @@
 """Displacements of points as design variables: linear in the values, by a constant sparse matrix.
 
-`Local` displaces single surface control points; `FreeForm` and `Camber` are made of the same map.
+`Local` displaces single surface control points, `Translation` all of them alike; `FreeForm` and `Camber` are made of
+the same map.
 
 Theory: ``docs/theory/free_form.rst``.
 """
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.sparse import csr_array, eye_array
+from scipy.sparse import csr_array, eye_array, kron
 
 from ...base.display import OneLine
 from ...errors import InputError
@@ -21,7 +22,7 @@ from ..mesh.moving_mesh import MovingMesh
 from .selection import Where, rows_of
 from .variable import AuxiliaryPoints, Layout, MapPartials, block_diagonal
 
-__all__ = ["Direction", "Displacement", "Local", "directions_of", "displacements", "selector"]
+__all__ = ["Direction", "Displacement", "Local", "Translation", "directions_of", "displacements", "selector"]
 
 Direction = str | Sequence[float] | np.ndarray
 """Coordinate axes by name (``"z"``, ``"xyz"``), a vector, or one vector or several for every point."""
@@ -110,6 +111,45 @@ class Local(OneLine):
         rows = np.arange(len(mesh.surface_ids)) if self.where is None else rows_of(self.where, mesh, what)
         rows = mesh.once(rows)
         return rows, directions_of(self.direction, len(rows), lambda: surface_normals(mesh)[rows], what)
+
+
+@dataclass(frozen=True, eq=False)
+class Translation(OneLine):
+    """Move the surface as it is: a wing along a fuselage, a store below a wing, with `OfPart`.
+
+    Axes and lattices move along. A value is a displacement, and initially zero.
+
+    Parameters
+    ----------
+    name : str
+        Name of the variable.
+    direction : str or array_like
+        Coordinate axes by name, ``"z"`` or several as in ``"xyz"``, with a value each; or a vector, shape (3,), the
+        displacement per unit of the one value, of any length.
+    units : str, optional
+        Units of the values: m by default, None where the vector carries them.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import onera_m6_grid
+    >>> from bspline_mdao.movers import moving_mesh
+    >>> from bspline_mdao.core.design.parametrization import Parametrization
+    >>> mesh = moving_mesh(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
+    >>> Parametrization(mesh, [Translation("position", "xy")]).initial["position"]
+    array([0., 0.])
+    """
+
+    name: str
+    direction: Direction = "xyz"
+    units: str | None = "m"
+    auxiliary: ClassVar[tuple[AuxiliaryPoints, ...]] = ()
+
+    def bind(self, layout: Layout) -> Displacement:
+        """Move all rows alike; `InputError` if there is no such direction."""
+        (vectors,) = directions_of(self.direction, 1, None, f"'{self.name}'")
+        matrix = kron(np.ones((len(layout.points), 1)), vectors, format="csr")
+        return Displacement(csr_array(matrix))
 
 
 def directions_of(

@@ -1,12 +1,10 @@
 """Where a wing meets a body that keeps its shape: nodes slide on the body, and those beside them go along.
 
-What design variables ask of the junction may lead off the body. Every node of the body has a tangent plane and
-curvatures on the baseline (`bspline_mdao.core.measures.jets`), which make a paraboloid; a displacement d there becomes
-
-    s(d) = (1 - n n^T) d + 1/2 n d^T K d ,
-
-n being the unit normal and K the second fundamental form. What is left over of the wing's displacement fades into the
-wing, and the slide of the junction fades into the body, over a distance. Theory: ``docs/theory/free_form.rst``.
+What design variables ask of the junction may lead off the body: its nodes are taken to the nearest places on the body's
+surface, with what they are off it on the baseline. The surface is one of the fixed surfaces that nodes slide on; where
+none is given it is the smooth one through the body's nodes, by their normals and curvatures. What is left over of the
+wing's displacement fades into the wing, and the slide of the junction fades into the body, over a distance. Theory:
+``docs/theory/free_form.rst``.
 """
 
 from __future__ import annotations
@@ -22,11 +20,30 @@ from ...base.display import OneLine
 from ...errors import InputError
 from ..measures.jets import SmoothCorners, jets
 from ..mesh.control_net import surface_quads
+from ..mesh.moving_mesh import MovingMesh
+from ..sliding.fixed_surface import FixedSurface, Plane
+from ..sliding.node_surface import NodeSurface
+from ..sliding.sliding_nodes import SlidingGroup, SlidingNodes
 from .displacement import selector
 from .selection import Where, rows_of
 from .variable import Layout, MapPartials, block_diagonal, product_on_pattern, sum_on_pattern
 
 __all__ = ["Junction"]
+
+REACH = 1.5
+"""How far a node of the body counts for its surface, by the longest edge there. On a cylinder with ten edges along its
+radius the surface is off by 6e-5 of that; with twice the reach by 26e-5, with 1.2 by 4e-5 and fewer neighbours."""
+
+SAME_PLANE = 6
+"""Decimals to which the normals of one plane agree."""
+
+ROUGH = 0.07
+"""Part of its longest edge by which the surface may miss a node. An ellipsoid with two edges along its radius is
+missed by 0.06 at most, and what slides leaves it by 1 % of the radius; a cylinder of which an edge spans 48 degrees by
+0.1, and what slides leaves it by 20 %."""
+
+FAR = 0.01
+"""Nodes farther from a given surface than this part of the size of the body near the wing were meant for another."""
 
 N_NEAREST = 4
 """Nodes of the junction whose displacements a node beside it takes, by the inverse of the square of their distances."""
@@ -44,7 +61,11 @@ class Junction(OneLine):
     body : Selection or array_like of int
         Nodes of the body, those that it shares with the wing among them; numbers are rows of ``mesh.surface_ids``.
     reach : float
-        Distance from the junction (m) over which displacements fade, on the wing and on the body.
+        Distance from the junction (m) over which displacements fade, on the wing and on the body: some three times as
+        far as the wing is to slide.
+    surface : FixedSurface, optional
+        The surface of the body where it has a formula, such as a `Cylinder`. By default it is a smooth one through the
+        body's nodes.
 
     Examples
     --------
@@ -55,6 +76,7 @@ class Junction(OneLine):
 
     body: Where
     reach: float
+    surface: FixedSurface | None = None
 
     def bind(self, layout: Layout) -> SlidingJunction:
         """Decide what depends on the baseline alone.
@@ -62,7 +84,8 @@ class Junction(OneLine):
         Raises
         ------
         InputError
-            If the wing does not meet the body, the body has a kink near it, or the reach is not positive.
+            If the wing does not meet the body, the body has a kink near it, its nodes are far off the given surface, or
+            the reach is not positive.
         """
         if not self.reach > 0.0:
             raise InputError(f"junction: reach {self.reach}; give a positive distance in metres")
@@ -79,17 +102,31 @@ class Junction(OneLine):
         near_body = others[tree.query(points[others])[0] < self.reach]
         near_wing = wing[tree.query(points[wing])[0] < self.reach]
         body = np.concatenate([junction, near_body])
-        normals, curvatures = _paraboloids(SmoothCorners(points, quads[on_body]), body, layout)
+        surface = self.surface or _through_nodes(SmoothCorners(points, quads[on_body]), body, layout)
+        if self.surface is not None:
+            self._require_near(points[body], body, mesh)
         return SlidingJunction(
             layout,
             junction=junction,
             near=near_body,
             resting=np.setdiff1d(others, near_body),
-            normals=normals,
-            curvatures=curvatures,
+            root=_sliding(surface, junction, layout),
+            collar=_sliding(surface, near_body, layout),
             into_wing=selector(near_wing, len(layout.points)) @ _fading(tree, points[near_wing], self.reach),
             into_body=_fading(tree, points[near_body], self.reach),
         )
+
+    def _require_near(self, points: np.ndarray, rows: np.ndarray, mesh: MovingMesh) -> None:
+        """Refuse a given surface that the body is not on."""
+        assert self.surface is not None
+        distances = self.surface.distances(points)
+        worst, size = int(np.argmax(distances)), float(np.linalg.norm(np.ptp(points, axis=0)))
+        if distances[worst] > FAR * size:
+            raise InputError(
+                f"junction: {mesh.place_of_surface_point(int(rows[worst]))} is {distances[worst]:.3g} m off the given "
+                f"{type(self.surface).__name__}, more than {FAR:g} of the size of the body near it; correct the "
+                f"surface, or leave it out"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +137,9 @@ class SlidingJunction(OneLine):
     junction: np.ndarray  # int (n,), rows of the junction
     near: np.ndarray  # int (m,), rows of the body within reach of it
     resting: np.ndarray  # int, the body's other rows
-    normals: np.ndarray  # (n + m, 3), unit normals of the body at both
-    curvatures: np.ndarray  # (n + m, 3, 3), its second fundamental form there (1/m)
+    # both on the body's surface, and in the planes of symmetry that they are in
+    root: SlidingNodes
+    collar: SlidingNodes
     into_wing: csr_array  # (3 n_rows, 3 n), displacements of the rows by what is left over at the junction
     into_body: csr_array  # (3 m, 3 n), displacements of the body by the slides of the junction
 
@@ -115,18 +153,19 @@ class SlidingJunction(OneLine):
         left_over = (slid - asked[self.junction]).reshape(-1)
         moved = points + (self.into_wing @ left_over).reshape(-1, 3)
         moved[self.junction] = self.layout.points[self.junction] + slid
-        moved[self.near] = self.layout.points[self.near] + self._slide(gone, len(self.junction))
+        moved[self.near] = self.collar.at(self.layout.points[self.near] + gone).points
         moved[self.resting] = self.layout.points[self.resting]
         return moved
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
         """Differentiate `apply`."""
-        asked, n, n_rows = points - self.layout.points, len(self.junction), len(self.layout.points)
+        asked, n_rows = points - self.layout.points, len(self.layout.points)
         _, gone = self._slides(asked)
         picked = selector(self.junction, n_rows)
-        slid = product_on_pattern(block_diagonal(self._rates(asked[self.junction], 0)), picked.T.tocsr())
+        slid = product_on_pattern(block_diagonal(self.root.at(points[self.junction]).jacobians), picked.T.tocsr())
         left_over = sum_on_pattern(slid, -picked.T.tocsr())
-        body = product_on_pattern(block_diagonal(self._rates(gone, n)), product_on_pattern(self.into_body, slid))
+        rates = self.collar.at(self.layout.points[self.near] + gone).jacobians
+        body = product_on_pattern(block_diagonal(rates), product_on_pattern(self.into_body, slid))
         found = sum_on_pattern(
             self._others,
             product_on_pattern(self.into_wing, left_over),
@@ -146,42 +185,66 @@ class SlidingJunction(OneLine):
 
     def _slides(self, asked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Slides of the junction, (n, 3), and what the body near it is asked to do, (m, 3)."""
-        slid = self._slide(asked[self.junction], 0)
+        at_rest = self.layout.points[self.junction]
+        slid = self.root.at(at_rest + asked[self.junction]).points - at_rest
         return slid, (self.into_body @ slid.reshape(-1)).reshape(-1, 3)
 
-    def _slide(self, asked: np.ndarray, first: int) -> np.ndarray:
-        """Displacements on the body of asked ones, at its rows from one on."""
-        normals, curvatures = (part[first : first + len(asked)] for part in (self.normals, self.curvatures))
-        height = 0.5 * np.einsum("ni,nij,nj->n", asked, curvatures, asked) - (asked * normals).sum(axis=1)
-        return asked + height[:, None] * normals
 
-    def _rates(self, asked: np.ndarray, first: int) -> np.ndarray:
-        """Derivatives of `_slide`, shape (n, 3, 3)."""
-        normals, curvatures = (part[first : first + len(asked)] for part in (self.normals, self.curvatures))
-        rise = np.einsum("nij,nj->ni", curvatures, asked) - normals
-        return np.eye(3) + normals[:, :, None] * rise[:, None, :]
+def _sliding(surface: FixedSurface, rows: np.ndarray, layout: Layout) -> SlidingNodes:
+    """Nodes by their rows, (n,) of int, on a surface, and in the planes of symmetry that they are in."""
+    mesh, points = layout.mesh, layout.points[rows]
+    normals, which = np.unique(np.round(mesh.in_plane_normals, SAME_PLANE), axis=0, return_inverse=True)
+    is_in = np.array([np.isin(rows, mesh.in_plane_rows[which.ravel() == k]) for k in range(len(normals))], dtype=bool)
+    patterns, number = np.unique(is_in.reshape(len(normals), len(rows)), axis=1, return_inverse=True)
+    groups = []
+    for k, pattern in enumerate(patterns.T):
+        places = np.flatnonzero(number.ravel() == k)
+        planes = [_plane(mesh, which.ravel() == n, points[places[0]]) for n in np.flatnonzero(pattern)]
+        surfaces = (surface, *planes)
+        heights = np.array([each.levels(points[places]).values for each in surfaces])
+        groups.append(SlidingGroup("junction", surfaces, places, heights))
+    return SlidingNodes(rows, tuple(groups), np.arange(len(rows)))
 
 
-def _paraboloids(body: SmoothCorners, rows: np.ndarray, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals, (n, 3), and second fundamental forms, (n, 3, 3), of a body at some of its nodes."""
+def _plane(mesh: MovingMesh, is_its: np.ndarray, point: np.ndarray) -> Plane:
+    """The plane of some of the points that stay in planes, through one of them."""
+    normal = mesh.in_plane_normals[np.argmax(is_its)]
+    return Plane(normal, float(point @ normal))
+
+
+def _through_nodes(body: SmoothCorners, rows: np.ndarray, layout: Layout) -> NodeSurface:
+    """The surface through the nodes of a body that are on no kink; some of them must not be."""
+    matrices, is_found = jets(body, np.arange(len(body.nodes)))
     counts = np.bincount(body.nodes, minlength=len(body.points))
-    order = np.argsort(body.nodes, kind="stable")
-    places = order[np.searchsorted(body.nodes, rows, sorter=order)]
-    matrices, is_found = jets(body, places)
-    is_smooth = is_found & (counts[rows] == 1)
+    places = np.flatnonzero(is_found & (counts[body.nodes] == 1))
+    nodes = body.nodes[places]
+    is_smooth = np.isin(rows, nodes)
     if not is_smooth.all():
         place = layout.mesh.place_of_surface_point(int(rows[np.argmin(is_smooth)]))
         raise InputError(
             f"junction: the body has a kink at {place}, or too few nodes around it for a curvature; take a shorter "
             f"reach, or a finer mesh"
         )
-    along_u, along_v, *second = (matrix @ body.points for matrix in matrices)
+    along_u, along_v, *second = (csr_array(matrix)[places] @ body.points for matrix in matrices)
     normals = np.cross(along_u, along_v)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     uu, uv, vv = (np.sum(vector * normals, axis=1) for vector in second)
     form = np.stack([np.stack([uu, uv], axis=-1), np.stack([uv, vv], axis=-1)], axis=-2)
     parts = np.linalg.pinv(np.stack([along_u, along_v], axis=-1))  # (n, 2, 3), coordinates of tangent vectors
-    return normals, np.einsum("nai,nab,nbj->nij", parts, form, parts)
+    curvatures = np.einsum("nai,nab,nbj->nij", parts, form, parts)
+    longest = np.zeros(len(body.points))
+    for first, other in ((body.cells, np.roll(body.cells, 1, axis=1)), (body.cells, np.roll(body.cells, -1, axis=1))):
+        np.maximum.at(longest, first, np.linalg.norm(body.points[first] - body.points[other], axis=2))
+    surface = NodeSurface(body.points[nodes], normals, curvatures, REACH * longest[nodes])
+    off = np.abs(surface.levels(body.points[rows]).values) / longest[rows]
+    worst = int(np.argmax(off))
+    if off[worst] > ROUGH:
+        raise InputError(
+            f"junction: the smooth surface through the body's nodes misses "
+            f"{layout.mesh.place_of_surface_point(rows[worst])} by {off[worst]:.2g} of its edges: they are too few for "
+            f"one; give the surface, or a finer mesh"
+        )
+    return surface
 
 
 def _fading(tree: cKDTree, points: np.ndarray, reach: float) -> csr_array:

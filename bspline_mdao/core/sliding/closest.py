@@ -99,7 +99,7 @@ def closest_on(
     heights = np.zeros((k, n)) if heights is None else heights
     if points.shape != (n, 3) or np.shape(heights) != (k, n):
         raise InputError(f"{what}: points of shape {points.shape}; give shape (n, 3), and a height for each")
-    found, multipliers = points.copy(), np.zeros((n, k), dtype=points.dtype)
+    found, multipliers = surfaces[0].near(points), np.zeros((n, k), dtype=points.dtype)
     tolerance = ROUND_OFF * np.abs(points).max(initial=0.0)
     for _ in range(MAX_STEPS):
         step = _solved(*_system(surfaces, points, heights, found, multipliers), what)

@@ -49,6 +49,10 @@ class FixedSurface(OneLine, ABC):
             If it has no gradient at a point, as on the axis of a cylinder.
         """
 
+    def near(self, points: np.ndarray) -> np.ndarray:
+        """Return places from which the search for the points nearest to given ones, shape (n, 3), can start (m)."""
+        return points
+
     def distances(self, points: np.ndarray) -> np.ndarray:
         """Return distances of points, shape (n, 3), from the surface (m), to first order; shape (n,), not negative."""
         values, gradients, _ = self.levels(points)

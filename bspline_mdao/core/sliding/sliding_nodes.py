@@ -21,7 +21,7 @@ from ...grids.topology.topology import Topology
 from .closest import Closest, closest_on
 from .fixed_surface import FixedSurface, Plane
 
-__all__ = ["Slide", "SlidingNodes"]
+__all__ = ["Slide", "SlidingGroup", "SlidingNodes"]
 
 INDEPENDENT = 1e-3
 """A surface counts where its normal leaves those of the node's others by more than this (rad), as in planes."""
@@ -37,7 +37,7 @@ class Slide(OneLine):
 
 
 @dataclass(frozen=True, eq=False)
-class _Group:
+class SlidingGroup(OneLine):
     """Nodes that slide on the same surfaces."""
 
     what: str  # for messages
@@ -51,7 +51,7 @@ class SlidingNodes(OneLine):
     """Nodes that slide on surfaces that are not planes. Made by `SlidingNodes.of`."""
 
     rows: np.ndarray  # (n,) of int, their rows in the grid vector, each shared node once, ascending
-    groups: tuple[_Group, ...]
+    groups: tuple[SlidingGroup, ...]
     places: np.ndarray  # (n,) of int, which of the nodes they are whose places are asked for, see `among`
 
     @classmethod
@@ -75,7 +75,7 @@ class SlidingNodes(OneLine):
             chosen = [slide for slide, counts in zip(slides, pattern) if counts]
             places = np.flatnonzero(which.ravel() == number)
             heights = np.array([slide.surface.levels(nodes[rows[places]]).values for slide in chosen])
-            groups.append(_Group(chosen[0].what, tuple(slide.surface for slide in chosen), places, heights))
+            groups.append(SlidingGroup(chosen[0].what, tuple(slide.surface for slide in chosen), places, heights))
         return cls(rows, tuple(groups), np.arange(len(rows)))
 
     def among(self, rows: np.ndarray) -> SlidingNodes:
@@ -86,7 +86,7 @@ class SlidingNodes(OneLine):
     def at(self, asked: np.ndarray) -> Closest:
         """Where the nodes are to be, shape (n, 3), from where they and others are asked to be, shape (m, 3) (m)."""
         points = asked[self.places]
-        found, jacobians = np.empty_like(points), np.empty((len(points), 3, 3))
+        found, jacobians = np.empty_like(points), np.empty((len(points), 3, 3), points.dtype)
         for group in self.groups:
             closest = closest_on(group.surfaces, points[group.places], group.heights, group.what)
             found[group.places], jacobians[group.places] = closest.points, closest.jacobians

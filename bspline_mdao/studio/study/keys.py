@@ -46,6 +46,7 @@ __all__ = [
     "DRIVER",
     "FLOWS",
     "GRID",
+    "JUNCTION",
     "MEASURES",
     "MOST_NODES",
     "MOVEMENT",
@@ -170,6 +171,12 @@ VARIABLES = {
     "taper": VariableKind("factor on the ratio of tip and root chord", _AT | _OF_PART, "Taper", neutral=1.0),
     "thickness": VariableKind("factors on the thickness of sections", _STATIONS, "ThicknessFactor", neutral=1.0),
     "camber": VariableKind("camber added to sections, in chords", _STATIONS, "Camber"),
+    "translation": VariableKind(
+        "displacements (m) of the surface as it is, or of patches: a wing along a fuselage",
+        {"direction": Key(COORDINATES, "direction of the displacements", "xyz"), **_OF_PART},
+        "Translation",
+        "m",
+    ),
     "control_points": VariableKind(
         "displacements (m) of the control points of the design surface, one by one",
         {
@@ -411,6 +418,13 @@ CONSTRAINT = {
     "ref": Key(POSITIVE, "value that the driver sees as 1", otherwise="size of the bound, 1 if that is 0"),
 }
 """Tables ``[constraints.NAME]``."""
+
+JUNCTION = {
+    "body": Key(NAMES, "patches of a body that keeps its shape, and that the rest of what is designed slides on",
+                is_required=True),
+    "reach": Key(POSITIVE, "distance from the junction over which displacements fade (m)", is_required=True),
+}  # fmt: skip
+"""Table ``[junction]``; none without it."""
 
 MOVEMENT = {
     "mover": Key(one_of("rotations", "elasticity"), "what carries the control mesh along", "rotations"),

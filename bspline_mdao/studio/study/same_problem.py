@@ -33,6 +33,7 @@ def problem_of(study: Study) -> dict[str, Any]:
         "constraints": {name: _without_limits(table) for name, table in study.constraints.items()},
         "movement": study.movement,
     }
+    found |= {"junction": study.junction} if study.junction else {}
     for (*path, key), file in study.inputs.items():
         reduce(getitem, path, found)[key] = digest_of(file)
     return json.loads(json.dumps(found))

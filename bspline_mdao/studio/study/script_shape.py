@@ -49,6 +49,9 @@ def shape_part(
         yield statement("measures = made", made=[_measure(*item) for item in study.measures.items()])
     yield from study.kind.mover_part(lambda: _mover(study))
     settings: dict[str, Any] = {"measures": expression("measures")} if study.measures else {}
+    if study.junction:
+        on_body = call("bm.design.OnPatch", expression("model"), study.junction["body"])
+        settings["junction"] = call("bm.design.Junction", on_body, reach=study.junction["reach"])
     settings |= study.kind.movement
     settings |= {"comoving": True} if study.movement["comoving"] else {}
     asked = [name for name in QUALITIES if any(name in of for of in study.responses)]
@@ -90,6 +93,8 @@ def _made_variable(name: str, table: Table) -> ast.expr:
         patches = [table["patches"]] if table["patches"] else []
         where = [call("bm.design.OnPatch", expression("model"), names) for names in patches]
         return call(made_by, name, *where, direction=table["direction"])
+    if table["kind"] == "translation":
+        return call(made_by, name, direction=table["direction"])
     if table["kind"] == "lattice":
         settings = changed(table, kind.keys, ("margin",))
         box = call(

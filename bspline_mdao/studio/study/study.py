@@ -22,6 +22,7 @@ from .keys import (
     DRIVER,
     FLOWS,
     GRID,
+    JUNCTION,
     MEASURES,
     MOST_NODES,
     MOVEMENT,
@@ -41,7 +42,7 @@ __all__ = ["CASES", "Study", "read_study"]
 
 _TABLES = (
     *("families", "grid", "variables", "measures", "flow", "conditions", "objective", "constraints"),
-    *("movement", "driver", "output"),
+    *("junction", "movement", "driver", "output"),
 )
 _MAX_BYTES = 2**20
 _STATES = "before", "after"
@@ -66,6 +67,7 @@ class Study:
     conditions: dict[str, Table]
     objective: Table
     constraints: dict[str, Table]
+    junction: Table | None  # where a wing slides on a body, if it does
     movement: Table
     driver: Table
     output: Table
@@ -152,12 +154,14 @@ class _Reader(Tables):
             raise self.refuse(("conditions",), "have no weight above 0, and the objective is a mean of theirs")
         self._check_responses(objective, constraints, conditions)
         driver = self._driver(constraints, sum(map(_n_values, variables.values())))
+        junction = self.table("junction", JUNCTION) if "junction" in self.document else None
         movement, output = self._movement(), self.table("output", OUTPUT)
         kind = kind_of(grid["file"], self.path.parent)
         for path, complaint in kind.faults(self.document, asked):
             raise self.refuse(self._written(path), complaint)
         return Study(
-            self.path, grid, variables, measures, flow, conditions, objective, constraints, movement, driver, output
+            self.path, grid, variables, measures, flow, conditions, objective, constraints, junction, movement, driver,
+            output,
         )  # fmt: skip
 
     def _families(self) -> dict[str, list[str]]:
@@ -330,8 +334,7 @@ class _Reader(Tables):
         n = len(stations) if isinstance(stations, list) else stations
         if chosen and n and (max(chosen) > n or len(set(chosen)) < len(chosen)):
             raise self.refuse(("variables", name, "values"), f"is {chosen}; there are {n} stations, name each once")
-        known = {"taper": 1, "rotation": 1, "alpha": n_alpha, "hinge": 2 * len(table.get("direction") or "")}
-        n_values = known.get(table["kind"], len(chosen) if chosen else n)
+        n_values = None if math.isinf(count := _n_values(table, n_alpha)) else int(count)
         for key in ("lower", "upper", "start"):
             given = table[key]
             n_wanted = n if key == "start" and chosen else n_values
@@ -486,12 +489,12 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _n_values(table: Table) -> float:
+def _n_values(table: Table, n_alpha: int = 1) -> float:
     """Number of the values of a variable; infinite where it takes the grid to know."""
-    if table["kind"] in ("taper", "rotation", "alpha"):
-        return 1
-    if table["kind"] == "hinge":
-        return 2 * len(table["direction"])
+    n_axes = len(table.get("direction") or "")
+    known = {"taper": 1, "rotation": 1, "alpha": n_alpha, "translation": n_axes, "hinge": 2 * n_axes}
+    if table["kind"] in known:
+        return known[table["kind"]]
     stations = table.get("values") or table.get("stations", math.inf)
     return len(stations) if isinstance(stations, list) else stations
 

@@ -209,7 +209,7 @@ def test_options_of_drivers_that_keys_set_are_theirs():
 
 def test_the_page_of_studies_has_every_key():
     page = (Path(__file__).parents[3] / "docs" / "study.rst").read_text()
-    tables = [keys.GRID, keys.OBJECTIVE, keys.CONSTRAINT, keys.MOVEMENT, keys.DRIVER, keys.OUTPUT]
+    tables = [keys.GRID, keys.OBJECTIVE, keys.CONSTRAINT, keys.JUNCTION, keys.MOVEMENT, keys.DRIVER, keys.OUTPUT]
     tables += [flow.keys for flow in keys.FLOWS.values()] + list(keys.CONDITIONS.values())
     kinds = keys.VARIABLES | keys.MEASURES
     tables += [kind.all_keys for kind in kinds.values()]

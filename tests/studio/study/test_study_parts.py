@@ -9,6 +9,7 @@ from study_cases import study_of
 from bspline_mdao import InputError
 from bspline_mdao.files import read_mesh
 from bspline_mdao.studio.cli.main import run
+from bspline_mdao.studio.study.same_problem import check_same_problem, problem_of
 from bspline_mdao.studio.study.script import study_script
 
 STUDY = """\
@@ -79,6 +80,13 @@ at = 0.5
 lower = 0.9
 upper = 1.1
 
+[variables.fourth]
+kind = "translation"
+patches = "flap"
+direction = "xy"
+lower = [-0.1, -0.2]
+upper = 0.1
+
 [variables.third]
 kind = "taper"
 at = 0.5
@@ -97,9 +105,30 @@ def test_variables_of_a_part_have_axes_and_boxes_of_it(workplace):
         'bm.design.OfPart(bm.design.Twist("first", parts["f*"].axis, stations=1), parts["f*"].mesh),',
         'bm.design.Chord("second", axes["f*, main", 0.5], stations=1), parts["f*, main"].mesh',
         'bm.design.Taper("third", axes[0.5])',
+        'bm.design.OfPart(bm.design.Translation("fourth", direction="xy"), parts["f*"].mesh),',
         'bm.measures.Clearance.between(surfaces["f*, main"], "f*", "main", name="gap")',
     ):
         assert line in script
+
+
+JUNCTION = """\
+[junction]
+body = "main"
+reach = 0.8
+
+"""
+
+
+def test_a_wing_slides_on_the_body_of_a_junction(workplace):
+    study = study_of(workplace, STUDY.replace("[driver]", JUNCTION + "[driver]"))
+    script = study_script(study, workplace)
+    assert 'junction=bm.design.Junction(bm.design.OnPatch(model, "main"), reach=0.8)' in script
+    earlier = problem_of(study)
+    changed = study_of(workplace, STUDY.replace("[driver]", JUNCTION.replace("0.8", "0.9") + "[driver]"))
+    with pytest.raises(InputError, match=r"\[junction\] reach is 0.9, and was 0.8"):
+        check_same_problem(changed, earlier, "out")
+    with pytest.raises(InputError, match="'junction' has no key 'reach'"):
+        study_of(workplace, STUDY.replace("[driver]", JUNCTION.replace("reach = 0.8\n", "") + "[driver]"))
 
 
 FAULTS = {
