@@ -103,7 +103,12 @@ def _state(
         points = _known_points(options.to, model)
         return riding.at(points), points
     chosen = {name: getattr(options, name) for name in ("deform", "design", "slide", "fix", "release", "mover")}
-    _, deformation, _, movement = moved_control_mesh(model, model_file, MoveOptions(**chosen))
+    control_mesh, deformation, _, movement = moved_control_mesh(model, model_file, MoveOptions(**chosen))
+    for slide in control_mesh.curved_slides:
+        raise InputError(
+            f"{model_file}: {slide.what} is not planar, and nodes of a mesh that rides slide in planes alone; leave it "
+            f"out of --slide, and it follows the surface where that ends on it"
+        )
     state = riding.at(movement.points)
     if riding.walls is None or any(isinstance(part, PrescribedPoints) for part in deformation.maps):
         return state, movement.points

@@ -3,10 +3,11 @@
 import numpy as np
 import openmdao.api as om
 import pytest
+from mover_cases import flare_grid
 from riding_cases import mesh, model, plane_mesh, plane_su2_text, section, su2_text, twisted, write_plane_cgns
 from test_cli import fails_as_expected, numbers
 
-from bspline_mdao import GridEvaluate
+from bspline_mdao import GridEvaluate, fit_grid
 from bspline_mdao.files import read_mesh
 from bspline_mdao.studio.cli.main import run
 
@@ -93,3 +94,16 @@ def test_ride_refuses_what_it_cannot_do_and_writes_nothing(workplace, capsys):
     np.save("few.npy", np.zeros((5, 3)))
     fails_as_expected([*start, "-o", "m.su2", "--to", "few.npy"], capsys, "few.npy")
     assert {path.name for path in workplace.iterdir()} == {"wing.h5", "wing.su2", "few.npy"}
+
+
+def test_ride_refuses_patches_that_slide_on_curved_surfaces(workplace, capsys):
+    grid = flare_grid()
+    fit_grid(grid).save("flare.h5")
+    corners = grid.blocks[0].nodes[[3, 4, 3, 3], [2, 2, 3, 2], [3, 3, 3, 4]]
+    points = "".join(f"{x:.17g} {y:.17g} {z:.17g}\n" for x, y, z in corners)
+    text = f"NDIME= 3\nNELEM= 1\n10 0 1 2 3 0\nNPOIN= 4\n{points}NMARK= 0\n"
+    (workplace / "tetra.su2").write_text(text)
+    start = ["ride", "flare.h5", "tetra.su2", "-o", "m.su2", "--deform", "translate=0/1e-3/1e-3", "--fix", "side*"]
+    assert run(start) == 0
+    reason = "patch 'cone' is not planar, and nodes of a mesh that rides slide in planes alone; leave it out of --slide"
+    fails_as_expected([*start, "--slide", "cone"], capsys, reason)
