@@ -148,7 +148,12 @@ class MovingMesh(OneLine):
 
     @cached_property
     def plane_normals(self) -> np.ndarray:
-        """Unit normals of the planes in which points slide, shape (n_planes, 3), those of parallel planes once."""
+        """Unit normals of the planes in which points slide, shape (n_planes, 3), those of parallel planes once.
+
+        All directions where nodes slide on surfaces that are not planes: no rigid motion is theirs in general.
+        """
+        if self.curved_slides:
+            return np.eye(3)
         rows = np.flatnonzero(self.is_free.sum(axis=1) == 2)
         directions = np.argmin(self.is_free[rows], axis=1)
         normals = np.eye(3)[directions] if self.frames is None else self.frames[rows, directions]

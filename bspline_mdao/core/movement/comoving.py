@@ -30,7 +30,8 @@ class ComovingFrame(OneLine):
 
     All points that are fixed follow: the far field, and walls that are not part of the design surface. Those that slide
     in planes slide in them as before. Symmetry and sliding planes leave rotations about their normal and shifts along
-    them; two planes at an angle leave shifts along both.
+    them; two planes at an angle leave shifts along both; patches that slide on surfaces which are not planes leave
+    nothing, and all that is fixed stays.
 
     Parameters
     ----------

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bspline_mdao import read_grid
 from bspline_mdao.base.numerics.mean_planes import near_enough
 from bspline_mdao.core.sliding.recognition import recognised_surface
 from bspline_mdao.errors import InputError
@@ -116,3 +117,10 @@ def test_a_face_that_shrinks_to_a_pole_is_none_of_its_own(kind):
     else:  # the apex has no tangent plane
         with pytest.raises(InputError, match=r"leaves its plane by .* m, a cylinder"):
             found(nodes)
+
+
+def test_a_real_body_of_revolution_is_found(real_grids):
+    faces = [block.nodes[:, :, 0] for block in read_grid(real_grids / "cfl3d_axibump.fmt").blocks]
+    surface, distance = found(*faces)
+    assert isinstance(surface, Revolution)
+    assert distance < 1e-7

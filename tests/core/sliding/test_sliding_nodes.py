@@ -7,13 +7,15 @@ import openmdao.api as om
 import pytest
 from mover_cases import mesh_of, rotation
 from sliding_cases import lean, passage, passage_grid, rows_of, surface_of
+from topology_cases import patch
 
-from bspline_mdao import DesignSurface, GridEvaluate, GridMovement, InputError, fit_grid
+from bspline_mdao import DesignSurface, GridEvaluate, GridMovement, InputError, find_topology, fit_grid, read_grid
 from bspline_mdao.core.design.motion import UnsteadyGrid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.topology.grid import Block, Grid
 from bspline_mdao.grids.topology.partition import Partition
 from bspline_mdao.measures import SurfaceGrid
-from bspline_mdao.movers import Cone, Cylinder, LinearElasticity, Rotations, moving_mesh
+from bspline_mdao.movers import ComovingFrame, Cone, Cylinder, LinearElasticity, Rotations, moving_mesh
 from bspline_mdao.testing import central_difference, check_totals, dot_test
 
 CASES = {
@@ -135,6 +137,39 @@ def test_control_points_slide_in_tangent_planes_where_nothing_ends_on_the_side_a
     radial = strut.points[inner] * [0.0, 1.0, 1.0]
     radial /= np.linalg.norm(radial, axis=1)[:, None]
     assert np.abs((strut.slide(np.ones_like(strut.points))[inner] * radial).sum(axis=1)).max() < 1e-14
+
+
+def test_a_frame_that_goes_along_with_the_surface_stays_where_patches_slide_on_curved_surfaces(simple):
+    mesh = moving_mesh(simple, "blade", sliding={"casing": None})
+    surface = mesh.points[mesh.surface_ids] + [0.0, 0.02, 0.03]
+    movers = Rotations(mesh), ComovingFrame(Rotations(mesh))
+    points = [mover.move(simple.control_points, surface).points for mover in movers]
+    np.testing.assert_allclose(*points, atol=1e-13)
+
+
+def test_a_real_turbine_keeps_its_hub_and_casing(real_grids):
+    whole = read_grid(real_grids / "nasa_vspt_turbine.xyz.gz")
+    blocks = [Block(block.nodes[::8, ::10, ::4].copy(), block.name) for block in whole.blocks]
+    faces = [face.window for face in find_topology(Grid(tuple(blocks))).boundary]
+    kinds = {"hub": [w for w in faces if w.hi[1] == 0], "casing": [w for w in faces if w.lo[1] == 10]}
+    kinds["blade"] = [w for w in faces if w.block == 0 and w.hi[2] == 0]
+    kinds["rest"] = [w for w in faces if not any(w in found for found in kinds.values())]
+    patches = [patch("wall" if name == "blade" else "other", *found, name=name) for name, found in kinds.items()]
+    model = fit_grid(Grid(tuple(blocks), tuple(patches)), n_control=(9, 6, 6))
+    mesh = moving_mesh(model, "blade", fixed="rest", sliding=SLIDING)
+    points = mesh.points[mesh.surface_ids]
+    angle = 0.001 * (np.linalg.norm(points[:, 1:], axis=1) - 18.15)
+    c, s = np.cos(angle), np.sin(angle)
+    leant = np.column_stack([points[:, 0], c * points[:, 1] - s * points[:, 2], s * points[:, 1] + c * points[:, 2]])
+    grid_map = model.map_sliding(mesh.slides, model)
+    nodes = grid_map.at(Rotations(mesh).move(model.control_points, leant).points).nodes
+    for name, radius in (("hub", 18.14755), ("casing", 21.22255)):
+        rows, surface = rows_of(model, name), surface_of(mesh, name)
+        assert surface.radius == pytest.approx(radius, rel=1e-6)
+        before, after = (surface.levels(array[rows]).values for array in (grid_map.nodes, nodes))
+        assert np.abs(before).max() < 1e-5  # digits of the file
+        assert np.abs(after - before).max() < 1e-13
+    assert np.linalg.norm(nodes - grid_map.nodes, axis=1)[rows].max() > 0.05
 
 
 def test_a_surface_that_is_given_keeps_nodes_as_far_off_as_they_are_and_says_how_far(simple, caplog):
