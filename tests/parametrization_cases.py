@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 
+from bspline_mdao.core.design.axisymmetric import RadiusFactor
 from bspline_mdao.core.design.coarse_net import CoarseNet
 from bspline_mdao.core.design.displacement import Local, Translation
 from bspline_mdao.core.design.free_form import FreeForm
@@ -91,6 +92,7 @@ VARIABLES = {
     FreeForm: lambda mesh: FreeForm("shape", Lattice.box(mesh, n=(4, 2, 3)), direction="xy"),
     Local: lambda mesh: Local("bump", ~NearPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), "normal"),
     OfPart: lambda mesh: twisted_upper_side("part"),
+    RadiusFactor: lambda mesh: RadiusFactor("radius", [(0.1, 0.3, 0.0), (0.4, -0.2, 1.0)], stations=4),
     Rotation: lambda mesh: Rotation("flap", Hinge((0.6, 0.0, 0.2), (0.9, 0.1, 1.1)), [3, 8], blend=0.2),
     Span: lambda mesh: Span("span", ReferenceAxis.of(mesh), stations=3),
     Sweep: lambda mesh: Sweep("sweep", ReferenceAxis.of(mesh), stations=3),

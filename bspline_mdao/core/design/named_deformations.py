@@ -23,6 +23,7 @@ from ..mesh.control_net import surface_quads
 from ..mesh.frame import Frame, Plane, mesh_planes, surface_frame
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
+from .axisymmetric import ScaleRadius, StretchAlong
 from .deformation import (
     Bend,
     Deformation,
@@ -240,17 +241,17 @@ class Request:
             degrees = self._match(text, f"({_NUMBER})", "an angle such as 30deg")
         return math.radians(self._between(degrees, -limit, limit))
 
-    def hinge(self) -> np.ndarray:
-        """Read the place as an axis, ``hinge(0,0,0 -> 0,0,1)``: two points, shape (2, 3)."""
-        match = re.fullmatch(rf"hinge\({_POINT}->{_POINT}\)", self.at or "")
+    def axis(self, word: str, or_else: str = "") -> np.ndarray:
+        """Read the place as an axis, ``word(0,0,0 -> 0,0,1)``: two points, shape (2, 3)."""
+        match = re.fullmatch(rf"{word}\({_POINT}->{_POINT}\)", self.at or "")
         if match is None:
             asked = "no axis is named" if self.at is None else f"'{self.at}' is no axis"
-            raise self.fail(f"{asked}; write @hinge(x,y,z -> x,y,z), or @chord 0.7 for a part of the chord")
+            raise self.fail(f"{asked}; write @{word}(x,y,z -> x,y,z){or_else}")
         numbers = np.array(match.groups(), dtype=float).reshape(2, 3)
         try:
             return Hinge(*numbers).points
         except InputError as error:
-            raise self.fail(str(error)) from None
+            raise self.fail(str(error).replace("hinge:", f"{word}:")) from None
 
     def between(self, key: str, default: tuple[float, float]) -> tuple[float, float]:
         """Read an option as two rising parts from 0 to 1, ``0.6:0.9``."""
@@ -374,7 +375,9 @@ def _rotate(request: Request, surface: _Surface) -> Rotate:
         raise request.fail("ends is of what is behind the hinge line; give blend as well, or leave it out")
     ends = request.number("ends", blend, low=-1e-12)
     try:
-        hinge = _line(request, surface) if is_on_chord else request.hinge()
+        hinge = (
+            _line(request, surface) if is_on_chord else request.axis("hinge", ", or @chord 0.7 for a part of the chord")
+        )
         patches = [name.strip() for name in request.options.get("patches", "").split("/") if name.strip()]
         whole = surface.part(patches) if patches else None
         behind = BehindHinge(hinge, surface.frame.axes[0], blend, abs(ends)) if blend else None
@@ -384,6 +387,17 @@ def _rotate(request: Request, surface: _Surface) -> Rotate:
     if behind is not None:
         _require_room(request, rotate, behind, surface)
     return rotate
+
+
+def _radius(request: Request, surface: _Surface) -> ScaleRadius:
+    request.only("@", "along")
+    ends = request.between("along", (0.0, 1.0)) if "along" in request.options else None
+    return ScaleRadius(request.axis("axis"), request.number(low=0.0), ends)
+
+
+def _axial(request: Request, surface: _Surface) -> StretchAlong:
+    request.only("@")
+    return StretchAlong(request.axis("axis"), request.number(low=0.0))
 
 
 def _line(request: Request, surface: _Surface) -> np.ndarray:
@@ -440,6 +454,8 @@ DEFORMATIONS = {
     "dihedral": _by_angle(ShearUpwards, 85.0),
     "pitch": _pitch,
     "rotate": _rotate,
+    "radius": _radius,
+    "axial": _axial,
     "translate": _translate,
     "bumps": _bumps,
     "ffd": _lattice,

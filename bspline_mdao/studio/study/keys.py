@@ -171,6 +171,15 @@ VARIABLES = {
     "taper": VariableKind("factor on the ratio of tip and root chord", _AT | _OF_PART, "Taper", neutral=1.0),
     "thickness": VariableKind("factors on the thickness of sections", _STATIONS, "ThicknessFactor", neutral=1.0),
     "camber": VariableKind("camber added to sections, in chords", _STATIONS, "Camber"),
+    "radius": VariableKind(
+        "factors on the distance from an axis, at stations along it: hubs, casings, nozzles, bodies",
+        {
+            "axis": Key(LINE, "two points of the axis (m), station 0 and station 1", is_required=True),
+            **{key: _STATIONS[key] for key in ("stations", "order", "values", "patches")},
+        },
+        "RadiusFactor",
+        neutral=1.0,
+    ),
     "translation": VariableKind(
         "displacements (m) of the surface as it is, or of patches: a wing along a fuselage",
         {"direction": Key(COORDINATES, "direction of the displacements", "xyz"), **_OF_PART},

@@ -93,6 +93,9 @@ def _made_variable(name: str, table: Table) -> ast.expr:
         patches = [table["patches"]] if table["patches"] else []
         where = [call("bm.design.OnPatch", expression("model"), names) for names in patches]
         return call(made_by, name, *where, direction=table["direction"])
+    if table["kind"] == "radius":
+        settings = {"stations": table["stations"]} | changed(table, kind.keys, ("order",))
+        return call(made_by, name, [tuple(point) for point in table["axis"]], **settings)
     if table["kind"] == "translation":
         return call(made_by, name, direction=table["direction"])
     if table["kind"] == "lattice":
@@ -125,7 +128,7 @@ def _made_variable(name: str, table: Table) -> ast.expr:
 
 def _hinge(table: Table) -> ast.expr | None:
     """Hinge of a variable; None where it has none of its own."""
-    if table.get("axis"):
+    if table["kind"] in ("rotation", "hinge") and table["axis"]:
         return call("bm.design.Hinge", *map(tuple, table["axis"]))
     if table["kind"] not in ("rotation", "hinge") or table["chord"] is None:
         return None

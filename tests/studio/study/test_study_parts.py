@@ -87,6 +87,14 @@ direction = "xy"
 lower = [-0.1, -0.2]
 upper = 0.1
 
+[variables.fifth]
+kind = "radius"
+axis = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+stations = 3
+values = [2]
+lower = 0.9
+upper = 1.1
+
 [variables.third]
 kind = "taper"
 at = 0.5
@@ -105,6 +113,7 @@ def test_variables_of_a_part_have_axes_and_boxes_of_it(workplace):
         'bm.design.OfPart(bm.design.Twist("first", parts["f*"].axis, stations=1), parts["f*"].mesh),',
         'bm.design.Chord("second", axes["f*, main", 0.5], stations=1), parts["f*, main"].mesh',
         'bm.design.Taper("third", axes[0.5])',
+        'bm.design.RadiusFactor("fifth", [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], stations=3),',
         'bm.design.OfPart(bm.design.Translation("fourth", direction="xy"), parts["f*"].mesh),',
         'bm.measures.Clearance.between(surfaces["f*, main"], "f*", "main", name="gap")',
     ):

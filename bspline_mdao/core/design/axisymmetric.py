@@ -1,0 +1,176 @@
+"""Bodies, hubs, casings and nozzles by their axis: factors on the distance from it, and lengths along it.
+
+A point x at the part s of the axis from a to b, u being the unit vector along it, goes to
+
+    x + (f(s) - 1) r   or   x + (f - 1) u u . (x - a) ,    r = x - a - u u . (x - a) .
+
+The named deformations ``radius`` and ``axial`` and the design variable `bspline_mdao.design.RadiusFactor` are made of
+it. What is periodic by a rotation about the axis stays so. Theory: ``docs/theory/deformations.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ...base.checks import as_vector
+from ...base.display import OneLine
+from ...errors import InputError
+from .axis_maps import along_vectors
+from .reference_axis import StationSpline
+from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, block_diagonal
+
+__all__ = ["RadiusFactor", "ScaleRadius", "StretchAlong"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """A line through two points."""
+
+    points: np.ndarray  # (2, 3), in metres
+
+    @cached_property
+    def direction(self) -> np.ndarray:
+        """Unit vector along it."""
+        along = self.points[1] - self.points[0]
+        return along / np.linalg.norm(along)
+
+    def along(self, points: np.ndarray) -> np.ndarray:
+        """Distances along it from its first point (m), shape (n,)."""
+        return (points - self.points[0]) @ self.direction
+
+    def parts(self, points: np.ndarray) -> np.ndarray:
+        """Parts of it that points are at, 0 at its first point and 1 at its second, shape (n,)."""
+        return self.along(points) / np.linalg.norm(self.points[1] - self.points[0])
+
+    def outwards(self, points: np.ndarray) -> np.ndarray:
+        """Vectors from it to points, at right angles to it, shape (n, 3)."""
+        return points - self.points[0] - self.along(points)[:, None] * self.direction
+
+
+@dataclass(frozen=True, eq=False)
+class ScaleRadius:
+    """Scale distances from an axis; ``amount`` is the factor in the middle of a part of the axis, or everywhere."""
+
+    axis: np.ndarray  # (2, 3), two points of it (m)
+    amount: float = 1.0
+    ends: tuple[float, float] | None = None  # parts of the axis between which the factor rises and falls
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Move points (n, 3), in metres."""
+        line = _Line(self.axis)
+        return points + ((self.amount - 1.0) * self._weights(line.parts(points)))[:, None] * line.outwards(points)
+
+    def _weights(self, parts: np.ndarray) -> np.ndarray:
+        """1 in the middle, 0 at both ends and beyond, where the slope is 0 as well."""
+        if self.ends is None:
+            return np.ones_like(parts)
+        place = (parts - self.ends[0]) / (self.ends[1] - self.ends[0])
+        return np.where((place.real > 0.0) & (place.real < 1.0), 16.0 * place**2 * (1.0 - place) ** 2, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class StretchAlong:
+    """Scale lengths along an axis from its first point; ``amount`` is the factor."""
+
+    axis: np.ndarray  # (2, 3), two points of it (m)
+    amount: float = 1.0
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Move points (n, 3), in metres."""
+        line = _Line(self.axis)
+        return points + (self.amount - 1.0) * line.along(points)[:, None] * line.direction
+
+
+@dataclass(frozen=True, eq=False)
+class RadiusFactor(OneLine):
+    """Factors on the distance from an axis at stations along it: contours of hubs, casings, nozzles and bodies.
+
+    Values are interpolated between stations by where points are on the baseline, and constant beyond the ends. What is
+    periodic by a rotation about the axis stays so. Axes and lattices go along as the surface at their place does.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
+    axis : sequence of two points
+        Two points of the axis (m): station 0 is at the first and 1 at the second.
+    stations : int or sequence of float
+        How many, evenly from 0 to 1, or where they are.
+    order : int
+        Of the spline between them: 2 straight lines, 4 cubics.
+
+    Raises
+    ------
+    InputError
+        If the axis is none, or the stations are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.design import RadiusFactor
+    >>> from bspline_mdao.generators import brick_grid
+    >>> body = DesignSurface.of(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> wider = RadiusFactor("radius", axis=[(-0.5, 0.0, 0.0), (0.5, 0.0, 0.0)], stations=3)
+    >>> shape, points = body.parametrization([wider]), body.mesh.points[body.mesh.surface_ids]
+    >>> moved = shape.apply(points, {"radius": np.array([1.0, 1.2, 1.0])})
+    >>> float(np.ptp(moved[:, 1]).round(6))
+    1.2
+    """
+
+    units: ClassVar[str | None] = None
+    auxiliary: ClassVar[tuple[AuxiliaryPoints, ...]] = ()
+
+    name: str
+    axis: Sequence
+    stations: int | Sequence[float] = 1
+    order: int = 4
+
+    def __post_init__(self) -> None:
+        if np.shape(self.axis) != (2, 3):
+            raise InputError(f"'{self.name}': an axis of shape {np.shape(self.axis)}; give two points x, y, z")
+        if not np.any(self._line.points[0] != self._line.points[1]):
+            raise InputError(f"'{self.name}': both points of the axis are the same; give two different ones")
+        self._spline  # noqa: B018 - what are no stations is refused here
+
+    @cached_property
+    def _line(self) -> _Line:
+        ends = zip(("first", "second"), self.axis)
+        return _Line(np.stack([as_vector(end, f"'{self.name}': {which} point of the axis") for which, end in ends]))
+
+    @cached_property
+    def _spline(self) -> StationSpline:
+        return StationSpline.of(self.stations, self.order)
+
+    def bind(self, layout: Layout) -> DesignMap:
+        """Decide on the baseline where every row is along the axis."""
+        return _RadiusMap(self._line, self._spline.matrix(self._line.parts(layout.points)))
+
+
+@dataclass(frozen=True, eq=False)
+class _RadiusMap:
+    """A `RadiusFactor` that is bound to rows, see `bspline_mdao.core.design.variable.DesignMap`."""
+
+    line: _Line
+    spline: csr_array  # (n_rows, n_values), factors of rows by those of stations
+
+    @property
+    def initial(self) -> np.ndarray:
+        """Values at which nothing moves."""
+        return np.ones(self.spline.shape[1])
+
+    def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Move all rows, shape (n_rows, 3), in metres."""
+        return points + (self.spline @ (values - 1.0))[:, None] * self.line.outwards(points)
+
+    def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
+        """Differentiate `apply`."""
+        across = np.eye(3) - np.multiply.outer(self.line.direction, self.line.direction)
+        blocks = np.eye(3) + (self.spline @ (values - 1.0))[:, None, None] * across
+        return MapPartials(block_diagonal(blocks), along_vectors(self.line.outwards(points), self.spline))
