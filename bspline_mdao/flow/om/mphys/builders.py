@@ -10,6 +10,7 @@ import openmdao.api as om
 from mphys import Builder
 
 from ....base.numerics.processes import ONE
+from ....core.design.hinge import Hinge
 from ....core.mesh.surface import SurfaceGrid
 from ....core.model.fitted_model import FittedModel
 from ....core.model.movable import Movable
@@ -93,6 +94,7 @@ class FlowBuilder(Builder):
         self._generation, self._is_coupled = generation, scenario == "aerostructural"
         self._results = FLOW_RESULTS if results is None else results
         self._surface, self._comm = surface or SurfaceGrid.of(model), ONE
+        self._hinges: dict[str, np.ndarray] = {}
 
     def initialize(self, comm: Any) -> None:
         """Take the communicator of the processes that solve the flow: MPhys or the script calls this first."""
@@ -120,6 +122,7 @@ class FlowBuilder(Builder):
     def get_coupling_group_subsystem(self, scenario_name: str | None = None) -> FlowGroup:
         """Make the group that solves the flow; in the coupling with a structure, also moves the grid and has loads."""
         options = {"n_nodes": self._model.n_nodes, "results": self._results, "generation": self._generation}
+        options["hinges"] = self._hinges
         if self._is_coupled:
             options |= {"warper": self._warper(), "n_loaded": self._surface.n_points}
         return FlowGroup(flow=self._flow_of(scenario_name), **options)
@@ -199,6 +202,8 @@ class EulerBuilder(FlowBuilder):
         super().__init__(
             model, flow, surface=surface, results=results, generation=generation, scenario=scenario, **movement
         )
+        axes = (hinge.axis for hinge in options.get("hinges", ()))
+        self._hinges = {axis.name: axis.points for axis in axes if isinstance(axis, Hinge)}
 
 
 class FlowGroup(Copied, om.Group):
@@ -210,6 +215,7 @@ class FlowGroup(Copied, om.Group):
     ``aero_vol_coords``    input   (3 n_nodes)            nodes of the grid (m)
     ``angle_of_attack``    input   (1,)            deg    2 by default; ``CL_target`` where ``alpha`` is a result
     ``mach_number``        input   (1,)                   0.3 by default
+    name of each hinge     input   (6,)            m      both points of its axis, of moments about hinges that move
     name of each result    output  the flow's own         coefficients and whatever else was named
     =====================  ======  ==============  =====  =========================================
 
@@ -238,6 +244,8 @@ class FlowGroup(Copied, om.Group):
         What moves the grid before the flow is solved.
     n_loaded : int, optional
         Nodes of the surface that get forces; None for no forces.
+    hinges : dict
+        Inputs of the flow that are points of hinges, by name: their values on the baseline (m).
 
     Raises
     ------
@@ -253,6 +261,7 @@ class FlowGroup(Copied, om.Group):
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
         self.options.declare("warper", default=None, recordable=False, desc="moves the grid before the flow is solved")
         self.options.declare("n_loaded", default=None, desc="nodes of the surface that get forces")
+        self.options.declare("hinges", default={}, recordable=False, desc="points of hinges on the baseline, by name")
 
     def setup(self) -> None:
         """Put the flow between two components that translate; in a coupling, with its movement and its loads."""
@@ -265,6 +274,10 @@ class FlowGroup(Copied, om.Group):
         if n_loaded is not None:
             conditions.append(_pressure(names))
             targets.append("dynamic_pressure")
+        for name, points in self.options["hinges"].items():
+            metres = {"val": points.ravel(), "units": "m"}
+            conditions.append(Renaming(name, f"{name}_of_flow", {**metres, "tags": INPUT}, metres))
+            targets.append(name)
         if self.options["warper"] is not None:
             self.add_subsystem("warper", self.options["warper"], promotes=["*"])
         self.add_subsystem("conditions", Renamed(pairs=conditions), promotes_inputs=["*"])
