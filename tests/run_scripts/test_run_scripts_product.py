@@ -196,6 +196,23 @@ def test_wing_slides_on_body_keeps_its_root_on_the_fuselage_and_trims(script, tm
     assert (tmp_path / "wing_slides_on_body.png").stat().st_size > 50_000
 
 
+@pytest.mark.slow
+def test_turbine_sector_moves_both_sides_alike(script, tmp_path):
+    turbine = script("turbine_sector")
+    numbers = turbine.main(quick=True, figures=tmp_path)
+    assert numbers["n_cells"] == 1824
+    assert numbers["gap"] < 1e-14
+    for name in turbine.MOVES:
+        moved = numbers[name]
+        assert moved["gap"] < 1e-14, name
+        assert moved["n_inverted"] == 0, name
+        assert moved["smallest_ratio"] > 0.3, name
+        assert moved["heights"][1] == pytest.approx(1.0, abs=0.06), name
+        assert moved["displacement"] > 0.005, name
+        assert moved["products"] < 1e-11, name
+    assert (tmp_path / "turbine_sector.png").stat().st_size > 50_000
+
+
 def test_wing_body_su2_says_in_one_line_that_gmsh_is_missing(script, monkeypatch):
     monkeypatch.setitem(sys.modules, "gmsh", None)
     with pytest.raises(InputError, match=r"the mesh is made by Gmsh \(.*\): pip install 'bspline_mdao\[gmsh\]'"):
