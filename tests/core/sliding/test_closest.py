@@ -5,15 +5,19 @@ import pytest
 
 from bspline_mdao.core.sliding.fixed_surface import Plane
 from bspline_mdao.errors import InputError, MovementError
-from bspline_mdao.movers import Cone, Cylinder, Revolution, Sphere, closest_on
+from bspline_mdao.movers import Cone, Cylinder, Revolution, Sphere, SplineSurface, closest_on
 from bspline_mdao.testing import central_difference
 
 X = np.linspace(-2.0, 4.0, 23)
 AXIS = {"origin": (0.3, -0.2, 0.1), "direction": (1.0, 0.3, -0.2)}
+U, V = np.meshgrid(X[4:-4], np.linspace(-1.0, 2.0, 21), indexing="ij")
+RADIUS = 1.3 + 0.2 * np.sin(U) + 0.1 * np.cos(2.0 * V)
+BARREL = np.stack([U, RADIUS * np.cos(V), RADIUS * np.sin(V)], axis=-1)
 SURFACES = {
     "cylinder": Cylinder(**AXIS, radius=1.3),
     "cone": Cone((-3.0, 0.2, 0.1), (2.0, 0.3, -0.2), 0.4),
     "sphere": Sphere((0.1, 0.2, -0.3), 1.7),
+    "spline": SplineSurface(BARREL),
     "revolution": Revolution(**AXIS, profile=np.column_stack([X, 1.4 + 0.2 * np.sin(1.3 * X)])),
 }
 PLANE = Plane(np.array([0.6, 0.0, 0.8]), 0.35)  # neither through an axis nor normal to it
@@ -41,6 +45,11 @@ def test_gradients_and_hessians_are_those_of_the_function(name):
     change = np.einsum("nij,nj->ni", levels.hessians, direction)
     np.testing.assert_allclose(step.gradients.imag / 1e-30, change, rtol=1e-12, atol=1e-13)
     np.testing.assert_allclose(step.hessians.real, levels.hessians, rtol=1e-13)
+    for part, exact in (("values", step.values), ("gradients", step.gradients)):
+        slope = central_difference(
+            lambda h, part=part: getattr(surface.levels(points + h * direction), part), 1e-3, levels=3
+        )
+        np.testing.assert_allclose(slope, exact.imag / 1e-30, rtol=1e-7, atol=1e-7)
 
 
 @pytest.mark.parametrize(("name", "n"), ON)
@@ -91,6 +100,17 @@ def test_a_point_on_three_surfaces_has_nowhere_to_go():
     assert max(surface.distances(closest.points).max() for surface in chosen) < 1e-14
 
 
+def test_a_surface_through_points_has_them_and_one_of_a_saddle_is_it():
+    assert SURFACES["spline"].distances(BARREL.reshape(-1, 3)).max() < 1e-14
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, 7), np.linspace(-2.0, 1.0, 9), indexing="ij")
+    rng = np.random.default_rng(8)
+    at = rng.uniform(-0.8, 0.8, (20, 2))
+    saddle = SplineSurface(np.stack([x, y, x * y], axis=-1))
+    assert saddle.distances(np.column_stack([at, at.prod(axis=1)])).max() < 1e-14
+    with pytest.raises(MovementError, match=r"no point of it is near \[5.0, 5.0, 0.0\]; give a surface that goes on"):
+        saddle.levels(np.array([[5.0, 5.0, 0.0]]))
+
+
 def test_points_without_a_closest_one_are_refused():
     ring, beyond = Revolution((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), np.column_stack([X, 1.0 + X**2])), [[0.0, 3.0, 0.0]]
     with pytest.raises(
@@ -123,6 +143,8 @@ def test_points_without_a_closest_one_are_refused():
             lambda: Revolution((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), np.column_stack([X, X])),
             "a radius of -2 m in the profile",
         ),
+        (lambda: SplineSurface(BARREL[:3]), r"shape \(3, 21, 3\); give shape \(n, m, 3\), rows of 4 points at least"),
+        (lambda: SplineSurface(BARREL[[0, 1, 1, 2, 3]]), "spline surface: lines 2 and 3 of direction 0 are one"),
         (lambda: closest_on([PLANE], np.zeros((3, 2))), r"points of shape \(3, 2\)"),
     ],
 )

@@ -15,7 +15,7 @@ from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.topology.grid import Block, Grid
 from bspline_mdao.grids.topology.partition import Partition
 from bspline_mdao.measures import SurfaceGrid
-from bspline_mdao.movers import ComovingFrame, Cone, Cylinder, LinearElasticity, Rotations, moving_mesh
+from bspline_mdao.movers import ComovingFrame, Cone, Cylinder, LinearElasticity, Rotations, SplineSurface, moving_mesh
 from bspline_mdao.testing import central_difference, check_totals, dot_test
 
 CASES = {
@@ -192,7 +192,7 @@ def test_what_cannot_slide_is_refused(simple):
         moving_mesh(simple, "hub", sliding="blade")
     with pytest.raises(InputError, match="patch 'blade' is to slide and is of the design surface; name the patches"):
         moving_mesh(simple, "blade", sliding="blade")
-    with pytest.raises(InputError, match=r"'casing' is to slide on 2\.0; give a Cylinder, Cone, Sphere or Revolution"):
+    with pytest.raises(InputError, match=r"'casing' is to slide on 2\.0; give a Cylinder, Cone, Sphere, Revolution or"):
         moving_mesh(simple, "blade", sliding={"casing": 2.0})
     with pytest.raises(InputError, match="no patch is called 'shroud'"):
         moving_mesh(simple, "blade", sliding={"shroud": far})
@@ -203,6 +203,26 @@ def test_what_cannot_slide_is_refused(simple):
         moving_mesh(simple, "blade", sliding={"casing": Cone(corner, (1.0, 0.0, 0.0), 0.1)})
     with pytest.raises(InputError, match="moving grid: without splines patches slide in planes alone"):
         mesh_of(passage_grid(), design="blade", sliding={"casing": far})
+
+
+def test_nodes_slide_on_a_surface_through_those_of_a_face_that_no_formula_has():
+    model = passage(turn=rotation(), contour=lambda x: 2.0 - 0.1 * np.sin(2.0 * x))
+    with pytest.raises(InputError, match="patch casing is to slide, but leaves its plane by"):
+        moving_mesh(model, "blade", sliding="casing")
+    wall = SplineSurface(model.regenerate().blocks[0].nodes[:, :, -1])
+    mesh = moving_mesh(model, "blade", sliding={"casing": wall, "hub": None})
+    points = Rotations(mesh).move(model.control_points, lean(mesh, 0.03, rotation())).points
+    grid_map, rng = model.map_sliding(mesh.slides, model), np.random.default_rng(4)
+    state, rows = grid_map.at(points), rows_of(model, "casing")
+    assert wall.distances(state.nodes[rows]).max() < 1e-14
+    assert wall.distances(model.grid_map().at(points).nodes[rows]).max() > 1e-3
+    np.testing.assert_array_equal(grid_map.at(model.control_points).nodes, grid_map.nodes)
+    direction = rng.normal(size=points.shape)
+    exact = state.jvp(direction)
+    differences = central_difference(lambda h: grid_map.at(points + h * direction).nodes, 1e-4, levels=3)
+    np.testing.assert_allclose(exact, differences, atol=1e-7 * np.abs(exact).max())  # third derivatives jump at knots
+    pair = (lambda d: state.jvp(control_points=d)), (lambda bar: state.vjp(bar)["control_points"])
+    assert dot_test(*pair, points.shape, state.nodes.shape) < 1e-14
 
 
 def test_grids_that_do_not_ask_have_the_map_that_they_had(simple):
