@@ -60,3 +60,21 @@ def lean(mesh, amount, turn=None):
     c, s = np.cos(angle), np.sin(angle)
     leant = np.column_stack([x, c * y - s * z, s * y + c * z])
     return leant if turn is None else leant @ turn.T + SHIFT
+
+
+def wing_on_body_grid(shape=(9, 9, 11), off_wall=2e-3):
+    """A wing on one side of a plane that holds the axis of a round body, three blocks in a row, viscous at both."""
+    n_along, n_around, n_off = shape
+    around, part = 0.9 * stretch_from(n_around, off_wall), stretch_from(n_off, off_wall)
+    blocks = []
+    for number in range(3):
+        x = number + np.linspace(0.0, 1.0, n_along)
+        x, angle, r = np.meshgrid(x, around, 1.0 + 2.0 * part, indexing="ij")
+        bump = np.sin(np.pi * (x - 1.0)) ** 2 if number == 1 else 0.0 * x
+        angle = angle + 0.06 * bump * (0.9 - angle)
+        blocks.append(np.stack([x, r * np.cos(angle), r * np.sin(angle)], axis=-1))
+    wholes = [Window.whole(number, block.shape[:3]) for number, block in enumerate(blocks)]
+    patches = [patch("wall", wholes[1].face(2), name="wing"), patch("wall", *(w.face(4) for w in wholes), name="body")]
+    patches.append(patch("symmetry", wholes[0].face(2), wholes[2].face(2), name="beside"))
+    ends = (wholes[0].face(0), wholes[2].face(1), *(w.face(3) for w in wholes), *(w.face(5) for w in wholes))
+    return grid_of(*blocks, patches=[*patches, patch("farfield", *ends, name="far")])

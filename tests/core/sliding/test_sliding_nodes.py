@@ -6,7 +6,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 from mover_cases import mesh_of, rotation
-from sliding_cases import lean, passage, passage_grid, rows_of, surface_of
+from sliding_cases import lean, passage, passage_grid, rows_of, surface_of, wing_on_body_grid
 from topology_cases import patch
 
 from bspline_mdao import DesignSurface, GridEvaluate, GridMovement, InputError, find_topology, fit_grid, read_grid
@@ -124,6 +124,26 @@ def test_layers_at_a_casing_keep_their_heights():
         assert abs(np.median(ratio) - 1.0) < 1e-3
         assert np.abs(ratio[:, 2:] - 1.0).max() < 0.04
         assert np.abs(ratio - 1.0).max() < 0.2  # in the corner, which the blade leans over
+
+
+def test_a_wing_moves_along_a_round_body_by_a_tenth_of_its_length():
+    model = fit_grid(wing_on_body_grid((17, 13, 17)), n_control=(7, 7, 7))
+    before, cells = model.regenerate().to_vector().reshape(-1, 3), GridQuality.of_baseline(model.regenerate())
+    n_inverted, ratios = {}, {}
+    for sliding in ((), "body"):
+        mesh = moving_mesh(model, "wing", sliding=sliding)
+        movement = Rotations(mesh).move(model.control_points, mesh.points[mesh.surface_ids] + [0.3, 0.0, 0.0])
+        nodes = model.map_sliding(mesh.slides, model).at(movement.points).nodes
+        n_inverted[sliding] = sum(int((~found.is_valid).sum()) for found in cells.cells(nodes))
+    assert (n_inverted["body"], n_inverted[()] > 100) == (0, True)
+    body = rows_of(model, "body")
+    np.testing.assert_allclose(np.linalg.norm(nodes[body, 1:], axis=1), 1.0, rtol=0.0, atol=1e-14)
+    assert np.linalg.norm(nodes - before, axis=1)[body].max() > 0.29
+    lines = [array.reshape(3, 17, 13, 17, 3) for array in (before, nodes)]
+    ratios["body"] = np.divide(*(np.linalg.norm(n[:, :, :, 1] - n[:, :, :, 0], axis=-1) for n in lines))
+    ratios["wing"] = np.divide(*(np.linalg.norm(n[1, :, 1] - n[1, :, 0], axis=-1) for n in lines))
+    assert np.abs(ratios["body"] - 1.0).max() < 0.05
+    assert np.abs(ratios["wing"] - 1.0).max() < 0.015
 
 
 def test_control_points_slide_in_tangent_planes_where_nothing_ends_on_the_side_and_are_free_elsewhere(simple):
