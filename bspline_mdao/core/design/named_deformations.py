@@ -373,14 +373,16 @@ def _rotate(request: Request, surface: _Surface) -> Rotate:
         )
     if "ends" in request.options and not blend:
         raise request.fail("ends is of what is behind the hinge line; give blend as well, or leave it out")
-    ends = request.number("ends", blend, low=-1e-12)
+    ends = request.number("ends", blend)
+    if not 0.0 <= ends < math.inf:
+        raise request.fail(f"ends {ends:g} is no length; give one, or 0 for none")
     try:
         hinge = (
             _line(request, surface) if is_on_chord else request.axis("hinge", ", or @chord 0.7 for a part of the chord")
         )
         patches = [name.strip() for name in request.options.get("patches", "").split("/") if name.strip()]
         whole = surface.part(patches) if patches else None
-        behind = BehindHinge(hinge, surface.frame.axes[0], blend, abs(ends)) if blend else None
+        behind = BehindHinge(hinge, surface.frame.axes[0], blend, ends) if blend else None
     except InputError as error:
         raise error if str(error).startswith("deformation") else request.fail(str(error)) from None
     rotate = Rotate(hinge, angle, RotatedPart(whole, behind))

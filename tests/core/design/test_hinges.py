@@ -23,7 +23,7 @@ from bspline_mdao.design import (
     Twist,
     parse_deformation,
 )
-from bspline_mdao.generators import naca_section, onera_m6_grid, section_o_grid
+from bspline_mdao.generators import brick_grid, naca_section, onera_m6_grid, section_o_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import report_quality
 from bspline_mdao.measures import SurfaceGrid
@@ -202,6 +202,7 @@ REFUSED = {
     "rotate=25@hinge(0,0,0->0,0,1),patches=flap*": "no patch is called 'flap.*'; the patches are .*wing_upper",
     "rotate=25@hinge(0,0,0->0,0,1),patches=*,ends=1": "ends is of what is behind the hinge line; give blend",
     "rotate=25@hinge(0,0,0->0,0,1),blend=0": "give a number above 0",
+    "rotate=25@hinge(0,0,0->0,0,1),blend=1,ends=-1": "ends -1 is no length; give one, or 0 for none",
     "rotate=25@hinge(0,0,0->0,0,1),blend=1,span=0:1": "'span' is not known here; rotate takes @ and patches",
     "rotate=25@chord 1.7,blend=0.1": "is no part of the chord from 0 to 1; write for example @chord 0.7",
     "rotate=25@chord 0.7,span=0.9:0.6,blend=0.1": "span '0.9:0.6' is not two rising parts from 0 to 1",
@@ -238,6 +239,18 @@ def test_a_whole_body_turns_by_any_angle_with_an_outer_boundary_that_goes_along(
     points = ComovingFrame(LinearElasticity(mesh, n_increments=1)).move(mesh.points, moved).points
     hinge = np.array([[0.4, 0.0, 0.0], [0.4, 0.0, 1.0]])
     np.testing.assert_allclose(points, about_axis(mesh.points, hinge, np.radians(angle)), atol=1e-10)
+
+
+def test_a_body_turns_about_an_oblique_axis_with_its_outer_boundary_by_any_angle():
+    model = fit_grid(brick_grid((5, 5, 5, 5)))
+    mesh = moving_mesh(model)
+    surface = mesh.points[mesh.surface_ids]
+    for angle in (200.0, -725.0):
+        shape = Parametrization(mesh, [Rotation("all", Hinge(*OBLIQUE))])
+        moved = shape.apply(surface, {"all": np.array([angle])})
+        points = ComovingFrame(Rotations(mesh)).move(mesh.points, moved).points
+        np.testing.assert_allclose(points, about_axis(mesh.points, OBLIQUE, np.radians(angle)), atol=1e-10)
+        assert n_inverted(model, points) == (0, 0)
 
 
 def test_within_an_outer_boundary_that_stays_a_body_turned_by_400_degrees_is_taken_for_40():
