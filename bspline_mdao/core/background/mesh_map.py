@@ -17,6 +17,7 @@ from ...base.display import OneLine
 from ...names import CONTROL_POINTS
 from ..evaluation.node_map import require_inputs
 from ..riding.riding_mesh import WALL, EmbeddedMesh, EmbeddedMeshState
+from ..riding.wall_images import WallImages
 from .node_copies import TiedNodes
 
 __all__ = ["MeshMap", "MeshState"]
@@ -32,6 +33,7 @@ class MeshMap(OneLine):
     # int, places of the nodes of this process among those of `embedded`, which has those of the walls as well; None
     # where it has all
     places: np.ndarray | None = None
+    images: WallImages | None = None  # walls beyond periodic sides, by the nodes of walls that they are images of
 
     inputs = (CONTROL_POINTS,)
 
@@ -60,6 +62,8 @@ class MeshMap(OneLine):
     def at(self, control_points: np.ndarray) -> MeshState:
         """Nodes for control points, shape (n_control_points, 3), in metres, with their derivative."""
         walls, lattice = control_points[: self.n_walls], control_points[self.n_walls :]
+        if self.images is not None and self.embedded.walls is not None:
+            walls = self.images.beyond(walls, self.embedded.walls.initial[: self.n_walls])
         state = self.embedded.at(lattice, walls)
         rows = self.tied.rows
         if len(rows):
@@ -71,6 +75,20 @@ class MeshMap(OneLine):
         """Changes of the nodes of `embedded`, shape (n, 3), in place: those of copies are their mean."""
         # The lattice moves copies alike; what fades around walls on one side alone, and what follows them, does not.
         return self.tied.alike(change)
+
+    def with_images(self, change: np.ndarray) -> np.ndarray:
+        """Changes of the nodes of walls, shape (n_walls, 3), and behind them those of their images."""
+        if self.images is None:
+            return change
+        return np.concatenate([change, self.images.turned(change[self.images.originals])])
+
+    def with_images_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `with_images`."""
+        if self.images is None:
+            return bar
+        found = bar[: self.n_walls].copy()
+        np.add.at(found, self.images.originals, self.images.turned_back(bar[self.n_walls :]))
+        return found
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
         """Derivatives by all nodes of those by the nodes of this process: its nodes are all."""
@@ -98,13 +116,14 @@ class MeshState:
         """Change of the nodes with that of the control points, shape (n_control_points, 3)."""
         if control_points is None:
             return np.zeros_like(self.nodes)
-        n = self.of.n_walls
-        return self.of.taken(self.of.alike(self.embedded_state.jvp(control_points[n:], control_points[:n])))
+        n, of = self.of.n_walls, self.of
+        change = self.embedded_state.jvp(control_points[n:], of.with_images(control_points[:n]))
+        return of.taken(of.alike(change))
 
     def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
         """Transpose of `jvp`."""
         bars, bar = {}, self.of.alike(self.of.spread(np.array(bar, dtype=float)))
         for name in require_inputs(wrt, self.inputs):
             found = self.embedded_state.vjp(bar)
-            bars[name] = np.concatenate([found[WALL], found[CONTROL_POINTS]])
+            bars[name] = np.concatenate([self.of.with_images_vjp(found[WALL]), found[CONTROL_POINTS]])
         return bars

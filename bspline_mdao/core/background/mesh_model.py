@@ -34,6 +34,7 @@ from ..model.movable import Movable
 from ..movement.default_mover import default_mover
 from ..riding.riding_mesh import RidingWalls
 from ..riding.wall_faces import WallFaces
+from ..riding.wall_images import WallImages
 from ..sliding.sliding_nodes import Slide
 from ..splines.mesh import BSplineMesh
 from ..walls.body_points import Body
@@ -46,7 +47,7 @@ from .mesh_map import MeshMap
 from .mesh_nodes import map_of_nodes
 from .mesh_points import MeshPoints
 from .mesh_surface import map_to_surface, surface_of_faces
-from .mesh_walls import FADE, following_walls
+from .mesh_walls import FADE, following_walls, images_of_walls
 from .periodic_sides import PeriodicSides, sides_of
 from .points_to_move import points_to_move
 from .refinement import refined_settings
@@ -55,7 +56,7 @@ from .wall_follower import WallFollower
 
 __all__ = ["MeshModel"]
 
-OF_MESH = ("walls", "wall_rows", "rows_at_rest")
+OF_MESH = ("walls", "wall_rows", "rows_at_rest", "wall_images")
 """What models of the same mesh share."""
 
 
@@ -455,7 +456,14 @@ class MeshModel(Plottable, Movable):
     @cached_property
     def following_walls(self) -> RidingWalls:
         """What follows the walls, whatever the lattice is like."""
-        return following_walls(self.mesh, self.walls, self.nodes_on_planes(), self.rows_at_rest, self.nodes_here)
+        return following_walls(
+            self.mesh, self.walls, self.nodes_on_planes(), self.rows_at_rest, self.nodes_here, self.wall_images
+        )
+
+    @cached_property
+    def wall_images(self) -> WallImages | None:
+        """Walls beyond periodic sides; None where there are none near."""
+        return images_of_walls(self.mesh, self.walls, self.periodic)
 
     @cached_property
     def nodes_here(self) -> np.ndarray | None:
@@ -473,7 +481,7 @@ class MeshModel(Plottable, Movable):
         """Map from the control points to the nodes, or to those of this process."""
         asked = None if self.subdomain is None else self.subdomain.rows
         nodes = self.mesh, self.planes, self.rows_at_rest, self._periodic_pairs
-        return map_of_nodes(*nodes, self.following_walls, self.lattice, asked, self.nodes_here)
+        return map_of_nodes(*nodes, self.following_walls, self.lattice, asked, self.nodes_here, self.wall_images)
 
 
 moving_mesh.register(MeshModel, MeshModel.design_mesh)

@@ -8,10 +8,13 @@ Theory: ``docs/parallel.rst``.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...grids.cells.mixed_cells import MixedMesh
 from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
+from ..riding.wall_images import WallImages
 from .background_lattice import BackgroundLattice
 from .end_planes import EndPlane
 from .mesh_map import MeshMap
@@ -29,14 +32,23 @@ def map_of_nodes(
     lattice: BackgroundLattice,
     asked: np.ndarray | None = None,  # int, the nodes of a process, in any order, a node may be there twice; else all
     here: np.ndarray | None = None,  # int, ascending: these, and those of walls and of periodic sides
+    images: WallImages | None = None,  # walls beyond periodic sides
 ) -> MeshMap:
     """Find what moves the nodes."""
-    n_walls, ends, places = len(walls.rows), [plane.rows for plane in planes], None
+    ends, places = [plane.rows for plane in planes], None
     if asked is not None and here is not None:
         resting, *ends = (np.flatnonzero(np.isin(here, rows)) for rows in (resting, *ends))
         mesh = MixedMesh(mesh.points[here], {}, source=mesh.source)
         pairs, places = np.searchsorted(here, pairs), np.searchsorted(here, asked)
-    n = mesh.n_points
+        images = None if images is None else replace(images, originals=np.searchsorted(here, images.originals))
+    n, beyond = mesh.n_points, None
+    if images is not None:
+        at_walls = np.searchsorted(walls.rows, images.originals)
+        beyond = replace(images, originals=at_walls)
+        ends = [np.union1d(rows, n + np.flatnonzero(np.isin(images.originals, rows))) for rows in ends]
+        mesh = MixedMesh(images.beyond(mesh.points, mesh.points), {}, source=mesh.source)
+        places = np.arange(n) if places is None else places
+        n = mesh.n_points
     moving = np.delete(np.arange(n), resting)
     sides = [
         (np.searchsorted(moving, np.setdiff1d(rows, resting)), plane.axis, plane.end)
@@ -46,4 +58,5 @@ def map_of_nodes(
     embedded = EmbeddedMesh(
         mesh, lattice.control_points, evaluator, moving, none, None, np.zeros(n), walls, mesh.points
     )
-    return MeshMap(embedded.with_baseline(), n_walls, TiedNodes.of(pairs, mesh.points, lattice.frame), places)
+    n_walls = len(walls.rows) - (0 if images is None else len(images.points))
+    return MeshMap(embedded.with_baseline(), n_walls, TiedNodes.of(pairs, mesh.points, lattice.frame), places, beyond)

@@ -13,18 +13,25 @@ from scipy.sparse import csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from ...grids.cells.mixed_cells import MixedMesh
+from ...grids.cells.quads import area_vectors
 from ..riding.riding_mesh import RidingWalls
 from ..riding.wall_faces import WallFaces
+from ..riding.wall_images import WallImages
 from ..walls.embedded_points import ON_PLANE
 from .background_lattice import BackgroundLattice
 from .node_copies import copies_among
 from .periodic_sides import PeriodicSides
 
-__all__ = ["FADE", "copies_of_walls", "following_walls"]
+__all__ = ["FADE", "copies_of_walls", "following_walls", "images_of_walls"]
 
 FADE = 4.0, 0.02
 """As that of meshes that ride along in a fitted grid: lattices miss less of the walls, so that less reach serves.
 Smallest volumes of pyHyp's M6 are those of 8 and 0.03 to three digits; with 2 and 0.01 they are 7 to 12 % less."""
+
+
+REACH = 10.0, 0.03
+"""From how far beyond a periodic side walls may be followed, in widths of their faces, but at least this part of their
+size: more than what fades around them and their layers reach."""
 
 
 def following_walls(
@@ -34,9 +41,10 @@ def following_walls(
     at_rest: np.ndarray,  # int, nodes that stay
     # int, ascending: the nodes that this is of, those of walls among them; all by default
     nodes: np.ndarray | None = None,
+    images: WallImages | None = None,  # walls beyond periodic sides
 ) -> RidingWalls:
     """Find what follows walls, whatever the lattice is like."""
-    walls = RidingWalls.of(mesh, faces, list(planes), at_rest, np.zeros_like(mesh.points), FADE, nodes)
+    walls = RidingWalls.of(mesh, faces, list(planes), at_rest, np.zeros_like(mesh.points), FADE, nodes, images)
     resting = at_rest if nodes is None else np.flatnonzero(np.isin(nodes, at_rest))
     return replace(walls, fading=_without_rows(walls.fading, resting))
 
@@ -48,6 +56,33 @@ def _without_rows(matrix: csr_array, rows: np.ndarray) -> csr_array:
     matrix = csr_array(diags_array(kept) @ matrix)
     matrix.eliminate_zeros()
     return matrix
+
+
+def images_of_walls(mesh: MixedMesh, walls: WallFaces, sides: Sequence[PeriodicSides]) -> WallImages | None:
+    """Walls beyond periodic sides, as far as nodes within may follow them; None where there are none."""
+    corners, n = mesh.points[walls.faces], mesh.n_points
+    reach = np.maximum(
+        REACH[0] * np.sqrt(np.linalg.norm(area_vectors(corners), axis=1)),
+        REACH[1] * np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)),
+    )
+    found: list[tuple[np.ndarray, ...]] = []
+    for each in sides:
+        for motion, (near, beyond) in ((each.motion, each.pairs.T), (each.motion.inverse(), each.pairs[:, ::-1].T)):
+            distances, _ = cKDTree(mesh.points[near]).query(corners.reshape(-1, 3), distance_upper_bound=reach.max())
+            kept = np.flatnonzero((distances.reshape(-1, 4) <= reach[:, None]).any(axis=1))
+            partner = np.full(n, -1)
+            partner[near] = beyond
+            is_in = np.isin(walls.faces[kept], near)
+            kept = kept[(~is_in | np.isin(partner[walls.faces[kept]], walls.faces)).all(axis=1)]
+            faces = walls.faces[kept]
+            originals = np.setdiff1d(faces, near)
+            partner[originals] = n + sum(len(points) for points, *_ in found) + np.arange(len(originals))
+            turns = np.tile(motion.turn(np.eye(3)).T, (len(originals), 1, 1))
+            images = motion.move(mesh.points[originals])
+            found.append((images, originals, turns, partner[faces], walls.marker[kept]))
+    if not any(len(faces) for *_, faces, _ in found):
+        return None
+    return WallImages(*(np.concatenate(parts) for parts in zip(*found)))
 
 
 def copies_of_walls(

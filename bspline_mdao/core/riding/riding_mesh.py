@@ -43,6 +43,7 @@ from ..walls.wall import Wall
 from ..walls.wall_following import Followed, WallFollowing
 from .section_span import require_planes_of_section
 from .wall_faces import GridBoundary, WallFaces
+from .wall_images import WallImages
 
 __all__ = ["EmbeddedMesh", "EmbeddedMeshState"]
 
@@ -92,16 +93,25 @@ class RidingWalls(OneLine):
         fade: tuple[float, float] = FADE,
         # int, ascending: some nodes of the mesh, those of walls among them, that this is of; all by default
         nodes: np.ndarray | None = None,
+        images: WallImages | None = None,  # walls beyond periodic sides, whose nodes are behind those of the mesh
     ) -> RidingWalls:
         """Find what follows walls."""
-        rows = np.unique(faces.faces)
-        quads, points = np.searchsorted(rows, faces.faces), mesh.points[rows]
-        first, heights = NodeHeights.of(mesh, faces.faces), np.zeros(len(rows))
+        first, quads, markers, around = NodeHeights.of(mesh, faces.faces), faces.faces, faces.marker, mesh.points
+        if images is not None:
+            quads, markers = np.concatenate([quads, images.faces]), np.concatenate([markers, images.marker])
+            around, beyond = images.beyond(around, around), mesh.n_points + np.arange(len(images.points))
+            missed = np.concatenate([missed, images.turned(missed[images.originals])])
+            planes = [(np.union1d(ids, beyond[np.isin(images.originals, ids)]), normal) for ids, normal in planes]
+            nodes = None if nodes is None else np.concatenate([nodes, beyond])
+        rows = np.unique(quads)
+        quads, points, heights = np.searchsorted(rows, quads), around[rows], np.zeros(len(rows))
         heights[np.searchsorted(rows, first.rows)] = first.baseline
+        if images is not None:
+            heights[np.searchsorted(rows, beyond)] = heights[np.searchsorted(rows, images.originals)]
         of_wall = [(np.flatnonzero(np.isin(rows, ids)), normal) for ids, normal in planes]
         of_wall = [(ids, normal) for ids, normal in of_wall if len(ids)]
-        wall = Wall.of(points, quads, heights, of_wall, faces=faces.marker, settings=MESH_LAYER)
-        missed, around = missed[rows], mesh.points
+        wall = Wall.of(points, quads, heights, of_wall, faces=markers, settings=MESH_LAYER)
+        missed = missed[rows]
         if nodes is not None:
             around, rows = around[nodes], np.searchsorted(nodes, rows)
             faces = replace(faces, faces=np.searchsorted(nodes, faces.faces))

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from mesh_cases import body_model, periodic_model, section_model, smooth_change
+from mesh_cases import body_model, periodic_model, section_model, sector_model, smooth_change
 
 from bspline_mdao.grids.topology.partition import Subdomain
 
 
-@pytest.mark.parametrize("made", [body_model, section_model, periodic_model])
+@pytest.mark.parametrize("made", [body_model, section_model, periodic_model, sector_model])
 def test_nodes_and_products_of_parts_are_those_of_the_whole(made):
     model, rng = made(), np.random.default_rng(4)
     change = smooth_change(model, rng, 0.03)

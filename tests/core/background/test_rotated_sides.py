@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mesh_cases import nozzle_wedge, sector_mesh, sector_model
+from mesh_cases import nozzle_wedge, periodic_model, sector_mesh, sector_model
 
+from bspline_mdao.core.background.lattice_frame import LatticeFrame
 from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.core.background.node_copies import TiedNodes
 from bspline_mdao.core.background.thin_gaps import thin_gaps
 from bspline_mdao.core.design.deformation import Deformation, Translate
 from bspline_mdao.core.design.elimination import eliminate
@@ -202,3 +204,18 @@ def test_a_body_that_reaches_beyond_the_cut_of_the_period_has_spans_as_well():
         thin_gaps(model.lattice, mesh.points[model.wall_rows], np.searchsorted(model.wall_rows, model.walls.faces))
         == ()
     )
+
+
+@pytest.mark.parametrize("make", [sector_model, periodic_model])
+def test_what_follows_walls_sees_those_beyond_the_sides(make):
+    model = make()
+    (sides,), walls = model.periodic, model.mesh.points[model.wall_rows]
+    rng = np.random.default_rng(5)
+    given = walls + model.moving_mesh.with_copies(in_planes(model, 0.01 * rng.normal(size=walls.shape)))
+    points = np.concatenate([given, model.lattice.control_points])  # all that moves is what follows walls
+    whole = model.node_map
+    nodes = replace(whole, tied=TiedNodes.of(np.zeros((0, 2), dtype=int), model.mesh.points, LatticeFrame(np.eye(3))))
+    first, second = (nodes.at(points).nodes - model.mesh.points)[sides.pairs.T]
+    np.testing.assert_allclose(sides.motion.turn(first), second, rtol=0, atol=1e-12)
+    inner = np.setdiff1d(sides.pairs[:, 0], model.wall_rows)
+    assert np.abs((whole.at(points).nodes - model.mesh.points)[inner]).max() > 1e-3
