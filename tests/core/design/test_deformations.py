@@ -285,6 +285,8 @@ def test_planes_of_a_mesh_are_found_once(mesh):
         "bumps=20cells,seed=3,wavelength=0.4",
         "bumps=0.02",
         "rotate=-30deg@hinge(0.5,0,0 -> 0.5,0,1),patches=*",
+        "radius=1.3@axis(0,0,0 -> 1,0,0),along=0.1:0.9",
+        "axial=0.8@axis(0,0,0 -> 1,0.2,0)",
     ],
 )
 def test_points_on_the_symmetry_plane_stay_exactly_in_it(model, mesh, surface, spec):
