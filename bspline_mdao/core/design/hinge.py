@@ -199,16 +199,18 @@ class NearestPart(OneLine):
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Whether points (n, 3) are of the part."""
-        to_part, to_rest = (self._distances(known, points.real) for known in (self.part, self.rest))
+        to_part, to_rest = (
+            tree.query(points.real)[0] if tree.n else np.full(len(points), np.inf) for tree in self._trees
+        )
         return to_part <= to_rest
 
     def moved(self, by: Callable[[np.ndarray], np.ndarray]) -> NearestPart:
         """The part where a map takes its points."""
         return NearestPart(by(self.part), by(self.rest))
 
-    @staticmethod
-    def _distances(known: np.ndarray, points: np.ndarray) -> np.ndarray:
-        return cKDTree(known).query(points)[0] if len(known) else np.full(len(points), np.inf)
+    @cached_property
+    def _trees(self) -> tuple[cKDTree, cKDTree]:
+        return cKDTree(self.part), cKDTree(self.rest)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """Rotation about hinges: the map, the part of a surface that turns, and grids and meshes that follow."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -144,6 +145,28 @@ def test_a_part_of_the_chord_is_the_line_through_it_and_turns_the_trailing_edge_
     lowest = np.argmin((moved - surface)[:, 1])
     assert (moved - surface)[lowest, 1] < -0.03
     assert np.abs((moved - surface)[surface[:, 2] < 0.3 * surface[:, 2].max()]).max() == 0.0
+
+
+AXES = {
+    "span -y, z up": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+    "span y, z up": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]),  # a mirror
+    "in millimetres": 1000.0 * np.eye(3),
+}
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_a_part_of_the_chord_turns_down_whatever_the_axes_and_the_unit(axes):
+    grid, matrix = onera_m6_grid((9, 7, 9)), AXES[axes]
+    blocks = tuple(replace(block, nodes=block.nodes @ matrix) for block in grid.blocks)
+    models = [fit_grid(each, n_control=(7, 5, 7)) for each in (grid, replace(grid, blocks=blocks))]
+    size = np.linalg.norm(matrix[0])
+    changes = []
+    for model, unit in zip(models, (1.0, size)):
+        _, surface, moved = deformed(model, f"rotate=20deg@chord 0.7,span=0.3:0.8,blend={0.2 * unit}")
+        changes.append(moved - surface)
+    np.testing.assert_allclose(changes[1], changes[0] @ matrix, atol=1e-9 * size)
+    assert changes[0][:, 1].min() < -0.03
+    assert -changes[0][:, 1].min() > 3.0 * changes[0][:, 1].max()  # what is ahead of the line hardly rises
 
 
 def test_words_mean_the_same_whatever_comes_before_since_patches_go_along():
