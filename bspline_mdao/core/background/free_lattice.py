@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...errors import InputError
 from ..design.lattice import Lattice
 from .mesh_model import MeshModel
 
@@ -33,6 +34,11 @@ def free_lattice(model: MeshModel, **options: Any) -> Lattice:
     -------
     Lattice
 
+    Raises
+    ------
+    InputError
+        If the lattice is one around an axis, whose knots are no coordinates of a box.
+
     Examples
     --------
     >>> import numpy as np
@@ -45,5 +51,10 @@ def free_lattice(model: MeshModel, **options: Any) -> Lattice:
     >>> shape = FreeForm("shape", lattice, where=lattice.within(high=(0.5, None, None)), direction="z")
     """
     around = model.lattice
+    if not around.frame.is_cartesian:
+        raise InputError(
+            f"{model.source}: the lattice goes around the axis of periodic sides, and is no box whose points are "
+            f"variables; make one around what is to change by Lattice.box or Lattice.hexahedron"
+        )
     (volume,) = around.mesh.volumes
     return Lattice(around.control_points.reshape(*around.shape, 3), knots=volume.knots, **options)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mesh_cases import mesh_around_a_body, mesh_around_a_section
+from mesh_cases import mesh_around_a_body, mesh_around_a_section, sector_model
 from parametrization_cases import assert_exact
 
 from bspline_mdao.core.design.variable import Layout
@@ -64,3 +64,8 @@ def test_a_section_has_values_in_one_plane():
     first, second = shape.mesh.copies.T
     np.testing.assert_allclose(moved[first], moved[second], atol=1e-14)
     assert np.abs(moved).max() > 0.01
+
+
+def test_a_lattice_around_an_axis_is_refused():
+    with pytest.raises(InputError, match="goes around the axis of periodic sides, and is no box"):
+        free_lattice(sector_model())

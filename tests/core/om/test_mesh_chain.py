@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import openmdao.api as om
 import pytest
-from mesh_cases import body_model, mesh_around_a_body, section_model, smooth_change
+from mesh_cases import body_model, mesh_around_a_body, section_model, sector_mesh, smooth_change
 from openmdao.utils.assert_utils import assert_check_partials
 
 from bspline_mdao import DesignSurface, GridMovement, PointSet
@@ -32,6 +32,7 @@ from bspline_mdao.measures import (
 )
 from bspline_mdao.movers import moving_mesh
 from bspline_mdao.mphys import SurfaceGeometry, VolumeWarper
+from bspline_mdao.testing import check_totals
 
 HEIGHTS = ("volume_ks", "height_low_ks", "height_high_ks")
 
@@ -369,3 +370,22 @@ def test_what_a_mesh_has_not_is_refused_in_one_line():
         moving_mesh(model, fixed="far_00")
     with pytest.raises(InputError, match="no patch is called 'tail'; the patches are body"):
         moving_mesh(model, "tail")
+
+
+def test_both_sides_of_a_sector_move_alike_by_design_variables_and_totals_are_exact():
+    def variables(design):
+        box = Lattice.box(design.mesh, n=(3, 2, 2))
+        return [FreeForm("shape", box, direction="z"), Local("bumps", OnPatch(design.model, "floor"), "z")]
+
+    mesh, kinds = sector_mesh(axis=(1.0, 0.0, 0.0))
+    model, rng = MeshModel.of(mesh, kinds, LatticeSettings(spacing=0.4)), np.random.default_rng(6)
+    problem = problem_of(model, variables, MEASURES["body"][1:2])
+    for name in ("shape", "bumps"):
+        problem.set_val(name, 0.02 * rng.standard_normal(problem.get_val(name).shape))
+    problem.run_model()
+    nodes = problem.get_val("grid").reshape(-1, 3)
+    assert max(sides.gap(nodes) for sides in model.periodic) < 1e-14
+    assert np.abs(nodes - model.mesh.points).max() > 0.01
+    totals = check_totals(problem, ["grid", "surface_area"], ["shape", "bumps"], n_directions=1)
+    assert totals.transposed < 1e-12
+    assert totals.differences < 1e-8
