@@ -21,7 +21,6 @@ from scipy.sparse import csr_array
 from ...base.checks import as_vector
 from ...base.display import OneLine
 from ...errors import InputError
-from .axis_maps import along_vectors
 from .reference_axis import StationSpline
 from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, block_diagonal
 
@@ -40,13 +39,18 @@ class _Line:
         along = self.points[1] - self.points[0]
         return along / np.linalg.norm(along)
 
+    @property
+    def length(self) -> float:
+        """Distance of both points (m)."""
+        return float(np.linalg.norm(self.points[1] - self.points[0]))
+
     def along(self, points: np.ndarray) -> np.ndarray:
         """Distances along it from its first point (m), shape (n,)."""
         return (points - self.points[0]) @ self.direction
 
     def parts(self, points: np.ndarray) -> np.ndarray:
         """Parts of it that points are at, 0 at its first point and 1 at its second, shape (n,)."""
-        return self.along(points) / np.linalg.norm(self.points[1] - self.points[0])
+        return self.along(points) / self.length
 
     def outwards(self, points: np.ndarray) -> np.ndarray:
         """Vectors from it to points, at right angles to it, shape (n, 3)."""
@@ -91,8 +95,9 @@ class StretchAlong:
 class RadiusFactor(OneLine):
     """Factors on the distance from an axis at stations along it: contours of hubs, casings, nozzles and bodies.
 
-    Values are interpolated between stations by where points are on the baseline, and constant beyond the ends. What is
-    periodic by a rotation about the axis stays so. Axes and lattices go along as the surface at their place does.
+    Values are interpolated between stations by where points are when the turn of the variable comes, and constant
+    beyond the ends: a surface of revolution becomes another one, wherever nodes are on it. What is periodic by a
+    rotation about the axis stays so. Axes and lattices go along as the surface at their place does.
 
     Parameters
     ----------
@@ -149,28 +154,39 @@ class RadiusFactor(OneLine):
         return StationSpline.of(self.stations, self.order)
 
     def bind(self, layout: Layout) -> DesignMap:
-        """Decide on the baseline where every row is along the axis."""
-        return _RadiusMap(self._line, self._spline.matrix(self._line.parts(layout.points)))
+        """Move rows by where they are."""
+        return _RadiusMap(self._line, self._spline)
 
 
 @dataclass(frozen=True, eq=False)
 class _RadiusMap:
-    """A `RadiusFactor` that is bound to rows, see `bspline_mdao.core.design.variable.DesignMap`."""
+    """A `RadiusFactor`, see `bspline_mdao.core.design.variable.DesignMap`."""
 
     line: _Line
-    spline: csr_array  # (n_rows, n_values), factors of rows by those of stations
+    spline: StationSpline
 
     @property
     def initial(self) -> np.ndarray:
         """Values at which nothing moves."""
-        return np.ones(self.spline.shape[1])
+        return np.ones(self.spline.n_values)
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Move all rows, shape (n_rows, 3), in metres."""
-        return points + (self.spline @ (values - 1.0))[:, None] * self.line.outwards(points)
+        part = self.line.parts(points)
+        basis = self.spline.basis(part.real)
+        if np.iscomplexobj(part):  # a complex step: first order is all
+            basis = basis + 1j * part.imag[:, None] * self.spline.slopes(part.real)
+        return points + (basis @ (values - 1.0))[:, None] * self.line.outwards(points)
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
-        """Differentiate `apply`."""
-        across = np.eye(3) - np.multiply.outer(self.line.direction, self.line.direction)
-        blocks = np.eye(3) + (self.spline @ (values - 1.0))[:, None, None] * across
-        return MapPartials(block_diagonal(blocks), along_vectors(self.line.outwards(points), self.spline))
+        """Differentiate `apply`: rows may depend on all values, since they may come to be anywhere along the axis."""
+        part, outwards, along = self.line.parts(points), self.line.outwards(points), self.line.direction
+        basis, slopes = self.spline.basis(part), self.spline.slopes(part) @ (values - 1.0) / self.line.length
+        across = np.eye(3) - np.multiply.outer(along, along)
+        blocks = np.eye(3) + (basis @ (values - 1.0))[:, None, None] * across
+        blocks += slopes[:, None, None] * outwards[:, :, None] * along
+        by_values = (outwards[:, :, None] * basis[:, None, :]).reshape(points.size, -1)
+        columns = np.tile(np.arange(len(values)), points.size)
+        starts = len(values) * np.arange(points.size + 1)
+        matrix = csr_array((by_values.ravel(), columns, starts), shape=by_values.shape)
+        return MapPartials(block_diagonal(blocks), matrix)

@@ -1,14 +1,16 @@
-"""Where a wing meets a body that keeps its shape: nodes slide on the body, and those beside them go along.
+"""Where a wing meets a body: nodes slide on the body, and those beside them go along.
 
 What design variables ask of the junction may lead off the body: its nodes are taken to the nearest places on the body's
 surface, with what they are off it on the baseline. The surface is one of the fixed surfaces that nodes slide on; where
 none is given it is the smooth one through the body's nodes, by their normals and curvatures. What is left over of the
-wing's displacement fades into the wing, and the slide of the junction fades into the body, over a distance. Theory:
-``docs/theory/free_form.rst``.
+wing's displacement fades into the wing, and the slide of the junction fades into the body, over a distance. Variables
+of the body's own shape come after that: they move the body's nodes from where they have slid to, and what they do to
+the junction fades into the wing as well. Theory: ``docs/theory/free_form.rst``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,7 +28,7 @@ from ..sliding.node_surface import NodeSurface
 from ..sliding.sliding_nodes import SlidingGroup, SlidingNodes
 from .displacement import selector
 from .selection import Where, rows_of
-from .variable import Layout, MapPartials, block_diagonal, product_on_pattern, sum_on_pattern
+from .variable import DesignMap, Layout, MapPartials, block_diagonal, product_on_pattern, sum_on_pattern
 
 __all__ = ["Junction"]
 
@@ -53,8 +55,8 @@ N_NEAREST = 4
 class Junction(OneLine):
     """Let a wing slide on a body that keeps its shape.
 
-    The design surface holds both. Whatever the variables do to the body is put aside: it keeps its shape, its nodes
-    near the wing slide on it along with the wing, and the wing's root stays on it.
+    The design surface holds both. Whatever the variables do to the body is put aside, but for those of its own shape:
+    its nodes near the wing slide on it along with the wing, and the wing's root stays on it.
 
     Parameters
     ----------
@@ -66,6 +68,9 @@ class Junction(OneLine):
     surface : FixedSurface, optional
         The surface of the body where it has a formula, such as a `Cylinder`. By default it is a smooth one through the
         body's nodes.
+    shape : sequence of str
+        Names of variables of the body's own shape, done after the wing has slid. Where they move points by the place
+        where these are by then, as `RadiusFactor` does, the junction stays on the body that they make.
 
     Examples
     --------
@@ -77,6 +82,7 @@ class Junction(OneLine):
     body: Where
     reach: float
     surface: FixedSurface | None = None
+    shape: Sequence[str] = ()
 
     def bind(self, layout: Layout) -> SlidingJunction:
         """Decide what depends on the baseline alone.
@@ -174,20 +180,66 @@ class SlidingJunction(OneLine):
         )
         return MapPartials(found, csr_array((3 * n_rows, 0)))
 
+    def shaped(self, of_body: DesignMap) -> ShapedBody:
+        """Return the map of a variable of the body's own shape."""
+        body = np.concatenate([self.junction, self.near, self.resting])
+        return ShapedBody(of_body, body, self.junction, self.into_wing)
+
     @cached_property
     def _others(self) -> csr_array:
         """Ones for the coordinates that are not of the body."""
         kept = np.ones(len(self.layout.points))
         kept[np.concatenate([self.junction, self.near, self.resting])] = 0.0
-        found = csr_array(diags_array(np.repeat(kept, 3)))
-        found.eliminate_zeros()
-        return found
+        return _picking(np.repeat(kept, 3))
 
     def _slides(self, asked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Slides of the junction, (n, 3), and what the body near it is asked to do, (m, 3)."""
         at_rest = self.layout.points[self.junction]
         slid = self.root.at(at_rest + asked[self.junction]).points - at_rest
         return slid, (self.into_body @ slid.reshape(-1)).reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class ShapedBody(OneLine):
+    """A variable of the shape of a body, which the wing's root goes along with."""
+
+    of_body: DesignMap  # of all rows
+    body: np.ndarray  # int, rows of the body
+    junction: np.ndarray  # int (n,), those that it shares with the wing
+    into_wing: csr_array  # (3 n_rows, 3 n), displacements of the rows by those of the junction
+
+    @property
+    def initial(self) -> np.ndarray:
+        """Values at which nothing moves."""
+        return self.of_body.initial
+
+    def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Move all rows, shape (n_rows, 3), in metres; real or complex."""
+        asked = self.of_body.apply(points, values)
+        gone = (asked - points)[self.junction].reshape(-1)
+        moved = points + (self.into_wing @ gone).reshape(-1, 3)
+        moved[self.body] = asked[self.body]
+        return moved
+
+    def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
+        """Differentiate `apply`."""
+        found, n = self.of_body.partials(points, values), points.size
+        is_body = np.zeros(n)
+        is_body[(3 * self.body[:, None] + np.arange(3)).ravel()] = 1.0
+        kept, others = (_picking(mask) for mask in (is_body, 1.0 - is_body))
+        fading = product_on_pattern(self.into_wing, selector(self.junction, len(points)).T.tocsr())
+        gone = sum_on_pattern(found.points, -eye_array(n, format="csr"))
+        return MapPartials(
+            sum_on_pattern(others, product_on_pattern(kept, found.points), product_on_pattern(fading, gone)),
+            sum_on_pattern(product_on_pattern(kept, found.values), product_on_pattern(fading, found.values)),
+        )
+
+
+def _picking(mask: np.ndarray) -> csr_array:
+    """Ones on the diagonal where a mask of ones and zeros has them."""
+    found = csr_array(diags_array(mask))
+    found.eliminate_zeros()
+    return found
 
 
 def _sliding(surface: FixedSurface, rows: np.ndarray, layout: Layout) -> SlidingNodes:

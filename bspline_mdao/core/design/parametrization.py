@@ -55,7 +55,7 @@ class Parametrization(OneLine):
     constraints : sequence of LinearConstraint
         Handled by elimination. The symmetry planes of the mesh are always kept.
     junction : Junction, optional
-        Where a wing slides on a body that keeps its shape: done after the variables.
+        Where a wing slides on a body: done after the variables, but for those that the junction names as the body's.
 
     Raises
     ------
@@ -99,6 +99,12 @@ class Parametrization(OneLine):
         taken = [name for name in names if not name or name in ALL_NAMES]
         if taken:
             raise InputError(f"parametrization: a variable is called '{taken[0]}', which is taken; choose another name")
+        unknown = [name for name in (self.junction.shape if self.junction else ()) if name not in names]
+        if unknown:
+            raise InputError(
+                f"parametrization: the junction names '{unknown[0]}' as a variable of the body's shape; there are "
+                f"{', '.join(names)}"
+            )
         hinges = [hinge.name for hinge in self._named]
         taken = [name for n, name in enumerate(hinges) if name in (*names, *ALL_NAMES, *hinges[:n])]
         if taken:
@@ -134,6 +140,17 @@ class Parametrization(OneLine):
         return None if self.junction is None else self.junction.bind(self.layout)
 
     @cached_property
+    def _steps(self) -> tuple[tuple[str, DesignMap], ...]:
+        """Maps in the order in which they are done, by the names of their variables; that of the junction has none."""
+        sliding = self._sliding
+        if sliding is None:
+            return tuple(self.maps.items())
+        shape = self.junction.shape if self.junction is not None else ()
+        before = [item for item in self.maps.items() if item[0] not in shape]
+        after = [(name, sliding.shaped(self.maps[name])) for name in self.maps if name in shape]
+        return (*before, ("", sliding), *after)
+
+    @cached_property
     def elimination(self) -> Elimination:
         """The constraints on the displacements of the surface control points."""
         return eliminate(self.mesh, self.layout.points[self.layout.rows()], self.constraints)
@@ -148,7 +165,8 @@ class Parametrization(OneLine):
         """Ones wherever a derivative may differ from zero."""
         surface, matrix = self.layout.points[self.layout.rows()], ones_like(self._matrix)
         steps = [
-            MapPartials(ones_like(step.points), ones_like(step.values)) for step in self._steps(surface, self.initial)
+            MapPartials(ones_like(step.points), ones_like(step.values))
+            for step in self._partials(surface, self.initial)
         ]
         return self._chain(steps, matrix, self._identity + matrix)
 
@@ -201,9 +219,9 @@ class Parametrization(OneLine):
         """Move all rows by the variables, and what slides."""
         initial, values = self._checked(initial, values)
         rows = self._rows(initial)
-        for name, design_map in self.maps.items():
-            rows = design_map.apply(rows, values[name])
-        return rows if self._sliding is None else self._sliding.apply(rows, self._sliding.initial)
+        for name, design_map in self._steps:
+            rows = design_map.apply(rows, values.get(name, design_map.initial))
+        return rows
 
     def extremes(self, bounds: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> Iterator[np.ndarray]:
         """Move the baseline to the most extreme designs, as `increments_for` wants them.
@@ -275,7 +293,7 @@ class Parametrization(OneLine):
             As `apply`.
         """
         initial, values = self._checked(initial, values)
-        return self._chain(self._steps(initial, values), self._matrix, self._identity - self._matrix)
+        return self._chain(self._partials(initial, values), self._matrix, self._identity - self._matrix)
 
     def _checked(self, initial: ArrayLike, values: Mapping[str, ArrayLike]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Points and values as arrays of the right shapes."""
@@ -303,14 +321,13 @@ class Parametrization(OneLine):
         """All rows: the surface, and the auxiliary points on the baseline."""
         return np.concatenate([surface, self.layout.points[self.layout.n_surface :]])
 
-    def _steps(self, surface: np.ndarray, values: Mapping[str, np.ndarray]) -> Iterator[MapPartials]:
+    def _partials(self, surface: np.ndarray, values: Mapping[str, np.ndarray]) -> Iterator[MapPartials]:
         """Derivatives of every map where its turn comes."""
         rows = self._rows(surface)
-        for name, design_map in self.maps.items():
-            yield design_map.partials(rows, values[name])
-            rows = design_map.apply(rows, values[name])
-        if self._sliding is not None:
-            yield self._sliding.partials(rows, self._sliding.initial)
+        for name, design_map in self._steps:
+            amounts = values.get(name, design_map.initial)
+            yield design_map.partials(rows, amounts)
+            rows = design_map.apply(rows, amounts)
 
     def _chain(self, steps: Iterable[MapPartials], matrix: csr_array, rest: csr_array) -> SurfacePartials:
         """Multiply the derivatives of all maps and of the elimination; ``rest`` is what it takes off the identity."""
@@ -320,12 +337,13 @@ class Parametrization(OneLine):
         values: list[csr_array] = []
         for step in steps:
             initial, values = step.points @ initial, [step.points @ value for value in values] + [step.values]
-        hinges = {}
+        found = {name: value for (name, _), value in zip(self._steps, values)}
+        by_name, hinges = {name: found[name] for name in self.maps}, {}
         for name, rows in self.hinges.items():
             of_hinge = slice(3 * rows.start, 3 * rows.stop)
-            by_values = {of: part[of_hinge] for of, part in zip(self.maps, values)}
+            by_values = {of: part[of_hinge] for of, part in by_name.items()}
             hinges[name] = SurfacePartials(initial[of_hinge], by_values)
-        of_values = {name: matrix @ value[:n] for name, value in zip(self.maps, values)}
+        of_values = {name: matrix @ value[:n] for name, value in by_name.items()}
         return SurfacePartials(rest + matrix @ initial[:n], of_values, hinges)
 
     def _require_effect(self) -> None:

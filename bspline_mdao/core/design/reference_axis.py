@@ -330,6 +330,12 @@ class StationSpline(OneLine):
         """Influence of every value at parts of the axis of any shape; shape (..., n_values)."""
         return self._pieces(np.clip(at, self._ends[0], self._ends[1]))
 
+    def slopes(self, at: np.ndarray) -> np.ndarray:
+        """Slopes of `basis` at parts of the axis of any shape, none beyond the ends; shape (..., n_values)."""
+        is_inside = (at >= self._ends[0]) & (at <= self._ends[1])
+        inside = np.clip(at, self._ends[0], self._ends[1])
+        return np.where(is_inside[..., None], self._pieces.derivative()(inside), 0.0)
+
     def integral(self, at: np.ndarray) -> np.ndarray:
         """Integrals of `basis` from one place that is the same for all, to parts of the axis; shape (..., n_values)."""
         inside = np.clip(at, self._ends[0], self._ends[1])

@@ -24,6 +24,7 @@ from .kinds import (
     NAMES,
     NUMBER,
     NUMBERS,
+    OF_VARIABLES,
     OPTIONS,
     PART,
     PARTS,
@@ -429,9 +430,10 @@ CONSTRAINT = {
 """Tables ``[constraints.NAME]``."""
 
 JUNCTION = {
-    "body": Key(NAMES, "patches of a body that keeps its shape, and that the rest of what is designed slides on",
+    "body": Key(NAMES, "patches of a body that the rest of what is designed slides on",
                 is_required=True),
     "reach": Key(POSITIVE, "distance from the junction over which displacements fade (m)", is_required=True),
+    "shape": Key(OF_VARIABLES, "variables of the body's own shape, such as one of the kind radius", otherwise="none"),
 }  # fmt: skip
 """Table ``[junction]``; none without it."""
 

@@ -51,7 +51,9 @@ def shape_part(
     settings: dict[str, Any] = {"measures": expression("measures")} if study.measures else {}
     if study.junction:
         on_body = call("bm.design.OnPatch", expression("model"), study.junction["body"])
-        settings["junction"] = call("bm.design.Junction", on_body, reach=study.junction["reach"])
+        names = study.junction["shape"]
+        shape = {"shape": [names] if isinstance(names, str) else names} if names else {}
+        settings["junction"] = call("bm.design.Junction", on_body, reach=study.junction["reach"], **shape)
     settings |= study.kind.movement
     settings |= {"comoving": True} if study.movement["comoving"] else {}
     asked = [name for name in QUALITIES if any(name in of for of in study.responses)]

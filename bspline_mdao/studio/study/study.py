@@ -154,7 +154,7 @@ class _Reader(Tables):
             raise self.refuse(("conditions",), "have no weight above 0, and the objective is a mean of theirs")
         self._check_responses(objective, constraints, conditions)
         driver = self._driver(constraints, sum(map(_n_values, variables.values())))
-        junction = self.table("junction", JUNCTION) if "junction" in self.document else None
+        junction = self._junction(variables)
         movement, output = self._movement(), self.table("output", OUTPUT)
         kind = kind_of(grid["file"], self.path.parent)
         for path, complaint in kind.faults(self.document, asked):
@@ -175,6 +175,18 @@ class _Reader(Tables):
             if not NAMES.accepts(patches):
                 raise self.refuse(("families", name), f"is {shortened(repr(patches))}; give {NAMES.words}")
         return {name: [patches] if isinstance(patches, str) else patches for name, patches in families.items()}
+
+    def _junction(self, variables: Iterable[str]) -> Table | None:
+        """Where a wing slides on a body; None where it does not."""
+        if "junction" not in self.document:
+            return None
+        junction = self.table("junction", JUNCTION)
+        shape = junction["shape"] or []
+        for name in [shape] if isinstance(shape, str) else shape:
+            if name not in variables:
+                said = f"names '{shortened(name)}', which is no variable; {choices(name, variables, 'there are')}"
+                raise self.refuse(("junction", "shape"), said)
+        return junction
 
     def _movement(self) -> Table:
         """Read what moves the control mesh."""

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from parametrization_cases import assert_exact
 
+from bspline_mdao.core.design.reference_axis import StationSpline
 from bspline_mdao.core.design.variable import Layout
 from bspline_mdao.core.mesh.moving_mesh import MovingMesh
 from bspline_mdao.core.sliding.fixed_surface import Cylinder
-from bspline_mdao.design import Junction, Local, Parametrization, SurfaceRows
+from bspline_mdao.design import Junction, Local, Parametrization, RadiusFactor, SurfaceRows, Translation
 from bspline_mdao.errors import InputError, MovementError
 
 RADIUS, CHORD, HEIGHT = 1.0, 0.8, 0.12
@@ -109,6 +110,54 @@ def test_nodes_keep_their_heights_on_the_surface_through_those_of_the_body(case)
         found = group.surfaces[0].levels(moved[nodes.rows]).values
         np.testing.assert_allclose(found, group.heights[0], rtol=0.0, atol=1e-14)
     assert np.abs(np.hypot(*moved[:n_body, 1:].T) - RADIUS).max() < 2e-3
+
+
+def body_and_wing(mesh, n_body):
+    """A wing that slides, and a body that bulges, at once."""
+    radius = RadiusFactor("radius", [(-2.0, 0.0, 0.0), (2.0, 0.0, 0.0)], stations=5)
+    junction = Junction(np.arange(n_body), 0.9, CYLINDER, shape=["radius"])
+    return Parametrization(mesh, [radius, Translation("position", "xy")], junction=junction)
+
+
+def test_a_wing_slides_on_a_body_whose_shape_changes_at_once(case):
+    mesh, n_body = case
+    shape = body_and_wing(mesh, n_body)
+    values = {"radius": np.array([1.0, 1.1, 1.3, 0.9, 1.0]), "position": np.array([0.25, 0.06])}
+    moved = shape.apply(mesh.points, values)
+    x, distance = moved[:n_body, 0], np.hypot(*moved[:n_body, 1:].T)
+    factors = StationSpline.of(5).basis((x + 2.0) / 4.0) @ values["radius"]
+    np.testing.assert_allclose(distance, factors * RADIUS, rtol=0.0, atol=1e-14)
+    assert np.ptp(distance) > 0.2
+    is_far = np.linalg.norm(mesh.points[:, None] - mesh.points[None, :N_AROUND], axis=2).min(axis=1) >= 0.9
+    is_far[:n_body] = False
+    np.testing.assert_allclose(moved[is_far] - mesh.points[is_far], [[0.25, 0.06, 0.0]] * is_far.sum(), atol=1e-14)
+    root = slice(n_body, n_body + N_AROUND)  # the wing's first ring goes along with the body below it
+    step = 1e-6 * np.array([0.0, 0.0, 1.0, 0.0, 0.0])
+    gone = shape.apply(mesh.points, {**values, "radius": values["radius"] + step}) - moved
+    assert (gone[root, 2] > 0.5 * gone[:N_AROUND, 2].max()).any()
+
+
+def test_derivatives_of_body_and_wing_at_once_are_exact(case):
+    mesh, n_body = case
+    shape = body_and_wing(mesh, n_body)
+    random, values = np.random.default_rng(7), {"radius": np.array([1.0, 1.1, 1.3, 0.9, 1.1]), "position": [0.2, 0.05]}
+    partials, pattern = shape.partials(mesh.points, values), shape.pattern
+    for name, value in values.items():
+        by = random.normal(size=len(value))
+        moved = shape.apply(mesh.points, {**values, name: np.array(value) + 1e-30j * by})
+        np.testing.assert_allclose(partials.values[name] @ by, moved.imag.ravel() / 1e-30, rtol=1e-11, atol=1e-12)
+        outside = abs(partials.values[name]) > 1e-15
+        assert (outside.astype(float) - outside.multiply(pattern.values[name] != 0.0)).sum() == 0
+    by = random.normal(size=mesh.points.shape)
+    moved = shape.apply(mesh.points + 1e-30j * by, values)
+    np.testing.assert_allclose(partials.initial @ by.ravel(), moved.imag.ravel() / 1e-30, rtol=1e-11, atol=1e-11)
+
+
+def test_a_variable_of_the_body_that_there_is_not_is_named(case):
+    mesh, n_body = case
+    junction = Junction(np.arange(n_body), 0.9, CYLINDER, shape=["bulge"])
+    with pytest.raises(InputError, match="the junction names 'bulge' as a variable of the body's shape; there are pos"):
+        Parametrization(mesh, [Translation("position", "x")], junction=junction)
 
 
 def test_a_wing_that_leaves_the_smooth_part_of_the_body_is_named(case):

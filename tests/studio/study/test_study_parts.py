@@ -136,6 +136,10 @@ def test_a_wing_slides_on_the_body_of_a_junction(workplace):
     changed = study_of(workplace, STUDY.replace("[driver]", JUNCTION.replace("0.8", "0.9") + "[driver]"))
     with pytest.raises(InputError, match=r"\[junction\] reach is 0.9, and was 0.8"):
         check_same_problem(changed, earlier, "out")
+    shaped = STUDY.replace("[driver]", JUNCTION.replace("0.8", '0.8\nshape = "shape"') + "[driver]")
+    assert 'reach=0.8, shape=["shape"])' in study_script(study_of(workplace, shaped), workplace)
+    with pytest.raises(InputError, match=r"\[junction\] 'shape' names 'bulge', which is no variable; there are shape"):
+        study_of(workplace, shaped.replace('shape = "shape"', 'shape = "bulge"'))
     with pytest.raises(InputError, match="'junction' has no key 'reach'"):
         study_of(workplace, STUDY.replace("[driver]", JUNCTION.replace("reach = 0.8\n", "") + "[driver]"))
 
