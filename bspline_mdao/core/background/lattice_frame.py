@@ -143,7 +143,9 @@ class CylindricalFrame(LatticeFrame):
     def to_local(self, points: np.ndarray) -> np.ndarray:
         """Coordinates of points, both of shape (n, 3), in metres."""
         along, x, y = ((points - self.motion.point) @ self.axes.T).T
-        return np.stack([along, np.hypot(x, y), self.radius * np.arctan2(y, x)], axis=1)
+        radius = np.hypot(x, y)
+        angle = np.where(radius <= self.near, 0.0, np.arctan2(y, x))  # on the axis it would be that of rounding
+        return np.stack([along, radius, self.radius * angle], axis=1)
 
     def to_space(self, coordinates: np.ndarray) -> np.ndarray:
         """Points of coordinates, both of shape (n, 3), in metres."""

@@ -473,8 +473,9 @@ class MeshModel(Plottable, Movable):
 
     @property
     def _periodic_pairs(self) -> np.ndarray:
-        """Nodes of periodic sides and their copies, shape (n_pairs, 2)."""
-        return np.concatenate([np.zeros((0, 2), dtype=int), *(each.pairs for each in self.periodic)])
+        """Nodes of periodic sides and their copies, shape (n_pairs, 2): nodes on an axis are their own."""
+        on_axis = np.flatnonzero(self.lattice.frame.is_on_axis(self.mesh.points))
+        return np.concatenate([np.stack([on_axis, on_axis], axis=1), *(each.pairs for each in self.periodic)])
 
     @cached_property
     def node_map(self) -> MeshMap:

@@ -19,6 +19,7 @@ from ...grids.topology.periodic_pair import Motion
 from ...grids.topology.rotation_fit import CLOSE, fit_turn, rotation_between
 from .end_planes import FLAT, PERIODIC, SYMMETRY, EndPlane, find_end_planes, lattice_axes
 from .lattice_frame import AROUND, CylindricalFrame, LatticeFrame
+from .wedge_planes import between_planes
 
 __all__ = ["PeriodicSides", "along_axes", "find_periodic_sides", "sides_of"]
 
@@ -58,6 +59,9 @@ def sides_of(
             found = _around(mesh, kinds, wall_rows, each, sides)
             if found is not None:
                 return found
+    wedge = between_planes(mesh, find_end_planes(mesh, kinds, wall_rows), kinds, wall_rows)
+    if wedge is not None:
+        return *wedge, ()
     sides = tuple(each for each in sides if each.motion.is_translation)
     axes, planes = _axes_and_planes(mesh, kinds, wall_rows, sides)
     kept = along_axes(sides, axes)

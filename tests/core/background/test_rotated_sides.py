@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mesh_cases import nozzle_wedge, periodic_model, sector_mesh, sector_model
+from scipy.spatial.transform import Rotation
 
 from bspline_mdao.core.background.lattice_frame import LatticeFrame
 from bspline_mdao.core.background.lattice_settings import LatticeSettings
@@ -219,3 +220,40 @@ def test_what_follows_walls_sees_those_beyond_the_sides(make):
     np.testing.assert_allclose(sides.motion.turn(first), second, rtol=0, atol=1e-12)
     inner = np.setdiff1d(sides.pairs[:, 0], model.wall_rows)
     assert np.abs((whole.at(points).nodes - model.mesh.points)[inner]).max() > 1e-3
+
+
+@pytest.mark.parametrize(("angle", "turn"), [(5.0, 0.0), (30.0, 1.0), (135.0, -0.5)])
+def test_nodes_stay_in_both_planes_of_symmetry_of_a_wedge_and_on_its_axis(angle, turn):
+    marked = marked_grid(nozzle_wedge(np.radians(angle)))
+    rotation = Rotation.from_rotvec(turn * np.array([0.3, 1.0, -0.6])).as_matrix()
+    mesh = replace(marked.mesh, points=marked.mesh.points @ rotation.T + [0.1, -0.3, 2.0])
+    kinds = {
+        "nozzle": "wall",
+        "in": "farfield",
+        "out": "farfield",
+        "periodic_1a": "symmetry",
+        "periodic_1b": "symmetry",
+    }
+    model = MeshModel.of(mesh, kinds, LatticeSettings(spacing=0.3))
+    frame, walls, rng = model.lattice.frame, mesh.points[model.wall_rows], np.random.default_rng(7)
+    assert {plane.axis for plane in model.planes} == {0, 2}
+    assert not any(line.is_periodic for line in model.lattice.lines)
+    x, _, s = frame.to_local(walls).T
+    up = 0.2 * np.sin(np.pi * (x - x.min()) / 3.0) ** 2 * (1.0 + 0.3 * s)
+    change = in_planes(model, frame.directions(walls).space(np.stack([0.0 * x, up, 0.0 * x], axis=1)))
+    movement = model.mover.move(model.control_points, walls + change)
+    state = model.node_map.at(movement.points)
+    moved = state.nodes - mesh.points
+    for plane in model.planes:
+        assert np.abs(moved[plane.rows] @ plane.normal).max() < 1e-14
+    is_on_axis = frame.is_on_axis(mesh.points)
+    assert is_on_axis.sum() == 15
+    assert np.abs(moved[is_on_axis] @ frame.axes[0]).max() > 1e-3
+    assert np.abs(moved[is_on_axis] @ frame.axes[1:].T).max() < 1e-15
+    assert not mesh.quality(state.nodes).is_inverted.any()
+    direction = in_planes(model, 0.1 * rng.normal(size=walls.shape))
+    bar = rng.normal(size=state.nodes.shape)
+    forward = state.jvp(movement.jvp(np.zeros_like(model.control_points), direction))
+    reverse = movement.vjp(state.vjp(bar)["control_points"])[1]
+    size = np.linalg.norm(bar) * np.linalg.norm(forward)
+    assert abs(np.vdot(bar, forward) - np.vdot(reverse, direction)) < 1e-12 * size
