@@ -40,8 +40,9 @@ from bspline_mdao.core.om.surface_control import SurfaceControl
 from bspline_mdao.core.om.surface_control_fit import SurfaceControlFit
 from bspline_mdao.core.om.surface_evaluate import SurfaceEvaluate
 from bspline_mdao.core.om.surface_measure import SurfaceMeasure
+from bspline_mdao.design import Hinge, HingePoints, Rotation
 from bspline_mdao.errors import InputError
-from bspline_mdao.flow import OpenFoamFlow, Su2Flow
+from bspline_mdao.flow import HingeMoment, OpenFoamFlow, Su2Flow
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.loads.rigid_links import RigidLinks
@@ -50,6 +51,7 @@ from bspline_mdao.flow.om.euler_state import EulerState
 from bspline_mdao.flow.om.euler_wall_forces import EulerWallForces
 from bspline_mdao.flow.om.lattice_flow import LatticeForces, UnfoldedLattice
 from bspline_mdao.flow.om.mach_range import MachWatch
+from bspline_mdao.flow.om.moved_hinge import MovedHingeMoment
 from bspline_mdao.flow.om.trimmed_state import TrimmedState
 from bspline_mdao.flow.om.vortex_lattice import WakeForces
 from bspline_mdao.generators import onera_m6_grid
@@ -117,6 +119,12 @@ def flow_of(kind, shock_threshold=0.0, **options):
     return kind(flow=flow, nodes=nodes, **options)
 
 
+def hinged(model):
+    """A flap of a wing, about a hinge that moves."""
+    hinge = Hinge((0.6, 0.0, 0.2), (0.9, 0.1, 1.1), name="flap_hinge")
+    return Parametrization(moving_mesh(model), [HingePoints("line", hinge, "xy"), Rotation("flap", hinge, blend=0.2)])
+
+
 COMPONENTS = {
     "Fit": lambda: Fit(model=model()),
     "Fit, live": lambda: Fit(model=model(), live=True),
@@ -138,6 +146,7 @@ COMPONENTS = {
     "InteriorControl": lambda: InteriorControl(
         model=model(), variables=[InteriorPoints("inner"), InteriorPoints("some", where=[50, 51, 60])]
     ),
+    "SurfaceControl with a hinge": lambda: SurfaceControl(parametrization=hinged(wing())),
     "SurfaceControl": lambda: SurfaceControl(
         parametrization=Parametrization(moving_mesh(model()), [Swirl("swirl", 5), Lift("lift")])
     ),
@@ -152,6 +161,9 @@ COMPONENTS = {
     "EulerState with shocks": lambda: flow_of(EulerState, shock_threshold=0.05, iprint=0),
     "TrimmedState": lambda: flow_of(TrimmedState, iprint=0),
     "EulerForces": lambda: flow_of(EulerForces),
+    "MovedHingeMoment": lambda: MovedHingeMoment(
+        hinge=HingeMoment("flap", axis=Hinge((0.6, 0.0, 0.2), (0.9, 0.1, 1.1), name="flap_hinge")), volume=0.7
+    ),
     "EulerWallForces": lambda: flow_of(EulerWallForces, surface=SurfaceGrid.of(wing())),
     "LatticeForces": lambda: LatticeForces(camber=CamberSurface.of(SurfaceGrid.of(wing()), 3, 5), reference_area=1.16),
     "UnfoldedLattice": lambda: UnfoldedLattice(measure=CamberSurface.of(SurfaceGrid.of(wing()), 3, 5)),
