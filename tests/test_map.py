@@ -170,11 +170,11 @@ def test_kernels_import_no_framework():
     def is_above(name: str) -> bool:
         return bool({layer(name), folder(name)} & ABOVE)
 
-    kernels = {name: targets for name, targets in file_arrows().items() if not is_above(name)}
+    kernels, paths = {name: targets for name, targets in file_arrows().items() if not is_above(name)}, modules()
     assert len(kernels) > 250
     for name, targets in kernels.items():
         assert not any(map(is_above, targets)), f"{name} imports {sorted(filter(is_above, targets))}"
-        for node in ast.walk(ast.parse(modules()[name].read_text())):
+        for node in ast.walk(ast.parse(paths[name].read_text())):
             outside = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             outside += [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
             found = {module.split(".")[0] for module in outside} & FRAMEWORKS
