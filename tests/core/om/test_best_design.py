@@ -9,6 +9,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 from driver_cases import on_vectors, paraboloid, rosenbrock
+from fuzz_cases import N_MUTATIONS
 
 from bspline_mdao import CaseRecorder, InputError, NLoptDriver, ScipyDriver, load_best
 from bspline_mdao.core.om.drivers.case_file import count_cases
@@ -201,13 +202,14 @@ def test_damaged_files_are_named_in_one_line_or_read(cases, tmp_path):
     random, data, file = np.random.default_rng(5), cases.read_bytes(), tmp_path / "d.sql"
     problem = recorded(ball(), tmp_path / "e.sql")
     found = []
-    for _ in range(24):
+    n = N_MUTATIONS // 2
+    for _ in range(n):
         file.write_bytes(damaged(data, random))
         behind = recorded(ball(), tmp_path / "f.sql", earlier=file)
         acts = (partial(load_best, problem, file), partial(count_cases, file), behind.final_setup)
         found += [words for words in map(refusal, acts) if words]
         behind.cleanup()
-    assert len(found) > 12
+    assert len(found) > n // 2
     assert all(words.startswith(f"{file}: ") and "\n" not in words for words in found)
 
 

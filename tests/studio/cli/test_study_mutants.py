@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from fuzz_cases import N_MUTATIONS
 from study_mutants import GOOD, mutant
 
 from bspline_mdao.errors import InputError
@@ -10,7 +11,7 @@ from bspline_mdao.studio.cli.main import run
 from bspline_mdao.studio.study.script import study_script
 from bspline_mdao.studio.study.study import read_study
 
-N_MUTANTS, N_RUNS = 400, 12
+N_MUTANTS, N_RUNS = 400, N_MUTATIONS // 5
 
 
 def mutants():
@@ -42,7 +43,7 @@ def test_mutants_that_can_be_read_end_well_or_in_one_line(tmp_path, monkeypatch,
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     monkeypatch.chdir(tmp_path)
     accepted = [text for text in mutants().values() if is_accepted(tmp_path, text)]
-    for number, text in enumerate(accepted[:: len(accepted) // N_RUNS]):
+    for number, text in enumerate(accepted[:: max(1, len(accepted) // N_RUNS)]):
         (tmp_path / "study.toml").write_text(text, encoding="utf-8", newline="")
         status = run(["optimize", "study.toml", "-o", f"out{number}", "--max-iterations", "1"])
         said = [line for line in capfd.readouterr().err.splitlines() if line.startswith("bspline-mdao: ")]
