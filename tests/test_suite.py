@@ -137,7 +137,8 @@ def imports(path: Path) -> set[str]:
 
 def not_run(tests: list[str], scripts: dict[str, Path]) -> list[str]:
     """Run scripts that no test runs: those with a ``main`` that is not called, others that nothing loads or imports."""
-    functions = [n for source in tests for n in ast.walk(ast.parse(source)) if isinstance(n, ast.FunctionDef)]
+    loading = [source for source in tests if re.search(r"\b(script|import_module)\(", source)]
+    functions = [n for source in loading for n in ast.walk(ast.parse(source)) if isinstance(n, ast.FunctionDef)]
     by_test, run = (set().union(*found) for found in zip(*map(run_scripts_of, functions)))
     used = by_test.union(*map(imports, scripts.values()))
     has_main = {name for name, path in scripts.items() if re.search(r"^def main\(", path.read_text(), re.M)}
