@@ -246,13 +246,30 @@ def signals_arrive():
 
 
 def ended(number):
-    """Results, standard error and exit status of a run that was ended by a signal after ten cases."""
-    Path("long.toml").write_text(Path("area.toml").read_text() + LONG)
+    """Standard error and exit status of a run that was ended by a signal after ten cases."""
+    Path("long.toml").write_text(AREA + LONG)
     program = start("long.toml", "-o", "out")
     wait_for_cases(10)
     program.send_signal(number)
     _, error = program.communicate(timeout=200)
     return error, program.returncode
+
+
+@pytest.fixture(scope="module")
+def killed_once(tmp_path_factory):
+    """Folder of a run that was killed, its standard error and its exit status."""
+    folder = tmp_path_factory.mktemp("killed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        return folder, *ended(signal.SIGKILL)
+
+
+@pytest.fixture
+def killed(killed_once, workplace):
+    """A workplace where a run was killed: its standard error and its exit status."""
+    folder, *said = killed_once
+    shutil.copytree(folder, ".", dirs_exist_ok=True)
+    return tuple(said)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -269,9 +286,8 @@ def test_signals_end_a_run_like_an_interrupt_with_its_best_design(workplace, sig
     assert float(summary("out")["surface_area"]["after"]) <= best_of("out/cases.sql") * (1 + 1e-12)
 
 
-def test_a_run_that_was_killed_goes_on_from_its_best_design(workplace, capsys):
-    error, status = ended(signal.SIGKILL)
-    assert (error, status) == ("", -signal.SIGKILL)
+def test_a_run_that_was_killed_goes_on_from_its_best_design(killed, capsys):
+    assert killed == ("", -signal.SIGKILL)
     (private,) = Path("out").glob(f"{PREFIX}*")
     n, best = count_cases(private / "results/cases.sql"), best_of(private / "results/cases.sql")
     words = (
@@ -289,8 +305,7 @@ def test_a_run_that_was_killed_goes_on_from_its_best_design(workplace, capsys):
     assert float(found["surface_area"]["after"]) == pytest.approx(0.928707, abs=1e-5)
 
 
-def test_a_run_that_went_on_and_was_killed_goes_on_again(workplace):
-    ended(signal.SIGKILL)
+def test_a_run_that_went_on_and_was_killed_goes_on_again(killed):
     n = max(count_cases(file) for file in Path("out").glob(f"{PREFIX}*/results/cases.sql"))
     program = start("long.toml", "-o", "out", "--restart")
     wait_for_cases(n + 5)
@@ -368,8 +383,7 @@ def test_a_grid_that_has_changed_is_another_problem(workplace, capsys):
     assert "w.toml: [grid] file is another one than in the run" in fails(capsys, "w.toml", "-o", "out", "--restart")
 
 
-def test_cases_of_the_script_that_was_run_by_itself_go_on_and_are_not_dropped(workplace, capsys):
-    assert run(["optimize", "area.toml", "-o", "out", "--max-iterations", "4"]) == 0
+def test_cases_of_the_script_that_was_run_by_itself_go_on_and_are_not_dropped(done, capsys):
     subprocess.run([sys.executable, "out/optimize.py"], check=True, capture_output=True, timeout=200)
     Path("new").mkdir()
     os.rename("out/cases.sql", "new/cases.sql")
