@@ -97,6 +97,16 @@ class _AboutAxis(FixedSurface):
         what = type(self).__name__.lower()
         return as_vector(self.origin, f"{what}: origin"), as_direction(self.direction, f"{what}: direction")
 
+    @property
+    def _about(self) -> str:
+        """The axis in words: by its name where it is one of coordinates, and where it is if not at the origin."""
+        origin, along = self._axis
+        along = along * np.sign(along[np.argmax(np.abs(along))])
+        name = "xyz"[int(np.argmax(along))] if along.max() > 1.0 - STRAIGHT else f"the direction {_rounded(along)}"
+        point = origin - (origin @ along) * along
+        is_off = np.abs(point).max() > STRAIGHT * max(np.abs(origin).max(), 1.0)
+        return name + (f" through {_rounded(point)}" if is_off else "")
+
     @abstractmethod
     def _in_meridian(self, x: np.ndarray, r: np.ndarray) -> _InMeridian:
         """The function of x and r (m), both of shape (n,)."""
@@ -120,6 +130,9 @@ class _AboutAxis(FixedSurface):
         )
         return Levels(at.value, parts[0] * along + parts[1] * outwards, hessians)
 
+
+STRAIGHT = 1e-9
+"""Departures of an axis from one of coordinates, and from the origin, that are rounding."""
 
 ON_AXIS = 1e-12
 """Points nearer to an axis than this part of their distance from its origin have no direction outwards."""
@@ -156,6 +169,9 @@ class Cylinder(_AboutAxis):
     def __post_init__(self) -> None:
         super().__post_init__()
         _require_positive(self.radius, "cylinder: radius")
+
+    def __str__(self) -> str:
+        return f"a cylinder of radius {self.radius:.6g} about {self._about}"
 
     def _in_meridian(self, x: np.ndarray, r: np.ndarray) -> _InMeridian:
         return _InMeridian(r - self.radius, 0.0, 1.0)
@@ -195,6 +211,10 @@ class Cone(_AboutAxis):
         angle = as_numbers(self.half_angle, "cone: half angle")
         if angle.shape or not 0.0 < angle < 0.5 * np.pi:
             raise InputError(f"cone: half angle {self.half_angle}; give one between 0 and pi / 2, in rad")
+
+    def __str__(self) -> str:
+        apex = _rounded(np.asarray(self.origin))
+        return f"a cone of half angle {np.degrees(self.half_angle):.6g} deg with its apex at {apex}"
 
     def _in_meridian(self, x: np.ndarray, r: np.ndarray) -> _InMeridian:
         sine, cosine = np.sin(self.half_angle), np.cos(self.half_angle)
@@ -243,6 +263,10 @@ class Revolution(_AboutAxis):
         if points[:, 1].min() <= 0.0:
             raise InputError(f"revolution: a radius of {points[:, 1].min():g} m in the profile; give positive ones")
 
+    def __str__(self) -> str:
+        radii = np.asarray(self.profile)[:, 1]
+        return f"a surface of revolution about {self._about}, of radii {radii.min():.6g} to {radii.max():.6g}"
+
     @cached_property
     def _radius(self) -> CubicSpline:
         return CubicSpline(*np.transpose(self.profile))
@@ -288,6 +312,9 @@ class Sphere(FixedSurface):
         as_vector(self.center, "sphere: center")
         _require_positive(self.radius, "sphere: radius")
 
+    def __str__(self) -> str:
+        return f"a sphere of radius {self.radius:.6g} about {_rounded(np.asarray(self.center))}"
+
     def levels(self, points: np.ndarray) -> Levels:
         """Distance from the sphere."""
         away = points - np.asarray(self.center)
@@ -297,6 +324,12 @@ class Sphere(FixedSurface):
         outwards = away / r[:, None]
         hessians = (np.eye(3) - outwards[:, :, None] * outwards[:, None, :]) / r[:, None, None]
         return Levels(r - self.radius, outwards, hessians)
+
+
+def _rounded(vector: np.ndarray) -> str:
+    """A vector in few digits, without those of rounding."""
+    least = STRAIGHT * max(float(np.abs(vector).max()), 1.0)
+    return f"({', '.join(f'{x:.6g}' for x in np.where(np.abs(vector) < least, 0.0, vector))})"
 
 
 def _require_positive(value: float, what: str) -> None:

@@ -78,6 +78,19 @@ class SlidingNodes(OneLine):
             groups.append(SlidingGroup(chosen[0].what, tuple(slide.surface for slide in chosen), places, heights))
         return cls(rows, tuple(groups), np.arange(len(rows)))
 
+    def off(self, nodes: np.ndarray) -> float:
+        """How far nodes of a grid, shape (n_nodes, 3), are from where they slide, at most (m)."""
+        points = nodes[self.rows]
+        heights = [
+            (surface.levels(points[group.places]), height)
+            for group in self.groups
+            for surface, height in zip(group.surfaces, group.heights)
+        ]
+        return max(
+            float((np.abs(at.values - height) / np.linalg.norm(at.gradients, axis=1)).max(initial=0.0))
+            for at, height in heights
+        )
+
     def among(self, rows: np.ndarray) -> SlidingNodes:
         """Return the same for nodes by their rows, (m,) of int, that these are some of."""
         order = np.argsort(rows)

@@ -27,6 +27,7 @@ from ...core.mesh.moving_mesh import MovingMesh
 from ...core.mesh.surface import SurfaceGrid
 from ...core.model.fitted_model import FittedModel
 from ...core.movement.mover import MEND, IncrementReport, Movement
+from ...core.sliding.sliding_nodes import SlidingNodes
 from ...errors import InputError, MovementError
 from ...grids.cells.certificate import Certificate, certify_cells
 from ...grids.cells.grid_quality import GridQuality
@@ -101,6 +102,7 @@ class Moved:
     newly_inverted: tuple[InvertedCell, ...]
     certificate: Certificate
     gaps: tuple[PeriodicGap, ...]
+    slid_off: float | None  # how far nodes that slide have left their surfaces, at most (m); None where none slide
 
     @property
     def largest_displacement(self) -> float:
@@ -183,7 +185,9 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
     grid, miss = _grid(model, options, mesh, deformation, movement.points)
     progress(0.8, "quality")
     gaps = periodic_gaps(model.topology, baseline, grid)
-    return Moved(mesh, model.control_points, surface, movement, grid, miss, *_compared(baseline, grid), gaps)
+    before, after = (each.to_vector().reshape(-1, 3) for each in (baseline, grid))
+    off = SlidingNodes.of(model.topology, before, mesh.slides).off(after) if mesh.curved_slides else None
+    return Moved(mesh, model.control_points, surface, movement, grid, miss, *_compared(baseline, grid), gaps, off)
 
 
 def _grid(
@@ -245,6 +249,7 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "n_invalid_before": moved.mesh.n_invalid,
         "following": [what for what, _ in moved.mesh.following],
         "sliding": [{"patch": slide.what, "surface": str(slide.surface)} for slide in moved.mesh.curved_slides],
+        "sliding_off": moved.slid_off,
         "digits": report.digits,
         "seconds": report.seconds,
         "miss": vars(moved.miss) if moved.miss else None,
@@ -281,6 +286,8 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
         names = ", ".join(what for what, _ in moved.mesh.following)
         print_lines([f"the surface ends on curved faces, which follow it unless they are fixed (--fix): {names}"])
     print_lines([f"nodes of {slide.what} slide on {slide.surface}" for slide in moved.mesh.curved_slides])
+    if moved.slid_off is not None:
+        print_lines([f"they leave their places over these surfaces by {moved.slid_off:.2g} {unit} at most"])
     print_lines(_of_elements(moved))
     print_table(INCREMENT_COLUMNS[: len(rows[0])], rows)
     print_table(

@@ -151,3 +151,23 @@ def test_points_without_a_closest_one_are_refused():
 def test_surfaces_that_are_none_are_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    ("surface", "words"),
+    [
+        (Cylinder((-4e-6, 2e-16, 1e-16), (-1.0, -1e-17, 2e-17), 2.0), "a cylinder of radius 2 about x"),
+        (Cylinder((1.0, 2.0, 0.0), (0.0, 0.0, 3.0), 0.5), "a cylinder of radius 0.5 about z through (1, 2, 0)"),
+        (Sphere((0.0, 0.0, 1e-17), 3.0), "a sphere of radius 3 about (0, 0, 0)"),
+        (
+            Cone((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), 0.25 * np.pi),
+            "a cone of half angle 45 deg with its apex at (0, 1, 0)",
+        ),
+        (
+            Revolution((0.0, 0.0, 0.0), (0.0, 3.0, 4.0), [(0.0, 1.0), (1.0, 1.5), (2.0, 2.0), (3.0, 1.0)]),
+            "a surface of revolution about the direction (0, 0.6, 0.8), of radii 1 to 2",
+        ),
+    ],
+)
+def test_surfaces_say_what_they_are_without_the_digits_of_rounding(surface, words):
+    assert str(surface) == words
