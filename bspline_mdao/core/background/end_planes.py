@@ -18,14 +18,24 @@ from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.quads import area_vectors
 from ..walls.embedded_points import ON_PLANE
 
-__all__ = ["INNER", "PERIODIC", "SYMMETRY", "WALL", "EndPlane", "find_end_planes", "lattice_axes", "section_axis"]
+__all__ = [
+    "INNER",
+    "PERIODIC",
+    "SLIDING",
+    "SYMMETRY",
+    "WALL",
+    "EndPlane",
+    "find_end_planes",
+    "lattice_axes",
+    "section_axis",
+]
 
 FLAT = 1e-6
 """Part of the size of a mesh by which nodes of a symmetry plane may be off it: digits of single precision."""
 
-WALL, SYMMETRY, INNER, PERIODIC = "wall", "symmetry", "inner", "periodic"
-"""Kinds of markers: bodies, planes of symmetry, faces inside the mesh, whose nodes move along, and sides that are
-copies of each other. Others are outer."""
+WALL, SYMMETRY, INNER, PERIODIC, SLIDING = "wall", "symmetry", "inner", "periodic", "sliding"
+"""Kinds of markers: bodies, planes of symmetry, faces inside the mesh, whose nodes move along, sides that are copies of
+each other, and surfaces that nodes slide on. Others are outer."""
 
 PLANE_DIGITS = 4
 """Decimals of the unit normal of a face, and of its place by the size of the mesh, which tell planes apart."""

@@ -18,7 +18,9 @@ from ...names import CONTROL_POINTS
 from ..evaluation.node_map import require_inputs
 from ..riding.riding_mesh import WALL, EmbeddedMesh, EmbeddedMeshState
 from ..riding.wall_images import WallImages
+from ..sliding.closest import Closest
 from .node_copies import TiedNodes
+from .sliding_markers import SlidingWalls
 
 __all__ = ["MeshMap", "MeshState"]
 
@@ -34,6 +36,7 @@ class MeshMap(OneLine):
     # where it has all
     places: np.ndarray | None = None
     images: WallImages | None = None  # walls beyond periodic sides, by the nodes of walls that they are images of
+    sliding: SlidingWalls | None = None  # nodes that slide on surfaces, asked for as those of walls are
 
     inputs = (CONTROL_POINTS,)
 
@@ -62,14 +65,23 @@ class MeshMap(OneLine):
     def at(self, control_points: np.ndarray) -> MeshState:
         """Nodes for control points, shape (n_control_points, 3), in metres, with their derivative."""
         walls, lattice = control_points[: self.n_walls], control_points[self.n_walls :]
-        if self.images is not None and self.embedded.walls is not None:
-            walls = self.images.beyond(walls, self.embedded.walls.initial[: self.n_walls])
+        assert self.embedded.walls is not None
+        at_rest, closest = self.embedded.walls.initial[: self.n_given], None
+        if self.sliding is not None:
+            walls, closest = self.sliding.at(walls, lattice - self.embedded.control_points, at_rest)
+        if self.images is not None:
+            walls = self.images.beyond(walls, at_rest)
         state = self.embedded.at(lattice, walls)
         rows = self.tied.rows
         if len(rows):
             before = self.embedded.mesh.points
             state.nodes[rows] = before[rows] + self.alike(state.nodes - before)[rows]
-        return MeshState(self, state)
+        return MeshState(self, state, closest)
+
+    @property
+    def n_given(self) -> int:
+        """Number of nodes that are asked to be somewhere: those of walls, and those that slide."""
+        return self.n_walls if self.sliding is None else self.sliding.n_asked
 
     def alike(self, change: np.ndarray) -> np.ndarray:
         """Changes of the nodes of `embedded`, shape (n, 3), in place: those of copies are their mean."""
@@ -77,7 +89,7 @@ class MeshMap(OneLine):
         return self.tied.alike(change)
 
     def with_images(self, change: np.ndarray) -> np.ndarray:
-        """Changes of the nodes of walls, shape (n_walls, 3), and behind them those of their images."""
+        """Changes of the nodes that are asked for, shape (n_given, 3), and behind them those of their images."""
         if self.images is None:
             return change
         return np.concatenate([change, self.images.turned(change[self.images.originals])])
@@ -86,8 +98,8 @@ class MeshMap(OneLine):
         """Transpose of `with_images`."""
         if self.images is None:
             return bar
-        found = bar[: self.n_walls].copy()
-        np.add.at(found, self.images.originals, self.images.turned_back(bar[self.n_walls :]))
+        found = bar[: self.n_given].copy()
+        np.add.at(found, self.images.originals, self.images.turned_back(bar[self.n_given :]))
         return found
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
@@ -101,6 +113,7 @@ class MeshState:
 
     of: MeshMap
     embedded_state: EmbeddedMeshState
+    closest: Closest | None = None  # where nodes that slide are asked to be
 
     @property
     def nodes(self) -> np.ndarray:
@@ -116,14 +129,20 @@ class MeshState:
         """Change of the nodes with that of the control points, shape (n_control_points, 3)."""
         if control_points is None:
             return np.zeros_like(self.nodes)
-        n, of = self.of.n_walls, self.of
-        change = self.embedded_state.jvp(control_points[n:], of.with_images(control_points[:n]))
+        of, walls, lattice = self.of, control_points[: self.of.n_walls], control_points[self.of.n_walls :]
+        if of.sliding is not None and self.closest is not None:
+            walls = of.sliding.jvp(self.closest, walls, lattice)
+        change = self.embedded_state.jvp(lattice, of.with_images(walls))
         return of.taken(of.alike(change))
 
     def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
         """Transpose of `jvp`."""
         bars, bar = {}, self.of.alike(self.of.spread(np.array(bar, dtype=float)))
         for name in require_inputs(wrt, self.inputs):
-            found = self.embedded_state.vjp(bar)
-            bars[name] = np.concatenate([self.of.with_images_vjp(found[WALL]), found[CONTROL_POINTS]])
+            found, of = self.embedded_state.vjp(bar), self.of
+            walls, lattice = of.with_images_vjp(found[WALL]), found[CONTROL_POINTS]
+            if of.sliding is not None and self.closest is not None:
+                walls, moved = of.sliding.vjp(self.closest, walls)
+                lattice = lattice + moved
+            bars[name] = np.concatenate([walls, lattice])
         return bars

@@ -35,11 +35,11 @@ from ..movement.default_mover import default_mover
 from ..riding.riding_mesh import RidingWalls
 from ..riding.wall_faces import WallFaces
 from ..riding.wall_images import WallImages
-from ..sliding.sliding_nodes import Slide
+from ..sliding.sliding_nodes import Slide, SlidingNodes
 from ..splines.mesh import BSplineMesh
 from ..walls.body_points import Body
 from .background_lattice import BackgroundLattice
-from .end_planes import INNER, WALL, EndPlane, section_axis
+from .end_planes import INNER, SLIDING, WALL, EndPlane, section_axis
 from .lattice_settings import DEFAULTS, LatticeSettings
 from .lattice_spans import MeshBox
 from .mesh_file import arrays_of, document_of, read_mesh_model, write_mesh_model
@@ -51,6 +51,7 @@ from .mesh_walls import FADE, following_walls, images_of_walls
 from .periodic_sides import PeriodicSides, sides_of
 from .points_to_move import points_to_move
 from .refinement import refined_settings
+from .sliding_markers import markers_that_slide, nodes_that_slide, with_sliding
 from .thin_plate import ThinPlate
 from .wall_follower import WallFollower
 
@@ -127,7 +128,8 @@ class MeshModel(Plottable, Movable):
         kinds : mapping of str to str
             Kinds of the markers, see `marker_kinds`: nodes of walls go where they are asked to, those of planes of
             symmetry stay in these, those inside the mesh or of no marker move along, those of periodic sides that are
-            copies of each other by a shift or a rotation move alike, and all others stay.
+            copies of each other by a shift or a rotation move alike, those of kind ``"sliding"`` stay on the cylinder,
+            cone, sphere or surface of revolution that they are on, and all others stay.
         settings : LatticeSettings
             What the lattice is like.
         mesh_file : path-like
@@ -282,7 +284,7 @@ class MeshModel(Plottable, Movable):
         parts = [
             faces.ravel()
             for name, faces in markers.items()
-            if name not in self.walls.names and name not in in_planes and self.kinds.get(name) != INNER
+            if name not in self.walls.names and name not in in_planes and self.kinds.get(name) not in (INNER, SLIDING)
         ]
         resting = np.unique(np.concatenate([np.zeros(0, dtype=int), *parts]))
         return np.setdiff1d(resting, self.wall_rows)
@@ -309,7 +311,8 @@ class MeshModel(Plottable, Movable):
         for what, asked in (("fixed", fixed), ("released", released), ("sliding", sliding)):
             if len(asked):
                 raise InputError(
-                    f"{self.source}: '{what}' is of grids of blocks; what the markers of a mesh do is up to their kinds"
+                    f"{self.source}: '{what}' is of grids of blocks; what the markers of a mesh do is up to their "
+                    f"kinds, such as sliding"
                 )
         if design is None:
             return self.moving_mesh
@@ -456,9 +459,20 @@ class MeshModel(Plottable, Movable):
     @cached_property
     def following_walls(self) -> RidingWalls:
         """What follows the walls, whatever the lattice is like."""
+        faces = self.walls if self.sliding_nodes is None else with_sliding(self.mesh, self.walls, self.slides)
         return following_walls(
-            self.mesh, self.walls, self.nodes_on_planes(), self.rows_at_rest, self.nodes_here, self.wall_images
+            self.mesh, faces, self.nodes_on_planes(), self.rows_at_rest, self.nodes_here, self.wall_images
         )
+
+    @cached_property
+    def slides(self) -> dict[str, Slide]:
+        """Surfaces of the markers of kind sliding, by their names."""
+        return markers_that_slide(self.mesh, self.kinds)
+
+    @cached_property
+    def sliding_nodes(self) -> SlidingNodes | None:
+        """Nodes that slide on surfaces which are not planes; None where there are none."""
+        return nodes_that_slide(self.mesh, self.slides, self.planes, self.rows_at_rest)
 
     @cached_property
     def wall_images(self) -> WallImages | None:
@@ -469,7 +483,10 @@ class MeshModel(Plottable, Movable):
     def nodes_here(self) -> np.ndarray | None:
         """Nodes mapped here, ascending: those of this process, of walls and periodic sides; None where it has all."""
         asked = self.subdomain
-        return None if asked is None else np.unique(np.r_[asked.rows, self.wall_rows, self._periodic_pairs.ravel()])
+        if asked is None:
+            return None
+        faces = [np.asarray((self.mesh.markers or {})[name]).ravel() for name in self.slides]
+        return np.unique(np.concatenate([asked.rows, self.wall_rows, self._periodic_pairs.ravel(), *faces]))
 
     @property
     def _periodic_pairs(self) -> np.ndarray:
@@ -482,7 +499,16 @@ class MeshModel(Plottable, Movable):
         """Map from the control points to the nodes, or to those of this process."""
         asked = None if self.subdomain is None else self.subdomain.rows
         nodes = self.mesh, self.planes, self.rows_at_rest, self._periodic_pairs
-        return map_of_nodes(*nodes, self.following_walls, self.lattice, asked, self.nodes_here, self.wall_images)
+        return map_of_nodes(
+            *nodes,
+            self.following_walls,
+            self.lattice,
+            asked,
+            self.nodes_here,
+            self.wall_images,
+            wall_rows=self.wall_rows,
+            nodes=self.sliding_nodes,
+        )
 
 
 moving_mesh.register(MeshModel, MeshModel.design_mesh)

@@ -15,10 +15,12 @@ import numpy as np
 from ...grids.cells.mixed_cells import MixedMesh
 from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
 from ..riding.wall_images import WallImages
+from ..sliding.sliding_nodes import SlidingNodes
 from .background_lattice import BackgroundLattice
 from .end_planes import EndPlane
 from .mesh_map import MeshMap
 from .node_copies import TiedNodes
+from .sliding_markers import SlidingWalls
 
 __all__ = ["map_of_nodes"]
 
@@ -33,10 +35,14 @@ def map_of_nodes(
     asked: np.ndarray | None = None,  # int, the nodes of a process, in any order, a node may be there twice; else all
     here: np.ndarray | None = None,  # int, ascending: these, and those of walls and of periodic sides
     images: WallImages | None = None,  # walls beyond periodic sides
+    wall_rows: np.ndarray | None = None,  # int, nodes of walls, ascending: those of `walls` but for nodes that slide
+    nodes: SlidingNodes | None = None,  # those that slide
 ) -> MeshMap:
     """Find what moves the nodes."""
     ends, places = [plane.rows for plane in planes], None
     if asked is not None and here is not None:
+        wall_rows = None if wall_rows is None else np.searchsorted(here, wall_rows)
+        nodes = None if nodes is None else replace(nodes, rows=np.searchsorted(here, nodes.rows))
         resting, *ends = (np.flatnonzero(np.isin(here, rows)) for rows in (resting, *ends))
         mesh = MixedMesh(mesh.points[here], {}, source=mesh.source)
         pairs, places = np.searchsorted(here, pairs), np.searchsorted(here, asked)
@@ -58,5 +64,12 @@ def map_of_nodes(
     embedded = EmbeddedMesh(
         mesh, lattice.control_points, evaluator, moving, none, None, np.zeros(n), walls, mesh.points
     )
-    n_walls = len(walls.rows) - (0 if images is None else len(images.points))
-    return MeshMap(embedded.with_baseline(), n_walls, TiedNodes.of(pairs, mesh.points, lattice.frame), places, beyond)
+    n_walls, tied = (
+        len(walls.rows) - (0 if images is None else len(images.points)),
+        TiedNodes.of(pairs, mesh.points, lattice.frame),
+    )
+    if nodes is None or wall_rows is None:
+        return MeshMap(embedded.with_baseline(), n_walls, tied, places, beyond)
+    flat = [(rows, plane.axis, plane.end) for rows, plane in zip(ends, planes)]
+    sliding = SlidingWalls.of(nodes, wall_rows, walls.rows[:n_walls], mesh.points, lattice, flat)
+    return MeshMap(embedded.with_baseline(), len(wall_rows), tied, places, beyond, sliding)

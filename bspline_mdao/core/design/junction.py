@@ -25,7 +25,7 @@ from ..mesh.control_net import surface_quads
 from ..mesh.moving_mesh import MovingMesh
 from ..sliding.fixed_surface import FixedSurface, Plane
 from ..sliding.node_surface import NodeSurface
-from ..sliding.sliding_nodes import SlidingGroup, SlidingNodes
+from ..sliding.sliding_nodes import Slide, SlidingNodes
 from .displacement import selector
 from .selection import Where, rows_of
 from .variable import DesignMap, Layout, MapPartials, block_diagonal, product_on_pattern, sum_on_pattern
@@ -243,25 +243,16 @@ def _picking(mask: np.ndarray) -> csr_array:
 
 
 def _sliding(surface: FixedSurface, rows: np.ndarray, layout: Layout) -> SlidingNodes:
-    """Nodes by their rows, (n,) of int, on a surface, and in the planes of symmetry that they are in."""
-    mesh, points = layout.mesh, layout.points[rows]
+    """Nodes by their rows, ascending, on a surface, and in the planes of symmetry that they are in."""
+    mesh, points = layout.mesh, layout.points
     normals, which = np.unique(np.round(mesh.in_plane_normals, SAME_PLANE), axis=0, return_inverse=True)
-    is_in = np.array([np.isin(rows, mesh.in_plane_rows[which.ravel() == k]) for k in range(len(normals))], dtype=bool)
-    patterns, number = np.unique(is_in.reshape(len(normals), len(rows)), axis=1, return_inverse=True)
-    groups = []
-    for k, pattern in enumerate(patterns.T):
-        places = np.flatnonzero(number.ravel() == k)
-        planes = [_plane(mesh, which.ravel() == n, points[places[0]]) for n in np.flatnonzero(pattern)]
-        surfaces = (surface, *planes)
-        heights = np.array([each.levels(points[places]).values for each in surfaces])
-        groups.append(SlidingGroup("junction", surfaces, places, heights))
-    return SlidingNodes(rows, tuple(groups), np.arange(len(rows)))
-
-
-def _plane(mesh: MovingMesh, is_its: np.ndarray, point: np.ndarray) -> Plane:
-    """The plane of some of the points that stay in planes, through one of them."""
-    normal = mesh.in_plane_normals[np.argmax(is_its)]
-    return Plane(normal, float(point @ normal))
+    slides, members = [Slide("junction", surface)], [rows]
+    for number in range(len(normals)):
+        of_plane = which.ravel() == number
+        normal, ids = mesh.in_plane_normals[np.argmax(of_plane)], mesh.in_plane_rows[of_plane]
+        slides.append(Slide("junction", Plane(normal, float(points[ids[0]] @ normal))))
+        members.append(np.intersect1d(ids, rows))
+    return SlidingNodes.of_members(slides, members, points)
 
 
 def _through_nodes(body: SmoothCorners, rows: np.ndarray, layout: Layout) -> NodeSurface:

@@ -33,7 +33,7 @@ class Slide(OneLine):
 
     what: str  # the patch, for messages
     surface: FixedSurface
-    sides: tuple[int, ...]  # their numbers in `bspline_mdao.grids.topology.sharing.boundary_sides`
+    sides: tuple[int, ...] = ()  # their numbers in `bspline_mdao.grids.topology.sharing.boundary_sides`
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,16 @@ class SlidingNodes(OneLine):
         numbers, copies = topology.layout.numbers, node_copies(topology)
         rows_of_segments = [numbers[segment.block][segment.slices] for segment in topology.segments]
         sides = [source_rows(copies, rows.ravel()) for _, rows in boundary_sections(topology, rows_of_segments)]
-        members = [np.unique(np.concatenate([sides[n] for n in slide.sides])) for slide in slides]
+        return cls.of_members(slides, [np.concatenate([sides[n] for n in slide.sides]) for slide in slides], nodes)
+
+    @classmethod
+    def of_members(
+        cls,
+        slides: Sequence[Slide],  # the curved ones, and planes that nodes of these stay in as well
+        members: Sequence[np.ndarray],  # of int, nodes of each by their rows
+        nodes: np.ndarray,  # (n_nodes, 3), the baseline (m)
+    ) -> SlidingNodes:
+        """Find the surfaces of every node that is on a curved one."""
         curved = [rows for slide, rows in zip(slides, members) if not isinstance(slide.surface, Plane)]
         rows = np.unique(np.concatenate(curved))
         is_on = _independent(slides, nodes[rows], np.array([np.isin(rows, of_slide) for of_slide in members]))

@@ -29,9 +29,9 @@ from .patch_guess import kind_of_name
 
 __all__ = ["MARKER_KINDS", "MarkerGuess", "guess_kinds", "kind_of_words"]
 
-MARKER_KINDS = ("wall", "symmetry", "farfield", "periodic", "inner", "other")
+MARKER_KINDS = ("wall", "symmetry", "farfield", "periodic", "inner", "sliding", "other")
 """What markers can be: bodies, planes of symmetry, what fluid passes through, periodic sides, faces inside the mesh or
-between its zones, and others."""
+between its zones, surfaces that nodes slide on, and others."""
 
 PIECE = 1 << 18
 """Faces whose corners are gathered at once: those of 10 million cells are 5 gigabytes."""

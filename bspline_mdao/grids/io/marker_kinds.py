@@ -4,7 +4,7 @@ The file is that of structured grids, of which meshes take the table of kinds by
 that fits counts::
 
     [kinds]
-    "wing*" = "wall"            # wall, symmetry, farfield, periodic, inner or other
+    "wing*" = "wall"            # wall, symmetry, farfield, periodic, inner, sliding or other
     "x_m" = "symmetry"
 
 Format: ``docs/theory/grid_files.rst``.
@@ -28,7 +28,8 @@ __all__ = ["draft_kinds", "marker_kinds", "read_kinds", "undecided"]
 _HEADER = """Markers of {source}: a draft to be checked.
 Kinds: {kinds}. A name may be a pattern, such as "wing*"; the first that fits counts.
 Walls move, and nodes on planes of symmetry stay in them; markers of kind inner move along, periodic sides that are
-copies of each other by a shift move alike, and all others stay."""
+copies of each other move alike, nodes of kind sliding stay on their cylinder, cone, sphere or surface of
+revolution, and all others stay."""
 
 
 def read_kinds(path: str | os.PathLike, mesh: MixedMesh) -> dict[str, str]:

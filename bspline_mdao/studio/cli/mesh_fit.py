@@ -140,6 +140,7 @@ def show_lattice(model: MeshModel) -> None:
         f"nodes of {' and '.join(sides.markers)} move alike: a {sides.motion} lays one onto the other"
         for sides in model.periodic
     ]
+    lines += [f"nodes of {name} slide on {slide.surface}" for name, slide in model.slides.items()]
     print_lines([*lines, *untied_lines(model, set(in_planes))])
 
 

@@ -68,6 +68,12 @@ class _Moved:
         return side_numbers(self.model.periodic, self.model.mesh, self.state.nodes)
 
     @property
+    def sliding_off(self) -> float | None:
+        """How far nodes that slide have left their surfaces, at most (m); None where none slide."""
+        nodes = self.model.sliding_nodes
+        return None if nodes is None else nodes.off(self.state.nodes)
+
+    @property
     def cells(self) -> MovedCells:
         """Its cells before and after."""
         return self.mesh.cells
@@ -211,6 +217,7 @@ def _numbers(model_file: Path, output: Path, moved: _Moved, options: MoveOptions
         "digits": moved.movement.report.digits,
         **moved.mesh.numbers(),
         "periodic": moved.periodic,
+        "sliding_off": moved.sliding_off,
         "overlap": moved.overlap and vars(moved.overlap),
         "seconds": moved.seconds,
     }
@@ -229,6 +236,8 @@ def _show(output: Path, moved: _Moved) -> None:
         print_lines([f"refined for this move, since the lattice of the model inverted {inverted}; 'fit --for' does it"])
     moved.mesh.show()
     print_lines(gap_lines(moved.periodic, mesh.length_unit))
+    if moved.sliding_off is not None:
+        print_lines([f"nodes that slide leave their surfaces by {moved.sliding_off:.2g} {mesh.length_unit} at most"])
     if moved.overlap is not None:
         print_lines(moved.overlap.lines())
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
