@@ -7,6 +7,7 @@ import openmdao.api as om
 from openmdao.jacobians.jacobian import Jacobian
 from openmdao.vectors.vector import Vector
 
+from ...core.om.component import fails_together, finite_points, finite_values
 from ..loads.axis_moments import hinge_moment, hinge_moment_rates
 from ..loads.hinges import HingeMoment
 
@@ -30,6 +31,11 @@ class MovedHingeMoment(om.ExplicitComponent):
         The hinge moment, whose axis is a `Hinge`.
     volume : float
         Reference area times reference chord (m^3).
+
+    Raises
+    ------
+    om.AnalysisError
+        In a run, if an input is not finite.
     """
 
     is_linear = False
@@ -50,10 +56,12 @@ class MovedHingeMoment(om.ExplicitComponent):
         self.add_output(hinge.output, desc="hinge moment")
         self.declare_partials("*", "*")
 
+    @fails_together
     def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Take the moment about the axis."""
         outputs[self._names[2]] = hinge_moment(*self._at(inputs)) / self.options["volume"]
 
+    @fails_together
     def compute_partials(self, inputs: Vector, partials: Jacobian) -> None:
         """Differentiate it."""
         loads, axis, output = self._names
@@ -63,4 +71,6 @@ class MovedHingeMoment(om.ExplicitComponent):
 
     def _at(self, inputs: Vector) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Loads, axis and origin."""
-        return inputs[self._names[0]], inputs[self._names[1]].reshape(2, 3), self._origin
+        loads, axis, _ = self._names
+        points = finite_points(inputs[axis], axis, self.msginfo)
+        return finite_values(inputs[loads], loads, self.msginfo), points, self._origin
