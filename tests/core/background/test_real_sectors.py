@@ -83,3 +83,33 @@ def test_thin_wedges_of_others_move_with_both_sides_alike_and_their_axis_along_i
     nodes = moved_alike(model, np.stack([0.5 * rise, rise, 0.0 * x], axis=1))
     moved = (nodes - model.mesh.points)[is_on_axis]
     np.testing.assert_array_equal(moved @ frame.axes[1:].T, 0.0)
+
+
+def test_a_rotor_moves_behind_a_stator_and_both_rows_repeat_as_before(real_grids, tmp_path):
+    """O-grids of blades in a background that repeats by a shift, with a plane that rotor and stator slide along."""
+    parts = {
+        ("stator", "wall"): [(b, "kmin") for b in (2, 4, 6)],
+        ("rotor", "wall"): [(b, "kmin") for b in (8, 10, 12, 14)],
+        ("ends", "symmetry"): [(b, face) for b in range(1, 15) for face in ("imin", "imax")],
+        ("fringe", "overset"): [(b, "kmax") for b in range(2, 15, 2)],
+        ("periodic_low", "other"): [(1, "kmin"), (7, "kmin")],
+        ("periodic_high", "other"): [(5, "kmax"), (13, "kmax")],
+        ("far", "farfield"): [(b, face) for b in (1, 3, 5, 7, 9, 11, 13) for face in ("jmin", "jmax")],
+    }
+    text = ""
+    for (name, kind), faces in parts.items():
+        listed = ", ".join(f'{{block = {block}, face = "{face}"}}' for block, face in faces)
+        text += f'[[patch]]\nname = "{name}"\nkind = "{kind}"\nfaces = [{listed}]\n'
+    (tmp_path / "patches.toml").write_text(text)
+    model = fit_mesh(real_grids / "cfl3d_rotorstator.fmt", tmp_path / "patches.toml")
+    walls, (sides,) = model.mesh.points[model.wall_rows], model.periodic
+    np.testing.assert_allclose(sides.motion.shift, [0.0, 24.2351, 0.0], atol=1e-4)
+    rotor = np.isin(model.wall_rows, np.unique(model.mesh.markers["rotor"]))
+    for change in ([0.3, 0.3, 0.0], [-0.2, 0.4, 0.0]):
+        asked = walls + np.outer(rotor, change)
+        nodes = model.node_map.at(model.mover.move(model.control_points, asked).points).nodes
+        assert not model.mesh.quality(nodes).is_inverted.any()
+        first, second = (nodes - model.mesh.points)[sides.pairs.T]
+        np.testing.assert_allclose(first, second, rtol=0.0, atol=1e-13)
+        stays = np.unique(model.mesh.markers["far"])  # the plane between rotor and stator among them
+        np.testing.assert_array_equal(nodes[stays], model.mesh.points[stays])
