@@ -228,10 +228,11 @@ def count_of(file):
         return 0
 
 
-def best_of(file):
-    """Least recorded area of the designs that keep the volume."""
+def best_of(file, n_last=0):
+    """Least recorded area of the designs that keep the volume, but for some that were recorded last."""
     reader = om.CaseReader(str(file))
-    cases = [reader.get_case(name) for name in reader.list_cases("driver", out_stream=None)]
+    names = reader.list_cases("driver", out_stream=None)
+    cases = [reader.get_case(name) for name in names[: len(names) - n_last]]
     values = [(case["surface_area"].item(), case["volume"].item()) for case in cases]
     return min(area for area, volume in values if volume > 1.0 - 1e-6)
 
@@ -279,7 +280,9 @@ def test_signals_end_a_run_like_an_interrupt_with_its_best_design(workplace, sig
     (line,) = error.strip().splitlines()
     assert line.startswith("bspline-mdao: interrupted after ")
     assert names_in("out") == RESULTS
-    assert float(summary("out")["surface_area"]["after"]) == pytest.approx(best_of("out/cases.sql"), rel=1e-12)
+    # a signal between a design's record and what the driver notes of it leaves that design out
+    found = [best_of("out/cases.sql", n_last) for n_last in (0, 1)]
+    assert float(summary("out")["surface_area"]["after"]) in [pytest.approx(each, rel=1e-12) for each in found]
     n = count_cases("out/cases.sql")
     assert run(["optimize", "long.toml", "-o", "out", "--restart", "--max-iterations", "5"]) == 0
     assert count_cases("out/cases.sql") > n
