@@ -99,7 +99,7 @@ def fit_model(
         )
         topology = find_topology(grid, comm)
     is_asked = lattice is None and bool(file_of(grid_name)) and may_overlap(grid, topology)
-    if is_asked and on_first(comm, lambda: _fit_overlapping(grid, topology, grid_name, lay)):
+    if is_asked and on_first(comm, lambda: _fit_overlapping(grid, topology, grid_name, patches is not None, lay)):
         return
     for name, value in (("spacing", spacing), ("spans", spans), ("for", moves or None)):
         if value is not None:
@@ -134,6 +134,7 @@ def _fit_overlapping(
     grid: Grid | StoredGrid,
     topology: Topology,
     grid_name: str,
+    are_declared: bool,  # whether a file declares its patches
     lay: Callable[[Callable[[], tuple[MixedMesh, dict[str, MarkerGuess]]]], None],  # lays a lattice around what is read
 ) -> bool:
     """Fit blocks by one lattice if they are component grids that overlap; say whether they are."""
@@ -141,7 +142,7 @@ def _fit_overlapping(
     overlap = overlap_of(grid, topology)
     if overlap:
         print_lines([f"{grid_name}: {overlap}: one lattice moves them; --no-lattice fits each block instead"])
-        lay(lambda: mesh_of_blocks(grid_name, marked_grid(grid, topology)))
+        lay(lambda: mesh_of_blocks(grid_name, marked_grid(grid, topology, are_declared)))
     return bool(overlap)
 
 

@@ -21,7 +21,7 @@ from ...topology.topology import Topology
 from ..cgns import CgnsDialect
 from ..files import check_grid_name, read_grid, write_grid
 from ..formats import format_of_name
-from ..marker_guess import MarkerGuess, guess_kinds
+from ..marker_guess import MarkerGuess, guess_kinds, kind_of_words
 from ..overset_guess import OVERSET
 from ..patch_certainty import FaceGuess, how_sure
 from ..patch_guess import guess_undeclared
@@ -76,10 +76,16 @@ class MarkedGrid(OneLine):
 def read_marked_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None) -> MarkedGrid:
     """Read a grid of blocks as a mesh, with what its patches are; `InputError` if it cannot be used."""
     grid = lift_plane_grid(read_grid(path))
-    return marked_grid(grid if patches is None else read_patches(patches, grid))
+    if patches is None:
+        return marked_grid(grid)
+    return marked_grid(read_patches(patches, grid), are_declared=True)
 
 
-def marked_grid(grid: Grid, topology: Topology | None = None) -> MarkedGrid:
+def marked_grid(
+    grid: Grid,
+    topology: Topology | None = None,
+    are_declared: bool = False,  # whether somebody has declared its patches, so that kind other is no lack of words
+) -> MarkedGrid:
     """Take a grid, whose topology may be known, as a mesh: patches are markers, and what nobody declared is guessed."""
     topology = topology or find_topology(grid)
     guesses = guess_undeclared(grid, topology)
@@ -90,7 +96,7 @@ def marked_grid(grid: Grid, topology: Topology | None = None) -> MarkedGrid:
     known = {
         patch.name: MarkerGuess(KIND_OF_MARKER.get(patch.kind, patch.kind), "sure", f"declared as {patch.kind}")
         for patch in grid.patches
-        if patch.kind != "other"
+        if patch.kind != "other" or (are_declared and kind_of_words(patch.name) == "other")
     }
     known |= _periodic(grid, topology) | _guessed(guesses)
     known = {name: guess for name, guess in known.items() if name in (mesh.markers or {})}
