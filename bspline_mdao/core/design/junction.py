@@ -22,8 +22,8 @@ from ...base.display import OneLine
 from ...errors import InputError
 from ..measures.jets import SmoothCorners, jets
 from ..mesh.control_net import surface_quads
-from ..mesh.moving_mesh import MovingMesh
-from ..sliding.fixed_surface import FixedSurface, Plane
+from ..sliding.closest import Closest
+from ..sliding.fixed_surface import FixedSurface, Plane, require_near
 from ..sliding.node_surface import NodeSurface
 from ..sliding.sliding_nodes import Slide, SlidingNodes
 from .displacement import selector
@@ -43,9 +43,6 @@ ROUGH = 0.07
 """Part of its longest edge by which the surface may miss a node. An ellipsoid with two edges along its radius is
 missed by 0.06 at most, and what slides leaves it by 1 % of the radius; a cylinder of which an edge spans 48 degrees by
 0.1, and what slides leaves it by 20 %."""
-
-FAR = 0.01
-"""Nodes farther from a given surface than this part of the size of the body near the wing were meant for another."""
 
 N_NEAREST = 4
 """Nodes of the junction whose displacements a node beside it takes, by the inverse of the square of their distances."""
@@ -110,7 +107,8 @@ class Junction(OneLine):
         body = np.concatenate([junction, near_body])
         surface = self.surface or _through_nodes(SmoothCorners(points, quads[on_body]), body, layout)
         if self.surface is not None:
-            self._require_near(points[body], body, mesh)
+            near, cure = "the size of the body near it", "leave it out"
+            require_near(surface, points[body], lambda n: mesh.place_of_surface_point(body[n]), "junction", near, cure)
         return SlidingJunction(
             layout,
             junction=junction,
@@ -121,18 +119,6 @@ class Junction(OneLine):
             into_wing=selector(near_wing, len(layout.points)) @ _fading(tree, points[near_wing], self.reach),
             into_body=_fading(tree, points[near_body], self.reach),
         )
-
-    def _require_near(self, points: np.ndarray, rows: np.ndarray, mesh: MovingMesh) -> None:
-        """Refuse a given surface that the body is not on."""
-        assert self.surface is not None
-        distances = self.surface.distances(points)
-        worst, size = int(np.argmax(distances)), float(np.linalg.norm(np.ptp(points, axis=0)))
-        if distances[worst] > FAR * size:
-            raise InputError(
-                f"junction: {mesh.place_of_surface_point(int(rows[worst]))} is {distances[worst]:.3g} m off the given "
-                f"{type(self.surface).__name__}, more than {FAR:g} of the size of the body near it; correct the "
-                f"surface, or leave it out"
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,24 +140,21 @@ class SlidingJunction(OneLine):
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Move all rows, shape (n_rows, 3), in metres; real or complex."""
-        asked = points - self.layout.points
-        slid, gone = self._slides(asked)
-        left_over = (slid - asked[self.junction]).reshape(-1)
+        root, collar = self._closest(points)
+        left_over = (root.points - points[self.junction]).reshape(-1)
         moved = points + (self.into_wing @ left_over).reshape(-1, 3)
-        moved[self.junction] = self.layout.points[self.junction] + slid
-        moved[self.near] = self.collar.at(self.layout.points[self.near] + gone).points
+        moved[self.junction], moved[self.near] = root.points, collar.points
         moved[self.resting] = self.layout.points[self.resting]
         return moved
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
         """Differentiate `apply`."""
-        asked, n_rows = points - self.layout.points, len(self.layout.points)
-        _, gone = self._slides(asked)
+        root, collar = self._closest(points)
+        n_rows = len(points)
         picked = selector(self.junction, n_rows)
-        slid = product_on_pattern(block_diagonal(self.root.at(points[self.junction]).jacobians), picked.T.tocsr())
+        slid = product_on_pattern(block_diagonal(root.jacobians), picked.T.tocsr())
         left_over = sum_on_pattern(slid, -picked.T.tocsr())
-        rates = self.collar.at(self.layout.points[self.near] + gone).jacobians
-        body = product_on_pattern(block_diagonal(rates), product_on_pattern(self.into_body, slid))
+        body = product_on_pattern(block_diagonal(collar.jacobians), product_on_pattern(self.into_body, slid))
         found = sum_on_pattern(
             self._others,
             product_on_pattern(self.into_wing, left_over),
@@ -192,11 +175,11 @@ class SlidingJunction(OneLine):
         kept[np.concatenate([self.junction, self.near, self.resting])] = 0.0
         return _picking(np.repeat(kept, 3))
 
-    def _slides(self, asked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Slides of the junction, (n, 3), and what the body near it is asked to do, (m, 3)."""
-        at_rest = self.layout.points[self.junction]
-        slid = self.root.at(at_rest + asked[self.junction]).points - at_rest
-        return slid, (self.into_body @ slid.reshape(-1)).reshape(-1, 3)
+    def _closest(self, points: np.ndarray) -> tuple[Closest, Closest]:
+        """Where the junction slides to, and where the body near it does, which goes along."""
+        root = self.root.at(points[self.junction])
+        gone = self.into_body @ (root.points - self.layout.points[self.junction]).reshape(-1)
+        return root, self.collar.at(self.layout.points[self.near] + gone.reshape(-1, 3))
 
 
 @dataclass(frozen=True, eq=False)

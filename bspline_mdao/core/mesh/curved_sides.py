@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.numerics.mean_planes import mean_planes, near_enough
-from ...errors import InputError, MovementError
+from ...errors import InputError
 from ...grids.topology.sharing import boundary_sections
 from ...grids.topology.topology import BoundaryFace, Topology
 from ..sliding.closest import closest_on
-from ..sliding.fixed_surface import FixedSurface, Plane
+from ..sliding.fixed_surface import FixedSurface, Plane, require_near
 from ..sliding.recognition import recognised_surface
 from ..sliding.sliding_nodes import Slide
 
@@ -38,9 +38,6 @@ __all__ = [
 
 Sliding = str | Sequence[str] | Mapping[str, FixedSurface | None]
 """Patches by name or pattern, or each with the surface that it slides on: None where that is to be found."""
-
-FAR = 0.01
-"""Nodes farther from a given surface than this part of their patch's size were meant for another one."""
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -128,19 +125,13 @@ def _require_near(
     surface: FixedSurface, points: np.ndarray, rows: np.ndarray, near: float, what: str, topology: Topology
 ) -> None:
     """Refuse a given surface that nodes are far from, and tell where they are off."""
-    name = type(surface).__name__
-    try:
-        distances = surface.distances(points[rows])
-    except MovementError as error:
-        raise InputError(f"{what}: {error}; fix or release it, or give another surface") from error
-    worst, size = int(np.argmax(distances)), float(np.linalg.norm(np.ptp(points[rows], axis=0)))
-    (block,), (index,) = topology.layout.unravel(rows[worst : worst + 1])
-    place = f"node ({', '.join(str(n + 1) for n in index)}) of block {block + 1}"
-    if distances[worst] > FAR * size:
-        raise InputError(
-            f"{what}: {place} is {distances[worst]:.3g} m off the given {name}, more than {FAR:g} of the patch's size; "
-            f"correct the surface, or leave it out to have it found (sliding='...')"
-        )
-    if distances[worst] > near:
-        values = what, distances[worst], name, place
+
+    def place_of(number: int) -> str:
+        (block,), (index,) = topology.layout.unravel(rows[number : number + 1])
+        return f"node ({', '.join(str(n + 1) for n in index)}) of block {block + 1}"
+
+    cure = "leave it out to have it found (sliding='...')"
+    worst, off = require_near(surface, points[rows], place_of, what, "the patch's size", cure)
+    if off > near:
+        values = what, off, type(surface).__name__, place_of(worst)
         _LOGGER.warning("%s: nodes are up to %.3g m off the given %s, %s most; each keeps its distance", *values)

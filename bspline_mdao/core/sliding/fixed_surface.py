@@ -10,7 +10,7 @@ Theory: ``docs/theory/sliding.rst``.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from ...base.display import OneLine
 from ...base.numerics.vectors import lengths
 from ...errors import InputError, MovementError
 
-__all__ = ["Cone", "Cylinder", "FixedSurface", "Levels", "Plane", "Revolution", "Sphere"]
+__all__ = ["Cone", "Cylinder", "FixedSurface", "Levels", "Plane", "Revolution", "Sphere", "require_near"]
 
 Vector = Sequence[float] | np.ndarray
 
@@ -324,6 +324,32 @@ class Sphere(FixedSurface):
         outwards = away / r[:, None]
         hessians = (np.eye(3) - outwards[:, :, None] * outwards[:, None, :]) / r[:, None, None]
         return Levels(r - self.radius, outwards, hessians)
+
+
+FAR = 0.01
+"""Nodes farther from a given surface than this part of their size were meant for another one."""
+
+
+def require_near(
+    surface: FixedSurface,  # a surface that is given
+    points: np.ndarray,  # (n, 3), nodes that are meant to be on it (m)
+    place_of: Callable[[int], str],  # names one of them
+    what: str,  # what they are of, for messages
+    size: str,  # what their size is called
+    cure: str,  # what to do besides correcting the surface
+) -> tuple[int, float]:  # the node that is farthest off, and by how much (m)
+    """Refuse a given surface that nodes are far from."""
+    try:
+        distances = surface.distances(points)
+    except MovementError as error:
+        raise InputError(f"{what}: {error}; fix or release it, or give another surface") from error
+    worst, extent = int(np.argmax(distances)), float(np.linalg.norm(np.ptp(points, axis=0)))
+    if distances[worst] > FAR * extent:
+        raise InputError(
+            f"{what}: {place_of(worst)} is {distances[worst]:.3g} m off the given {type(surface).__name__}, more than "
+            f"{FAR:g} of {size}; correct the surface, or {cure}"
+        )
+    return worst, float(distances[worst])
 
 
 def _rounded(vector: np.ndarray) -> str:
