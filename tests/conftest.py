@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import gc
 import gzip
 import os
 import tempfile
@@ -30,6 +31,12 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if isinstance(item, pytest.DoctestItem):
             item.add_marker(pytest.mark.slow)
+
+
+def pytest_collection_finish():
+    """Take what is imported and collected out of what the garbage collector looks through again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
