@@ -62,3 +62,7 @@ def test_a_table_says_what_was_gained_where_both_designs_are_estimated():
     ]
     for other in (None, DesignSummary((entry,))):
         assert len(after.table(other).splitlines()) == 2
+
+
+def test_a_section_that_leaves_no_wake_has_no_gain():
+    assert induced_gains(*(estimates((0.0, 0.0), (0.5, 0.5), 0.0) for _ in range(2))) == ()

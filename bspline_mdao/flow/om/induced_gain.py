@@ -64,6 +64,8 @@ def _gains(before: Mapping[str, ErrorEstimate], after: Mapping[str, ErrorEstimat
         if last != "CD_induced" or not all({name, lift} <= found.keys() for found in (before, after)):
             continue
         pairs = [(found[name], found[lift]) for found in (before, after)]
+        if not all(drag.value for drag, _ in pairs):  # a section leaves no wake
+            continue
         was, now = (drag.value / lift.value**2 for drag, lift in pairs)
         finer_was, finer_now = (drag.finer / lift.finer**2 for drag, lift in pairs)
         doubt = max(drag.remaining / abs(drag.value) for drag, _ in pairs)
