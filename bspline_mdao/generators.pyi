@@ -1,5 +1,11 @@
 """Public names: each is imported when it is first asked for, from the module that is written here."""
 
+from .core.generators.airfoil import Airfoil as Airfoil
+from .core.generators.airfoil import cst_airfoil as cst_airfoil
+from .core.generators.airfoil import naca_airfoil as naca_airfoil
+from .core.generators.airfoil_file import airfoil as airfoil
+from .core.generators.airfoil_file import read_airfoil as read_airfoil
+from .core.generators.airfoil_grid import airfoil_grid as airfoil_grid
 from .core.generators.blended_wing_body import BlendedWingBody as BlendedWingBody
 from .core.generators.blended_wing_body import Rib as Rib
 from .core.generators.blended_wing_body import generic_blended_wing_body as generic_blended_wing_body

@@ -159,7 +159,9 @@ class _Corner:
     def flatten(self, outline: np.ndarray) -> np.ndarray:
         """Points of the near-circle of those around the section."""
         ratio = (outline[1:-1] - self.here[0]) / (outline[1:-1] - self.here[1])
-        root = np.exp((np.log(np.abs(ratio)) + 1j * np.unwrap(np.angle(ratio))) / self.power)
+        turns = np.unwrap(np.angle(ratio))
+        turns += 2.0 * np.pi * np.round(0.5 - 0.5 * turns[0] / np.pi)  # from pi, also where the upper side begins below
+        root = np.exp((np.log(np.abs(ratio)) + 1j * turns) / self.power)
         root = np.concatenate([[0.0], root, [0.0]])
         return (self.there[0] - self.there[1] * root) / (1.0 - root)
 

@@ -256,9 +256,15 @@ def cambered_section(thickness: float, camber: float, reflex: float = 0.0) -> Se
 def _naca_upper(thickness: float) -> tuple[np.ndarray, np.ndarray]:
     """Upper side of a symmetric four-digit NACA section with a closed trailing edge."""
     x = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 201)))
-    y = 5.0 * thickness * (0.2969 * np.sqrt(x) - x * (0.1260 + x * (0.3516 - x * (0.2843 - x * 0.1036))))
-    y[[0, -1]] = 0.0
-    return x, y
+    return x, naca_thickness(x, thickness, is_closed=True)
+
+
+def naca_thickness(x: np.ndarray, thickness: float, *, is_closed: bool) -> np.ndarray:
+    """Half of the thickness of four-digit NACA sections at parts x of the chord, from 0 to 1 (chords)."""
+    last = 0.1036 if is_closed else 0.1015
+    y = 5.0 * thickness * (0.2969 * np.sqrt(x) - x * (0.1260 + x * (0.3516 - x * (0.2843 - x * last))))
+    y[[0, -1] if is_closed else [0]] = 0.0
+    return y
 
 
 def _naca_nose_radius(thickness: float) -> float:

@@ -1,0 +1,141 @@
+"""O-grids about airfoils by their names, without or with layers of flat cells at the wall."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from os import PathLike
+
+import numpy as np
+
+from ...errors import InputError
+from ...grids.cells.wall_spacing import flat_plate_y_plus
+from ...grids.topology.grid import Block, Grid
+from .airfoil import Airfoil
+from .airfoil_file import airfoil
+from .section_o_grid import section_o_grid
+
+__all__ = ["airfoil_grid", "first_cell_of", "unit_of"]
+
+GROWTH = 1.15
+"""Of the heights of cells from the wall outward, where first cells are low and their number is left out."""
+
+FAR = 50.0
+"""Radius of the outer boundary in chords, by default: a lift of 0.5 changes the angle there by a tenth of a degree."""
+
+N_AROUND, N_AWAY = 128, 48
+"""Cells around and away, by default: a flow takes seconds."""
+
+SQUARE = 0.5
+"""Height of the first cells by a chord over the cells around, by default: those of a conformal grid grow threefold at
+a sharp trailing edge, where splines then fold."""
+
+_AS_IT_IS = 0.01
+"""Part of the chord by which nose and trailing edge may be off (0, 0) and (1, 0) in a file of unit chord."""
+
+
+def airfoil_grid(
+    of: str | PathLike | Airfoil,
+    n_around: int = N_AROUND,
+    n_away: int | None = None,
+    *,
+    far: float = FAR,
+    chord: float = 1.0,
+    first_cell: float | None = None,
+    y_plus: float | None = None,
+    reynolds: float | None = None,
+) -> Grid:
+    """Make the O-grid about an airfoil, one cell deep between two planes of symmetry.
+
+    Parameters
+    ----------
+    of : str, path-like or Airfoil
+        The airfoil, or its name for `airfoil`: NACA digits, coefficients or a file. A blunt trailing edge is closed by
+        taking a wedge off the thickness, see `Airfoil.section`.
+    n_around : int
+        Cells around the airfoil, an even number of 8 or more.
+    n_away : int, optional
+        Cells from the airfoil to the outer boundary; 48 by default, and with a height of the first cells as many as
+        grow by 15 % from it.
+    far : float
+        Radius of the outer boundary in chords.
+    chord : float
+        Length of the chord (m): what is 1 in a file of unit chord. Other files are scaled, and moved to have the nose
+        at (0, 0); none is turned.
+    first_cell : float, optional
+        Height of the first cells (m), for boundary layers; by default half of the chord over the cells around.
+    y_plus : float, optional
+        Height of the first cells in viscous units instead, estimated by the turbulent boundary layer of a flat plate in
+        the middle of the chord (F. M. White, *Fluid Mechanics*, 7th ed., 2011, section 7.4).
+    reynolds : float, optional
+        Reynolds number of the chord, for `y_plus`.
+
+    Returns
+    -------
+    Grid
+        One right-handed block of ``n_around + 1``, ``n_away + 1`` and 2 nodes, a chord deep, with the patches
+        ``airfoil``, ``farfield`` and ``symmetry``. The airfoil is in the plane of x and y; i runs from the trailing
+        edge along the lower side to the nose and back along the upper side.
+
+    Raises
+    ------
+    InputError
+        If there is no such airfoil, or no such grid.
+
+    Examples
+    --------
+    >>> from bspline_mdao.generators import airfoil_grid
+    >>> airfoil_grid("naca2412", 32, far=20.0).shapes
+    ((33, 49, 2),)
+    >>> airfoil_grid("naca2412", 32, far=20.0, y_plus=1.0, reynolds=6e6).shapes
+    ((33, 98, 2),)
+    """
+    section = of if isinstance(of, Airfoil) else airfoil(of)
+    if not chord > 0.0:
+        raise InputError(f"airfoil grid: a chord of {chord:g} m; give a positive length")
+    height = first_cell_of(chord, first_cell, y_plus, reynolds)
+    rows = n_away or (N_AWAY if height is None else _rows(height / chord, far))
+    try:
+        off_wall = SQUARE / max(n_around, 1) if height is None else height / chord
+        grid = section_o_grid(section.section, n_around, far, rows, off_wall)
+    except InputError as error:
+        raise InputError(f"airfoil '{section.name}': {error}") from error
+    (block,) = grid.blocks
+    unit, origin = unit_of(section)
+    plane = (section.place(block.nodes[..., :2]) - origin) * (chord / unit)
+    nodes = np.concatenate([plane, chord * block.nodes[..., 2:]], axis=-1)
+    patches = tuple(replace(patch, name="airfoil" if patch.kind == "wall" else patch.name) for patch in grid.patches)
+    return Grid((Block(nodes, "around the airfoil"),), patches, source=f"O-grid about {section.name}")
+
+
+def unit_of(section: Airfoil) -> tuple[float, np.ndarray]:
+    """Length that is a chord in the coordinates of an outline, and where their origin is then, shape (2,)."""
+    off = np.abs([section.nose, section.tail - [1.0, 0.0]]).max()
+    return (1.0, np.zeros(2)) if off < _AS_IT_IS else (section.chord, section.nose)
+
+
+def first_cell_of(
+    chord: float,  # length of the chord (m)
+    first_cell: float | None,  # height of the first cells (m)
+    y_plus: float | None,  # the same in viscous units
+    reynolds: float | None,  # reynolds number of the chord
+) -> float | None:  # height of the first cells (m); None where they are to be square
+    """Find the height of first cells that is asked for."""
+    given = {"first_cell": first_cell, "y_plus": y_plus, "reynolds": reynolds}
+    for name, value in given.items():
+        if value is not None and not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"airfoil grid: {name} of {value}; give a positive number")
+    if first_cell is not None and (y_plus is not None or reynolds is not None):
+        raise InputError("airfoil grid: a height of first cells, and y+ or a Reynolds number as well; give one of both")
+    if (y_plus is None) != (reynolds is None):
+        raise InputError("airfoil grid: y+ and the Reynolds number of the chord go together; give both")
+    if y_plus is None or reynolds is None:
+        return first_cell
+    return y_plus / flat_plate_y_plus(1.0, reynolds / chord, 0.5 * chord)
+
+
+def _rows(
+    height: float,  # of the first cells (chords)
+    far: float,  # radius of the outer boundary (chords)
+) -> int:
+    """Count cells that grow from the wall to the outer boundary."""
+    return max(4, int(np.ceil(np.log1p((GROWTH - 1.0) * far / height) / np.log(GROWTH))))

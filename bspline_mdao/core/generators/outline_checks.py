@@ -1,0 +1,97 @@
+"""Whether points are the outline of an airfoil, from the trailing edge along the upper side and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...errors import InputError
+
+__all__ = ["check_outline"]
+
+_FEWEST = 10
+"""Points of an outline at least: with fewer the spline makes up the nose."""
+
+_OPEN = 0.25
+"""Height of the trailing edge in chords from which on it is no edge."""
+
+_FRONT = 0.05
+"""Part of the chord in which sides may go back, as they do at the nose of a cambered section."""
+
+_ROUND_OFF = 1e-9
+"""Part of the chord by which sides may cross, and along which points coincide."""
+
+
+def check_outline(
+    points: np.ndarray,  # (n, 2)
+    name: str,  # what a message calls them
+    place: Callable[[int], str] = lambda number: f"point {number}",  # and one of them, which are numbered from 0
+) -> None:
+    """Refuse points that are no outline; say which one is wrong, and how."""
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise InputError(f"{name}: points of shape {points.shape}; give (n, 2)")
+    if len(points) < _FEWEST:
+        raise InputError(f"{name}: {len(points)} points are too few for an outline; give {_FEWEST} or more")
+    is_bad = ~np.isfinite(points).all(axis=1)
+    if is_bad.any():
+        number = int(np.argmax(is_bad))
+        raise InputError(f"{name}: {place(number)}: {_text(points[number])} is not finite; correct it")
+    tail = 0.5 * (points[0] + points[-1])
+    distances = np.linalg.norm(points - tail, axis=1)
+    at_nose, chord = int(np.argmax(distances)), float(distances.max())
+    is_repeated = np.linalg.norm(np.diff(points, axis=0), axis=1) <= _ROUND_OFF * chord
+    if is_repeated.any():
+        number = int(np.argmax(is_repeated)) + 1
+        raise InputError(
+            f"{name}: {place(number)}: {_text(points[number])} is that of {place(number - 1)} again; leave one out"
+        )
+    if distances[0] > 0.5 * _OPEN * chord:
+        raise InputError(
+            f"{name}: open: it begins at {_text(points[0])}, {place(0)}, and ends at {_text(points[-1])}, "
+            f"{place(len(points) - 1)}; give both sides, from the trailing edge around the nose "
+            f"and back; one side of a symmetric section is mirrored by symmetric=True, --symmetric"
+        )
+    along = (tail - points) @ (tail - points[at_nose]) / chord**2  # 0 at the trailing edge, 1 at the nose
+    steps = np.diff(along) * np.where(np.arange(len(points) - 1) < at_nose, 1.0, -1.0)
+    is_back = (steps < -_ROUND_OFF) & (np.minimum(along[1:], along[:-1]) < 1.0 - _FRONT)
+    if is_back.any():
+        number = int(np.argmax(is_back)) + 1
+        raise InputError(
+            f"{name}: {place(number)}: {_text(points[number])} goes back towards {place(max(number - 2, 0))}; points "
+            f"have to be in order, from the trailing edge around the nose and back"
+        )
+    _check_sides(points, along, at_nose, name, place)
+
+
+def _check_sides(points: np.ndarray, along: np.ndarray, at_nose: int, name: str, place: Callable[[int], str]) -> None:
+    """Refuse sides that cross, have no thickness between them, or are the wrong way round."""
+    tail = 0.5 * (points[0] + points[-1])
+    across = np.array([-1.0, 1.0]) * (tail - points[at_nose])[::-1]
+    heights = (points - tail) @ across / (across @ across)
+    first, second = np.arange(at_nose + 1), np.arange(at_nose, len(points))
+    lower = np.interp(along[first], along[second[::-1]], heights[second[::-1]])
+    upper = np.interp(along[second], *_rising(along[first], heights[first]))
+    between = np.concatenate([heights[first] - lower, (upper - heights[second])[1:]])
+    between[np.abs(along - 1.0) < 1e-3] = 0.0  # the nose may be blunt, and along has no digits there
+    if np.abs(between).max() < 1e-4:
+        raise InputError(f"{name}: its sides are on each other; give a section with thickness")
+    if between.max() < _ROUND_OFF:
+        raise InputError(f"{name}: runs along the lower side first; reverse the points")
+    if between.min() < -_ROUND_OFF:
+        number = int(np.argmin(between))
+        raise InputError(
+            f"{name}: {place(number)}: {_text(points[number])} is {-between[number]:.1g} chords beyond the other side: "
+            f"the sides cross; correct it"
+        )
+
+
+def _rising(along: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Both in rising order of the first."""
+    order = np.argsort(along)
+    return along[order], heights[order]
+
+
+def _text(point: np.ndarray) -> str:
+    """Write a point."""
+    return f"({point[0]:.6g}, {point[1]:.6g})"
