@@ -14,8 +14,6 @@ from .core.generators.canonical import onera_d_section as onera_d_section
 from .core.generators.canonical import onera_m6_grid as onera_m6_grid
 from .core.generators.canonical import onera_m6_planform as onera_m6_planform
 from .core.generators.canonical import rectangular_wing as rectangular_wing
-from .core.generators.hh_wing import FarField as FarField
-from .core.generators.hh_wing import Spacing as Spacing
 from .core.generators.hh_wing import hh_wing_grid as hh_wing_grid
 from .core.generators.hh_wing import infinite_wing_grid as infinite_wing_grid
 from .core.generators.section_o_grid import section_o_grid as section_o_grid
@@ -32,3 +30,5 @@ from .core.generators.wing import Wing as Wing
 from .core.generators.wing import cambered_section as cambered_section
 from .core.generators.wing import flat_section as flat_section
 from .core.generators.wing import naca_section as naca_section
+from .core.generators.wing_spacing import FarField as FarField
+from .core.generators.wing_spacing import Spacing as Spacing

@@ -24,9 +24,10 @@ from pathlib import Path
 import numpy as np
 
 from bspline_mdao.core.generators.canonical import onera_m6_grid
-from bspline_mdao.core.generators.hh_wing import Spacing, hh_wing_grid
+from bspline_mdao.core.generators.hh_wing import hh_wing_grid
 from bspline_mdao.core.generators.section_o_grid import section_o_grid
 from bspline_mdao.core.generators.wing import Planform, Wing, naca_section
+from bspline_mdao.core.generators.wing_spacing import Spacing
 from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from euler_cases import one_of_each_kind
 
-from bspline_mdao.core.generators.hh_wing import Spacing, infinite_wing_grid
+from bspline_mdao.core.generators.hh_wing import infinite_wing_grid
 from bspline_mdao.core.generators.wing import naca_section
+from bspline_mdao.core.generators.wing_spacing import Spacing
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid

@@ -15,8 +15,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...grids.topology.grid import Grid
-from .hh_wing import FarField, Spacing, hh_wing_grid
+from .hh_wing import hh_wing_grid
 from .wing import Planform, Section, Wing, flat_section, naca_section
+from .wing_spacing import FarField, Spacing
 
 ONERA_D_UPPER = np.array(
     [

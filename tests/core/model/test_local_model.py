@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from topology_cases import c_grid, grid_of, o_grid, smooth_box, split, twelve_block_plate
 
 from bspline_mdao import fit_grid, read_grid
-from bspline_mdao.core.generators.hh_wing import Spacing
+from bspline_mdao.core.generators.wing_spacing import Spacing
 from bspline_mdao.core.mesh.surface import SurfaceGrid
 from bspline_mdao.core.model.local_model import rows_of_subdomain
 from bspline_mdao.core.model.model import nodes_at

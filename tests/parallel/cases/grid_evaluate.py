@@ -10,7 +10,7 @@ from mpi4py import MPI
 from openmdao.utils.assert_utils import assert_check_partials
 
 from bspline_mdao import GridEvaluate, fit_grid
-from bspline_mdao.core.generators.hh_wing import Spacing
+from bspline_mdao.core.generators.wing_spacing import Spacing
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.grid import Block, Grid
 from bspline_mdao.measures import SurfaceGrid
