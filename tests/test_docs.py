@@ -122,6 +122,14 @@ def test_overset_grids_move_as_the_page_says(tmp_path, monkeypatch):
     np.testing.assert_allclose(after, before * [1.0, 1.02, 1.0], rtol=0, atol=1e-13)
 
 
+def test_an_airfoil_becomes_a_grid_as_the_page_says(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run_commands("howto/airfoil.rst") == ["airfoil", "airfoil", "quality"]
+    assert "cells: 6,144, 0 inverted; smallest corner 0.141" in capsys.readouterr().out
+    contents = run_blocks("howto/airfoil.rst")
+    assert contents["model"].report.n_invalid == 0
+
+
 def test_sectors_move_as_the_page_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     sector, _ = sector_mesh(0.5, axis=(0.0, 0.0, 1.0), point=(0.0, 0.0, 0.0))

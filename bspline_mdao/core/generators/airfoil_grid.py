@@ -64,8 +64,8 @@ def airfoil_grid(
     first_cell : float, optional
         Height of the first cells (m), for boundary layers; by default half of the chord over the cells around.
     y_plus : float, optional
-        Height of the first cells in viscous units instead, estimated by the turbulent boundary layer of a flat plate in
-        the middle of the chord (F. M. White, *Fluid Mechanics*, 7th ed., 2011, section 7.4).
+        Height of the first cells in viscous units instead, estimated by the turbulent boundary layer at the end of a
+        flat plate of that chord (F. M. White, *Fluid Mechanics*, 7th ed., 2011, section 7.4).
     reynolds : float, optional
         Reynolds number of the chord, for `y_plus`.
 
@@ -130,7 +130,7 @@ def first_cell_of(
         raise InputError("airfoil grid: y+ and the Reynolds number of the chord go together; give both")
     if y_plus is None or reynolds is None:
         return first_cell
-    return y_plus / flat_plate_y_plus(1.0, reynolds / chord, 0.5 * chord)
+    return y_plus / flat_plate_y_plus(1.0, reynolds / chord, chord)
 
 
 def _rows(

@@ -194,7 +194,7 @@ def test_first_cells_have_the_height_of_y_plus_at_any_chord():
     heights = np.linalg.norm(nodes[:, 1, 0] - nodes[:, 0, 0], axis=1)
     assert np.ptp(nodes[:, 0, 0, 0]) == pytest.approx(0.3, rel=1e-9)
     for height in (heights.min(), heights.max()):
-        assert flat_plate_y_plus(height, 4e6 / 0.3, 0.15) == pytest.approx(2.0, rel=1e-3)
+        assert flat_plate_y_plus(height, 4e6 / 0.3, 0.3) == pytest.approx(2.0, rel=1e-3)
     asked = airfoil_grid("naca0012", 64, first_cell=1e-4, chord=0.3).blocks[0].nodes
     assert np.linalg.norm(asked[5, 1, 0] - asked[5, 0, 0]) == pytest.approx(1e-4, rel=1e-3)
 

@@ -1,0 +1,97 @@
+"""The command ``airfoil``: models, grids, numbers, what it says of sections, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bspline_mdao import FittedModel, read_grid
+from bspline_mdao.generators import airfoil_grid, naca_airfoil
+from bspline_mdao.studio.cli.main import run
+
+
+@pytest.fixture
+def said(tmp_path, monkeypatch, capsys):
+    """Run the command in a folder of its own and return what it prints."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def command(*arguments, status=0):
+        assert run(["airfoil", *arguments]) == status
+        printed = capsys.readouterr()
+        return printed.out if status == 0 else printed.err
+
+    return command
+
+
+def lines(points):
+    return "".join(f"{x:.6f} {y:.6f}\n" for x, y in points)
+
+
+def test_a_model_has_the_wall_of_the_airfoil_and_no_invalid_element(said):
+    words = said("naca2412", "-o", "foil.h5", "--around", "64", "--away", "24", "--json", "foil.json")
+    model, numbers = FittedModel.load("foil.h5"), json.loads(Path("foil.json").read_text())
+    assert "section: 12 % thick" in words
+    assert "foil.h5 written" in words
+    assert "warning" not in words
+    np.testing.assert_allclose(
+        model.regenerate().blocks[0].nodes, airfoil_grid("naca2412", 64, 24).blocks[0].nodes, atol=1e-11
+    )
+    assert [patch.name for patch in model.regenerate().patches] == ["airfoil", "farfield", "symmetry"]
+    assert numbers["n_cells"] == 64 * 24
+    assert numbers["n_inverted"] == numbers["fit"]["n_invalid_control_elements"] == 0
+    assert numbers["fit"]["worst_on_walls"]["error"] < 2e-3
+    assert (numbers["base"], numbers["unit"]) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("name", ["foil.xyz", "foil.cgns"])
+def test_a_grid_alone_is_written_by_its_suffix_with_layers_of_the_y_plus(said, name):
+    words = said("cst:0.17,0.16/-0.17,-0.1", "-o", name, "--around", "48", "--y-plus", "1", "--reynolds", "2e6")
+    assert f"{name} written" in words
+    assert "y+" in words
+    asked = airfoil_grid("cst:0.17,0.16/-0.17,-0.1", 48, y_plus=1.0, reynolds=2e6)
+    np.testing.assert_allclose(read_grid(name).blocks[0].nodes, asked.blocks[0].nodes, atol=1e-12)
+
+
+def test_the_y_plus_that_is_shown_is_the_one_that_was_asked_for_at_any_chord(said):
+    layers = ("--y-plus", "2", "--reynolds", "2e6", "--chord", "0.3")
+    said("naca0012", "-o", "f.xyz", "--around", "48", *layers, "--json", "f")
+    (wall,) = json.loads(Path("f").read_text())["walls"]
+    assert wall["y_plus"] == pytest.approx(2.0, rel=1e-6)
+
+
+def test_what_is_done_to_a_blunt_file_in_percent_is_said(said):
+    Path("foil.dat").write_text("2412\n" + lines(100.0 * naca_airfoil("2412", blunt=True).points[::4]))
+    words = said("foil.dat", "-o", "foil.xyz", "--around", "32", "--away", "8")
+    assert "the chord is 100.008 long there: scaled to 1 m" in words
+    assert "the trailing edge is 0.252 % thick: it is closed by a wedge off both sides" in words
+    thick = said("cst:0.2,0.2/-0.2,-0.2/0.03", "-o", "thick.xyz", "--around", "32", "--away", "8")
+    assert "warning: the trailing edge is 3 % thick" in thick
+
+
+def test_one_side_of_a_file_is_mirrored_by_an_option(said):
+    Path("half.txt").write_text(lines(naca_airfoil("0012").points[200::-4]))
+    assert "--symmetric" in said("half.txt", "-o", "foil.xyz", status=2)
+    assert "12 % thick" in said("half.txt", "-o", "foil.xyz", "--around", "32", "--away", "8", "--symmetric")
+    nodes = read_grid("foil.xyz").blocks[0].nodes[:, 0, 0]
+    np.testing.assert_allclose(nodes[:, 1], -nodes[::-1, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["naca12", "-o", "f.h5"], "NACA '12': give four or five digits"),
+        (["nowhere.dat", "-o", "f.h5"], "nowhere.dat: No such file"),
+        (["naca0012", "-o", "f.foo"], "no '.foo' files are written"),
+        (["naca0012", "-o", "f.h5", "--around", "33"], "33 cells around it"),
+        (["naca0012", "-o", "f.h5", "--y-plus", "1"], "y+ and the Reynolds number of the chord go together"),
+        (["naca0012", "-o", "f.h5", "--symmetric"], "is no file"),
+        (["naca0012", "-o", "f.h5", "--first-cell", "-1"], "--first-cell"),
+    ],
+)
+def test_what_cannot_be_made_is_one_line_and_nothing_is_written(said, arguments, message):
+    error = said(*arguments, status=2)
+    assert message in error
+    assert error.count("\n") == 1
+    assert not list(Path().iterdir())
