@@ -2,6 +2,7 @@
 
 from .core.design.axisymmetric import RadiusFactor as RadiusFactor
 from .core.design.coarse_net import CoarseNet as CoarseNet
+from .core.design.curve_points import CurvePoints as CurvePoints
 from .core.design.displacement import Local as Local
 from .core.design.displacement import Translation as Translation
 from .core.design.free_form import FreeForm as FreeForm
@@ -28,6 +29,10 @@ from .core.design.planform import Twist as Twist
 from .core.design.reference_axis import ReferenceAxis as ReferenceAxis
 from .core.design.rotation import HingePoints as HingePoints
 from .core.design.rotation import Rotation as Rotation
+from .core.design.section_shapes import Bumps as Bumps
+from .core.design.section_shapes import CamberModes as CamberModes
+from .core.design.section_shapes import ClassShape as ClassShape
+from .core.design.section_shapes import ThicknessModes as ThicknessModes
 from .core.design.selection import InBlock as InBlock
 from .core.design.selection import InBox as InBox
 from .core.design.selection import Nearest as Nearest

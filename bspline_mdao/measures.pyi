@@ -11,6 +11,7 @@ from .core.measures.seams import PoleContinuity as PoleContinuity
 from .core.measures.seams import SeamContinuity as SeamContinuity
 from .core.measures.seams import pole_continuity as pole_continuity
 from .core.measures.seams import seam_continuity as seam_continuity
+from .core.measures.section_area import SectionArea as SectionArea
 from .core.measures.section_thickness import SectionThickness as SectionThickness
 from .core.measures.thickness import Thickness as Thickness
 from .core.measures.volume import EnclosedVolume as EnclosedVolume

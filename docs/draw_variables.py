@@ -1,7 +1,8 @@
-"""Draw what the variables along an axis do to a wing, for the page on them.
+"""Draw what variables do to a wing and to a section, for the page on them.
 
 ``python docs/draw_variables.py`` writes ``docs/_static/planform_variables.png``: the wing of the ONERA M6, before in
-gray and after in blue, with the axis and its stations.
+gray and after in blue, with the axis and its stations; and ``section_variables.png``: the NACA 0012 in the same
+colours, and below it what its upper side (blue) and its lower side (orange) are moved by, enlarged.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE
 
-PICTURE = Path(__file__).parent / "_static" / "planform_variables.png"
+STATIC = Path(__file__).parent / "_static"
 
 CASES = (
     (bm.design.Twist, {"stations": 3}, (0.0, 6.0, 18.0), "Twist, 3 stations: 0, 6, 18 deg"),
@@ -27,6 +28,21 @@ CASES = (
     (bm.design.Dihedral, {"stations": 2, "order": 2}, (0.0, 35.0), "Dihedral, 2 stations: 0, 35 deg"),
 )
 """Variable, its settings, its values, and what stands above the panel."""
+
+SECTIONS = (
+    (bm.design.Bumps("v", (0.2, 0.5), sides="upper"), (0.02, -0.02), "Bumps at 0.2 and 0.5, above: 0.02, -0.02"),
+    (bm.design.Bumps("v", (0.4,), power=8.0), (0.02, 0.02), "Bumps at 0.4, power 8: 0.02, 0.02"),
+    (bm.design.ClassShape("v", 3), (0.08, 0, 0, 0, 0, 0, 0), "ClassShape, first weight (nose): 0.08"),
+    (bm.design.ClassShape("v", 2), (0, 0.1, 0, 0, 0.1), "ClassShape, weights above and below: 0.1"),
+    (bm.design.CamberModes("v", 3), (0, 0, 0.03), "CamberModes, third of three: 0.03"),
+    (bm.design.CamberModes("v", 2, trailing=True), (0, 0, -0.03), "CamberModes, trailing edge: -0.03"),
+    (bm.design.ThicknessModes("v", 3, nose=False), (0, 0.04, 0), "ThicknessModes but the nose, second: 0.04"),
+    (bm.design.CurvePoints("v", bm.design.Nearest((0.3, 0.06, 0.0))), (0.03,), "CurvePoints, one: 0.03"),
+)
+"""Variable of a section, its values, and what stands above the panel."""
+
+ENLARGED, BELOW = 4.0, -0.2
+"""Factor on the changes of a section, and the height at which they are drawn (chords)."""
 
 VIEW = np.array([[0.80, 0.0, 0.42], [-0.28, 0.92, 0.50]])
 """Directions on paper, to the right and up, of stream, normal and span: from above, behind and outboard."""
@@ -61,14 +77,45 @@ def draw(axes, mesh, kind, settings, values, title):
     axes.axis("off")
 
 
+def draw_section(axes, section, variable, values, title):
+    """Draw one panel of a section."""
+    shape = section.parametrization([variable])
+    baseline = section.mesh.points[section.mesh.surface_ids]
+    points = section.mesh.points.copy()
+    points[section.mesh.surface_ids] = shape.apply(baseline, {"v": np.array(values, dtype=float)})
+    before, after = (section.model.regenerate(p).blocks[0].nodes[:, 0, 0, :2] for p in (section.mesh.points, points))
+    for curve, color, width in ((before, GRAY, 0.8), (after, BLUE, 1.2)):
+        axes.plot(*curve.T, color=color, lw=width)
+    nose = int(np.argmin(before[:, 0]))
+    for part, color in ((slice(nose, None), BLUE), (slice(nose + 1), ORANGE)):
+        axes.plot(before[part, 0], BELOW + ENLARGED * (after - before)[part, 1], color=color, lw=1.0)
+    axes.axhline(BELOW, color=GRAY, lw=0.5)
+    axes.set_title(title, fontsize=10)
+    axes.set_aspect("equal")
+    axes.axis("off")
+
+
+def draw_sections():
+    """Draw all panels of sections."""
+    grid = bm.generators.section_o_grid(bm.generators.naca_section(0.12), 256, far=20.0)
+    model = bm.fit_grid(grid, n_control=[(41, 13, 2)])
+    section = bm.DesignSurface.of(model)
+    figure, panels = plt.subplots(2, 4, figsize=(14, 3.9), sharex=True, sharey=True)
+    for panel, case in zip(panels.flat, SECTIONS, strict=True):
+        draw_section(panel, section, *case)
+    figure.tight_layout()
+    figure.savefig(STATIC / "section_variables.png", dpi=110)
+
+
 def main():
     """Draw all panels."""
+    draw_sections()
     mesh = bm.movers.moving_mesh(bm.fit_grid(bm.generators.onera_m6_grid((21, 17, 9)), n_control=(9, 9, 5)))
     figure, panels = plt.subplots(2, 4, figsize=(13, 4.6), sharex=True, sharey=True)
     for panel, case in zip(panels.flat, CASES, strict=True):
         draw(panel, mesh, *case)
     figure.tight_layout()
-    figure.savefig(PICTURE, dpi=110)
+    figure.savefig(STATIC / "planform_variables.png", dpi=110)
 
 
 if __name__ == "__main__":

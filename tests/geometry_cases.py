@@ -9,6 +9,7 @@ from bspline_mdao.core.measures.area import ProjectedArea, SurfaceArea
 from bspline_mdao.core.measures.camber_surface import CamberSurface
 from bspline_mdao.core.measures.clearance import Clearance, PlaneClearance
 from bspline_mdao.core.measures.curvature import Curvature
+from bspline_mdao.core.measures.section_area import SectionArea
 from bspline_mdao.core.measures.section_thickness import SectionThickness
 from bspline_mdao.core.measures.thickness import Thickness
 from bspline_mdao.core.measures.volume import EnclosedVolume
@@ -69,6 +70,12 @@ def rectangular_wing(**sizes):
     return surface_of(*wing_sheets(**sizes), planes=[Plane(np.array([0.0, 0.0, 1.0]), 0.0)])
 
 
+def section_between_planes(span=3.0, **sizes):
+    """Rectangular NACA wing without a tip, that ends on the symmetry planes z = 0 and z = span."""
+    planes = [Plane(np.array([0.0, 0.0, 1.0]), place) for place in (0.0, span)]
+    return surface_of(*wing_sheets(span=span, **sizes)[:2], planes=planes)
+
+
 def naca_area(thickness=0.12):
     """Area of a NACA section of unit chord with its trailing edge closed."""
     coefficients = np.array([-0.1036, 0.2843, -0.3516, -0.1260])
@@ -126,3 +133,6 @@ MEASURES = {
     TrailingEdgeAngle: lambda wing: TrailingEdgeAngle.at(wing, [0.2, 0.7]),
 }
 """Every measure, on a `rectangular_wing`: all of them pass the same tests of their derivatives."""
+
+OF_SECTIONS = {SectionArea: lambda section: SectionArea.of(section)}
+"""Those of sections alone, on one `section_between_planes`."""

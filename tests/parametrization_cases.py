@@ -1,4 +1,4 @@
-"""A small wing, and what every design variable must pass."""
+"""A small wing, a section, and what every design variable must pass."""
 
 from functools import cache
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from bspline_mdao.core.design.axisymmetric import RadiusFactor
 from bspline_mdao.core.design.coarse_net import CoarseNet
+from bspline_mdao.core.design.curve_points import CurvePoints
 from bspline_mdao.core.design.displacement import Local, Translation
 from bspline_mdao.core.design.free_form import FreeForm
 from bspline_mdao.core.design.hinge import Hinge
@@ -22,18 +23,33 @@ from bspline_mdao.core.design.of_part import OfPart
 from bspline_mdao.core.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.core.design.reference_axis import ReferenceAxis
 from bspline_mdao.core.design.rotation import Rotation
+from bspline_mdao.core.design.section_shapes import Bumps, CamberModes, ClassShape, ThicknessModes
 from bspline_mdao.core.design.selection import NearPlane
 from bspline_mdao.core.design.tangent_continuity import TangentContinuity
 from bspline_mdao.core.design.user_defined import UserVariable
 from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.core.mesh.boundary import moving_mesh
-from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.generators import cambered_section, onera_m6_grid, section_o_grid
+from bspline_mdao.grids.topology.grid import Block, Grid, Patch
+from bspline_mdao.grids.topology.index_space import Window
 
 
 @cache
 def wing_model():
     """Fit of a coarse M6."""
     return fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4))
+
+
+@cache
+def section_model(places=(0.0, 0.3, 0.4, 1.1), axes=(0, 2, 1), chord=1.7, n_around=64, n_control=(21, 9, 3)):
+    """Fit of an O-grid about a cambered section, its planes at places along the span and its axes in another order."""
+    grid = section_o_grid(cambered_section(0.12, 0.03), n_around, far=8.0)
+    nodes = chord * np.repeat(grid.blocks[0].nodes[:, :, :1], len(places), axis=2)
+    nodes[..., 2] = places
+    face, sides = Window.whole(0, nodes.shape[:3]).face, {"wing": (2,), "farfield": (3,), "symmetry": (4, 5)}
+    patches = [Patch(each.name, each.kind, tuple(map(face, sides[each.name]))) for each in grid.patches]
+    block = Block(nodes[..., list(axes)], "around the section")
+    return fit_grid(Grid((block,), tuple(patches)), n_control=[n_control])
 
 
 def surface_of(mesh):
@@ -85,6 +101,10 @@ def twisted_upper_side(name):
 
 
 VARIABLES = {
+    Bumps: lambda mesh: Bumps("bumps", (0.2, 0.6, 0.7), sides="upper", stations=2, order=2),
+    CamberModes: lambda mesh: CamberModes("camber", 2, leading=True, trailing=True, stations=(0.1, 0.4, 0.9)),
+    ClassShape: lambda mesh: ClassShape("weights", 2, trailing=True, axis=ReferenceAxis.of(mesh)),
+    ThicknessModes: lambda mesh: ThicknessModes("thickness", 3, stations=2),
     CoarseNet: lambda mesh: CoarseNet.of(wing_model(), mesh, Local("bump", direction="normal"), n=4),
     Camber: lambda mesh: Camber("camber", ReferenceAxis.of(mesh), stations=3),
     Chord: lambda mesh: Chord("chord", ReferenceAxis.of(mesh), stations=3),
@@ -103,6 +123,9 @@ VARIABLES = {
     UserVariable: lambda mesh: swelling("swelling"),
 }
 """Every kind of variable, on a mesh of `wing_model`: all of them pass the same tests of their derivatives."""
+
+OF_SECTIONS = {CurvePoints: lambda mesh: CurvePoints("points", direction="xz", edges=True)}
+"""Those of sections alone, on a mesh of `section_model`."""
 
 CONSTRAINTS = {
     TangentContinuity: lambda: TangentContinuity(max_kink=80.0),

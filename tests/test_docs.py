@@ -289,7 +289,7 @@ def test_the_python_examples_of_design_run():
         contents = {"__name__": __name__}
         exec(example, contents)
         problems.append(contents.get("problem"))
-    optimised, _, checked = problems
+    optimised, _, _, checked = problems
     assert optimised.get_val("volume").item() > 1.0 - 1e-6
     assert optimised.get_val("surface_area").item() < 2.2
     assert checked.get_val("leading_edge_radius").shape == (3,)

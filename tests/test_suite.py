@@ -183,6 +183,8 @@ def kinds(folder: str, *members: str) -> set[type]:
 
 
 def test_every_variable_constraint_and_measure_is_in_a_table_of_derivative_tests():
+    import geometry_cases
+    import parametrization_cases
     from geometry_cases import MEASURES
     from parametrization_cases import CONSTRAINTS, VARIABLES
 
@@ -193,9 +195,9 @@ def test_every_variable_constraint_and_measure_is_in_a_table_of_derivative_tests
     # These bind to a model, to parts of a surface, or move none of it by themselves: test_interior_points.py,
     # test_junction.py and test_hinges.py in tests/core/design.
     inside = {InteriorPoints, Junction, HingePoints}
-    assert kinds("core.design", "bind") == set(VARIABLES) | inside
+    assert kinds("core.design", "bind") == set(VARIABLES) | set(parametrization_cases.OF_SECTIONS) | inside
     assert kinds("core.design", "equations") == set(CONSTRAINTS)
-    assert kinds("core.measures", "surface", "evaluate", "partials") == set(MEASURES)
+    assert kinds("core.measures", "surface", "evaluate", "partials") == set(MEASURES) | set(geometry_cases.OF_SECTIONS)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 from mover_cases import MOVERS
-from parametrization_cases import CONSTRAINTS, VARIABLES, surface_of, wing_model
+from parametrization_cases import CONSTRAINTS, OF_SECTIONS, VARIABLES, section_model, surface_of, wing_model
 from scipy.sparse import issparse
 from test_suite import kinds
 
@@ -130,6 +130,11 @@ def parametrized(variables, constraints=()):
     return lambda: Parametrization(mesh(), [make(mesh()) for make in variables], [make() for make in constraints])
 
 
+def of_section(make):
+    section = moving_mesh(section_model())
+    return Parametrization(section, [make(section)])
+
+
 USERS = {UserVariable: lambda mesh: UserVariable("growth", [1.0], grow, growth)}
 TAPER = (VARIABLES[next(kind for kind in VARIABLES if kind.__name__ == "Taper")],)
 
@@ -151,6 +156,10 @@ THINGS = {
         f"Parametrization, {kind.__name__}": (parametrized([make]), designed)
         for kind, make in {**VARIABLES, **USERS}.items()
     },
+    **{
+        f"Parametrization, {kind.__name__}": (lambda make=make: of_section(make), designed)
+        for kind, make in OF_SECTIONS.items()
+    },
     "Parametrization, Junction": (joined, designed),
     "Parametrization, HingePoints": (hinged, designed),
     **{
@@ -160,6 +169,10 @@ THINGS = {
     **{
         kind.__name__: (lambda make=make: make(geometry_cases.rectangular_wing()), measured)
         for kind, make in geometry_cases.MEASURES.items()
+    },
+    **{
+        kind.__name__: (lambda make=make: make(geometry_cases.section_between_planes()), measured)
+        for kind, make in geometry_cases.OF_SECTIONS.items()
     },
     "InteriorPoints": (lambda: InteriorPoints("inner").bind(wing_model()), shifted),
     "SurfaceGrid": (lambda: SurfaceGrid.of(wing_model()), lambda surface: [surface.points, surface.quads]),

@@ -6,7 +6,7 @@ values of a variable at stations, a spline of local support interpolates. Theory
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -217,6 +217,8 @@ class AttachedRows(OneLine):
     # station of every row; above 1 outboard of the axis, and below 0 inboard of one that begins in a plane
     stations: np.ndarray  # (n_rows,)
     begins_in_plane: bool  # whether the axis begins in a plane of symmetry
+    # chord lines at the axis' own points; those of the control mesh by default
+    lines: ChordLines | None = None
 
     @property
     def axis_rows(self) -> np.ndarray:
@@ -276,6 +278,8 @@ class AttachedRows(OneLine):
     @cached_property
     def _chord_lines(self) -> ChordLines:
         """Chord lines of the surface at the axis' own points."""
+        if self.lines is not None:
+            return self.lines
         rows, quads = self.layout.rows(), surface_quads(self.layout.mesh)
         return chord_lines(self.layout.points[rows], quads, self.stations[rows], self.knots, self.frame.axes[0])
 
@@ -381,17 +385,21 @@ def chord_lines(
     places: np.ndarray,  # (n_points,), place of every point along the span or an axis; linear on the edges between
     at: np.ndarray,  # (n,), places of the sections
     stream: np.ndarray,  # (3,), unit vector downstream
+    root: float | None = None,  # place from which on sections are whole, where the quads do not tell
+    # finds both ends of the chord of a section, points (n, 3), and of the direction downstream
+    ends_of: Callable[[np.ndarray, np.ndarray], Sequence[np.ndarray] | np.ndarray] | None = None,
 ) -> ChordLines:
     """Find the chord lines of a surface of quads."""
     # returns from the most upstream to the most downstream place of every section, at the mean height of the points
     # near it. Over the last fiftieth before the ends of the surface and outside of it, and at a root whose sections are
     # not whole (`root_end`), both go on along straight lines
     margin = _INSIDE * np.ptp(places)
-    low, high = max(places.min(), root_end(quads, places)) + margin, places.max() - margin
+    low, high = max(places.min(), root_end(quads, places) if root is None else root) + margin, places.max() - margin
     cut_at = np.clip(at, low, high)
     further = cut_at + np.where(cut_at < 0.5 * (low + high), margin, -margin)
     edges = edges_of_quads(quads)
-    ends, inner = (_cut(points, edges, places, levels, stream) for levels in (cut_at, further))
+    ends_of = ends_of or _ends
+    ends, inner = (_cut(points, edges, places, levels, stream, ends_of) for levels in (cut_at, further))
     ends = ends + ((at - cut_at) / (further - cut_at))[:, None, None] * (inner - ends)
     lines = ChordLines(ends[:, 0], ends[:, 1])
     is_short = ~(np.linalg.norm(lines.chords, axis=1) > _NO_CHORD * np.ptp(points, axis=0).max())
@@ -402,10 +410,15 @@ def chord_lines(
 
 
 def _cut(
-    points: np.ndarray, edges: np.ndarray, places: np.ndarray, levels: Sequence[float] | np.ndarray, stream: np.ndarray
+    points: np.ndarray,
+    edges: np.ndarray,
+    places: np.ndarray,
+    levels: Sequence[float] | np.ndarray,
+    stream: np.ndarray,
+    ends_of: Callable,
 ) -> np.ndarray:
     """Ends of the chord lines of sections at several places, shape (n_levels, 2, 3)."""
-    return np.array([_ends(cut_edges(edges, places - level).at(points), stream) for level in levels])
+    return np.array([ends_of(cut_edges(edges, places - level).at(points), stream) for level in levels])
 
 
 def _ends(section: np.ndarray, stream: np.ndarray) -> Sequence[np.ndarray] | np.ndarray:

@@ -22,11 +22,14 @@ from .edge_cuts import EdgeCuts, cut_edges, edges_of_quads, root_end
 from .measure import Combinations
 from .probes import FLAT, ROUND_OFF, Probes, opposite_probes
 
-__all__ = ["Cut", "SectionThickness", "cuts_along_span", "section_edges"]
+__all__ = ["MIDDLE", "Cut", "SectionThickness", "cuts_along_span", "section_edges", "stations_or_middle"]
 
 _LAST = 1e-6
 """Part of the chord by which the corners of a blunt trailing edge may differ along the stream: fits place them no
 better than that."""
+
+MIDDLE = (0.5,)
+"""Station of a section, which is the same all along the span."""
 
 _THIN = 0.01
 """Smallest t/c that scales a bound: where the baseline is thinner, as at a plate, the bound would be too sharp."""
@@ -83,7 +86,7 @@ class SectionThickness(OneLine):
     def at(
         cls,
         surface: SurfaceGrid,
-        stations: Sequence[float] | Sequence[Cut],
+        stations: Sequence[float] | Sequence[Cut] | None = None,
         chordwise: Sequence[float] | int = 19,
         smallest: bool = False,
         rho: float = 200.0,
@@ -95,8 +98,9 @@ class SectionThickness(OneLine):
         ----------
         surface : SurfaceGrid
             The wing.
-        stations : sequence of float or of Cut
-            Fractions of the span (`cuts_along_span`), or planes: a winglet is cut across its own span.
+        stations : sequence of float or of Cut, optional
+            Fractions of the span (`cuts_along_span`), or planes: a winglet is cut across its own span. Of a grid about
+            a section (`SurfaceGrid.is_section`) its middle by default; of a wing they have to be given.
         chordwise : sequence of float or int
             Fractions of the chord at which the thickness is measured, across the chord; of a number n, ``1 / (n + 1)``
             to ``n / (n + 1)``.
@@ -125,6 +129,7 @@ class SectionThickness(OneLine):
         >>> SectionThickness.at(surface, [0.2, 0.5, 0.8]).evaluate(surface.points).round(3)
         array([0.096, 0.096, 0.096])
         """
+        stations = stations_or_middle(surface, stations, name)
         cuts = [station if isinstance(station, Cut) else cuts_along_span(surface, [station])[0] for station in stations]
         if not cuts:
             raise InputError(f"{name}: no station is given; give fractions of the span, or cuts")
@@ -162,6 +167,15 @@ class SectionThickness(OneLine):
 
     def _bounds(self, scaled: np.ndarray) -> np.ndarray:
         return np.array([self.rule.value(self.rule.part(x)) for x in scaled])
+
+
+def stations_or_middle(surface: SurfaceGrid, stations: Sequence[Any] | None, what: str) -> Sequence[Any]:
+    """Return stations as they are given; of a section its middle where they are not."""
+    if stations is not None:
+        return stations
+    if not surface.is_section:
+        raise InputError(f"{what}: no station is given; give fractions of the span, such as [0.1, 0.5, 0.9]")
+    return MIDDLE
 
 
 def _section_vectors(

@@ -5,6 +5,7 @@ Theory: ``docs/theory/geometry.rst``, "Thickness".
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ from ..mesh.surface import SurfaceGrid
 from .area import planform_normal
 from .measure import Combinations
 from .probes import FLAT, ROUND_OFF, as_points, opposite_probes
-from .section_thickness import cuts_along_span, section_edges
+from .section_thickness import cuts_along_span, section_edges, stations_or_middle
 
 __all__ = ["Thickness", "ruled_normals", "ruled_points", "within_edges"]
 
@@ -32,7 +33,7 @@ is none."""
 class Thickness(OneLine):
     """Distances between opposite probes, in metres or in those of the baseline.
 
-    Make it by `at` or `grid`.
+    Make it by `at`, `grid` or `of_sections`.
 
     Parameters
     ----------
@@ -137,7 +138,7 @@ class Thickness(OneLine):
         cls,
         surface: SurfaceGrid,
         n_chord: int,
-        n_span: int,
+        n_span: int | None = None,
         relative: bool = False,
         name: str = "thickness",
         *,
@@ -153,7 +154,8 @@ class Thickness(OneLine):
         surface : SurfaceGrid
             The surface.
         n_chord, n_span : int
-            Lines along the chord and along the span, evenly spread from end to end.
+            Lines along the chord and along the span, evenly spread from end to end. One along the span is in its
+            middle: of a grid about a section (`SurfaceGrid.is_section`) that is the default; of a wing give how many.
         relative, name
             As for `at`.
         leading, trailing : ndarray, shape (m, 3), optional
@@ -181,11 +183,66 @@ class Thickness(OneLine):
         array([[0.058, 0.091, 0.012],
                [0.026, 0.04 , 0.005]])
         """
+        if n_span is None:
+            n_span = len(stations_or_middle(surface, None, name))
         if leading is None or trailing is None:
             found = within_edges(surface, chord, span, max(n_span, 2), name)
             leading, trailing = (line if line is not None else cut for line, cut in zip((leading, trailing), found))
-        points = ruled_points(leading, trailing, n_chord, n_span, name)
-        return cls.at(surface, points, ruled_normals(points), relative, name)
+        points = ruled_points(leading, trailing, n_chord, n_span if n_span != 1 else 3, name)
+        normals, lines = ruled_normals(points), slice(1, 2) if n_span == 1 else slice(None)
+        return cls.at(surface, points[lines], normals[lines], relative, name)
+
+    @classmethod
+    def of_sections(
+        cls,
+        surface: SurfaceGrid,
+        parts: Sequence[float],
+        stations: Sequence[float] | None = None,
+        relative: bool = False,
+        name: str = "thickness",
+    ) -> Thickness:
+        """Measure at parts of the chord of plane sections, at right angles to their chord lines.
+
+        Parameters
+        ----------
+        surface : SurfaceGrid
+            The surface.
+        parts : sequence of float
+            Parts of the chord, between 0 at the leading and 1 at the trailing edge.
+        stations : sequence of float, optional
+            Fractions of the span; of a grid about a section (`SurfaceGrid.is_section`) its middle by default.
+        relative, name
+            As for `at`.
+
+        Returns
+        -------
+        Thickness
+            Its output has the shape (n_parts,) of a section without stations, else (n_stations, n_parts).
+
+        Raises
+        ------
+        InputError
+            As `at`; also if parts or stations are none.
+
+        Examples
+        --------
+        >>> from bspline_mdao import fit_grid
+        >>> from bspline_mdao.generators import naca_section, section_o_grid
+        >>> surface = SurfaceGrid.of(fit_grid(section_o_grid(naca_section(0.12), 64, far=20.0)))
+        >>> Thickness.of_sections(surface, [0.3, 0.6]).evaluate(surface.points).round(3)
+        array([0.12 , 0.091])
+        """
+        places = as_numbers(parts, f"{name}: parts")
+        if not (places.ndim == 1 and len(places) and ((places > 0.0) & (places < 1.0)).all()):
+            raise InputError(f"{name}: parts {parts} of the chord; give numbers between 0 and 1")
+        cuts = cuts_along_span(surface, list(stations_or_middle(surface, stations, name)))
+        start, end = (probes.at(surface.points) for probes in section_edges(surface, cuts, name))
+        across = np.cross([cut.normal for cut in cuts], end - start)
+        points = start[:, None] + places[:, None] * (end - start)[:, None]
+        directions = np.broadcast_to(across[:, None], points.shape)
+        if stations is None:
+            points, directions = points[0], directions[0]
+        return cls.at(surface, points, directions, relative, name)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Distances, of the shape of the output, of nodes, shape (n_points, 3)."""

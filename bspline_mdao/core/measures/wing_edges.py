@@ -19,6 +19,7 @@ from ..mesh.surface import SurfaceGrid
 from .measure import Combinations
 from .nose_of_cells import CellSections, nose_of_cells
 from .section_lines import SectionLines, arc_parameters, polynomial_weights, stencil_matrix
+from .section_thickness import MIDDLE
 from .tail_of_cells import tail_lines, tail_tangents
 
 __all__ = ["LeadingEdgeRadius", "TrailingEdgeAngle"]
@@ -103,7 +104,8 @@ class LeadingEdgeRadius(OneLine):
             The surface.
         stations : sequence of float, optional
             Fractions of the span from the first to the last grid line around the leading edge; every such line by
-            default. Of triangles, fractions of the span as for `SectionThickness.at`, which have to be given.
+            default, and the middle of a grid about a section. Of triangles, fractions of the span as for
+            `SectionThickness.at`, which have to be given.
         relative_to : str
             ``"metre"``; ``"chord"``, the chord of the section as it is; or ``"baseline"``, the radius on the baseline.
         patches : str or sequence of str, optional
@@ -126,6 +128,7 @@ class LeadingEdgeRadius(OneLine):
                 f"choose from {', '.join(REFERENCES)}, and 1 node at least"
             )
         units = "m" if relative_to == "metre" else None
+        stations = MIDDLE if stations is None and surface.is_section else stations
         if surface.has_triangles:
             sections = CellSections.of(surface, stations, patches, frame, "leading-edge radius")
             places, plane = sections.places, sections.frame.axes[:2]
@@ -279,7 +282,8 @@ class TrailingEdgeAngle(OneLine):
             The surface.
         stations : sequence of float, optional
             Fractions of the span from the first to the last grid line around the leading edge; every such line by
-            default. Of triangles, fractions of the span as for `SectionThickness.at`, which have to be given.
+            default, and the middle of a grid about a section. Of triangles, fractions of the span as for
+            `SectionThickness.at`, which have to be given.
         n_nodes : int
             Points of each side, that at the edge included, where there are grid lines.
         degree : int, optional
@@ -306,6 +310,7 @@ class TrailingEdgeAngle(OneLine):
                 f"trailing-edge angle: degree {degree} through {n_nodes} nodes, between {between}; give a degree from "
                 f"1 to n_nodes - 1, and two rising fractions of the chord"
             )
+        stations = MIDDLE if stations is None and surface.is_section else stations
         if surface.has_triangles:
             sections = CellSections.of(surface, stations, patches, frame, "trailing-edge angle")
             at_edge = [*nose_of_cells(sections), sections.chord]

@@ -12,7 +12,7 @@ Theory: ``docs/theory/movers.rst``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import singledispatch
 from itertools import combinations
@@ -22,6 +22,7 @@ import numpy as np
 from ...base.checks import as_array
 from ...base.numerics.mean_planes import MeanPlane
 from ...errors import InputError
+from ...grids.cells.quads import edges_of
 from ...grids.topology.sharing import boundary_sections
 from ...grids.topology.topology import BoundaryFace, Topology, describe
 from ..model.fitted_model import FittedModel
@@ -31,6 +32,7 @@ from ..sliding.fixed_surface import FixedSurface
 from ..splines.greville import greville_abscissae
 from ..splines.volume import Volume
 from .allowed_directions import AllowedDirections, required_planes, sliding_planes
+from .control_net import surface_quads
 from .curved_sides import (
     Side,
     Sliding,
@@ -43,6 +45,7 @@ from .curved_sides import (
 )
 from .following_faces import following_sides
 from .moving_mesh import MovingMesh
+from .span_lines import span_lines
 
 __all__ = [
     "boundary_points",
@@ -98,6 +101,9 @@ def moving_mesh(
 
     Notes
     -----
+    Of a section that is one layer of cells between two planes of symmetry, the surface in one plane moves as that in
+    the other one does: it is one curve, with one value of a variable for each of its points (``copies``).
+
     Curved patches of the far field, of kind ``other`` and of no kind follow the design surface where it ends on them,
     unless they are fixed or periodic: their points are free.
 
@@ -292,7 +298,7 @@ def _mesh(
         allowed.fix(side.ids)
     ends = [(side, plane.normal, plane.offset) for side, plane in in_planes]
     ends += [(side, *plane) for side, plane in zip(undecided, planes) if plane is not None]
-    return MovingMesh(
+    mesh = MovingMesh(
         tuple(blocks),
         topology.segment_names,
         points,
@@ -304,6 +310,18 @@ def _mesh(
         following=_met((side for side in undecided if side.number in following), allowed.surface),
         slides=(*slides, *(slide_in_plane(*end) for end in ends)) if slides else (),
     )
+    return replace(mesh, copies=_planes_of_section(mesh))
+
+
+def _planes_of_section(mesh: MovingMesh) -> np.ndarray:
+    """Rows of the surface points in both planes of a section that is one layer deep, shape (n, 2), or (0, 2)."""
+    surface = mesh.points[mesh.surface_ids]
+    if len(np.unique(mesh.in_plane_rows)) == len(surface):
+        edges = edges_of(surface_quads(mesh))
+        lines = span_lines(surface, edges, mesh.in_plane_rows, mesh.in_plane_normals)
+        if lines is not None and lines.shape[1] == 2:
+            return lines
+    return mesh.copies
 
 
 def _curved(sides: Sequence[Side], points: np.ndarray, asked: _Requests, may_be_found: bool) -> list[Side]:

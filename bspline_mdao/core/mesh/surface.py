@@ -14,7 +14,7 @@ import numpy as np
 
 from ...base.display import OneLine
 from ...errors import InputError
-from ...grids.cells.quads import rings
+from ...grids.cells.quads import edges_of, rings
 from ...grids.topology.boundary_surface import BoundarySurface, quads_in_turn
 from ...grids.topology.node_numbering import NodesByRow, face_layer_rows, face_rows, node_copies, source_rows
 from ...grids.topology.topology import BoundaryFace, Topology, describe
@@ -23,8 +23,12 @@ from ..model.movable import Movable
 from .allowed_directions import required_planes
 from .boundary import matching_names, matching_patches, wall_patches
 from .frame import Plane
+from .span_lines import span_lines
 
 __all__ = ["SurfaceGrid", "surface_of"]
+
+ON_PLANE = 1e-6
+"""Distance, by the size of the surface, up to which a node lies in a plane of symmetry: fits place it no better."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +165,18 @@ class SurfaceGrid(OneLine):
     def has_triangles(self) -> bool:
         """Whether some of its faces are triangles, through which no grid lines go."""
         return any((part == np.roll(part, 1, axis=1)).any() for part in self.cells)
+
+    @cached_property
+    def is_section(self) -> bool:
+        """Whether it is a section: between two planes of symmetry, and the same all along the span."""
+        ids, number = np.unique(self.quads, return_inverse=True)
+        points, edges = self.points[ids], edges_of(number.reshape(-1, 4))
+        near = [np.abs(points @ plane.normal - plane.offset) <= ON_PLANE * self.size for plane in self.planes]
+        rows = [np.flatnonzero(is_near) for is_near in near]
+        normals = [np.tile(plane.normal, (len(found), 1)) for plane, found in zip(self.planes, rows)]
+        if not rows:
+            return False
+        return span_lines(points, edges, np.concatenate(rows), np.concatenate(normals)) is not None
 
     def only(self, numbers: Sequence[int]) -> SurfaceGrid:
         """Return the surface with some of its faces, and all of its nodes."""

@@ -3,7 +3,16 @@
 import geometry_cases
 import numpy as np
 import pytest
-from parametrization_cases import CONSTRAINTS, VARIABLES, assert_exact, surface_of, swelling, wing_model
+from parametrization_cases import (
+    CONSTRAINTS,
+    OF_SECTIONS,
+    VARIABLES,
+    assert_exact,
+    section_model,
+    surface_of,
+    swelling,
+    wing_model,
+)
 
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.design.variable import Layout
@@ -26,10 +35,10 @@ def assert_passes_the_dot_test(parametrization, seed=1):
         assert off <= 1e-12 * np.linalg.norm(bar) * np.linalg.norm(forward)
 
 
-@pytest.mark.parametrize("kind", VARIABLES, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", [*VARIABLES, *OF_SECTIONS], ids=lambda kind: kind.__name__)
 def test_derivatives_of_every_variable_are_exact(kind):
-    mesh = moving_mesh(wing_model())
-    variable = VARIABLES[kind](mesh)
+    mesh = moving_mesh(section_model() if kind in OF_SECTIONS else wing_model())
+    variable = (VARIABLES | OF_SECTIONS)[kind](mesh)
     assert type(variable) is kind
     assert_exact(Layout(mesh, tuple(variable.auxiliary)), variable)
     assert_passes_the_dot_test(Parametrization(mesh, [variable]))
@@ -52,5 +61,12 @@ def test_derivatives_under_every_constraint_are_exact_and_satisfy_it(kind):
 @pytest.mark.parametrize("kind", geometry_cases.MEASURES, ids=lambda kind: kind.__name__)
 def test_derivatives_of_every_measure_are_exact(kind):
     measure = geometry_cases.MEASURES[kind](geometry_cases.rectangular_wing())
+    assert type(measure) is kind
+    geometry_cases.assert_derivatives_are_exact(measure, size=0.001)
+
+
+@pytest.mark.parametrize("kind", geometry_cases.OF_SECTIONS, ids=lambda kind: kind.__name__)
+def test_derivatives_of_every_measure_of_sections_are_exact(kind):
+    measure = geometry_cases.OF_SECTIONS[kind](geometry_cases.section_between_planes())
     assert type(measure) is kind
     geometry_cases.assert_derivatives_are_exact(measure, size=0.001)

@@ -1,0 +1,354 @@
+"""Shapes that are added to sections as one curve: bumps, class-shape functions, modes of camber and thickness.
+
+Each is a height normal to the chord line, as a function of the part of the chord and of the side; a value counts for
+the section as a whole, whatever number of planes, cells and control points there are across the span. All are linear in
+their values. Theory: ``docs/theory/parametrization.rst``, "Sections as one curve".
+
+References
+----------
+R. M. Hicks and P. A. Henne, Wing design by numerical optimization, *Journal of Aircraft* 15(7), 1978: bumps.
+
+B. M. Kulfan, Universal parametric geometry representation method, *Journal of Aircraft* 45(1), 2008: class functions
+times Bernstein polynomials.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.special import comb
+
+from ...base.checks import as_numbers
+from ...base.display import OneLine
+from ...errors import InputError
+from .displacement import Displacement
+from .reference_axis import ReferenceAxis, StationSpline
+from .section_places import SectionPlaces
+from .variable import AuxiliaryPoints, Layout
+
+__all__ = ["Bumps", "CamberModes", "ClassShape", "ThicknessModes"]
+
+SIDES = {"upper": 1.0, "lower": -1.0}
+"""Sides of a section, and their signs."""
+
+MOST = 50
+"""Modes of one kind at most: beyond, Bernstein polynomials are sharper than control points can follow."""
+
+
+@dataclass(frozen=True, eq=False)
+class OfSections(OneLine, ABC):
+    """Heights in chords that are added to sections, normal to their chord lines."""
+
+    units: ClassVar[str | None] = None
+    auxiliary: ClassVar[tuple[AuxiliaryPoints, ...]] = ()
+
+    name: str  # name of the input of `SurfaceControl`
+    # along which stations are; the straight line along the span by default
+    axis: ReferenceAxis | None = field(default=None, kw_only=True)
+    # how many sections have values of their own, evenly from the root to the tip, or where they are
+    stations: int | Sequence[float] = field(default=1, kw_only=True)
+    # order of the spline between them: 2 straight lines, 4 cubics
+    order: int = field(default=4, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.axis is not None and not isinstance(self.axis, ReferenceAxis):
+            raise InputError(f"'{self.name}': the axis is of type {type(self.axis).__name__}; give a ReferenceAxis")
+
+    def bind(self, layout: Layout) -> Displacement:
+        """Find the control points that give the surface its shapes, on the baseline."""
+        places = SectionPlaces.of(layout, self.axis)
+        heights = self.shapes(places.parts, places.sides) * places.chords[:, None]
+        spline = StationSpline.of(self.stations, self.order).basis(places.stations)
+        fields = np.einsum("nk,nm,nx->nkmx", spline, heights, places.up).reshape(len(heights), -1)
+        found = places.surface.control(fields).reshape(len(heights), -1, 3).swapaxes(1, 2)
+        matrix = csr_array(found.reshape(3 * len(heights), -1))
+        matrix.resize(3 * len(layout.points), matrix.shape[1])
+        return Displacement(matrix)
+
+    @abstractmethod
+    def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
+        """Return the heights of a unit of each value.
+
+        Parameters
+        ----------
+        parts : ndarray, shape (n,)
+            Parts of the chord: 0 at the leading, 1 at the trailing edge.
+        sides : ndarray, shape (n,)
+            1 on the upper side, -1 on the lower one.
+
+        Returns
+        -------
+        ndarray, shape (n, n_values)
+            In chords, upwards positive; those of one section.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Bumps(OfSections):
+    r"""Add bumps of Hicks and Henne to the sides of sections; values are heights in chords, upwards positive.
+
+    The bump at the part m of the chord is :math:`\sin^w(\pi x^{\ln 0.5 / \ln m})`: 1 there, and 0 at both edges of the
+    section, which stay where they are. There is one value for each place, on each side: the upper ones first.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement`; 0 on the baseline.
+    at : int or sequence of float
+        Parts of the chord where the bumps are highest, or how many, closer together at the edges:
+        ``(1 - cos(pi k / (n + 1))) / 2``.
+    power : float or sequence of float
+        Power of the sine, of all bumps or of each: the larger, the narrower they are.
+    sides : str or sequence of str
+        ``"upper"``, ``"lower"``, or both.
+    axis : ReferenceAxis, optional
+        Along which stations are; the straight line along the span by default.
+    stations : int or sequence of float
+        How many sections have values of their own, evenly from the first point of the axis (0) to the last (1), or
+        where they are. One is a value for all: that of a section.
+    order : int
+        Order of the spline between stations: 2 straight lines, 4 cubics.
+
+    Raises
+    ------
+    InputError
+        If a place is no part of the chord, or the bump so near to the nose that it makes a kink there.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.design import Bumps
+    >>> from bspline_mdao.generators import naca_section, section_o_grid
+    >>> section = DesignSurface.of(fit_grid(section_o_grid(naca_section(0.12), 32, far=20.0)))
+    >>> section.parametrization([Bumps("bumps", at=(0.2, 0.5, 0.8), sides="upper")]).initial["bumps"]
+    array([0., 0., 0.])
+    """
+
+    at: int | Sequence[float] = 6
+    power: float | Sequence[float] = field(default=3.0, kw_only=True)
+    sides: str | Sequence[str] = field(default=("upper", "lower"), kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        places, powers, sides = self._places, self._powers, self._signs
+        if not (places.ndim == 1 and len(places) and ((places > 0.0) & (places < 1.0)).all()):
+            raise InputError(f"'{self.name}': bumps at {self.at}; give parts of the chord between 0 and 1, or how many")
+        if powers.shape != places.shape or not (powers > 0.0).all() or not sides:
+            raise InputError(
+                f"'{self.name}': power {self.power} and sides {self.sides}; give a positive power, or one for each of "
+                f"{len(places)} bumps, and sides out of upper and lower"
+            )
+        rises = powers * np.log(0.5) / np.log(places)
+        if (rises <= 0.5).any():
+            worst = int(np.argmin(rises))
+            least = 0.5 * np.log(places[worst]) / np.log(0.5)
+            raise InputError(
+                f"'{self.name}': the bump at {places[worst]:g} of the chord makes a kink at the nose; move it back, or "
+                f"take a power above {least:.3g}"
+            )
+
+    @property
+    def _places(self) -> np.ndarray:
+        if isinstance(self.at, (int, np.integer)) and not isinstance(self.at, bool):
+            n = min(max(int(self.at), 0), MOST)
+            return 0.5 * (1.0 - np.cos(np.pi * np.arange(1, n + 1) / (n + 1)))
+        return as_numbers(self.at, f"'{self.name}': at")
+
+    @property
+    def _powers(self) -> np.ndarray:
+        powers = as_numbers(self.power, f"'{self.name}': power")
+        return np.full(self._places.shape, powers) if powers.ndim == 0 else powers
+
+    @property
+    def _signs(self) -> list[float]:
+        names = [self.sides] if isinstance(self.sides, str) else list(self.sides)
+        is_good = set(names) <= set(SIDES) and len(set(names)) == len(names)
+        return [sign for side, sign in SIDES.items() if side in names] if is_good else []
+
+    def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
+        """Heights of every bump, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
+        exponents = np.log(0.5) / np.log(self._places)
+        waves = np.sin(np.pi * parts[:, None] ** exponents)
+        bumps = np.where(parts[:, None] < 1.0, np.maximum(waves, 0.0), 0.0) ** self._powers
+        return np.concatenate([bumps * (sides == sign)[:, None] for sign in self._signs], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class ClassShape(OfSections):
+    r"""Add class-shape functions (CST) to the sides of sections; values are weights, in chords, upwards positive.
+
+    Weight k of a side counts for :math:`x^{N_1} (1 - x)^{N_2} \, B_k^n(x)` with the Bernstein polynomials of degree n.
+    The first one is that of both sides, up on the upper and down on the lower one: it is the radius of the nose, which
+    stays round. Values are, in this order, that first weight, weights 1 to n of the upper side, weights 1 to n of the
+    lower side, and the height of the trailing edge.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement`; 0 on the baseline, which need not be of this kind.
+    degree : int
+        Degree n of the polynomials.
+    exponents : tuple of float
+        Exponents N1 and N2 of the class function: (0.5, 1) for a round nose and a wedge at the trailing edge.
+    nose : bool
+        Whether the first weight is a value; otherwise the radius of the nose stays.
+    trailing : bool
+        Whether the height of the trailing edge is a value: both sides move up by it in proportion to the part of the
+        chord. The leading edge stays in any case.
+    axis, stations, order
+        As of `Bumps`.
+
+    Raises
+    ------
+    InputError
+        If the degree is no whole number from 1 on, or an exponent is not positive.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.design import ClassShape
+    >>> from bspline_mdao.generators import naca_section, section_o_grid
+    >>> section = DesignSurface.of(fit_grid(section_o_grid(naca_section(0.12), 32, far=20.0)))
+    >>> section.parametrization([ClassShape("weights", degree=4)]).initial["weights"].size
+    9
+    """
+
+    degree: int = 5
+    exponents: tuple[float, float] = field(default=(0.5, 1.0), kw_only=True)
+    nose: bool = field(default=True, kw_only=True)
+    trailing: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_whole(self.degree, self.name, "degree")
+        found = as_numbers(self.exponents, f"'{self.name}': exponents")
+        if found.shape != (2,) or not (found >= (0.5, 1e-3)).all():
+            raise InputError(
+                f"'{self.name}': exponents {self.exponents}; give two numbers, from 0.5 on and positive: (0.5, 1)"
+            )
+
+    def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
+        """Heights of every weight, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
+        first, second = self.exponents
+        functions = (parts**first * (1.0 - parts) ** second)[:, None] * bernstein(self.degree, parts)
+        of_sides = [functions[:, 1:] * (sides == sign)[:, None] for sign in SIDES.values()]
+        nose = [sides[:, None] * functions[:, :1]] if self.nose else []
+        return np.concatenate([*nose, *of_sides, *([parts[:, None]] if self.trailing else [])], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class CamberModes(OfSections):
+    """Add modes of camber to sections: both sides move alike; values are heights in chords, upwards positive.
+
+    The modes are the Bernstein polynomials of degree n + 1 but for the first and the last, divided by their largest
+    values: that of one mode is the parabola of `Camber`. Both edges stay where they are, unless their modes, the first
+    and the last polynomial, are values as well: before and behind the others.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement`; 0 on the baseline.
+    n : int
+        Number of modes without those of the edges.
+    leading, trailing : bool
+        Whether the heights of the edges are values.
+    axis, stations, order
+        As of `Bumps`.
+
+    Raises
+    ------
+    InputError
+        If n is no whole number from 1 on.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.design import CamberModes
+    >>> from bspline_mdao.generators import naca_section, section_o_grid
+    >>> section = DesignSurface.of(fit_grid(section_o_grid(naca_section(0.12), 32, far=20.0)))
+    >>> shape = section.parametrization([CamberModes("camber", 1)])
+    >>> baseline = section.mesh.points[section.mesh.surface_ids]
+    >>> (shape.apply(baseline, {"camber": np.array([0.02])}) - baseline).max(axis=0).round(3)
+    array([0.  , 0.02, 0.  ])
+    """
+
+    n: int = 4
+    leading: bool = field(default=False, kw_only=True)
+    trailing: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_whole(self.n, self.name, "n")
+
+    def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
+        """Heights of every mode, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
+        degree = self.n + 1
+        scaled = bernstein(degree, parts) / np.diag(bernstein(degree, np.arange(degree + 1) / degree))
+        return scaled[:, int(not self.leading) : degree + int(self.trailing)]
+
+
+@dataclass(frozen=True, eq=False)
+class ThicknessModes(OfSections):
+    r"""Add modes of thickness to sections: sides move apart; values are thicknesses in chords.
+
+    The modes are :math:`\sqrt x \, B_k^n(x)` for k from 0 to n - 1, half of it up and half of it down, divided by their
+    largest values. Both edges stay where they are, and the nose stays round; the first mode changes its radius.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement`; 0 on the baseline.
+    n : int
+        Number of modes.
+    nose : bool
+        Whether the first of them changes the radius of the nose; otherwise they are those for k from 1 to n, of degree
+        n + 1.
+    axis, stations, order
+        As of `Bumps`.
+
+    Raises
+    ------
+    InputError
+        If n is no whole number from 1 on.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.design import ThicknessModes
+    >>> from bspline_mdao.generators import naca_section, section_o_grid
+    >>> section = DesignSurface.of(fit_grid(section_o_grid(naca_section(0.12), 32, far=20.0)))
+    >>> section.parametrization([ThicknessModes("thickness", 3)]).initial["thickness"]
+    array([0., 0., 0.])
+    """
+
+    n: int = 4
+    nose: bool = field(default=True, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_whole(self.n, self.name, "n")
+
+    def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
+        """Heights of every mode, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
+        first = 0 if self.nose else 1
+        degree, numbers = self.n + first, np.arange(first, self.n + first)
+        highest = (numbers + 0.5) / (degree + 0.5)  # where the derivative is zero
+        modes, largest = (np.sqrt(x)[:, None] * bernstein(degree, x)[:, numbers] for x in (parts, highest))
+        return 0.5 * sides[:, None] * modes / np.diag(largest)
+
+
+def bernstein(degree: int, parts: np.ndarray) -> np.ndarray:
+    """Bernstein polynomials of a degree at parts, shape (n,); shape (n, degree + 1)."""
+    k = np.arange(degree + 1)
+    return comb(degree, k) * parts[:, None] ** k * (1.0 - parts[:, None]) ** (degree - k)
+
+
+def _require_whole(value: int, name: str, what: str) -> None:
+    """Refuse what is no number of modes."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= MOST:
+        raise InputError(f"'{name}': {what} {value!r}; give a whole number from 1 to {MOST}")

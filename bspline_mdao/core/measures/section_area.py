@@ -1,0 +1,71 @@
+"""Area of a section: the volume between its planes of symmetry, by their distance.
+
+Theory: ``docs/theory/geometry.rst``, "Sections as one curve".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from ...errors import InputError
+from ..mesh.surface import SurfaceGrid
+from .volume import EnclosedVolume
+
+__all__ = ["SectionArea"]
+
+
+@dataclass(frozen=True, eq=False)
+class SectionArea(EnclosedVolume):
+    """Area of a section, one number whatever the span; make it by `of`.
+
+    Parameters
+    ----------
+    surface, quads, apexes, origin, units, name
+        As of `EnclosedVolume`.
+    scale : float
+        Divisor of the volume: the distance of the planes (m), or the volume on the baseline.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid
+    >>> from bspline_mdao.generators import naca_section, section_o_grid
+    >>> from bspline_mdao.measures import SectionArea, SurfaceGrid
+    >>> surface = SurfaceGrid.of(fit_grid(section_o_grid(naca_section(0.12), 64, far=20.0)))
+    >>> SectionArea.of(surface).evaluate(surface.points).round(3)  # of a chord of 1 m
+    array([0.081])
+    """
+
+    @classmethod
+    def of(cls, surface: SurfaceGrid, relative: bool = False, name: str = "section_area") -> SectionArea:
+        """Measure a section between two planes of symmetry, see `SurfaceGrid.is_section`.
+
+        Parameters
+        ----------
+        surface : SurfaceGrid
+            The surface.
+        relative : bool
+            Whether to divide by the area of the baseline.
+        name : str
+            Name of the output.
+
+        Returns
+        -------
+        SectionArea
+            In square metres, or relative to the baseline.
+
+        Raises
+        ------
+        InputError
+            As `EnclosedVolume.of`; also if the surface is no section.
+        """
+        if not surface.is_section:
+            raise InputError(
+                f"{name}: the surface is no section, the same from one plane of symmetry to another one; take "
+                f"EnclosedVolume"
+            )
+        volume = EnclosedVolume.of(surface, relative, name)
+        area = cls(**{each.name: getattr(volume, each.name) for each in fields(volume)})
+        span = float(np.ptp(surface.points @ surface.planes[0].normal))
+        return area if relative else replace(area, scale=span * area.scale, units="m**2")

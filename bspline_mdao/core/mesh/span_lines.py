@@ -1,0 +1,48 @@
+"""Lines of surface points along the span of a section: one for each point of its curve.
+
+A grid about a section lies between two planes of symmetry, and its surface is the same in all planes parallel to these.
+Theory: ``docs/theory/parametrization.rst``, "Sections as one curve".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ...base.numerics.vectors import lengths
+
+__all__ = ["span_lines"]
+
+_ALIKE = 1e-6
+"""Distance across the span, relative to the size of the surface, up to which points are at one place of the curve:
+planes of one section from a file of single precision are that alike."""
+
+
+def span_lines(
+    points: np.ndarray,  # (n, 3), points of a surface (m)
+    edges: np.ndarray,  # int (n_edges, 2), edges between them
+    in_plane_rows: np.ndarray,  # int (m,), points in planes of symmetry, and the unit normal of the plane of each
+    in_plane_normals: np.ndarray,  # (m, 3)
+) -> np.ndarray | None:
+    """Rows of points, shape (n_lines, n_planes), from plane to plane; None where the surface is no section."""
+    # 1. The span is the normal of the planes, all of which are parallel.
+    # 2. Edges along the span join the points of a line.
+    # 3. Every line has as many points, its ends are in the planes, and all its points are at one place of the curve.
+    if not len(in_plane_rows) or np.abs(in_plane_normals @ in_plane_normals[0]).min() < 1.0 - _ALIKE:
+        return None
+    span, near = in_plane_normals[0], _ALIKE * np.linalg.norm(np.ptp(points, axis=0))  # step 1
+    places = points @ span
+    flat = points - places[:, None] * span
+    first, second = edges.T
+    is_along = (lengths(flat[second] - flat[first]) <= near) & (np.abs(places[second] - places[first]) > near)
+    joined = coo_array((np.ones(is_along.sum()), (first[is_along], second[is_along])), shape=(len(points),) * 2)
+    n_lines, line = connected_components(joined, directed=False)  # step 2
+    n_planes, rest = divmod(len(points), n_lines)
+    if rest or n_planes < 2 or (np.bincount(line) != n_planes).any():
+        return None
+    lines = np.lexsort((places, line)).reshape(n_lines, n_planes)
+    ends = lines[:, [0, -1]]
+    has_one_place = (lengths(flat[lines] - flat[lines[:, :1]]) <= near).all()
+    has_planes = (np.ptp(places[ends], axis=0) <= near).all() and np.isin(ends, in_plane_rows).all()
+    return lines[np.argsort(lines[:, 0])] if has_one_place and has_planes else None  # step 3
