@@ -123,11 +123,11 @@ def first_cell_of(
     given = {"first_cell": first_cell, "y_plus": y_plus, "reynolds": reynolds}
     for name, value in given.items():
         if value is not None and not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"airfoil grid: {name} of {value}; give a positive number")
+            raise InputError(f"first cells: {name} of {value}; give a positive number")
     if first_cell is not None and (y_plus is not None or reynolds is not None):
-        raise InputError("airfoil grid: a height of first cells, and y+ or a Reynolds number as well; give one of both")
+        raise InputError("first cells: a height, and y+ or a Reynolds number as well; give one of both")
     if (y_plus is None) != (reynolds is None):
-        raise InputError("airfoil grid: y+ and the Reynolds number of the chord go together; give both")
+        raise InputError("first cells: y+ and the Reynolds number of the chord go together; give both")
     if y_plus is None or reynolds is None:
         return first_cell
     return y_plus / flat_plate_y_plus(1.0, reynolds / chord, chord)

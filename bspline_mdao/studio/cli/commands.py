@@ -1,4 +1,4 @@
-"""The commands and their options.
+"""The commands and their options; those that make grids are in `making_commands`.
 
 To add a command, write its function here and its file beside this one. What a command needs is imported when it runs,
 and takes the options by their names, so that ``--help`` is quick and nothing is named twice.
@@ -14,11 +14,12 @@ import click
 
 from ...core.fit.options import EXPONENTS, METHODS
 from .counts import n_control_option
+from .making_commands import airfoil, wing
 from .movers import MoverOptions, moving_options
 from .program import bspline_mdao, command, grid_argument, json_option, patches_option
 from .units import units_option
 
-__all__ = ["bspline_mdao"]
+__all__ = ["airfoil", "bspline_mdao", "wing"]
 
 DEFORM = (
     "Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
@@ -132,80 +133,6 @@ def fit(**options: Any) -> None:
     from .fit import fit_model
 
     fit_model(**options)
-
-
-@command(
-    "airfoil naca2412 -o foil.h5",
-    "airfoil rae2822.dat -o foil.cgns --around 256 --y-plus 1 --reynolds 6.5e6",
-    "airfoil cst:0.17,0.16,0.15/-0.17,-0.1,-0.15 -o foil.h5",
-)
-@click.argument("name", metavar="AIRFOIL")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    metavar="MODEL.h5|GRID",
-    required=True,
-    help="Fitted model, or grid alone.",
-)
-@click.option(
-    "--around",
-    type=click.IntRange(8, 10_000),
-    default=128,
-    show_default=True,
-    metavar="N",
-    help="Cells around it, an even number.",
-)
-@click.option(
-    "--away",
-    type=click.IntRange(4, 10_000),
-    metavar="N",
-    help="Cells from it to the outer boundary; 48 by default, and with layers as many as grow by 15 % from the wall.",
-)
-@click.option(
-    "--far",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=50.0,
-    show_default=True,
-    metavar="R",
-    help="Radius of the outer boundary in chords.",
-)
-@click.option(
-    "--chord",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=1.0,
-    show_default=True,
-    metavar="C",
-    help="Length of the chord (m), whatever the unit of a file is.",
-)
-@click.option(
-    "--first-cell",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="H",
-    help="Height of the first cells (m), for boundary layers.",
-)
-@click.option(
-    "--y-plus",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="Y",
-    help="Height of the first cells in viscous units, by a flat plate; give --reynolds as well.",
-)
-@click.option(
-    "--reynolds", type=click.FloatRange(min=0.0, min_open=True), metavar="RE", help="Reynolds number of the chord."
-)
-@click.option("--symmetric", is_flag=True, help="The file has one side of a symmetric section.")
-@json_option
-def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
-    """Make an O-grid about an airfoil, and fit it where the output is a model.
-
-    AIRFOIL is NACA digits, such as naca2412 or naca23012; coefficients of class and shape functions from the nose to
-    the trailing edge, cst:UPPER/LOWER, with commas between them, and /BASE behind them for the height of a blunt
-    trailing edge; or a file of points in the order of Selig or Lednicer, or of two plain columns, in any unit. A blunt
-    trailing edge is closed by a wedge. The name of GRID gives the format: {written}.
-    """
-    from .airfoil import AirfoilOptions, make_airfoil
-
-    make_airfoil(name, output, json, AirfoilOptions(**options))
 
 
 @command("refine wing.h5 --factor 2 -o fine.xyz", "refine wing.h5 --factor 0.5 --degree 3 -o curved.cgns")

@@ -215,7 +215,7 @@ def height_numbers(heights: Sequence[PatchHeights], *, is_compared: bool) -> lis
 def show_heights(heights: Sequence[PatchHeights], unit: str) -> None:
     """Print the heights at walls, if there are any."""
     if heights:
-        columns = ["first cells at", "nodes", f"height ({unit}): min", "median", "max"]
+        columns = ["first heights at", "nodes", f"min ({unit})", "median", "max"]
         print_table(columns, [(h.patch, h.n_nodes, *_heights(h)) for h in heights])
     print_lines(
         [f"'{h.patch}': {counted(h.n_left_out, 'node')} without height left out" for h in heights if h.n_left_out]
@@ -265,7 +265,7 @@ def show_spacings(spacings: Sequence[WallSpacing], reynolds: float | None, unit:
     """Print the spacings at walls, if there are any."""
     if not spacings:
         return
-    columns = ["first cells at", f"height ({unit}): min", "median", "max", "growth", "aspect"]
+    columns = ["first heights at", f"min ({unit})", "median", "max", "growth", "aspect"]
     rows = [(s.patch, *_heights(s), s.growth_median, s.aspect_median) for s in spacings]
     if reynolds:
         columns.append("y+")

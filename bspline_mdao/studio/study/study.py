@@ -44,7 +44,6 @@ _TABLES = (
     *("families", "grid", "variables", "measures", "flow", "conditions", "objective", "constraints"),
     *("junction", "movement", "driver", "output"),
 )
-_MAX_BYTES = 2**20
 _STATES = "before", "after"
 
 CASES = "cases.sql"
@@ -115,17 +114,8 @@ def read_study(
     path: Path | str,  # TOML file
 ) -> Study:
     """Read a study and check it."""
-    path = Path(path)
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"{path}: is longer than {_MAX_BYTES} bytes; is this a study?")
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        advice = "give a study, or draft one with 'bspline-mdao init GRID -o study.toml'"
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {advice}") from error
-    except ValueError as error:
-        raise InputError(f"{path}: is not text; give a study in TOML") from error
-    return _Reader(path, text).study()
+    advice = "give a study, or draft one with 'bspline-mdao init GRID -o study.toml'"
+    return _Reader.read(Path(path), "a study", advice).study()
 
 
 class _Reader(Tables):

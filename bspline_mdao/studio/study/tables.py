@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
@@ -20,12 +20,35 @@ __all__ = ["Table", "Tables"]
 Table = dict[str, Any]
 """Values by key; what was left out is there with its default, or None."""
 
+AnyTables = TypeVar("AnyTables", bound="Tables")
+
+MOST_BYTES = 2**20
+"""A longer file is none of these."""
+
 MOST_TABLES = 100
 """Tables of one kind at most."""
 
 
 class Tables:
-    """What a study file has, with the lines of its keys."""
+    """What a file of tables has, a study as a rule, with the lines of its keys."""
+
+    @classmethod
+    def read(
+        cls: type[AnyTables],
+        path: Path,  # the file
+        what: str,  # what it should be: "a study"
+        advice: str,  # what to do where it cannot be read
+    ) -> AnyTables:
+        """Read a file."""
+        try:
+            if path.stat().st_size > MOST_BYTES:
+                raise InputError(f"{path}: is longer than {MOST_BYTES} bytes; is this {what}?")
+            text = path.read_text(encoding="utf-8-sig")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror or error}); {advice}") from error
+        except ValueError as error:
+            raise InputError(f"{path}: is not text; give {what} in TOML") from error
+        return cls(path, text)
 
     def __init__(
         self,

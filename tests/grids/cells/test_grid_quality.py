@@ -386,7 +386,7 @@ def test_the_command_compares_heights_at_walls_with_a_baseline(tmp_path, monkeyp
     (floor,) = json.loads(Path("q.json").read_text())["heights"]
     assert floor["height_median"] > 0.0
     assert "ratio_min" not in floor
-    assert "first cells at" in capsys.readouterr().out
+    assert "first heights at" in capsys.readouterr().out
     assert run(["quality", "moved.xyz", "--json", "q.json"]) == 0
     assert json.loads(Path("q.json").read_text())["heights"] == []
     assert "first cells" not in capsys.readouterr().out

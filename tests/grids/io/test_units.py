@@ -95,16 +95,16 @@ def test_commands_show_lengths_in_the_unit_that_is_given(tmp_path, monkeypatch, 
 
     told = said("inspect", "ball.cgns", "--units", "mm", "--json", "i.json")
     assert "lengths in mm" in told
-    assert "height (mm): min" in told
+    assert "first heights at min (mm)" in told
     assert json.loads((tmp_path / "i.json").read_text())["units"] == "mm"
-    assert "height (in): min" in said("inspect", "inch.cgns")
-    assert "height (m): min" in said("inspect", "ball.cgns")
+    assert "first heights at min (in)" in said("inspect", "inch.cgns")
+    assert "first heights at min (m)" in said("inspect", "ball.cgns")
     assert "RMS (mm)" in said("fit", "ball.cgns", "-o", "ball.h5", "--units", "mm")
     told = said("move", "ball.h5", "--deform", "translate=0.01/0/0", "-o", "moved.cgns")
     assert "surface moved by up to 0.01 mm" in told
     assert "smallest volume (mm^3)" in told
     assert read_cgns("moved.cgns").unit == "mm"
-    assert "height (mm): min" in said("quality", "moved.cgns", "--baseline", "ball.h5")
+    assert "first heights at nodes min (mm)" in said("quality", "moved.cgns", "--baseline", "ball.h5")
     assert "these are in mm: scale the points by 0.001" in said("refine", "ball.h5", "-o", "polyMesh")
     for command in (["inspect", "ball.h5"], ["quality", "ball.h5"], ["quality", "inch.cgns"]):
         assert run([*command, "--units", "ft"]) == 2

@@ -1,0 +1,95 @@
+"""A file that describes a wing and the grid about it: planform, sections, spacings.
+
+To add a key, add its line to a table here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from ...core.generators.airfoil import Airfoil
+from ...core.generators.airfoil_file import airfoil
+from ...core.generators.airfoil_grid import first_cell_of
+from ...core.generators.hh_wing import hh_wing_grid
+from ...core.generators.wing import Planform, Wing
+from ...core.generators.wing_spacing import FarField, Spacing, default_spacing
+from ...errors import InputError
+from ...grids.topology.grid import Grid
+from ..study.keys import Key
+from ..study.kinds import POSITIVE, TEXT, TRIPLE, number
+from ..study.tables import Table, Tables
+
+__all__ = ["GRID", "PLANFORM", "SECTIONS", "read_wing"]
+
+_SWEEP = number("a number of degrees from -79 to 79", -79.0, 79.0)
+
+PLANFORM = {
+    "root_chord": Key(POSITIVE, "chord in the plane of symmetry (m)", 1.0),
+    "semi_span": Key(POSITIVE, "from the plane of symmetry to the tip (m)", is_required=True),
+    "taper": Key(POSITIVE, "tip chord over root chord", 1.0),
+    "sweep": Key(_SWEEP, "sweep of the leading edge (deg)", 0.0),
+    "tip_length": Key(
+        POSITIVE, "length of span over which the tip is rounded (m)", otherwise="twice the thickness there"
+    ),
+}
+"""Table ``[planform]``."""
+
+SECTIONS = {
+    "root": Key(TEXT, "section at the root, as the command airfoil takes it; files from here", is_required=True),
+    "tip": Key(TEXT, "section at the tip, blended with that of the root along the span", otherwise="that of the root"),
+}
+"""Table ``[sections]``."""
+
+GRID = {
+    "nodes": Key(TRIPLE, "nodes per block along the stream, away from the wing and along the span", [23, 33, 17]),
+    "first_cell": Key(POSITIVE, "height of the first cells (m)", otherwise="chosen from the nodes"),
+    "y_plus": Key(POSITIVE, "the same in viscous units, estimated of a flat plate", otherwise="see first_cell"),
+    "reynolds": Key(POSITIVE, "Reynolds number of the root chord, for y_plus", otherwise="none"),
+    "leading": Key(POSITIVE, "cells at the leading edge (m)", otherwise="chosen from the nodes"),
+    "trailing": Key(POSITIVE, "cells at the trailing edge (m)", otherwise="chosen from the nodes"),
+    "tip": Key(POSITIVE, "cells at the tip (m)", otherwise="chosen from the nodes"),
+    "root": Key(POSITIVE, "cells along the span at the root (m)", otherwise="twice the mean"),
+    "far": Key(POSITIVE, "distance of the outer boundary (m)", otherwise="10 root chords"),
+}
+"""Table ``[grid]``."""
+
+_TABLES = {"planform": PLANFORM, "sections": SECTIONS, "grid": GRID}
+
+
+def read_wing(
+    path: Path,
+) -> tuple[Wing, Grid, float | None]:  # wing; grid; Reynolds number per metre, where one is given
+    """Read the file, and make the wing and the H-H grid about it."""
+    tables = Tables.read(path, "a planform", "give a file as 'bspline-mdao wing --help' shows one")
+    tables.known(tables.document, _TABLES, (), "table")
+    planform, sections, grid = (tables.table(name, keys) for name, keys in _TABLES.items())
+    form = Planform(planform["root_chord"], planform["semi_span"], planform["taper"], planform["sweep"])
+    root = _section(tables, sections, "root")
+    tip = _section(tables, sections, "tip") if sections["tip"] else root
+    wing = Wing(form, root.section, None if tip is root else tip.section, planform["tip_length"])
+    try:
+        spacing = _spacing(form.root_chord, grid)
+        far = FarField(grid["far"] or 10.0 * form.root_chord, 0.05 * form.root_chord)
+        made = replace(hh_wing_grid(wing, grid["nodes"], spacing, far), source=f"H-H grid of {path.name}")
+    except InputError as error:
+        raise tables.refuse(("grid",), str(error)) from error
+    return wing, made, grid["reynolds"] and grid["reynolds"] / form.root_chord
+
+
+def _section(tables: Tables, sections: Table, where: str) -> Airfoil:
+    """The airfoil that a key names; a file is looked for beside the planform's."""
+    name = sections[where]
+    file = tables.path.parent / name
+    try:
+        return airfoil(file if file.is_file() else name)
+    except (InputError, OSError) as error:
+        raise tables.refuse(("sections", where), str(error)) from error
+
+
+def _spacing(root_chord: float, grid: Table) -> Spacing:
+    """Intervals next to the wing: what is given, and else what fits the nodes."""
+    asked = {name: grid[name] for name in ("leading", "trailing", "tip", "root")}
+    asked["off_wall"] = first_cell_of(root_chord, grid["first_cell"], grid["y_plus"], grid["reynolds"])
+    given = {name: value for name, value in asked.items() if value is not None}
+    return replace(default_spacing(root_chord, grid["nodes"]), **given)

@@ -1,0 +1,42 @@
+"""The command ``wing``: an H-H grid about a wing of a planform and sections, fitted or alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .made_grid import MadeGrid, write_made_grid
+from .output import check_outputs, counts_text
+from .planform import read_wing
+
+
+def make_wing(
+    planform: Path,  # file of planform, sections and spacings
+    output: Path,  # output, json: model or grid, and numbers to write
+    json: Path | None,
+) -> None:
+    """Make the grid, fit it if asked, write it and say what it is like."""
+    check_outputs([output, json], [planform])
+    write_made_grid(lambda: _made(planform), output, json)
+
+
+def _made(file: Path) -> MadeGrid:
+    """The grid, and what its wing is like."""
+    wing, grid, reynolds = read_wing(file)
+    planform, tip = wing.planform, wing.tip_section or wing.section
+    shape = {
+        "semi_span": planform.semi_span,
+        "root_chord": planform.root_chord,
+        "tip_chord": planform.tip_chord,
+        "aspect_ratio": planform.aspect_ratio,
+        "trailing_edge_sweep": planform.trailing_edge_sweep,
+        "thickness": [wing.section.thickness, tip.thickness],
+    }
+    root, thin = (100.0 * thickness for thickness in shape["thickness"])
+    lines = [
+        f"half wing: semi-span {planform.semi_span:g} m, chords {planform.root_chord:g} and {planform.tip_chord:g} m, "
+        f"aspect ratio {planform.aspect_ratio:.3g}, the trailing edge swept by {planform.trailing_edge_sweep:.3g} deg",
+        f"sections: {root:.4g} % thick at the root, {thin:.4g} % at the tip",
+    ]
+    title = f"{file}: {len(grid.blocks)} blocks of {counts_text(grid.shapes[0])} nodes"
+    cure = "give more nodes, or wider first cells"
+    return MadeGrid(grid, title, lines, {"planform": str(file), **shape}, reynolds, cure)
