@@ -18,7 +18,8 @@ wherever the closest points are. All this is a matter of places, not of grid lin
 end inside a grid, and points of other grids are treated alike.
 
 Closest points and weights are those of the baseline and stay. The map is then linear in y and in the wall's places and
-rotations, and linear in x0 together with W.
+rotations, and linear in x0 together with W, but for what is added where a point has several closest points, see
+`.corners`.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -35,6 +36,7 @@ from numba import njit
 from ...base.numerics.threads import run_tasks, thread_count
 from ...errors import InputError
 from .closest_points import ClosestPoints, TriangleTree
+from .corners import Corners, CornersMoved
 from .frames import Frames
 from .wall import Wall
 
@@ -70,6 +72,7 @@ class WallLayer:
 
     wall: Wall  # the wall
     pieces: tuple[_Piece, ...]  # the nodes that follow it
+    corners: Corners  # those of them that have several closest points
     projectors: np.ndarray  # (n_projectors, 3, 3), projectors of the correction onto planes; the first is the identity
     copies: np.ndarray  # (n_copies, 2) of int, rows that are copies of nodes of the layer, and the rows that they copy
     n_points: int  # number of points of which some follow the wall
@@ -117,12 +120,25 @@ class WallLayer:
         by_corners = np.full(len(rows), least_slope is not None)
         if least_slope:
             by_corners[len(wall_rows) :] = _slopes(wall.tree, closest, points[free[closest.points]]) >= least_slope
-        turns = np.repeat(by_corners, counts)
-        barycentric[turns] = _by_corners(barycentric[turns])
-        pieces = _cut(rows, counts, places, plane_of[rows], corners, barycentric, weights, by_corners)
+        turns, turning = np.repeat(by_corners, counts), barycentric.copy()
+        turning[turns] = _by_corners(barycentric[turns])
+        pieces = _cut(rows, counts, places, plane_of[rows], corners, turning, weights, by_corners)
+        among, kept = counts > 1, np.repeat(counts > 1, counts)
+        several = Corners.of(
+            wall.tree.points,
+            points,
+            rows[among],
+            counts[among],
+            corners[kept],
+            barycentric[kept],
+            turning[kept],
+            weights[kept],
+            by_corners[among],
+            projectors[plane_of[rows[among]]],
+        )
         is_followed = np.zeros(len(points), dtype=bool)
         is_followed[rows] = True
-        return cls(wall, pieces, projectors, copies[is_followed[copies[:, 1]]], len(points), n_threads)
+        return cls(wall, pieces, several, projectors, copies[is_followed[copies[:, 1]]], len(points), n_threads)
 
     @property
     def n_followers(self) -> int:
@@ -148,12 +164,18 @@ class WallLayer:
         """Move the points that follow a wall with it."""
         frames = self.wall.frames.at(wall_initial, wall_moved, normals)
         self._follow(initial, _packed(frames.moved, frames.matrices, frames.initial), mapped)
-        return Layered(self, initial, frames, mapped)
+        corners = self.corners.moved(initial, frames.initial, frames.moved, frames.matrices)
+        corners.add(mapped)
+        self._copy(mapped)
+        return Layered(self, initial, frames, corners, mapped)
 
     def _follow(self, initial: np.ndarray, frames: np.ndarray, mapped: np.ndarray) -> None:
         """Overwrite mapped points; linear in them and the frames after the move, and in all places before it."""
         self._over_pieces(lambda piece: _follow(*self._arrays(piece), initial, frames[piece.wall_ids], mapped))
-        mapped[self.copies[:, 0]] = mapped[self.copies[:, 1]]
+
+    def _copy(self, nodes: np.ndarray) -> None:
+        """Give copies the places of what they copy."""
+        nodes[self.copies[:, 0]] = nodes[self.copies[:, 1]]
 
     def _arrays(self, piece: _Piece) -> tuple:
         """What the kernels take of a piece, and of the layer."""
@@ -172,6 +194,7 @@ class Layered:
     layer: WallLayer  # the points that follow
     initial: np.ndarray  # (n, 3), points before the move (m)
     frames: Frames  # the move of the wall, with its nodes before and after
+    corners: CornersMoved  # what nodes in corners go beside the mean of their closest points
     nodes: np.ndarray  # (n, 3), points after it (m)
 
     def jvp(
@@ -184,12 +207,14 @@ class Layered:
     ) -> np.ndarray:  # (n, 3), `d_mapped`
         """Change of the points."""
         frames = self.frames
-        d_frames = _packed(d_wall_moved, frames.jvp(d_wall_initial, d_wall_moved, d_normals), frames.initial)
-        self.layer._follow(self.initial, d_frames, d_mapped)
+        d_matrices = frames.jvp(d_wall_initial, d_wall_moved, d_normals)
+        self.layer._follow(self.initial, _packed(d_wall_moved, d_matrices, frames.initial), d_mapped)
         if d_initial is not None and d_wall_initial is not None:
             change = np.zeros_like(d_mapped)
             self.layer._follow(d_initial, _packed(0.0 * d_wall_initial, frames.matrices, d_wall_initial), change)
             d_mapped += change
+        self.corners.add_jvp(d_initial, d_wall_initial, d_wall_moved, d_matrices, d_mapped)
+        self.layer._copy(d_mapped)
         return d_mapped
 
     def vjp(
@@ -208,7 +233,9 @@ class Layered:
         if "initial" in wrt or "wall_initial" in wrt:
             bars["initial"], bars["wall_initial"] = self._before_vjp(bar)
             names.append("initial")
+        at_corners, before = bar[self.corners.of.rows], (bars.get("initial"), bars.get("wall_initial"))
         places_bar, matrices_bar = self._frames_vjp(bar)
+        self.corners.add_vjp(at_corners, places_bar, matrices_bar, *before)
         by_frames = self.frames.vjp(matrices_bar, names)
         bars |= {"wall_moved": places_bar + by_frames["moved"], "normals": by_frames["normals"]}
         if "initial" in by_frames:

@@ -14,7 +14,7 @@ from bspline_mdao.core.walls.wall import Wall
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.first_cells import FirstCells
 from bspline_mdao.grids.io.patch_guess import guess_patches
-from bspline_mdao.grids.topology.boundary_surface import BoundarySurface, corners_in_turn, quads_in_turn
+from bspline_mdao.grids.topology.boundary_surface import BoundarySurface, quads_in_turn
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.sharing import node_sharing
 
@@ -298,54 +298,6 @@ def test_results_do_not_depend_on_the_number_of_threads():
         np.testing.assert_array_equal(one, two)
 
 
-def volumes(nodes, rows):
-    """Smallest corner volume of each cell of a block."""
-    cells = np.stack([corners_in_turn(rows[:, :, m]) for m in range(rows.shape[2])], axis=2)
-    low, high = nodes[cells[:, :, :-1]], nodes[cells[:, :, 1:]]
-    corner = []
-    for n in range(4):
-        e = (
-            low[..., (n + 1) % 4, :] - low[..., n, :],
-            low[..., n - 1, :] - low[..., n, :],
-            high[..., n, :] - low[..., n, :],
-        )
-        f = (
-            high[..., (n + 1) % 4, :] - high[..., n, :],
-            high[..., n - 1, :] - high[..., n, :],
-            high[..., n, :] - low[..., n, :],
-        )
-        corner += [np.linalg.det(np.stack(e, axis=-1)), np.linalg.det(np.stack(f, axis=-1))]
-    return np.min(corner, axis=0)
-
-
-@pytest.mark.parametrize(
-    ("angle", "least"), [(-30.0, 0.1), (-10.0, 0.6), (-3.0, 0.85), (3.0, 0.95), (10.0, 0.95), (30.0, 0.8)]
-)
-def test_a_corner_between_two_walls_opens_and_closes_without_folding(angle, least):
-    rows = np.arange(25 * 3 * 25).reshape(25, 3, 25)
-    r = stretched(25, 1e-4, 1.4)
-    x, y, z = np.meshgrid(r, 0.05 * np.arange(3), r, indexing="ij")
-    nodes = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    # the wall z = 0 turns about the corner and the other one stays; cells between them are sheared evenly
-    turn = np.radians(angle) * (1.0 - np.arctan2(z, np.maximum(x, 1e-300)) / (np.pi / 2)).ravel()
-    turn[np.hypot(x, z).ravel() == 0.0] = 0.0
-    c, s = np.cos(turn), np.sin(turn)
-    mapped = np.stack([c * nodes[:, 0] + s * nodes[:, 2], nodes[:, 1], c * nodes[:, 2] - s * nodes[:, 0]], axis=1)
-    wall_rows = np.unique(np.concatenate([rows[:, :, 0].ravel(), rows[0].ravel()]))
-    ids = np.searchsorted(wall_rows, rows)
-    quads = np.concatenate([quads_in_turn(ids[:, :, 0]), quads_in_turn(ids[0])])
-    faces = np.repeat([0, 1], len(quads) // 2)
-    wall = Wall.of(nodes[wall_rows], quads, np.full(len(wall_rows), 1e-4), faces=faces)
-    layer = WallLayer.of(wall, nodes, wall_rows)
-    found = layer.at(nodes, mapped.copy(), nodes[wall_rows], mapped[wall_rows]).nodes
-    ratio = volumes(found, rows) / volumes(nodes, rows)
-    assert ratio.min() > least
-    # away from the corner, first cells keep their heights
-    up = (found[rows[:, 1, 1]] - found[rows[:, 1, 0]])[8:]
-    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    np.testing.assert_allclose(up @ [s, 0.0, c] / 1e-4, 1.0, rtol=0, atol=2e-3)
-
-
 def test_nodes_on_oblique_lines_keep_their_heights_where_the_wall_curves():
     x, y = np.meshgrid(np.linspace(0.0, 3.0, 13), np.linspace(0.0, 1.0, 4), indexing="ij")
     flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
@@ -463,6 +415,8 @@ def test_each_setting_of_the_layer_changes_what_it_is_for():
     assert (reach(first_heights=80.0) > reach()).any()
     np.testing.assert_allclose(reach(first_heights=1e3, widths=4.0), 4.0 * reach(widths=0.0), rtol=1e-14)
     assert np.ptp(reach(smoothings=10)) < np.ptp(reach()) < np.ptp(reach(smoothings=0))
+    assert (reach(first_heights=80.0, concave=-2.0) <= reach(first_heights=80.0)).all()
+    assert (reach(first_heights=80.0, concave=1.0) > reach(first_heights=80.0)).any()
     assert wall(farthest=7.0).tree.farthest == 7.0
     assert wall(rotation_weight=0.1).frames.rotation_weight == 0.1
     assert wall(folded=-1.0).frames.first_sides[-1] < wall().frames.first_sides[-1]
