@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from parametrization_cases import assert_exact
+from scipy.spatial import cKDTree
 
+from bspline_mdao.core.design.junction import _fading
 from bspline_mdao.core.design.reference_axis import StationSpline
 from bspline_mdao.core.design.variable import Layout
 from bspline_mdao.core.mesh.moving_mesh import MovingMesh
@@ -171,6 +173,21 @@ def test_nothing_moves_while_the_wing_rests(case):
     mesh, n_body = case
     sliding = Junction(np.arange(n_body), 0.5).bind(Layout(mesh))
     np.testing.assert_allclose(sliding.apply(mesh.points, sliding.initial), mesh.points, atol=1e-15)
+
+
+def test_displacements_beside_a_junction_do_not_jump_where_other_nodes_of_it_are_nearest(case):
+    points, reach = case[0].points[:N_AROUND], 3.0
+    start, end = np.array([1.1, 0.03, 0.9]), np.array([-0.9, 0.5, 0.8])
+    path = start + np.linspace(0.0, 1.0, 2001)[:, None] * (end - start)
+    nearest, matrix = cKDTree(points), _fading(cKDTree(points), path, reach)[::3, ::3].toarray()
+    assert len(np.unique(nearest.query(path)[1])) > 10
+    part = nearest.query(path)[0] / reach
+    np.testing.assert_allclose(matrix.sum(axis=1), 1.0 - part**3 * (10.0 - 15.0 * part + 6.0 * part**2), rtol=1e-13)
+    assert np.abs(np.diff(matrix, axis=0)).max() < 0.02 < matrix.max() < 1.0
+    angle = 2.0 * np.pi * np.arange(24) / 24.0
+    ring = cKDTree(np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1))
+    on_axis = _fading(ring, np.array([[0.0, 0.0, 0.0]]), 2.0)[0, ::3].toarray()
+    np.testing.assert_allclose(np.sort(on_axis)[-16:], 0.5 / 16.0, rtol=1e-12)
 
 
 def test_derivatives_are_exact(case):
