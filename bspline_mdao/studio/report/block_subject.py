@@ -12,7 +12,10 @@ from ...core.model.fitted_model import FittedModel
 from ...grids.cells.first_cells import FirstCells
 from ...grids.cells.grid_quality import GridQuality
 from ...grids.cells.report import WorstCell, report_quality
+from ...grids.topology.grid import Grid
+from ...grids.topology.periodic_gap import PeriodicGap, periodic_gaps
 from ...grids.topology.sharing import boundary_sections
+from ...grids.topology.topology import describe
 from .charts import Chart, quality_chart
 from .shape import Axes, Shape
 from .subject import Judgement, Layer, Mark, Subject, subject_of
@@ -130,6 +133,20 @@ class BlockSubject(Subject):
             tables.append(worst_table(shapes[-1], last.worst, self.unit))
         return Judgement(card, marks, [quality_chart(shapes, reports)], tables)
 
+    def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float | None]]]:
+        """Of periodic faces that have drifted apart; which patches slide is a matter of the move."""
+        model, baseline = self.model, self.model.regenerate()
+        gaps = [
+            {_sides(gap): gap.gap for gap in periodic_gaps(model.topology, baseline, self._grid(shape))}
+            for shape in shapes
+        ]
+        pairs = dict.fromkeys(pair for of_shape in gaps for pair in of_shape)
+        return [(*pair, [of_shape.get(pair) for of_shape in gaps]) for pair in pairs]
+
+    def _grid(self, shape: Shape) -> Grid:
+        """Grid of a shape."""
+        return self.model.header.grid(self.model.topology.shapes, shape.nodes)
+
     def section_charts(self, shapes: Sequence[Shape], walls: Walls, axes: Axes) -> list[Chart]:
         """None: cells are drawn as lines on planes of symmetry."""
         return []
@@ -149,6 +166,12 @@ class BlockSubject(Subject):
     def contents(self) -> tuple[str, str, list[Table]]:
         """How good the fit is."""
         return "fit", "Fit", [fit_table(self.model)]
+
+
+def _sides(gap: PeriodicGap) -> tuple[str, str]:
+    """Sides of a pair, and how they meet."""
+    pair = gap.pair
+    return f"{describe(pair.windows[0])} and {describe(pair.others[0])}", f"a {pair.motion}"
 
 
 def _mark(cell: WorstCell) -> Mark:

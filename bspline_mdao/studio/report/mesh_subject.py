@@ -166,6 +166,17 @@ class MeshSubject(Subject):
         """Faces as ``checkMesh`` judges them, cells by their pyramids, and what is proved of the lattice."""
         return judge(self.model, self.quality, shapes)
 
+    def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float | None]]]:
+        """Of periodic sides of the lattice, and of all nodes that slide on surfaces."""
+        model, found = self.model, []
+        for sides in model.periodic:
+            found.append((" and ".join(sides.markers), f"a {sides.motion}", [sides.gap(s.nodes) for s in shapes]))
+        if model.sliding_nodes is not None:
+            surfaces = ", ".join(dict.fromkeys(str(slide.surface) for slide in model.slides.values()))
+            off = [model.sliding_nodes.off(shape.nodes) for shape in shapes]
+            found.append((f"nodes of {', '.join(model.slides)}", f"sliding on {surfaces}", off))
+        return found
+
     def section_charts(self, shapes: Sequence[Shape], walls: Walls, axes: Axes) -> list[Chart]:
         """Cells around a section and at its edges, and the lattice there."""
         return section_charts(self.model, shapes, walls, axes, self.heights)

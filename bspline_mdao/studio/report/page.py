@@ -34,7 +34,16 @@ from .notes import notes_on
 from .shape import Axes, Shape
 from .space import DRAWN, camera, space_traces
 from .subject import Subject, subject_of
-from .tables import Table, estimate_table, flow_table, height_table, history_table, number, variable_table
+from .tables import (
+    Table,
+    estimate_table,
+    flow_table,
+    height_table,
+    history_table,
+    interface_table,
+    number,
+    variable_table,
+)
 from .walls import Walls
 
 __all__ = ["MOST_TRIANGLES", "Section", "write_report"]
@@ -257,6 +266,9 @@ def _of_grid(contents: Contents, subject: Subject, most_triangles: int) -> tuple
     if subject.heights is not None:
         parts = [height_chart(shapes, subject.heights, axes.unit)], [height_table(shapes, subject.heights, axes.unit)]
         sections.append(Section("heights", "Wall heights", [], *parts))
+    meeting = interface_table(shapes, subject.misses(shapes), axes.unit)
+    if meeting is not None:
+        sections.append(Section("interfaces", "Interfaces", [], [], [meeting]))
     key, title, tables = subject.contents
     sections.append(Section(key, title, [], [], tables))
     return (traces, layout), numbers, sections

@@ -102,6 +102,10 @@ class Subject(ABC):
         """Judge the cells."""
 
     @abstractmethod
+    def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float | None]]]:
+        """By how much periodic sides, and nodes that slide, are off, see `interface_table`."""
+
+    @abstractmethod
     def section_charts(self, shapes: Sequence[Shape], walls: Walls, axes: Axes) -> list[Chart]:
         """Charts of the cells around sections."""
 

@@ -23,6 +23,7 @@ __all__ = [
     "flow_table",
     "height_table",
     "history_table",
+    "interface_table",
     "number",
     "quality_table",
     "variable_table",
@@ -102,6 +103,21 @@ def height_table(shapes: Sequence[Shape], cells: WallHeights, unit: str) -> Tabl
     sizes = (f"{what} ({unit})" for what in ("lowest", "median", "highest"))
     columns = ("wall", *shape_column, "nodes", *sizes, "by the model's grid")
     return Table("Heights of the first cells at walls", columns, rows)
+
+
+def interface_table(
+    shapes: Sequence[Shape],
+    # what meets what, how, and by how much it misses with each shape (m); None where by no more than on the baseline
+    misses: Sequence[tuple[str, str, Sequence[float | None]]],
+    unit: str,
+) -> Table | None:  # None where there is nothing of that kind
+    """Largest gaps of periodic sides, and distances of nodes from surfaces that they slide on."""
+    if not misses:
+        return None
+    rows = [(what, how, *("as before" if miss is None else number(miss, 3) for miss in of)) for what, how, of in misses]
+    columns = ("sides or nodes", "meet by", *(f"{shape.label.lower()}, off by ({unit})" for shape in shapes))
+    note = "The largest distance of a node from its partner, or from its place over the surface."
+    return Table("Periodic sides and fixed surfaces", columns, rows, note)
 
 
 def history_table(history: CaseHistory) -> Table:

@@ -4,21 +4,26 @@ import h5py
 import numpy as np
 import openmdao.api as om
 import pytest
-from mesh_cases import body_model, mesh_around_a_body, section_model
+from mesh_cases import body_model, mesh_around_a_body, nozzle_wedge, section_model, sector_mesh
 from test_report_page import Page
 
-from bspline_mdao import DesignSurface, write_report
+from bspline_mdao import DesignSurface, fit_grid, write_report
+from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.om.drivers.case_history import read_history
 from bspline_mdao.core.om.model_option import named_model
 from bspline_mdao.design import Twist
 from bspline_mdao.grids.cells.mesh_quality import mesh_quality
+from bspline_mdao.grids.topology.periodic_gap import periodic_gaps
 from bspline_mdao.studio.cli.main import run
+from bspline_mdao.studio.cli.mesh_periodic import side_numbers
 from bspline_mdao.studio.plotting.mesh_slices import mesh_slice
 from bspline_mdao.studio.plotting.thinned_surface import thinned
 from bspline_mdao.studio.report import openmdao_report
 from bspline_mdao.studio.report.mesh_walls import MeshWalls, edge_lines
 from bspline_mdao.studio.report.model_file import find_model
+from bspline_mdao.studio.report.shape import Shape
+from bspline_mdao.studio.report.subject import subject_of
 
 pytest.importorskip("plotly", reason="plotly is not installed")
 pytest.importorskip("jinja2", reason="jinja2 is not installed")
@@ -80,6 +85,38 @@ def test_a_mesh_has_a_page_of_its_own(tmp_path):
     drawn = {trace["meta"]["layer"] for trace in page.charts["space"]["data"]}
     assert drawn == {"walls", "lines", "control", "symmetry", "worst"}
     assert {"sections", "cells0", "leading-edge", "trailing-edge", "lattice", "quality"} <= set(page.charts)
+
+
+def test_gaps_of_periodic_sides_and_distances_of_nodes_that_slide_are_those_of_move(tmp_path):
+    mesh, kinds = sector_mesh()
+    model = MeshModel.of(mesh, {**kinds, "floor": "sliding"}, LatticeSettings(spacing=0.3))
+    nodes = mesh.points + 0.01 * np.random.default_rng(3).standard_normal(mesh.points.shape)
+    shapes = Shape("Before", mesh.points, None), Shape("After", nodes, None)
+    sides, slide = subject_of(model).misses(shapes)
+    (told,) = side_numbers(model.periodic, mesh, nodes)
+    assert sides == ("per_1 and per_2", f"a {told['motion']}", [told["gap_before"], told["gap"]])
+    assert slide[2] == [model.sliding_nodes.off(mesh.points), model.sliding_nodes.off(nodes)]
+    assert slide[2][0] < 1e-9 < 1e-3 < slide[2][1]
+    write_report(tmp_path / "sector.html", model)
+    page = page_of(tmp_path / "sector.html")
+    assert "interfaces" in [a["id"] for a in page.all("section")]
+    for words in ("Periodic sides and fixed surfaces", "per_1 and per_2", "nodes of floor", slide[1]):
+        assert words in page.text
+
+
+def test_periodic_faces_of_blocks_that_drift_apart_are_told_and_others_are_not():
+    model = fit_grid(nozzle_wedge(0.2))
+    grid = model.regenerate()
+    nodes = grid.to_vector().reshape(-1, 3)
+    moved = nodes.copy()
+    moved[np.ravel_multi_index((7, 5, 3), grid.blocks[0].shape)] += [0.0, 0.02, 0.0]
+    shapes = Shape("Before", nodes, None), Shape("After", moved, None)
+    ((sides, how, misses),) = subject_of(model).misses(shapes)
+    assert sides.count("block 1") == 2
+    assert "rotation" in how
+    (gap,) = periodic_gaps(model.topology, grid, model.header.grid(model.topology.shapes, moved))
+    assert misses == [None, gap.gap]
+    assert subject_of(model).misses(shapes[:1]) == []
 
 
 @pytest.mark.slow
