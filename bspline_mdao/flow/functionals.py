@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["FUNCTIONALS", "Functional", "numbers", "of_flow"]
+__all__ = ["FUNCTIONALS", "OF_SECTION", "Functional", "numbers", "of_flow"]
 
 FlowKind = Literal["euler", "lattice"]
 """`EulerFlow`, or `LatticeFlow`."""
@@ -30,6 +30,7 @@ class Functional:
     extent: Literal["number", "axes", "strips", "faces", "panels"] = "number"
     units: str | None = None
     flows: tuple[FlowKind, ...] = EULER + LATTICE  # which have it
+    of_wings: bool = False  # whether it has no meaning for a section, the flow about which has no trailing vortices
 
     @property
     def is_number(self) -> bool:
@@ -40,7 +41,7 @@ class Functional:
 FUNCTIONALS = {
     "CL": Functional("lift", "lift of the pressures", "forces"),
     "CD": Functional("drag", "drag of the pressures", "forces"),
-    "CD_induced": Functional("drag", "induced drag from the wake far downstream", "wake"),
+    "CD_induced": Functional("drag", "induced drag from the wake far downstream", "wake", of_wings=True),
     "CD_entropy": Functional("drag", "drag of the entropy that leaves through the far field", "entropy", flows=EULER),
     "CM": Functional(
         "moment",
@@ -54,6 +55,7 @@ FUNCTIONALS = {
         "moment that bends the wing up at its plane of symmetry, about an axis downstream through span 0 at the height "
         "of the moment reference; the sum for both halves of a whole wing",
         "bending",
+        of_wings=True,
     ),
     "span_load": Functional(
         "load", "chord times lift coefficient of every strip of the wing, from the tip", "wake", "strips", "m"
@@ -80,12 +82,16 @@ FUNCTIONALS = {
 """The functionals that there are, by name."""
 
 
+OF_SECTION = "CL, CD and CM are those of a section, cl, cd and cm: per unit of span"
+"""What there is to know of these where walls are the same from one plane of symmetry to another one."""
+
+
 def of_flow(flow: FlowKind) -> dict[str, Functional]:
     """Those of one flow."""
     return {name: functional for name, functional in FUNCTIONALS.items() if flow in functional.flows}
 
 
-def numbers(flow: FlowKind, *kinds: str) -> tuple[str, ...]:
-    """Names of those of one flow that are one number; where kinds are named, of these alone."""
-    found = of_flow(flow).items()
+def numbers(flow: FlowKind, *kinds: str, is_section: bool = False) -> tuple[str, ...]:
+    """Names of those of one flow that are one number; of kinds alone that are named, and that a section has."""
+    found = [(name, each) for name, each in of_flow(flow).items() if not (is_section and each.of_wings)]
     return tuple(name for name, each in found if each.is_number and (not kinds or each.kind in kinds))

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
-import numpy as np
-
 from ...errors import InputError
 from ..mesh.surface import SurfaceGrid
 from .volume import EnclosedVolume
@@ -60,12 +58,12 @@ class SectionArea(EnclosedVolume):
         InputError
             As `EnclosedVolume.of`; also if the surface is no section.
         """
-        if not surface.is_section:
+        span = surface.section_span
+        if span is None:
             raise InputError(
                 f"{name}: the surface is no section, the same from one plane of symmetry to another one; take "
                 f"EnclosedVolume"
             )
         volume = EnclosedVolume.of(surface, relative, name)
         area = cls(**{each.name: getattr(volume, each.name) for each in fields(volume)})
-        span = float(np.ptp(surface.points @ surface.planes[0].normal))
         return area if relative else replace(area, scale=span * area.scale, units="m**2")

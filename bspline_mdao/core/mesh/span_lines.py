@@ -26,23 +26,31 @@ def span_lines(
     in_plane_normals: np.ndarray,  # (m, 3)
 ) -> np.ndarray | None:
     """Rows of points, shape (n_lines, n_planes), from plane to plane; None where the surface is no section."""
-    # 1. The span is the normal of the planes, all of which are parallel.
-    # 2. Edges along the span join the points of a line.
-    # 3. Every line has as many points, its ends are in the planes, and all its points are at one place of the curve.
-    if not len(in_plane_rows) or np.abs(in_plane_normals @ in_plane_normals[0]).min() < 1.0 - _ALIKE:
-        return None
-    span, near = in_plane_normals[0], _ALIKE * np.linalg.norm(np.ptp(points, axis=0))  # step 1
-    places = points @ span
+    # One half of a symmetric section ends on its plane of symmetry as well: any of the normals may be along the span.
+    while len(in_plane_rows):
+        is_parallel = np.abs(in_plane_normals @ in_plane_normals[0]) > 1.0 - _ALIKE
+        lines = _lines_along(points, edges, in_plane_normals[0], in_plane_rows[is_parallel])
+        if lines is not None:
+            return lines
+        in_plane_rows, in_plane_normals = in_plane_rows[~is_parallel], in_plane_normals[~is_parallel]
+    return None
+
+
+def _lines_along(points: np.ndarray, edges: np.ndarray, span: np.ndarray, in_planes: np.ndarray) -> np.ndarray | None:
+    """Lines along one normal, between planes of symmetry that hold some of the points."""
+    # 1. Edges along the span join the points of a line.
+    # 2. Every line has as many points, its ends are in the planes, and all its points are at one place of the curve.
+    near, places = _ALIKE * np.linalg.norm(np.ptp(points, axis=0)), points @ span
     flat = points - places[:, None] * span
     first, second = edges.T
     is_along = (lengths(flat[second] - flat[first]) <= near) & (np.abs(places[second] - places[first]) > near)
     joined = coo_array((np.ones(is_along.sum()), (first[is_along], second[is_along])), shape=(len(points),) * 2)
-    n_lines, line = connected_components(joined, directed=False)  # step 2
+    n_lines, line = connected_components(joined, directed=False)  # step 1
     n_planes, rest = divmod(len(points), n_lines)
     if rest or n_planes < 2 or (np.bincount(line) != n_planes).any():
         return None
     lines = np.lexsort((places, line)).reshape(n_lines, n_planes)
     ends = lines[:, [0, -1]]
     has_one_place = (lengths(flat[lines] - flat[lines[:, :1]]) <= near).all()
-    has_planes = (np.ptp(places[ends], axis=0) <= near).all() and np.isin(ends, in_plane_rows).all()
-    return lines[np.argsort(lines[:, 0])] if has_one_place and has_planes else None  # step 3
+    has_planes = (np.ptp(places[ends], axis=0) <= near).all() and np.isin(ends, in_planes).all()
+    return lines[np.argsort(lines[:, 0])] if has_one_place and has_planes else None  # step 2

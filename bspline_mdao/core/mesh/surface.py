@@ -166,17 +166,23 @@ class SurfaceGrid(OneLine):
         """Whether some of its faces are triangles, through which no grid lines go."""
         return any((part == np.roll(part, 1, axis=1)).any() for part in self.cells)
 
-    @cached_property
+    @property
     def is_section(self) -> bool:
         """Whether it is a section: between two planes of symmetry, and the same all along the span."""
+        return self.section_span is not None
+
+    @cached_property
+    def section_span(self) -> float | None:
+        """Distance of the two planes of symmetry of a section (m); None where it is none."""
         ids, number = np.unique(self.quads, return_inverse=True)
         points, edges = self.points[ids], edges_of(number.reshape(-1, 4))
         near = [np.abs(points @ plane.normal - plane.offset) <= ON_PLANE * self.size for plane in self.planes]
         rows = [np.flatnonzero(is_near) for is_near in near]
         normals = [np.tile(plane.normal, (len(found), 1)) for plane, found in zip(self.planes, rows)]
         if not rows:
-            return False
-        return span_lines(points, edges, np.concatenate(rows), np.concatenate(normals)) is not None
+            return None
+        lines = span_lines(points, edges, np.concatenate(rows), np.concatenate(normals))
+        return None if lines is None else float(np.linalg.norm(points[lines[0, -1]] - points[lines[0, 0]]))
 
     def only(self, numbers: Sequence[int]) -> SurfaceGrid:
         """Return the surface with some of its faces, and all of its nodes."""

@@ -206,6 +206,13 @@ class EulerFlow(Copied, om.Group):
             self.set_input_defaults("alpha", val=2.0, units="deg")
         self.set_input_defaults("Mach_number", val=0.3)
 
+    @property
+    def is_section(self) -> bool:
+        """Whether the flow is that about a section, see `SurfaceGrid.is_section`: without trailing vortices."""
+        model = self.options["model"]
+        has_walls = any(face.kind == "wall" for face in model.topology.boundary)
+        return has_walls and SurfaceGrid.of(model).is_section
+
     def write_fields(self, path: str | os.PathLike) -> None:
         """Write the fields of the flow for ParaView or Tecplot: on all blocks, and those on the walls beside them.
 

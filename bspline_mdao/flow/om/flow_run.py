@@ -7,6 +7,7 @@ import time
 import openmdao.api as om
 
 from ..functionals import numbers
+from .euler_flow import EulerFlow
 from .euler_state import EulerState
 
 __all__ = ["run_flow"]
@@ -23,9 +24,10 @@ def run_flow(problem: om.Problem) -> dict:
     Returns
     -------
     dict
-        Lift and drags such as ``CL`` and ``CD_induced``, as far as the flow has them, and ``seconds`` of wall time,
-        those of other components included. By the Euler equations also ``n_cells``, ``n_steps`` of Newton's method,
-        ``n_products`` with the Jacobian, and the last ``residual``, relative to that of the uniform stream.
+        Lift and drags such as ``CL`` and ``CD_induced``, as far as the flow has them, without those that a section has
+        not, and ``seconds`` of wall time, those of other components included. By the Euler equations also ``n_cells``,
+        ``n_steps`` of Newton's method, ``n_products`` with the Jacobian, and the last ``residual``, relative to that of
+        the uniform stream.
 
     Examples
     --------
@@ -45,7 +47,9 @@ def run_flow(problem: om.Problem) -> dict:
     problem.run_model()
     seconds = time.perf_counter() - start
     names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None, all_procs=True)}
-    wanted = [name for name in numbers("euler", "lift", "drag") if name in names]
+    flows = list(problem.model.system_iter(include_self=True, recurse=True, typ=EulerFlow))
+    is_section = bool(flows) and all(flow.is_section for flow in flows)
+    wanted = [name for name in numbers("euler", "lift", "drag", is_section=is_section) if name in names]
     summary = {name: problem.get_val(name).item() for name in wanted} | {"seconds": seconds}
     for state in problem.model.system_iter(recurse=True, typ=EulerState):
         history = state.solution.history

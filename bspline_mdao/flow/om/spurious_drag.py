@@ -54,11 +54,13 @@ def warn_of_spurious_drag(path: str, sources: DragSources) -> None:
     """Warn where more than a tenth of a drag that is optimised is of the grid."""
     part = sources.spurious / sources.total if sources.total else 0.0
     if abs(part) > MOST_SPURIOUS:
+        is_none = round(sources.induced, 5) == 0.0  # as of sections
+        induced = "" if is_none else f"induced {sources.induced:.5f} + "
+        others = "" if is_none else ", or, without shocks, CD_induced or CD_induced + CD_entropy for CD"
         warnings.warn(
-            f"{path}: CD is optimised, but {100.0 * part:.0f} % of it is the grid's: CD {sources.total:.5f} = induced "
-            f"{sources.induced:.5f} + shocks {sources.wave:.5f} + spurious {sources.spurious:.5f}; an optimum would be "
-            f"one of these errors. Take a finer member of the grid, model.member(1.5), or, without shocks, CD_induced "
-            f"or CD_induced + CD_entropy for CD",
+            f"{path}: CD is optimised, but {100.0 * part:.0f} % of it is the grid's: CD {sources.total:.5f} = "
+            f"{induced}shocks {sources.wave:.5f} + spurious {sources.spurious:.5f}; an optimum would be one of these "
+            f"errors. Take a finer member of the grid, model.member(1.5){others}",
             SpuriousDragWarning,
             stacklevel=2,
         )

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ...base.text import counted
+from ...core.mesh.surface import SurfaceGrid
 from ...core.model.fitted_model import FittedModel
 from ...grids.cells.first_cells import FirstCells
 from ...grids.cells.grid_quality import GridQuality
@@ -44,6 +45,12 @@ class BlockSubject(Subject):
     def n_nodes(self) -> int:
         """Nodes of all blocks."""
         return self.model.n_nodes
+
+    @property
+    def is_section(self) -> bool:
+        """See `SurfaceGrid.is_section`."""
+        has_walls = any(face.kind == "wall" for face in self.model.topology.boundary)
+        return has_walls and SurfaceGrid.of(self.model).is_section
 
     @property
     def size(self) -> str:

@@ -15,7 +15,7 @@ from ...base.text import value_names
 from ...core.om.drivers.violations import Violation, in_words, violations_of
 from ...errors import InputError
 from ...flow.euler.error_estimate import ErrorEstimate
-from ...flow.functionals import numbers
+from ...flow.functionals import OF_SECTION, numbers
 from ...flow.om.error_estimate import error_estimate
 from ...flow.om.euler_flow import EulerFlow
 from ...flow.om.induced_gain import induced_gains
@@ -62,6 +62,8 @@ class DesignSummary(OneLine):
     estimates : mapping of str to ErrorEstimate
         By the names of entries, what lift and drag would be on a finer member of the grid's family, where that was
         asked for.
+    notes : tuple of str
+        What there is to know of the entries: whether coefficients are those of a section.
 
     Examples
     --------
@@ -83,6 +85,7 @@ class DesignSummary(OneLine):
 
     entries: tuple[SummaryEntry, ...]
     estimates: Mapping[str, ErrorEstimate] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """Write the table of its values."""
@@ -125,6 +128,7 @@ class DesignSummary(OneLine):
             title = f"{role}s" if label == "" and role != "objective" else role if label == "" else f"  {label}"
             padded = (cell.rjust(width) for cell, width in zip(cells, widths[1:]))
             lines.append(f"{title:<{max(widths[0] + 2, 12)}}  {'  '.join(padded)}".rstrip())
+        lines += self.notes
         lines += [gain.words for gain in induced_gains(before.estimates if before else {}, self.estimates)]
         designs = (("before: ", before), ("after: ", self)) if before else (("", self),)
         lines += [f"{label}{summary.infeasible}" for label, summary in designs if summary.infeasible]
@@ -218,7 +222,8 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
     problem : openmdao.api.Problem
         A problem that has run.
     outputs : sequence of str
-        Other outputs to take down as well, such as ``"CD"``. Those that are objectives or constraints count once.
+        Other outputs to take down as well, such as ``"CD"``. Those that are objectives or constraints count once, and
+        those that the flow about a section does not have, such as ``"CD_induced"``, are left out.
     finer : float, optional
         Cells per direction of a finer member of the grid's family, relative to those of the grid: what the numbers of
         every `EulerFlow` among them would be there, such as lift and drag, is estimated, see `error_estimate`. Where
@@ -263,6 +268,8 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
         for role, metas, all_values in found
         for name, values in all_values.items()
     ]
+    flows = problem.model.system_iter(include_self=True, recurse=True, typ=EulerFlow)
+    sections, of_sections = [flow for flow in flows if flow.is_section], numbers("euler", is_section=True)
     taken = {entry.name for entry in entries}
     sources = {_name(meta): meta["source"] for _, metas, _ in found for meta in metas.values()}
     for name in (name for name in outputs if name not in taken):
@@ -270,19 +277,28 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
             values, nothing = np.ravel(problem.get_val(name)), np.full(np.size(problem.get_val(name)), np.nan)
         except KeyError:
             raise InputError(f"summary: the problem has no output '{name}'; leave it out") from None
+        source = problem.model.get_source(name)
+        if any(_is_of(flow, source) and source.rpartition(".")[2] not in of_sections for flow in sections):
+            continue
         names = value_names(name, values.size)
         entries.append(SummaryEntry("output", name, "", values.copy(), nothing, nothing, names, np.ones(())))
-        sources[name] = problem.model.get_source(name)
-    return DesignSummary(tuple(entries), _estimates(problem, sources, finer) if finer is not None else {})
+        sources[name] = source
+    has_section = any(_is_of(flow, source) for flow in sections for source in sources.values())
+    estimates = _estimates(problem, sources, finer) if finer is not None else {}
+    return DesignSummary(tuple(entries), estimates, (OF_SECTION,) if has_section else ())
+
+
+def _is_of(flow: EulerFlow, source: str) -> bool:
+    """Whether an output, by its absolute name, is a number of a flow."""
+    inside = f"{flow.pathname}." if flow.pathname else ""
+    return source.startswith(inside) and source.rpartition(".")[2] in numbers("euler")
 
 
 def _estimates(problem: om.Problem, sources: Mapping[str, str], factor: float) -> dict[str, ErrorEstimate]:
     """Estimate the errors of lift and drag among outputs, given by name with their absolute names."""
     estimates: dict[str, ErrorEstimate] = {}
     for flow in problem.model.system_iter(include_self=True, recurse=True, typ=EulerFlow):
-        inside = f"{flow.pathname}." if flow.pathname else ""
-        of = {name: source.rpartition(".")[2] for name, source in sources.items() if source.startswith(inside)}
-        of = {name: coefficient for name, coefficient in of.items() if coefficient in numbers("euler")}
+        of = {name: source.rpartition(".")[2] for name, source in sources.items() if _is_of(flow, source)}
         if not of:
             continue
         try:
@@ -291,7 +307,7 @@ def _estimates(problem: om.Problem, sources: Mapping[str, str], factor: float) -
             om.issue_warning(f"summary: the errors of {', '.join(of)} are not estimated: {error}")
             continue
         estimates |= {name: found[coefficient] for name, coefficient in of.items()}
-        if "CD_induced" in found:
+        if "CD_induced" in found and not flow.is_section:
             warn_below_the_ellipse(flow.pathname, *induced_and_least(flow))
     return estimates
 

@@ -308,7 +308,10 @@ def _of_history(history: CaseHistory, contents: Contents) -> list[Section]:
     variables = len(history.of_kind("variable"))
     charts = history_charts(history)
     split, panels = len(charts) - variables, lattice_charts(history)
-    flows = [table for table in (flow_table(history), estimate_table(contents.estimates)) if table is not None]
+    is_section = contents.subject is not None and contents.subject.is_section
+    flows = [
+        table for table in (flow_table(history, is_section), estimate_table(contents.estimates)) if table is not None
+    ]
     return [
         Section("history", "Optimisation", lines, charts[:split], [history_table(history)]),
         *([Section("flow", "Flow", [], panels, flows)] if flows or panels else []),

@@ -61,6 +61,11 @@ class Subject(ABC):
         """Number of nodes."""
 
     @property
+    def is_section(self) -> bool:
+        """Whether its walls are a section, the flow about which has no trailing vortices."""
+        return False
+
+    @property
     @abstractmethod
     def size(self) -> str:
         """How large it is, in words."""

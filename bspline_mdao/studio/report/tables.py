@@ -11,7 +11,7 @@ from ...core.model.fitted_model import FittedModel
 from ...core.model.records import FitReport
 from ...core.om.drivers.case_history import CaseHistory
 from ...flow.euler.error_estimate import ErrorEstimate
-from ...flow.functionals import numbers
+from ...flow.functionals import OF_SECTION, numbers
 from ...grids.cells.report import QualityReport, WorstCell
 from .shape import Shape
 from .walls import WallHeights
@@ -144,6 +144,7 @@ def history_table(history: CaseHistory) -> Table:
 
 def flow_table(
     history: CaseHistory,  # the optimisation
+    is_section: bool = False,  # whether the flows are about a section
 ) -> Table | None:  # A row for each flow, named as the subsystem that it is; None where no coefficient is recorded
     """Coefficients of every flow at the first and the best evaluation, as far as they are recorded."""
     found: dict[str, tuple[float, float]] = {}
@@ -154,12 +155,14 @@ def flow_table(
         first, best = values.get(0), values.get(history.best)
         if first is not None and best is not None and first.size == 1:
             found[name] = first.item(), best.item()
-    flows = list(dict.fromkeys(name.rpartition(".")[0] for name in found if name.rpartition(".")[2] in OF_FLOWS[2:]))
-    of_flow = {flow: {name: found.get(f"{flow}.{name}" if flow else name) for name in OF_FLOWS} for flow in flows}
-    listed = [name for name in OF_FLOWS if any(values[name] for values in of_flow.values())]
+    asked = [*OF_FLOWS[:2], *numbers("euler", is_section=is_section)]
+    flows = list(dict.fromkeys(name.rpartition(".")[0] for name in found if name.rpartition(".")[2] in asked[2:]))
+    of_flow = {flow: {name: found.get(f"{flow}.{name}" if flow else name) for name in asked} for flow in flows}
+    listed = [name for name in asked if any(values[name] for values in of_flow.values())]
     rows = [(flow or "flow", *(_change(values[name]) for name in listed)) for flow, values in of_flow.items()]
     columns = ("condition", *(f"{name} (°)" if name == "alpha" else name for name in listed))
-    return Table("Coefficients", columns, rows, "At the first and the best evaluation.") if rows else None
+    note = "At the first and the best evaluation." + (f" {OF_SECTION}." if is_section else "")
+    return Table("Coefficients", columns, rows, note) if rows else None
 
 
 def estimate_table(estimates: Mapping[str, ErrorEstimate]) -> Table | None:

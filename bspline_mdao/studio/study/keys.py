@@ -6,6 +6,7 @@ Whoever reads, explains or documents a study reads these tables. To add a key, a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from ...flow.functionals import numbers
 from ...grids.cells.aggregates import AGGREGATES
 from .kinds import (
     AXES,
+    BETWEEN,
     BOUND,
     COORDINATES,
     CORNER,
@@ -28,6 +30,7 @@ from .kinds import (
     OPTIONS,
     PART,
     PARTS,
+    PLACES,
     POINT,
     POSITIVE,
     SLICES,
@@ -127,6 +130,13 @@ _STATIONS = {
     "values": Key(NUMBERS, "which stations are variables, from 1 at the root; others stay", otherwise="all"),
 }
 
+_SECTIONS = {
+    "stations": Key(STATIONS, "sections from root to tip with values of their own", 1),
+    "order": _STATIONS["order"],
+    **_OF_PART,
+}
+_MODES = whole(1, 50)
+
 _COORDINATES = {"direction": Key(COORDINATES, "direction of the displacements", "xyz")}
 _WHERE = {"where": Key(SLICES, "which points move, as slices in x, y and z from 0 on", otherwise="all")}
 _LIMITS = {
@@ -149,11 +159,17 @@ class VariableKind:
     made_by: str = ""  # class of `bspline_mdao.design` that it is an object of; empty for an input of the flow
     units: str = ""  # units of its values, empty where they are numbers
     neutral: float = 0.0  # value that leaves the baseline as it is
+    modes: Callable[[dict[str, Any]], int] | None = None  # number of its values for a section, of its keys
 
     @property
     def all_keys(self) -> dict[str, Key]:
         """Its keys, the common ones first."""
         return _KIND | _BOUNDS | self.keys
+
+
+def _n_places(places: int | list[float]) -> int:
+    """Number of places that are given, or how many there are to be."""
+    return places if isinstance(places, int) else len(places)
 
 
 VARIABLES = {
@@ -172,6 +188,59 @@ VARIABLES = {
     "taper": VariableKind("factor on the ratio of tip and root chord", _AT | _OF_PART, "Taper", neutral=1.0),
     "thickness": VariableKind("factors on the thickness of sections", _STATIONS, "ThicknessFactor", neutral=1.0),
     "camber": VariableKind("camber added to sections, in chords", _STATIONS, "Camber"),
+    "bumps": VariableKind(
+        "heights in chords, upwards, of bumps of Hicks and Henne on sides of sections; the upper ones first",
+        {
+            "places": Key(PLACES, "parts of the chord where they are highest, or how many", 6),
+            "power": Key(number("a number from 0.1 to 100", 0.1, 100.0), "the larger, the narrower they are", 3.0),
+            "sides": Key(one_of("both", "upper", "lower"), "sides that have bumps", "both"),
+            **_SECTIONS,
+        },
+        "Bumps",
+        modes=lambda table: _n_places(table["places"]) * (2 if table["sides"] == "both" else 1),
+    ),
+    "class_shape": VariableKind(
+        "weights in chords, upwards, of class-shape functions (CST): of the nose, above, below, of the trailing edge",
+        {
+            "degree": Key(_MODES, "degree of the Bernstein polynomials", 5),
+            "nose": Key(FLAG, "whether the radius of the nose changes", True),
+            "trailing": Key(FLAG, "whether the height of the trailing edge is a value", False),
+            **_SECTIONS,
+        },
+        "ClassShape",
+        modes=lambda table: 2 * table["degree"] + table["nose"] + table["trailing"],
+    ),
+    "camber_modes": VariableKind(
+        "heights in chords of modes of camber, from the leading edge on",
+        {
+            "n_modes": Key(_MODES, "number of modes but those of the edges", 4),
+            "leading": Key(FLAG, "whether the height of the leading edge is a value", False),
+            "trailing": Key(FLAG, "whether the height of the trailing edge is a value", False),
+            **_SECTIONS,
+        },
+        "CamberModes",
+        modes=lambda table: table["n_modes"] + table["leading"] + table["trailing"],
+    ),
+    "thickness_modes": VariableKind(
+        "thicknesses in chords of modes of thickness, from the leading edge on",
+        {
+            "n_modes": Key(_MODES, "number of modes", 4),
+            "nose": Key(FLAG, "whether the radius of the nose changes", True),
+            **_SECTIONS,
+        },
+        "ThicknessModes",
+        modes=lambda table: table["n_modes"],
+    ),
+    "curve_points": VariableKind(
+        "displacements (m) of the control points of a section, those of all planes along the span alike",
+        {
+            "direction": Key(DIRECTION, "direction of the displacements", "normal"),
+            "edges": Key(FLAG, "whether points at the leading and the trailing edge are among them", False),
+            **_OF_PART,
+        },
+        "CurvePoints",
+        "m",
+    ),
     "radius": VariableKind(
         "factors on the distance from an axis, at stations along it: hubs, casings, nozzles, bodies",
         {
@@ -269,7 +338,9 @@ VARIABLES = {
 
 _RELATIVE = {"relative": Key(FLAG, "whether it is divided by that of the baseline", True)}
 _MEASURED = {"patches": Key(NAMES, "patches that are measured", otherwise="those that are designed")}
-_MEASURE_STATIONS = {"stations": Key(FRACTIONS, "fractions of the span", [0.1, 0.5, 0.9])}
+_MEASURE_STATIONS = {
+    "stations": Key(FRACTIONS, "fractions of the span", otherwise="0.1, 0.5 and 0.9; of a section, its middle")
+}
 
 
 @dataclass(frozen=True)
@@ -295,7 +366,7 @@ MEASURES = {
         "thickness on a grid of lines between the edges",
         {
             "n_chord": Key(whole(2, 200), "lines along the chord", 5),
-            "n_span": Key(whole(2, 200), "lines along the span", 5),
+            "n_span": Key(whole(1, 200), "lines along the span", otherwise="5; of a section, 1"),
             "chord": Key(PARTS, "parts of the chord between which they are", [0.05, 0.95]),
             "span": Key(PARTS, "parts of the span between which they are", [0.02, 0.98]),
             **_RELATIVE,
@@ -303,6 +374,17 @@ MEASURES = {
         "Thickness.grid",
         is_number=False,
     ),
+    "thickness_at": MeasureKind(
+        "thickness at parts of the chord of sections",
+        {
+            "parts": Key(BETWEEN, "parts of the chord", [0.1, 0.3, 0.5, 0.7, 0.9]),
+            **_MEASURE_STATIONS,
+            **_RELATIVE,
+        },
+        "Thickness.of_sections",
+        is_number=False,
+    ),
+    "section_area": MeasureKind("area of a section", _RELATIVE, "SectionArea.of"),
     "section_thickness": MeasureKind(
         "smooth bound of the largest thickness over chord of sections",
         _MEASURE_STATIONS | {"smallest": Key(FLAG, "whether the smallest is bounded instead", False)},

@@ -123,6 +123,12 @@ PARTS = Kind("a list of two rising numbers from 0 to 1", lambda value: _PARTS.ac
 _TEXTS = list_of(TEXT, "")
 NAMES = Kind("a name or pattern such as 'wing*', or a list of them", lambda v: _is_text(v) or _TEXTS.accepts(v))
 OF_VARIABLES = Kind("the name of a variable, or a list of them", NAMES.accepts)
+_BETWEEN = list_of(number("", 1e-6, 1.0 - 1e-6), "")
+PLACES = Kind(
+    "how many, up to 50, or a list of numbers between 0 and 1",
+    lambda value: whole(1, 50).accepts(value) or _BETWEEN.accepts(value),
+)
+BETWEEN = Kind("a list of numbers between 0 and 1", _BETWEEN.accepts)
 NUMBERS = list_of(WHOLE, "a list of whole numbers from 1 on")
 FRACTIONS = list_of(PART, "a list of numbers from 0 to 1")
 STATIONS = Kind(

@@ -15,6 +15,9 @@ from .tables import Table
 
 __all__ = ["changed", "shape_part"]
 
+_OF_WINGS = {"n_span": 5, "stations": [0.1, 0.5, 0.9]}
+"""Settings of measures of wings where a study leaves them out; a section has one."""
+
 QUARTER = 0.25
 """Part of the chord where the reference axis of a wing is."""
 
@@ -100,6 +103,14 @@ def _made_variable(name: str, table: Table) -> ast.expr:
         return call(made_by, name, [tuple(point) for point in table["axis"]], **settings)
     if table["kind"] == "translation":
         return call(made_by, name, direction=table["direction"])
+    if kind.modes is not None:
+        settings = changed(table, kind.keys, ("power", "nose", "leading", "trailing", "stations", "order"))
+        if table.get("sides", "both") != "both":
+            settings["sides"] = table["sides"]
+        size = next(table[key] for key in ("places", "degree", "n_modes") if key in table)
+        return call(made_by, name, size, **settings)
+    if table["kind"] == "curve_points":
+        return call(made_by, name, **changed(table, kind.keys, ("direction", "edges")))
     if table["kind"] == "lattice":
         settings = changed(table, kind.keys, ("margin",))
         box = call(
@@ -183,11 +194,13 @@ def _measure(name: str, table: Table) -> ast.expr:
     kind, patches = MEASURES[table["kind"]], _measured(table)
     surface = expression("surfaces[part]", part=_names(patches)) if patches else expression("wing.surface")
     sides = [table["patches"], table["to"]] if "to" in table else []
-    always = ("n_chord", "n_span", "stations", "relative", "relative_to")
+    always = ("n_chord", "n_span", "parts", "stations", "relative", "relative_to")
     keys = {key: spec for key, spec in kind.keys.items() if key not in ("patches", "to")}
     chosen = [key for key, spec in keys.items() if key in always or table[key] != spec.default]
     chosen.sort(key=lambda key: key == "relative_to")
     settings = {key: tuple(table[key]) if key in ("chord", "span") else table[key] for key in chosen}
+    for key in (key for key in _OF_WINGS if key in settings and settings[key] is None):
+        settings[key] = expression("None if wing.surface.is_section else of_wing", of_wing=_OF_WINGS[key])
     return call(f"bm.measures.{kind.made_by}", surface, *sides, **settings, name=name)
 
 

@@ -498,7 +498,9 @@ def _n_values(table: Table, n_alpha: int = 1) -> float:
     if table["kind"] in known:
         return known[table["kind"]]
     stations = table.get("values") or table.get("stations", math.inf)
-    return len(stations) if isinstance(stations, list) else stations
+    n = len(stations) if isinstance(stations, list) else stations
+    modes = VARIABLES[table["kind"]].modes
+    return n if modes is None else n * modes(table)
 
 
 def _outputs(flow: Table | None) -> tuple[str, ...]:

@@ -244,6 +244,19 @@ def test_what_is_no_section_is_none():
         DesignSurface.of(wing_model()).parametrization([CurvePoints("points")])
 
 
+def test_half_of_a_section_ends_on_its_own_plane_of_symmetry_as_well():
+    random = np.random.default_rng(6)
+    flat = np.cumsum(random.uniform(0.1, 0.3, (7, 2)), axis=0)
+    points = np.concatenate([np.column_stack([flat, np.full(7, place)]) for place in (-0.4, 0.9, 1.2)])
+    numbers = np.arange(21).reshape(3, 7)
+    quads = np.stack([numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:]], axis=-1).reshape(-1, 4)
+    at_nose, on_planes = numbers[:, 0], numbers[[0, -1]].ravel()
+    normals = np.repeat([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [3, 14], axis=0)
+    lines = span_lines(points, edges_of(quads), np.concatenate([at_nose, on_planes]), normals)
+    np.testing.assert_array_equal(lines, numbers.T)
+    assert span_lines(points, edges_of(quads), at_nose, normals[:3]) is None
+
+
 @pytest.mark.parametrize(("make", "message"), [
     (lambda: Bumps("v", (0.01, 0.5), power=2.0), "at 0.01 of the chord makes a kink at the nose; move it back, or take "
      "a power above 3.32"),
