@@ -75,16 +75,14 @@ def make_model(n_along: int, n_away: int, n_control) -> bm.FittedModel:
 def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Problem:
     """Pose the problem: heights of control points above those of the NACA 0012, but for both ends. Not yet set up.
 
-    The two planes of the grid move alike. Without combinations of the heights, they are inputs.
+    Without combinations of the heights, they are inputs.
     """
     mesh = bm.movers.moving_mesh(model)
-    rows = [np.searchsorted(mesh.surface_ids, mesh.blocks[0][1:-1, 0, k]) for k in range(2)]
-    parametrization = bm.design.Parametrization(
-        mesh, [bm.design.Local("heights", rows[0], "y")], [bm.constraints.Linked(*rows)]
-    )
+    rows = np.searchsorted(mesh.surface_ids, mesh.blocks[0][1:-1, 0, 0])
+    parametrization = bm.design.Parametrization(mesh, [bm.design.Local("heights", rows, "y")])
     problem = om.Problem(reports=None)
     if combinations is not None:
-        along = mesh.points[mesh.surface_ids][rows[0], 0]
+        along = mesh.points[mesh.surface_ids][rows, 0]
         most = np.minimum(np.minimum(THICKER, NOSE[0] + NOSE[1] * along), TAIL * (1.0 - along))
         problem.model.add_subsystem("combine", bm.drivers.combine("heights", combinations, units="m"), promotes=["*"])
         problem.model.add_design_var("combinations", ref=PRESSURE)

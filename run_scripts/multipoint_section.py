@@ -59,19 +59,18 @@ def make_model(n_around: int, n_away: int, n_control) -> bm.FittedModel:
 def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Problem:
     """Pose the problem: parts of the heights of control points, those of nose and trailing edge fixed. Not yet set up.
 
-    The two planes of the grid move alike. Without combinations of the heights, they are inputs.
+    Without combinations of the heights, they are inputs.
     """
     mesh, wall = bm.movers.moving_mesh(model), bm.measures.SurfaceGrid.of(model, "wing")
-    rows = [np.searchsorted(mesh.surface_ids, mesh.blocks[0][:, 0, k]) for k in range(2)]
-    heights = mesh.points[mesh.surface_ids][rows[0], 1]
-    free = np.flatnonzero(np.abs(heights) > 1e-3 * np.abs(heights).max())
-    first, second = (row[free] for row in rows)
-    variable = bm.design.Local("heights", first, np.abs(heights[free])[:, None] * [0.0, 1.0, 0.0], units=None)
-    parametrization = bm.design.Parametrization(mesh, [variable], [bm.constraints.Linked(first, second)])
-    places = np.column_stack([PLACES, np.zeros(len(PLACES)), np.full(len(PLACES), 0.5)])
+    rows = np.searchsorted(mesh.surface_ids, mesh.blocks[0][:, 0, 0])
+    heights = np.abs(mesh.points[mesh.surface_ids][rows, 1])
+    is_free = heights > 1e-3 * heights.max()
+    directions = heights[is_free, None] * [0.0, 1.0, 0.0]
+    variable = bm.design.Local("heights", rows[is_free], directions, units=None)
+    parametrization = bm.design.Parametrization(mesh, [variable])
     measures = [
-        bm.measures.Thickness.at(wall, places, np.array([0.0, 1.0, 0.0]), relative=True),
-        bm.measures.EnclosedVolume.of(wall, relative=True),
+        bm.measures.Thickness.of_sections(wall, PLACES, relative=True),
+        bm.measures.SectionArea.of(wall, relative=True, name="area"),
     ]
     problem, flows = om.Problem(reports=None), om.Group()
     geometry = bm.GridMovement(
@@ -96,7 +95,7 @@ def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Pr
         problem.model.connect(f"flows.{name}.CD", f"mean.{name}")
     problem.model.set_input_defaults("CL_target", val=LIFT)
     problem.model.add_constraint("thickness", lower=THINNEST)
-    problem.model.add_constraint("volume", lower=1.0)
+    problem.model.add_constraint("area", lower=1.0)
     problem.model.add_objective("drag", ref=DRAG)
     return problem
 
@@ -159,8 +158,8 @@ def summary(problem: om.Problem) -> dict:
         name: {part: problem.get_val(f"flows.{name}.{part}").item() for part in ("CL", "CD", "alpha")}
         for name in MACH_NUMBERS
     }
-    thinnest, volume = problem.get_val("thickness").min(), problem.get_val("volume").item()
-    return {"drag": problem.get_val("drag").item(), "thinnest": thinnest, "volume": volume, **flows}
+    thinnest, area = problem.get_val("thickness").min(), problem.get_val("area").item()
+    return {"drag": problem.get_val("drag").item(), "thinnest": thinnest, "area": area, **flows}
 
 
 def draw(canvas, model: bm.FittedModel, start: om.Problem, runs) -> None:
