@@ -1,5 +1,6 @@
 """Public names: each is imported when it is first asked for, from the module that is written here."""
 
+from .core.cad.tied_surface import TiedSurface as TiedSurface
 from .core.design.axisymmetric import RadiusFactor as RadiusFactor
 from .core.design.coarse_net import CoarseNet as CoarseNet
 from .core.design.curve_points import CurvePoints as CurvePoints

@@ -1,5 +1,6 @@
 """Public names: each is imported when it is first asked for, from the module that is written here."""
 
+from .core.cad.cad_body import CadBody as CadBody
 from .core.cad.files import CadShape as CadShape
 from .core.cad.files import read_cad as read_cad
 from .core.cad.write_cad import CadReport as CadReport

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,9 @@ import numpy as np
 
 from ...base.display import OneLine
 from ...errors import InputError
+from .cad_body import NUMBERED, CadBody
 from .opencascade import MILLIMETRES, compound, free_edges, require_opencascade, sub_shapes
+from .read_faces import spline_faces, trimmed_face
 
 __all__ = ["SUFFIXES", "UNITS", "CadShape", "check_cad_name", "read_cad", "read_shape", "write_shape"]
 
@@ -42,6 +45,12 @@ class CadShape(OneLine):
         Points (m) of every edge that only one face has.
     shape : TopoDS_Shape
         OpenCascade's own object, in millimetres.
+    source : str
+        The file.
+    unit : str
+        Unit of length of the file; lengths here are in metres whatever it is.
+    face_names : tuple of str
+        Name of every face in the order of the file; ``"face 3"`` for the third where it has none.
 
     Examples
     --------
@@ -58,6 +67,15 @@ class CadShape(OneLine):
     is_valid: bool
     free_edges: tuple[np.ndarray, ...]
     shape: Any
+    source: str = ""
+    unit: str = ""
+    face_names: tuple[str, ...] = ()
+
+    @cached_property
+    def body(self) -> CadBody:
+        """The faces as B-spline surfaces of our own, to tie nodes to; other surfaces are converted by OpenCascade."""
+        faces = zip(spline_faces(self.shape), self.face_names)
+        return CadBody(self.source, tuple(trimmed_face(face, name) for face, name in faces))
 
     @property
     def is_closed(self) -> bool:
@@ -112,7 +130,7 @@ def write_shape(
         of_face = tool.AddSubShape(label, face)
         TDataStd_Name.Set_s(of_face, TCollection_ExtendedString(name, True))
     writer = _step_writer(UNITS[units]) if form == "STEP" else _iges_writer(UNITS[units])
-    with _quiet():
+    with quiet():
         if not (writer.Transfer(document) and writer.Write(str(path)) in _done()):
             raise InputError(f"{path}: OpenCascade could not write {form}; check that the disk has room")
 
@@ -160,7 +178,7 @@ def _iges_writer(unit: str) -> Any:
     return writer
 
 
-class _quiet:
+class quiet:
     """OpenCascade prints on the terminal what it writes and reads; here it does not."""
 
     def __enter__(self) -> None:
@@ -211,10 +229,10 @@ def read_cad(path: str | os.PathLike) -> CadShape:
 def read_shape(path: str | os.PathLike, form: str) -> CadShape:
     """Read a file of a format, ``"STEP"`` or ``"IGES"``, whatever it is called; see `read_cad`."""
     reader, document = _reader(form), _document()
-    with _quiet():
+    with quiet():
         if reader.ReadFile(str(path)) not in _done() or not reader.Transfer(document):
             raise InputError(f"{path}: OpenCascade cannot read it as {form}; check that it is complete")
-    shape, names = _contents(document)
+    shape, labels = _contents(document)
     faces = sub_shapes(shape, "face")
     if not faces:
         raise InputError(f"{path}: no face is in it; name a file of surfaces")
@@ -222,10 +240,13 @@ def read_shape(path: str | os.PathLike, form: str) -> CadShape:
         n_faces=len(faces),
         n_shells=len(sub_shapes(shape, "shell")),
         n_solids=len(sub_shapes(shape, "solid")),
-        names=tuple(names),
+        names=tuple(sorted(name for _, name in labels)),
         is_valid=_is_valid(shape),
         free_edges=tuple(free_edges(shape)),
         shape=shape,
+        source=str(path),
+        unit=_unit(reader),
+        face_names=_face_names(faces, labels),
     )
 
 
@@ -252,20 +273,42 @@ def _is_valid(shape: Any) -> bool:
     return bool(BRepCheck_Analyzer(shape).IsValid())
 
 
-def _contents(document: Any) -> tuple[Any, list[str]]:
-    """Shape of all that a document holds, and the names of faces in it."""
+def _unit(reader: Any) -> str:
+    """Name of the unit of length of a STEP file that was read, as the file has it; empty for others."""
+    if not hasattr(reader, "ChangeReader"):
+        return ""
+    from OCP.collections import Sequence_TCollection_AsciiString as Names
+
+    lengths, angles, solid_angles = Names(), Names(), Names()
+    reader.ChangeReader().FileUnits(lengths, angles, solid_angles)
+    return lengths.Value(1).ToCString() if lengths.Length() else ""
+
+
+def _contents(document: Any) -> tuple[Any, list[tuple[Any, str]]]:
+    """Shape of all that a document holds, and parts of it with their names."""
     from OCP.collections import Sequence_TDF_Label
     from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
-    tool, roots, names = XCAFDoc_DocumentTool.ShapeTool_s(document.Main()), Sequence_TDF_Label(), []
+    tool, roots, every = XCAFDoc_DocumentTool.ShapeTool_s(document.Main()), Sequence_TDF_Label(), Sequence_TDF_Label()
     tool.GetFreeShapes(roots)
-    shapes = []
-    for number in range(1, roots.Length() + 1):
-        root, parts = roots.Value(number), Sequence_TDF_Label()
-        shapes.append(XCAFDoc_ShapeTool.GetShape_s(root))
-        XCAFDoc_ShapeTool.GetSubShapes_s(root, parts)
-        names += [_name(parts.Value(part)) for part in range(1, parts.Length() + 1)]
-    return (shapes[0] if len(shapes) == 1 else compound(shapes)), sorted(name for name in names if name)
+    shapes = [XCAFDoc_ShapeTool.GetShape_s(roots.Value(number)) for number in range(1, roots.Length() + 1)]
+    tool.GetShapes(every)  # parts of assemblies, too
+    named = []
+    for number in range(1, every.Length() + 1):
+        parts = Sequence_TDF_Label()
+        XCAFDoc_ShapeTool.GetSubShapes_s(every.Value(number), parts)
+        labels = [parts.Value(part) for part in range(1, parts.Length() + 1)]
+        named += [(XCAFDoc_ShapeTool.GetShape_s(label), name) for label in labels if (name := _name(label))]
+    return (shapes[0] if len(shapes) == 1 else compound(shapes)), named
+
+
+def _face_names(faces: Sequence[Any], labels: Sequence[tuple[Any, str]]) -> tuple[str, ...]:
+    """Names of faces, wherever an assembly has put them; their numbers where they have none."""
+    found = []
+    for number, face in enumerate(faces, start=1):
+        name = next((name for part, name in labels if part.IsPartner(face)), "")
+        found.append(name or f"{NUMBERED}{number}")
+    return tuple(found)
 
 
 def _name(label: Any) -> str:

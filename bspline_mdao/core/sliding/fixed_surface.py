@@ -23,7 +23,7 @@ from ...base.display import OneLine
 from ...base.numerics.vectors import lengths
 from ...errors import InputError, MovementError
 
-__all__ = ["Cone", "Cylinder", "FixedSurface", "Levels", "Plane", "Revolution", "Sphere", "require_near"]
+__all__ = ["Cone", "Cylinder", "FixedSurface", "Levels", "Plane", "Revolution", "Sphere", "refuse_far", "require_near"]
 
 Vector = Sequence[float] | np.ndarray
 
@@ -343,11 +343,24 @@ def require_near(
         distances = surface.distances(points)
     except MovementError as error:
         raise InputError(f"{what}: {error}; fix or release it, or give another surface") from error
+    return refuse_far(distances, points, place_of, what, f"the given {type(surface).__name__}", size, cure)
+
+
+def refuse_far(
+    distances: np.ndarray,  # (n,), of nodes from what they are meant to be on (m)
+    points: np.ndarray,  # (n, 3), these nodes (m)
+    place_of: Callable[[int], str],  # names one of them
+    what: str,  # what they are of, for messages
+    whose: str,  # what they are meant to be on
+    size: str,  # what their size is called
+    cure: str,  # what to do besides correcting the surface
+) -> tuple[int, float]:  # the node that is farthest off, and by how much (m)
+    """Refuse nodes that are far from what they are meant to be on."""
     worst, extent = int(np.argmax(distances)), float(np.linalg.norm(np.ptp(points, axis=0)))
     if distances[worst] > FAR * extent:
         raise InputError(
-            f"{what}: {place_of(worst)} is {distances[worst]:.3g} m off the given {type(surface).__name__}, more than "
-            f"{FAR:g} of {size}; correct the surface, or {cure}"
+            f"{what}: {place_of(worst)} is {distances[worst]:.3g} m off {whose}, more than {FAR:g} of {size}; correct "
+            f"the surface, or {cure}"
         )
     return worst, float(distances[worst])
 

@@ -1,0 +1,105 @@
+"""Faces of OpenCascade as trimmed rational B-splines of our own, in metres; planes, cylinders and so on converted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .nurbs_surface import NurbsSurface
+from .opencascade import MILLIMETRES, sub_shapes
+from .trimmed_face import TrimmedFace
+
+__all__ = ["spline_faces", "surface_of_face", "trimmed_face"]
+
+STRAIGHT, CURVED, PER_KNOT, MOST_ON_EDGE = 33, 129, 16, 801
+"""Points of a straight edge, of a curved one at least, for each of its knots, and at most; odd."""
+
+
+def spline_faces(shape: Any) -> list[Any]:
+    """Convert a shape to B-splines, and list its faces, in their order."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert
+    from OCP.TopoDS import TopoDS
+
+    converted = BRepBuilderAPI_NurbsConvert(shape, True)
+    return [TopoDS.Face(converted.ModifiedShape(face)) for face in sub_shapes(shape, "face")]
+
+
+def surface_of_face(face: Any) -> tuple[Any, np.ndarray]:
+    """B-spline surface of a face, not periodic and with open knots, and the ranges of u and v, (2, 2)."""
+    from OCP.BRep import BRep_Tool
+    from OCP.Geom import Geom_BSplineSurface
+    from OCP.GeomConvert import GeomConvert
+
+    surface = BRep_Tool.Surface_s(face)
+    surface = (
+        surface.Copy() if isinstance(surface, Geom_BSplineSurface) else GeomConvert.SurfaceToBSplineSurface_s(surface)
+    )
+    if surface.IsUPeriodic() or surface.IsVPeriodic():
+        points = np.concatenate([_samples(edge, face) for edge in _edges(face)])
+        low, high = points.min(axis=0), points.max(axis=0)
+        bounds = np.array(surface.Bounds()).reshape(2, 2)
+        for axis, is_periodic in enumerate((surface.IsUPeriodic(), surface.IsVPeriodic())):
+            if not is_periodic:
+                low[axis], high[axis] = bounds[axis]
+        surface.Segment(low[0], high[0], low[1], high[1])
+    if not _is_open(surface):
+        surface.Segment(*surface.Bounds())
+    return surface, np.array(surface.Bounds()).reshape(2, 2)
+
+
+def _is_open(surface: Any) -> bool:
+    """Whether its first and last knots are there as often as its order says."""
+    ends = [(surface.UMultiplicity(n), surface.UDegree()) for n in (1, surface.NbUKnots())]
+    ends += [(surface.VMultiplicity(n), surface.VDegree()) for n in (1, surface.NbVKnots())]
+    return all(count == degree + 1 for count, degree in ends)
+
+
+def trimmed_face(
+    face: Any,  # a face of B-splines
+    name: str,  # its name
+) -> TrimmedFace:
+    """Take its surface and edges."""
+    from OCP.BRep import BRep_Tool
+
+    surface, ranges = surface_of_face(face)
+    low, width = ranges[:, 0], ranges[:, 1] - ranges[:, 0]
+    n_u, n_v = surface.NbUPoles(), surface.NbVPoles()
+    pairs = [(i, j) for i in range(1, n_u + 1) for j in range(1, n_v + 1)]
+    net = np.array([surface.Pole(i, j).Coord() for i, j in pairs]).reshape(n_u, n_v, 3) / MILLIMETRES
+    weights = np.array([surface.Weight(i, j) for i, j in pairs]).reshape(n_u, n_v)
+    knots = [np.array(list(sequence)) for sequence in (surface.UKnotSequence(), surface.VKnotSequence())]
+    u, v = ((sequence - start) / length for sequence, start, length in zip(knots, low, width))
+    edges = _edges(face)
+    lines = tuple(np.clip((_samples(edge, face) - low) / width, 0.0, 1.0) for edge in edges)
+    tolerance = max(BRep_Tool.Tolerance_s(face), *(BRep_Tool.Tolerance_s(edge) for edge in edges)) / MILLIMETRES
+    return TrimmedFace(
+        name, NurbsSurface((u, v), (surface.UDegree(), surface.VDegree()), net, weights), lines, tolerance
+    )
+
+
+def _edges(face: Any) -> Sequence[Any]:
+    """Edges of a face, those along which it is closed twice."""
+    from OCP.TopAbs import TopAbs_ShapeEnum
+    from OCP.TopExp import TopExp_Explorer
+    from OCP.TopoDS import TopoDS
+
+    explorer, found = TopExp_Explorer(face, TopAbs_ShapeEnum.TopAbs_EDGE), []
+    while explorer.More():
+        found.append(TopoDS.Edge(explorer.Current()))
+        explorer.Next()
+    return found
+
+
+def _samples(edge: Any, face: Any) -> np.ndarray:
+    """Points of an edge in (u, v) of its face, shape (m, 2), m odd."""
+    from OCP.BRepAdaptor import BRepAdaptor_Curve2d
+    from OCP.GeomAbs import GeomAbs_CurveType
+
+    curve, kinds = BRepAdaptor_Curve2d(edge, face), GeomAbs_CurveType
+    n = STRAIGHT if curve.GetType() == kinds.GeomAbs_Line else CURVED
+    if curve.GetType() == kinds.GeomAbs_BSplineCurve:
+        n = min(max(n, PER_KNOT * curve.NbKnots() + 1), MOST_ON_EDGE)
+    at = np.linspace(curve.FirstParameter(), curve.LastParameter(), n)
+    return np.array([curve.Value(t).Coord() for t in at.tolist()])

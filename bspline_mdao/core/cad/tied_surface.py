@@ -1,0 +1,194 @@
+"""Nodes of a grid's or mesh's walls that are tied to the faces of a CAD file, once, on the baseline.
+
+Theory: ``docs/theory/cad.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import bsr_array, csr_array, eye_array, kron
+
+from ...base.checks import as_finite_points
+from ...base.display import OneLine
+from ...grids.topology.length_unit import metres_of
+from ..mesh.surface import SurfaceGrid
+from ..model.movable import Movable
+from ..sliding.fixed_surface import refuse_far
+from .cad_body import CadBody, CadTie
+from .files import read_cad
+
+__all__ = ["TiedSurface", "body_of_file", "require_on_faces"]
+
+OTHER_UNIT = 5.0
+"""Faces that are so many times as large as walls, or as small, are in another unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class TiedSurface(OneLine):
+    """Wall nodes and the faces of a CAD file that they are on. Made by `TiedSurface.of`.
+
+    Parameters
+    ----------
+    model : FittedModel or MeshModel
+        The grid or mesh.
+    surface : SurfaceGrid
+        Nodes of its walls, or of some of them.
+    body : CadBody
+        The faces.
+    tie : CadTie
+        Face, (u, v) and distance of every node.
+
+    Examples
+    --------
+    >>> from bspline_mdao import FittedModel
+    >>> from bspline_mdao.design import TiedSurface
+    >>> tied = TiedSurface.of(FittedModel.load("wing.h5"), "wing.step")  # doctest: +SKIP
+    >>> tied.distances.max()  # of a node from the faces (m)  # doctest: +SKIP
+    1.4e-9
+    """
+
+    model: Movable
+    surface: SurfaceGrid
+    body: CadBody
+    tie: CadTie
+
+    @classmethod
+    def of(
+        cls,
+        model: Movable,
+        file: str | os.PathLike | CadBody,
+        patches: str | Sequence[str] | None = None,
+        scale: float | None = None,
+    ) -> TiedSurface:
+        """Tie each node of walls to the face of a CAD file that is nearest.
+
+        Where every patch has the name of a face, as in files that `write_cad` makes, nodes are tied to faces of their
+        patch alone.
+
+        Parameters
+        ----------
+        model : FittedModel or MeshModel
+            The grid or mesh.
+        file : path-like or CadBody
+            A STEP or IGES file, or what was read.
+        patches : str or sequence of str, optional
+            Patches by name or pattern (``"wing*"``); all walls by default.
+        scale : float, optional
+            Lengths of the grid by metres of the file; by the grid's unit by default.
+
+        Returns
+        -------
+        TiedSurface
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, or a node is farther off its faces than 0.01 of the size of the walls.
+        """
+        body = file if isinstance(file, CadBody) else body_of_file(model, file, scale)
+        surface = SurfaceGrid.of(model, patches)
+        names = _names_of_nodes(surface) if set(surface.patches) <= set(body.names) else None
+        tie = body.tie(surface.points, names)
+        require_on_faces(body, tie, surface)
+        return cls(model, surface, body, tie)
+
+    @property
+    def distances(self) -> np.ndarray:
+        """Distances of the nodes from the faces (m), shape (n,)."""
+        return self.tie.distances
+
+    def nodes(self, body: CadBody) -> np.ndarray:
+        """Nodes where the faces are moved (m), shape (n, 3); those in planes of symmetry stay in them.
+
+        Parameters
+        ----------
+        body : CadBody
+            The moved faces, see `CadBody.at` and `CadBody.matched`.
+        """
+        move = self._in_planes @ self.body.displacement(body, self.tie).ravel()
+        return self.surface.points + move.reshape(-1, 3)
+
+    def shape(self, file: str | os.PathLike | CadBody, scale: float | None = None) -> CadBody:
+        """Read the same faces, moved, from another file.
+
+        Parameters
+        ----------
+        file : path-like or CadBody
+            A file of the same topology: faces of the same names, or in the same order, whose parameters run alike.
+            Knots and degrees may be others.
+        scale : float, optional
+            Lengths of the grid by metres of the file; by the grid's unit by default.
+
+        Returns
+        -------
+        CadBody
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read or its faces do not match, see `CadBody.matched`.
+        """
+        return self.body.matched(file if isinstance(file, CadBody) else body_of_file(self.model, file, scale))
+
+    @cached_property
+    def matrix(self) -> csr_array:
+        """Moves of nodes, xyz interleaved, by those of the body's control points: (3 n, 3 n_control_points)."""
+        return csr_array(self._in_planes @ kron(self.body.matrix(self.tie), eye_array(3), format="csr"))
+
+    def jvp(self, change: np.ndarray) -> np.ndarray:
+        """Change of the nodes, shape (n, 3), with that of the body's control points, shape (n_control_points, 3)."""
+        n = self.matrix.shape[1] // 3
+        return (self.matrix @ as_finite_points(change, n, "change of control points").ravel()).reshape(-1, 3)
+
+    def vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `jvp`: (n, 3) to (n_control_points, 3)."""
+        return (self.matrix.T @ as_finite_points(bar, self.surface.n_points, "seed of nodes").ravel()).reshape(-1, 3)
+
+    @cached_property
+    def _in_planes(self) -> csr_array:
+        """Takes what would leave planes of symmetry off moves of nodes; (3 n, 3 n)."""
+        blocks = np.tile(np.eye(3), (self.surface.n_points, 1, 1))
+        for numbers, normal in self.surface.on_planes(self.model):
+            blocks[numbers] = (np.eye(3) - np.outer(normal, normal)) @ blocks[numbers]
+        n = len(blocks)
+        return bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n)).tocsr()
+
+
+def body_of_file(
+    model: Movable,  # the grid or mesh
+    path: str | os.PathLike,  # a STEP or IGES file
+    scale: float | None,  # lengths of the grid by metres of the file; by the grid's unit where None
+) -> CadBody:
+    """Read the faces of a file in the unit of a grid or mesh."""
+    unit = model.baseline.length_unit
+    return read_cad(path).body.scaled(1.0 / metres_of(unit) if scale is None else scale)
+
+
+def require_on_faces(body: CadBody, tie: CadTie, surface: SurfaceGrid, points: np.ndarray | None = None) -> None:
+    """Refuse nodes of a surface, now at points (n, 3) in metres if these are given, that are far from faces."""
+    points = surface.points if points is None else points
+
+    def place_of(number: int) -> str:
+        on = next(n for n, part in enumerate(surface.parts) if (part == number).any())
+        return f"the node at ({', '.join(f'{x:.4g}' for x in points[number])}) of {surface.names[on]}"
+
+    ratio = body.size / surface.size
+    is_other = not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT
+    unit = f"say the grid's unit (--units) or give a scale: the faces are {ratio:.3g} times as large as the walls"
+    cure = unit if is_other else "name the patches that are on it alone"
+    refuse_far(tie.distances, points, place_of, body.source, "its faces", "the walls' size", cure)
+
+
+def _names_of_nodes(surface: SurfaceGrid) -> list[frozenset[str]]:
+    """Patches that each node is on."""
+    is_on = np.zeros((surface.n_points, len(surface.names)), dtype=bool)
+    for number, part in enumerate(surface.parts):
+        is_on[np.unique(part), number] = True
+    rows, kinds = np.unique(is_on, axis=0, return_inverse=True)
+    names = [frozenset(patch for patch, on in zip(surface.patches, row) if on) for row in rows]
+    return [names[kind] for kind in kinds.ravel().tolist()]
