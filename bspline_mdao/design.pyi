@@ -2,6 +2,8 @@
 
 from .core.cad.tied_surface import TiedSurface as TiedSurface
 from .core.design.axisymmetric import RadiusFactor as RadiusFactor
+from .core.design.cad_variables import CadPoints as CadPoints
+from .core.design.cad_variables import CadShapes as CadShapes
 from .core.design.coarse_net import CoarseNet as CoarseNet
 from .core.design.curve_points import CurvePoints as CurvePoints
 from .core.design.displacement import Local as Local
@@ -42,5 +44,6 @@ from .core.design.selection import OnPatch as OnPatch
 from .core.design.selection import OnSideOfPlane as OnSideOfPlane
 from .core.design.selection import SurfaceRows as SurfaceRows
 from .core.design.user_defined import UserVariable as UserVariable
+from .core.om.cad_walls import CadWalls as CadWalls
 from .core.om.drivers.design_level import DesignLevel as DesignLevel
 from .core.om.drivers.design_level import unused_gradient as unused_gradient

@@ -3,6 +3,7 @@
 from .core.cad.cad_body import CadBody as CadBody
 from .core.cad.files import CadShape as CadShape
 from .core.cad.files import read_cad as read_cad
+from .core.cad.write_body import write_cad_body as write_cad_body
 from .core.cad.write_cad import CadReport as CadReport
 from .core.cad.write_cad import write_cad as write_cad
 from .grids.io.curved import write_curved_grid as write_curved_grid

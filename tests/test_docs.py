@@ -78,11 +78,17 @@ def test_the_grid_comes_out_as_the_page_says(folder, monkeypatch):
 def test_surfaces_go_into_cad_as_the_page_says(folder, monkeypatch):
     monkeypatch.chdir(folder)
     assert cli(["inspect", "wing.xyz", "--draft", "wing.toml"]) == 0
-    assert run_commands("howto/cad.rst") == ["fit", "cad", "cad", "move"]
+    assert run_commands("howto/cad.rst") == ["fit", "cad", "cad", "move", "move"]
     contents = run_blocks("howto/cad.rst")
     assert contents["report"].distance < contents["report"].tolerance
     assert contents["shape"].is_valid
-    assert {"wing.step", "wing.igs", "twisted.step", "longer.step"} <= set(os.listdir(folder))
+    assert {"wing.step", "wing.igs", "twisted.step", "longer.step", "follows.xyz", "bumps.step"} <= set(
+        os.listdir(folder)
+    )
+    surface, half = contents["tied"].surface, contents["twist"].of_nodes @ [0.5]
+    moved = contents["problem"].get_val("grid").reshape(-1, 3)[surface.rows] - surface.points
+    asked = half + contents["bumps"].of_nodes @ (0.002 + contents["bumps"].initial)
+    np.testing.assert_allclose(moved.ravel(), asked, atol=1e-14)
 
 
 def test_points_of_other_meshes_follow_as_the_page_says(folder, monkeypatch):

@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array, vstack
@@ -68,6 +69,10 @@ class CadBody(OneLine):
         The file.
     faces : tuple of TrimmedFace
         Its faces, in the order of the file: names, knots, weights and control points (m), and edges in (u, v).
+    scale : float
+        Lengths here by metres of the file.
+    origin : TopoDS_Shape, optional
+        OpenCascade's own object, of B-splines, in millimetres, as the file has it.
 
     Examples
     --------
@@ -80,6 +85,8 @@ class CadBody(OneLine):
 
     source: str
     faces: tuple[TrimmedFace, ...]
+    scale: float = 1.0
+    origin: Any = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -152,8 +159,8 @@ class CadBody(OneLine):
         InputError
             If there are too many or too few, or they are not finite.
         """
-        own = self.control_points
-        change = as_finite_points(control_points, len(own), f"{self.source}: control points") - own
+        before = self.control_points
+        change = as_finite_points(control_points, len(before), f"{self.source}: control points") - before
         moved = self._net + change[self.ids]
         parts = np.split(moved, self._starts[1:-1])
         surfaces = [face.surface.at(part) for face, part in zip(self.faces, parts)]
@@ -169,7 +176,7 @@ class CadBody(OneLine):
             )
             for face in self.faces
         ]
-        return replace(self, faces=tuple(faces))
+        return replace(self, faces=tuple(faces), scale=factor * self.scale)
 
     def tie(self, points: np.ndarray, names: Sequence[frozenset[str]] | None = None) -> CadTie:
         """Find the places on the faces that are nearest to points.
@@ -280,7 +287,7 @@ class CadBody(OneLine):
         for number, face in enumerate(self.faces):
             uv = face.edge_points
             points = face.surface.points(uv)
-            own = CadTie(np.full(len(uv), number), uv, np.zeros(len(uv)), np.zeros(len(uv), dtype=bool))
+            here = CadTie(np.full(len(uv), number), uv, np.zeros(len(uv)), np.zeros(len(uv), dtype=bool))
             for other, neighbour in enumerate(self.faces):
                 if other == number:
                     continue
@@ -290,7 +297,7 @@ class CadBody(OneLine):
                 found = neighbour.nearest(points[near])
                 rows = near[found.distances <= self._joined]
                 kept = found.distances <= self._joined
-                first.append(own.only(rows))
+                first.append(here.only(rows))
                 second.append(
                     CadTie(np.full(len(rows), other), found.uv[kept], found.distances[kept], found.on_edge[kept])
                 )

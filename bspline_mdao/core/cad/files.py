@@ -74,8 +74,9 @@ class CadShape(OneLine):
     @cached_property
     def body(self) -> CadBody:
         """The faces as B-spline surfaces of our own, to tie nodes to; other surfaces are converted by OpenCascade."""
-        faces = zip(spline_faces(self.shape), self.face_names)
-        return CadBody(self.source, tuple(trimmed_face(face, name) for face, name in faces))
+        converted, faces = spline_faces(self.shape)
+        trimmed = tuple(trimmed_face(face, name) for face, name in zip(faces, self.face_names))
+        return CadBody(self.source, trimmed, origin=converted)
 
     @property
     def is_closed(self) -> bool:

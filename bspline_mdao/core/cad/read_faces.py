@@ -11,39 +11,55 @@ from .nurbs_surface import NurbsSurface
 from .opencascade import MILLIMETRES, sub_shapes
 from .trimmed_face import TrimmedFace
 
-__all__ = ["spline_faces", "surface_of_face", "trimmed_face"]
+__all__ = ["edges_of", "placed_surface", "spline_faces", "surface_of_face", "trimmed_face"]
 
 STRAIGHT, CURVED, PER_KNOT, MOST_ON_EDGE = 33, 129, 16, 801
 """Points of a straight edge, of a curved one at least, for each of its knots, and at most; odd."""
 
+PERIOD = 1e-9
+"""Part of a period by which edges may leave it."""
 
-def spline_faces(shape: Any) -> list[Any]:
+
+def spline_faces(shape: Any) -> tuple[Any, list[Any]]:
     """Convert a shape to B-splines, and list its faces, in their order."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert
     from OCP.TopoDS import TopoDS
 
     converted = BRepBuilderAPI_NurbsConvert(shape, True)
-    return [TopoDS.Face(converted.ModifiedShape(face)) for face in sub_shapes(shape, "face")]
+    return converted.Shape(), [TopoDS.Face(converted.ModifiedShape(face)) for face in sub_shapes(shape, "face")]
+
+
+def placed_surface(face: Any) -> tuple[Any, Any]:
+    """Surface of a face itself, no copy of it, and the motion that puts it where the face is."""
+    from OCP.BRep import BRep_Tool
+    from OCP.TopLoc import TopLoc_Location
+
+    location = TopLoc_Location()
+    surface = BRep_Tool.Surface_s(face, location)
+    return surface, location.Transformation()
 
 
 def surface_of_face(face: Any) -> tuple[Any, np.ndarray]:
     """B-spline surface of a face, not periodic and with open knots, and the ranges of u and v, (2, 2)."""
-    from OCP.BRep import BRep_Tool
     from OCP.Geom import Geom_BSplineSurface
     from OCP.GeomConvert import GeomConvert
 
-    surface = BRep_Tool.Surface_s(face)
-    surface = (
-        surface.Copy() if isinstance(surface, Geom_BSplineSurface) else GeomConvert.SurfaceToBSplineSurface_s(surface)
-    )
+    surface, _ = placed_surface(face)
+    if not isinstance(surface, Geom_BSplineSurface):
+        surface = GeomConvert.SurfaceToBSplineSurface_s(surface)
     if surface.IsUPeriodic() or surface.IsVPeriodic():
-        points = np.concatenate([_samples(edge, face) for edge in _edges(face)])
+        points = np.concatenate([_samples(edge, face) for edge in edges_of(face)])
         low, high = points.min(axis=0), points.max(axis=0)
         bounds = np.array(surface.Bounds()).reshape(2, 2)
-        for axis, is_periodic in enumerate((surface.IsUPeriodic(), surface.IsVPeriodic())):
-            if not is_periodic:
-                low[axis], high[axis] = bounds[axis]
-        surface.Segment(low[0], high[0], low[1], high[1])
+        slack = PERIOD * (bounds[:, 1] - bounds[:, 0])
+        if (low >= bounds[:, 0] - slack).all() and (high <= bounds[:, 1] + slack).all():
+            surface.SetUNotPeriodic()  # in place, so that the face has the same
+            surface.SetVNotPeriodic()
+        else:  # the face goes over the beginning of a period
+            is_periodic = np.array([surface.IsUPeriodic(), surface.IsVPeriodic()])
+            (u, v), (u_end, v_end) = np.where(is_periodic, low, bounds[:, 0]), np.where(is_periodic, high, bounds[:, 1])
+            surface = surface.Copy()
+            surface.Segment(u, u_end, v, v_end)
     if not _is_open(surface):
         surface.Segment(*surface.Bounds())
     return surface, np.array(surface.Bounds()).reshape(2, 2)
@@ -67,19 +83,19 @@ def trimmed_face(
     low, width = ranges[:, 0], ranges[:, 1] - ranges[:, 0]
     n_u, n_v = surface.NbUPoles(), surface.NbVPoles()
     pairs = [(i, j) for i in range(1, n_u + 1) for j in range(1, n_v + 1)]
-    net = np.array([surface.Pole(i, j).Coord() for i, j in pairs]).reshape(n_u, n_v, 3) / MILLIMETRES
+    motion = placed_surface(face)[1]
+    net = np.array([surface.Pole(i, j).Transformed(motion).Coord() for i, j in pairs]) / MILLIMETRES
     weights = np.array([surface.Weight(i, j) for i, j in pairs]).reshape(n_u, n_v)
     knots = [np.array(list(sequence)) for sequence in (surface.UKnotSequence(), surface.VKnotSequence())]
     u, v = ((sequence - start) / length for sequence, start, length in zip(knots, low, width))
-    edges = _edges(face)
+    edges = edges_of(face)
     lines = tuple(np.clip((_samples(edge, face) - low) / width, 0.0, 1.0) for edge in edges)
     tolerance = max(BRep_Tool.Tolerance_s(face), *(BRep_Tool.Tolerance_s(edge) for edge in edges)) / MILLIMETRES
-    return TrimmedFace(
-        name, NurbsSurface((u, v), (surface.UDegree(), surface.VDegree()), net, weights), lines, tolerance
-    )
+    ours = NurbsSurface((u, v), (surface.UDegree(), surface.VDegree()), net.reshape(n_u, n_v, 3), weights)
+    return TrimmedFace(name, ours, lines, tolerance, face)
 
 
-def _edges(face: Any) -> Sequence[Any]:
+def edges_of(face: Any) -> Sequence[Any]:
     """Edges of a face, those along which it is closed twice."""
     from OCP.TopAbs import TopAbs_ShapeEnum
     from OCP.TopExp import TopExp_Explorer

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -67,6 +67,7 @@ class TrimmedFace(OneLine):
     surface: NurbsSurface
     edges: tuple[np.ndarray, ...]  # each (m, 2), points of every edge in (u, v), all of them together closed
     tolerance: float  # of the file, within which edges of neighbours are one (m)
+    origin: Any = None  # OpenCascade's own face, of B-splines, in millimetres, as the file has it
 
     def __str__(self) -> str:
         n_u, n_v = self.surface.weights.shape

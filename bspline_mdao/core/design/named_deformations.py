@@ -18,12 +18,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...errors import InputError
+from ..cad.tied_surface import body_of_file, require_on_faces
 from ..measures.edge_cuts import cut_edges, edges_of_quads
 from ..mesh.control_net import surface_quads
 from ..mesh.frame import Frame, Plane, mesh_planes, surface_frame
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from .axisymmetric import ScaleRadius, StretchAlong
+from .cad_deformation import CadDeformation
 from .deformation import (
     Bend,
     Deformation,
@@ -42,7 +44,7 @@ from .deformation import (
 )
 from .hinge import ON_LINE, BehindHinge, Hinge, NearestPart, RotatedPart
 from .lattice_deformation import LatticeDeformation, moved_lattice
-from .selection import OnPatch
+from .selection import OnPatch, designed_patches
 
 __all__ = [
     "DEFORMATIONS",
@@ -431,6 +433,18 @@ def _lattice(request: Request, surface: _Surface) -> LatticeDeformation:
     return moved_lattice(request.value, request.options["to"])
 
 
+def _cad(request: Request, surface: _Surface) -> CadDeformation:
+    request.only("to", "scale")
+    if "to" not in request.options:
+        raise request.fail("say which file has the faces moved, such as cad=wing.step,to=twisted.step")
+    scale = request.number("scale", low=0.0) if "scale" in request.options else None
+    before, after = (body_of_file(surface.model, name, scale) for name in (request.value, request.options["to"]))
+    walls = SurfaceGrid.of(surface.model, designed_patches(surface.model, surface.mesh))
+    nodes = reduce(lambda at, point_map: point_map.apply(at), surface.before, walls.points)
+    require_on_faces(before, before.tie(nodes), walls, nodes)
+    return CadDeformation(before, before.matched(after))
+
+
 def _translate(request: Request, surface: _Surface) -> Translate:
     request.only()
     return Translate(np.array(request.vector()))
@@ -461,5 +475,6 @@ DEFORMATIONS = {
     "translate": _translate,
     "bumps": _bumps,
     "ffd": _lattice,
+    "cad": _cad,
 }
 """Deformations by name, each made of a request and a surface."""

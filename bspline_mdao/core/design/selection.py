@@ -35,6 +35,7 @@ __all__ = [
     "Selection",
     "SurfaceRows",
     "Where",
+    "designed_patches",
     "rows_of",
 ]
 
@@ -166,6 +167,16 @@ class OnPatch(Selection):
     def __str__(self) -> str:
         names = (self.patches,) if isinstance(self.patches, str) else self.patches
         return f"on patch {' or '.join(names) or '(none is named)'}"
+
+
+def designed_patches(model: Any, mesh: MovingMesh) -> tuple[str, ...]:
+    """Names of the patches of a model whose control points are all on the design surface of its mesh."""
+    if mesh.markers:  # of a mesh without structure
+        sides = [(name, ids) for name, ids, _ in mesh.markers]
+    else:
+        sides = [(face.patch, ids) for face, ids in boundary_points(model.topology, model.control_ids) if face.patch]
+    other = {name for name, ids in sides if not np.isin(ids, mesh.surface_ids).all()}
+    return tuple(dict.fromkeys(name for name, _ in sides if name not in other))
 
 
 @dataclass(frozen=True)

@@ -298,7 +298,7 @@ def test_points_on_the_symmetry_plane_stay_exactly_in_it(model, mesh, surface, s
 
 def test_every_name_is_tried_above():
     tried = test_points_on_the_symmetry_plane_stay_exactly_in_it.pytestmark[0].args[1]
-    assert {spec.split("=")[0] for spec in tried} | {"ffd"} == set(DEFORMATIONS)  # which takes files, see below
+    assert {spec.split("=")[0] for spec in tried} | {"ffd", "cad"} == set(DEFORMATIONS)  # these take files, see below
 
 
 @pytest.mark.slow

@@ -1,0 +1,33 @@
+"""Deformations by CAD files: points go where the faces that they are nearest to have gone.
+
+A point x whose nearest point of the old faces is S(u, v) goes to x + S_new(u, v) - S_old(u, v). Theory:
+``docs/theory/cad.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.display import OneLine
+from ..cad.cad_body import CadBody
+
+__all__ = ["CadDeformation"]
+
+
+@dataclass(frozen=True, eq=False)
+class CadDeformation(OneLine):
+    """Move points by ``amount`` times what the faces of a CAD file move by where they are nearest."""
+
+    body: CadBody  # the faces before
+    moved: CadBody  # the same faces after
+    amount: float = 1.0
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Move points (n, 3), in metres; real, or complex by a step."""
+        tie = self.body.tie(points.real)
+        moves = self.body.displacement(self.moved, tie)
+        if np.iscomplexobj(points):  # parameters change with the points
+            moves = moves + 1j * self.body.displacement_rates(self.moved, tie, points.real, points.imag)
+        return points + self.amount * moves
