@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array
+from scipy.sparse.csgraph import connected_components
 
 from ...base.display import OneLine
 from ...errors import InputError
@@ -33,6 +34,10 @@ ON_PLANE = 1e-9
 """Distance, by the size of the mesh, up to which a point of the lattice lies in a plane of symmetry."""
 
 
+ALIKE = 1e-12
+"""Cosine of the angle between the displacements by two values, less than one, up to which they are multiples."""
+
+
 @dataclass(frozen=True, eq=False)
 class FreeForm(OneLine):
     """Move points of a lattice, and what is embedded in it along.
@@ -41,6 +46,8 @@ class FreeForm(OneLine):
     Left out are points that are fixed for continuity, see `Lattice`, and those so far from the surface that none of its
     points has them with a weight above 1e-9. Points in a plane of symmetry stay in it: they have no value normal to it,
     so that both sides of the plane meet smoothly. `point_ids` tells which points are left, `places` what each value is.
+    Of a section that is a layer of cells, points that move its curve alike, one behind the other along the span, have
+    one value together.
 
     Parameters
     ----------
@@ -99,11 +106,7 @@ class FreeForm(OneLine):
         InputError
             If nothing is embedded or no point is left.
         """
-        ids, directions, embedding = self._columns(layout)
-        entries = (3 * ids[:, None] + np.arange(3)).ravel()
-        starts = 3 * np.arange(len(ids) + 1)
-        of_lattice = csc_array((directions.ravel(), entries, starts), shape=(3 * len(self.lattice.points), len(ids)))
-        return Displacement(csr_array(embedding.transfer @ of_lattice))
+        return Displacement(self._columns(layout)[2])
 
     def places(self, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
         """Tell which point every value moves, and by what.
@@ -111,7 +114,7 @@ class FreeForm(OneLine):
         Returns
         -------
         point_ids : ndarray of int, shape (n_values,)
-            Numbers of the lattice points.
+            Numbers of the lattice points; of several with one value the first.
         directions : ndarray, shape (n_values, 3)
             Their displacements by a unit of the value.
 
@@ -122,8 +125,8 @@ class FreeForm(OneLine):
         """
         return self._columns(layout)[:2]
 
-    def _columns(self, layout: Layout) -> tuple[np.ndarray, np.ndarray, Embedding]:
-        """What `places` returns, and the embedding."""
+    def _columns(self, layout: Layout) -> tuple[np.ndarray, np.ndarray, csr_array]:
+        """What `places` returns, and the displacements of all rows for a unit of each value."""
         embedding = Embedding.of(self.lattice, layout)
         ids = self._ids(embedding, layout)
         fields = directions_of(self.direction, len(ids), None, f"'{self.name}'")
@@ -137,7 +140,14 @@ class FreeForm(OneLine):
                 f"'{self.name}': all of its lattice points lie in a plane of symmetry and would leave it; choose "
                 f"others with 'where', or another direction"
             )
-        return np.repeat(ids, is_left.sum(axis=1)), kept.transpose(0, 2, 1)[is_left], embedding
+        ids, directions = np.repeat(ids, is_left.sum(axis=1)), kept.transpose(0, 2, 1)[is_left]
+        entries, starts = (3 * ids[:, None] + np.arange(3)).ravel(), 3 * np.arange(len(ids) + 1)
+        of_lattice = csc_array((directions.ravel(), entries, starts), shape=(3 * len(self.lattice.points), len(ids)))
+        matrix = csr_array(embedding.transfer @ of_lattice)
+        if not len(layout.mesh.copies):
+            return ids, directions, matrix
+        first, together = _alike(matrix[_coordinates(layout.mesh.once(np.arange(layout.n_surface)))].toarray())
+        return ids[first], directions[first], csr_array(matrix @ together)
 
     def _ids(self, embedding: Embedding, layout: Layout) -> np.ndarray:
         rows = layout.mesh.once(np.arange(layout.n_surface))
@@ -159,3 +169,18 @@ class FreeForm(OneLine):
             return self.lattice.chosen(self.where)
         except IndexError as error:
             raise InputError(f"'{self.name}': where: {error}; the lattice has {self.lattice.counts} points") from None
+
+
+def _coordinates(rows: np.ndarray) -> np.ndarray:
+    """Coordinates of points, xyz interleaved."""
+    return (3 * rows[:, None] + np.arange(3)).ravel()
+
+
+def _alike(displacements: np.ndarray) -> tuple[np.ndarray, csr_array]:
+    """Group columns (n, m) that are multiples of one another: the first of each, and the matrix that sums them."""
+    units = displacements / np.linalg.norm(displacements, axis=0)
+    _, group = connected_components(units.T @ units > 1.0 - ALIKE, directed=False)
+    _, first, number = np.unique(group, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    m = len(group)
+    return np.sort(first), csr_array((np.ones(m), (np.arange(m), rank[number])), shape=(m, len(first)))

@@ -223,7 +223,14 @@ def test_a_section_of_one_layer_moves_alike_in_both_planes_whatever_the_variable
     assert three.mesh.copies.shape == (0, 2)
     assert one.parametrization([Local("v", direction="xz")]).initial["v"].size == 40
     assert three.parametrization([Local("v", direction="xz")]).initial["v"].size == 120
-    box = FreeForm("v", Lattice.box(one.mesh, (4, 2, 3)), direction="z")
+    box = FreeForm("v", Lattice.box(one.mesh, (8, 2, 2)), direction="z")  # two of the span, which move it alike
+    assert one.parametrization([box]).initial["v"].size == 16
+    assert three.parametrization([FreeForm("v", Lattice.box(three.mesh, (8, 2, 2)))]).initial["v"].size > 32
+    ids, directions = box.places(one.parametrization([box]).layout)
+    np.testing.assert_array_equal(directions, np.tile([0.0, 0.0, 1.0], (16, 1)))
+    assert len(np.unique(box.lattice.points[ids][:, [0, 2]].round(9), axis=0)) == 16
+    *_, points = moved(one, [box], {"v": np.full(16, 0.3)})
+    np.testing.assert_allclose((points - surface_of(one.mesh))[:, 2], 0.3, atol=1e-12)
     values = np.random.default_rng(5).normal(size=one.parametrization([box]).initial["v"].size)
     for variables, given in (([box], values), ([Twist("v", one.axis)], np.array([7.0]))):
         *_, points = moved(one, variables, {"v": given})
