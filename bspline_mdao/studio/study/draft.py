@@ -8,12 +8,18 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...flow.om.mach_range import EULER, LATTICE
-from .draft_body import ALPHA, MACH, Body
+from .draft_body import ALPHA, MACH, SECTION_LIFT, Body
 
 __all__ = ["study_draft"]
 
 CORNER = 0.05
 """What the worst cell keeps where the grid has as much."""
+
+SHAPE = 0.1
+"""Bound of the weights of a section's shape (chords): half of what the sides of the NACA 0012 have."""
+
+MOST_OF_SECTION = 25
+"""Iterations for a section: about a minute for some thousand cells."""
 
 
 def study_draft(
@@ -25,6 +31,7 @@ def study_draft(
 ) -> str:  # TOML
     """Write the draft of a study."""
     free_form = list(_free_form(body, box_file, boxes))
+    has_flow = body.is_wing or _is_flown(body)
     lines = [
         f"# A study of {name}: run it by 'bspline-mdao optimize THIS_FILE -o out'.",
         "# Everything below is a guess or a default: go through it, above all where it says so.",
@@ -34,12 +41,12 @@ def study_draft(
         *([f"patches = {json.dumps(patches)}"] if patches else []),
         *_walls(body),
         "",
-        *(_wing(body, free_form) if body.is_wing else _shape(body, free_form)),
+        *_design(body, free_form),
         *_cells(body),
         "[driver]",
         'optimizer = "LD_SLSQP"  # of NLopt; SLSQP is that of SciPy',
-        f"tolerance = {1e-6 if body.is_wing else 1e-8:g}",  # a skin changes by thousandths, drag by percents
-        "max_iterations = 50",
+        f"tolerance = {1e-6 if has_flow else 1e-8:g}",  # a skin changes by thousandths, drag by percents
+        f"max_iterations = {MOST_OF_SECTION if body.is_section and has_flow else 50}",
     ]
     return "\n".join(lines) + "\n"
 
@@ -51,6 +58,54 @@ def _walls(body: Body) -> Iterator[str]:
         return
     others = ", ".join(name for name in body.walls if name not in body.design)
     yield f"design = {json.dumps(list(body.design))}  # guessed: thin, as a wing is; what stays is {others}"
+
+
+def _is_flown(body: Body) -> bool:
+    """Whether it is a section in a flow that can be had."""
+    return body.is_section and not body.why_no_euler
+
+
+def _design(body: Body, free_form: list[str]) -> Iterator[str]:
+    """Variables, flow, objective and constraints."""
+    if body.is_wing:
+        return _wing(body, free_form)
+    return _section(body, free_form) if _is_flown(body) else _shape(body, free_form)
+
+
+def _section(body: Body, free_form: list[str]) -> Iterator[str]:
+    """Variables, flow, objective, area and thickness of a section."""
+    yield "[variables.shape]  # of the section as one curve; bumps, camber_modes, thickness_modes are there too"
+    yield 'kind = "class_shape"  # weights in chords: of the nose, of the upper side, of the lower side'
+    yield "degree = 5"
+    yield f"lower = {-SHAPE}"
+    yield f"upper = {SHAPE}"
+    yield ""
+    yield from free_form
+    yield "[flow]"
+    yield 'kind = "euler"'
+    yield "trim = true  # the angle of attack is solved for, so that all designs have one lift"
+    yield f"CL_target = {SECTION_LIFT}  # set yours; by the chord, per unit of span: cl"
+    yield f"Mach_number = {body.drag_rise}  # set yours: guessed of the thickness, so that there is a shock to lose"
+    yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
+    yield f"# reference_area = {body.area:.6g}  # chord by depth of the grid, taken by default"
+    yield ""
+    yield "# [conditions.faster]  # one such table for each of several flight conditions; the objective is their mean"
+    yield f"# Mach_number = {body.drag_rise + 0.02:.2f}"
+    yield "# weight = 0.5"
+    yield ""
+    yield "[objective]"
+    yield 'of = "CD"  # cd; at one lift the least of it is the most of CL / CD'
+    yield ""
+    yield "[constraints.section_area]  # by that of the baseline"
+    yield "lower = 1.0"
+    yield ""
+    yield "[constraints.thickness]  # at parts of the chord, by those of the baseline"
+    yield "lower = 0.8"
+    yield ""
+    yield "[measures.thickness]"
+    yield 'kind = "thickness_at"'
+    yield "parts = [0.02, 0.1, 0.25, 0.4, 0.6, 0.75, 0.9, 0.97]"
+    yield ""
 
 
 def _wing(body: Body, free_form: list[str]) -> Iterator[str]:
@@ -124,9 +179,9 @@ def _lattice(body: Body) -> Iterator[str]:
 
 def _shape(body: Body, free_form: list[str]) -> Iterator[str]:
     """Variables, objective and volume of a body about which there is no flow."""
-    lack = body.why_no_lattice if body.is_thin and not body.is_section else "the walls are no wing"
+    lack = body.why_no_lattice if body.is_thin or body.is_section else "the walls are no wing"
     yield f"# No [flow] was drafted: {_line(lack)};"
-    yield f"# {_line(body.why_no_euler) or 'lift and drag of a wing alone are drafted'}."
+    yield f"# {_line(body.why_no_euler) or 'lift and drag of wings and sections alone are drafted'}."
     yield "# The wetted area is the objective: put yours in its place, or connect that of your own solver in Python."
     yield from _points(body) if body.moves_points else _box(body)
     yield from free_form

@@ -17,15 +17,21 @@ from ...core.mesh.frame import Frame, surface_frame
 from ...core.mesh.surface import SurfaceGrid
 from ...errors import InputError
 from ...flow.om.lattice_flow import lattice_camber, lattice_lift
+from ...flow.om.mach_range import EULER
 from ...grids.cells.grid_quality import GridQuality
 from ...grids.cells.mixed_quality import MixedQuality
 from ...grids.topology.grid import Grid
 from ...grids.topology.topology import Topology
 
-__all__ = ["ALPHA", "MACH", "Body", "GridBody", "MeshBody"]
+__all__ = ["ALPHA", "MACH", "SECTION_LIFT", "Body", "GridBody", "MeshBody"]
 
 ALPHA, MACH = 3.0, 0.3
 """Angle of attack (deg) and Mach number of a draft."""
+
+SECTION_LIFT, KORN, BEYOND = 0.5, 0.87, 0.05
+"""Lift coefficient of the draft of a section, and its Mach number: so far beyond that at which drag rises by Korn's
+relation for NACA sections, 0.87 less thickness over chord and a tenth of the lift, that there is a shock to lose
+(W. H. Mason, AIAA Paper 90-3262, 1990)."""
 
 THIN = 0.5
 """Height of a wing by its chord and span at most; what is higher is another body."""
@@ -42,7 +48,6 @@ class Body(ABC):
 
     walls: tuple[str, ...]  # names of all walls
     design: tuple[str, ...]  # names of those that are designed
-    is_section: bool  # whether it is a section: of a grid of one layer of cells
     moves_points: bool  # whether control points of the surface are few, and good variables as they are
     aggregate: str  # bound of the cells
 
@@ -55,6 +60,11 @@ class Body(ABC):
     @abstractmethod
     def measured(self) -> SurfaceGrid:
         """The walls whose volume is measured."""
+
+    @property
+    @abstractmethod
+    def is_section(self) -> bool:
+        """Whether it is a section: between two planes of symmetry, the same in both."""
 
     @property
     @abstractmethod
@@ -83,6 +93,8 @@ class Body(ABC):
     @cached_property
     def why_no_lattice(self) -> str:
         """Why a vortex lattice does not suit; empty where it does."""
+        if self.is_section:
+            return "a section has no span"
         if self.axes is None:
             return "stream and span are not along coordinate axes"
         planes = [plane for plane in self.surface.planes if abs(plane.normal @ self.frame.axes[2]) > _ALIGNED]
@@ -105,7 +117,13 @@ class Body(ABC):
     @property
     def is_wing(self) -> bool:
         """Whether the walls are thin like a wing, and some flow can be had about them."""
-        return self.is_thin and not (self.why_no_lattice and self.why_no_euler)
+        return self.is_thin and not self.is_section and not (self.why_no_lattice and self.why_no_euler)
+
+    @property
+    def drag_rise(self) -> float:
+        """Mach number just beyond that at which the drag of a section rises, at `SECTION_LIFT`."""
+        height = float(np.ptp(self.surface.points @ self.frame.axes[1])) / self.frame.chord
+        return float(np.clip(round(KORN - height - 0.1 * SECTION_LIFT + BEYOND, 2), MACH, EULER.highest))
 
     @cached_property
     def area(self) -> float:
@@ -138,7 +156,7 @@ class Body(ABC):
 class GridBody(Body):
     """Walls of a grid of blocks."""
 
-    is_section, moves_points, aggregate = False, True, "corner_ks"
+    moves_points, aggregate = True, "corner_ks"
 
     def __init__(self, grid: Grid, topology: Topology):
         self.grid, self.topology = grid, topology
@@ -158,6 +176,11 @@ class GridBody(Body):
     def measured(self) -> SurfaceGrid:
         """The walls."""
         return self.surface
+
+    @property
+    def is_section(self) -> bool:
+        """Whether the walls are those of an airfoil."""
+        return self.surface.is_section
 
     @cached_property
     def worst(self) -> float:
@@ -184,9 +207,13 @@ class MeshBody(Body):
 
     def __init__(self, model: MeshModel):
         self.model = model
-        self.is_section = any(line.is_tied for line in model.lattice.lines)
         self.walls = model.walls.names
         self.design = self.walls if self.is_section else self._wing()
+
+    @property
+    def is_section(self) -> bool:
+        """Whether its mesh is one layer of cells."""
+        return any(line.is_tied for line in self.model.lattice.lines)
 
     def _wing(self) -> tuple[str, ...]:
         """The largest thin wall, and what joins it: thin ones, and small ones such as its tip; or else all walls."""
