@@ -55,12 +55,12 @@ def run_blocks(page, **contents):
     return contents
 
 
-def run_commands(page):
-    """Run the command lines of a page here; return the commands."""
+def run_commands(page, **more):
+    """Run the command lines of a page here, with more arguments by the command; return the commands."""
     lines = "\n".join(code_blocks(page, "sh")).splitlines()
     commands = [shlex.split(line)[1:] for line in lines if line.startswith("bspline-mdao")]
     for command in commands:
-        assert cli(command) == 0
+        assert cli([*command, *more.get(command[0], [])]) == 0
     return [command[0] for command in commands]
 
 
@@ -128,10 +128,13 @@ def test_overset_grids_move_as_the_page_says(tmp_path, monkeypatch):
     np.testing.assert_allclose(after, before * [1.0, 1.02, 1.0], rtol=0, atol=1e-13)
 
 
-def test_an_airfoil_becomes_a_grid_as_the_page_says(tmp_path, monkeypatch, capsys):
+def test_an_airfoil_becomes_a_grid_and_an_optimum_as_the_page_says(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert run_commands("howto/airfoil.rst") == ["airfoil", "airfoil", "quality"]
-    assert "cells: 6,144, 0 inverted; smallest corner 0.141" in capsys.readouterr().out
+    done = run_commands("howto/airfoil.rst", optimize=["--max-iterations", "2"])
+    assert done == ["airfoil", "airfoil", "quality", "init", "optimize"]
+    printed = capsys.readouterr().out
+    assert "cells: 6,144, 0 inverted; smallest corner 0.144" in printed
+    assert "CD            0.0172973" in printed
     contents = run_blocks("howto/airfoil.rst")
     assert contents["model"].report.n_invalid == 0
 

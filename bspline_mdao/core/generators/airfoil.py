@@ -126,10 +126,10 @@ class Airfoil(OneLine):
         """
         upper, lower = self._sides
         half = 0.5 * (upper[-1] - lower[-1])
-        sides = [side - sign * half * side[:, :1] for side, sign in ((upper, 1.0), (lower, -1.0))]
-        for side in sides:
+        upper, lower = upper - half * upper[:, :1], lower + half * lower[:, :1]
+        for side in (upper, lower):
             side[[0, -1]] = [[0.0, 0.0], [1.0, 0.0]]
-        return Section(*sides, nose_radius=self.nose_radius)
+        return Section(upper, lower, nose_radius=self.nose_radius)
 
     def place(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 2) of the plane of `section` as those of the outline."""
