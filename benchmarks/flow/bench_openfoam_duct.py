@@ -1,19 +1,25 @@
 """OpenFOAM's own shape optimisation beside ours: the losses of its tutorial's S-bend.
 
-``python benchmarks/flow/bench_openfoam_duct.py [--cycles N] [--iterations N] [--only slsqp nlopt] [--json FILE]``
+``python benchmarks/flow/bench_openfoam_duct.py [--case BFGS | SD | SQP | turbulent] [--cycles N] [--iterations N]
+[--only slsqp nlopt] [--json FILE]``
 
-The tutorial is ``shapeOptimisation/sbend/laminar/opt/unconstrained/BFGS`` of ``adjointOptimisationFoam``: the total
-pressure that a laminar flow loses in a bend, of which two walls move with a box of volumetric B-splines. The peer and
-ours run as in ``bench_openfoam_shape.py``: its BFGS, and SLSQP of SciPy and NLopt by the adjoint's sensitivities of
-points, with the same free points, bounded by the largest displacement that one of the peer's had. Ours solves flow and
-adjoint by the peer's program as well, with its schemes, on the mesh that the lattice has moved. Losses are those that
-this program finds.
+The tutorials are those in ``shapeOptimisation/sbend`` of ``adjointOptimisationFoam``: the total pressure that a flow
+loses in a bend, of which two walls move with a box of volumetric B-splines. A laminar flow is optimised by BFGS, by
+steepest descent (``SD``), and by sequential quadratic programming with the volume between the walls kept (``SQP``), a
+turbulent one (Spalart and Allmaras, ``opt/BFGS/op1``) by BFGS. The peer and ours run as in ``bench_openfoam_shape.py``:
+its optimiser, and SLSQP of SciPy and NLopt by the adjoint's sensitivities of points, with the same free points, bounded
+by the largest displacement that one of the peer's had. Ours solves flow and adjoint by the peer's program as well, with
+its schemes, on the mesh that the lattice has moved. Losses are those that this program finds. Volumes are a third of
+the points of both walls along their areas, as the peer measures them (``partialVolume``), by that at the start.
+
+``--only`` with no name runs the peer alone.
 """
 
 from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,14 +45,29 @@ from bspline_mdao.design import FreeForm
 from bspline_mdao.errors import MovementError, SolverError
 from bspline_mdao.flow.openfoam.adjoint import AdjointRun, AdjointSolution, FlowFunction
 from bspline_mdao.flow.openfoam.case_mesh import CaseMesh
+from bspline_mdao.measures import EnclosedVolume, SurfaceGrid
 from bspline_mdao.meshes import MeshModel, fit_mesh
 from bspline_mdao.names import GRID
 
-CASE, MESH = "shapeOptimisation/sbend/laminar/opt/unconstrained/BFGS", "resources/meshes/sbend/polyMesh"
+FOLDER, MESH = "shapeOptimisation/sbend", "resources/meshes/sbend/polyMesh"
+
+CASES = {
+    "BFGS": "laminar/opt/unconstrained/BFGS",
+    "SD": "laminar/opt/unconstrained/SD",
+    "SQP": "laminar/opt/constrained/SQP",
+    "turbulent": "turbulent/opt/BFGS/op1",
+}
+"""Folders of the tutorials by the names of ours."""
 
 LOSSES = FlowFunction.pressure_losses("losses", ["Inlet", "Outlet"])
 WALLS = ("lower", "upper", "sideWall")
 """All of them: what of the straight walls is in the box moves, too."""
+
+BEND = ("lower", "upper")
+"""Walls with a volume between them."""
+
+FIELDS = ("U", "p", "nuTilda", "nut")
+"""What a flow starts from, as far as it has them."""
 
 
 class Duct:
@@ -74,8 +95,9 @@ class Duct:
         return found
 
     def _keep(self, time: Path) -> None:
-        for name in ("U", "p"):
-            shutil.copyfile(time / name, self.flow / name)
+        for name in FIELDS:
+            if (time / name).is_file():
+                shutil.copyfile(time / name, self.flow / name)
 
 
 class Losses(om.ExplicitComponent):
@@ -114,6 +136,7 @@ def fly_ours(
     driver: Driver,
     model: MeshModel,
     duct: Duct,
+    volume: EnclosedVolume | None,  # that is to stay
     variables: FreeForm,
     reach: float,  # bound of all variables (m)
     gain: float,  # of the losses by the peer, which they are scaled by
@@ -122,10 +145,14 @@ def fly_ours(
     start = spent()
     problem = om.Problem(driver=driver, reports=None)
     group = problem.model
-    group.add_subsystem("movement", DesignSurface.of(model).grid_movement([variables]), promotes=["*"])
+    measures = [] if volume is None else [volume]
+    movement = DesignSurface.of(model).grid_movement([variables], measures=measures)
+    group.add_subsystem("movement", movement, promotes=["*"])
     group.add_subsystem("flow", Losses(duct=duct), promotes=["*"])
     group.add_design_var("shape", lower=-reach, upper=reach, ref=reach)
     group.add_objective("losses", ref=gain)
+    for kept in measures:
+        group.add_constraint(kept.name, equals=1.0)
     problem.setup(mode="rev")
     problem.run_model()
     gradient = problem.compute_totals(["losses"], ["shape"])["losses", "shape"].ravel()
@@ -136,16 +163,28 @@ def fly_ours(
     return found | {"gradient": gradient, "shape": problem.get_val("shape")}, nodes
 
 
-def measure(tutorials: Path, folder: Path, only: list[str], n_cycles: int, n_iterations: int, tolerance: float) -> dict:
-    """Run all that is asked for."""
-    tutorial = Tutorial.copied(tutorials / CASE, tutorials / MESH, folder / "peer")
+def volume_of(surface: SurfaceGrid) -> EnclosedVolume:
+    """Measure what the peer calls a partial volume of walls that are open at their ends, by that at the start."""
+    origin = np.zeros(3)
+    volume = EnclosedVolume(surface, surface.quads, np.zeros((0, 3)), origin, 1.0, None, "volume")
+    return replace(volume, scale=volume.evaluate(surface.points).item())
+
+
+def measure(
+    tutorials: Path, name: str, folder: Path, only: list[str], n_cycles: int, n_iterations: int, tolerance: float
+) -> dict:
+    """Run all that is asked for of a case."""
+    tutorial = Tutorial.copied(tutorials / FOLDER / CASES[name], tutorials / MESH, folder / "peer")
     model = fit_mesh(tutorial.folder / "constant" / "polyMesh")
+    volume = volume_of(DesignSurface.of(model, BEND).surface)
+    is_kept = "isConstraint" in tutorial.text("system/optimisationDict")
     mesh = CaseMesh.of(model)
     checked = Duct(tutorial, mesh, folder / "checked", tolerance)
 
     def cells(points: np.ndarray) -> dict[str, float]:
         mesh.write(checked.folder, points, "empty")
-        return cells_of(checked.folder, model, points)
+        relative = volume.evaluate(points[volume.surface.rows]).item()
+        return {"volume": relative, **cells_of(checked.folder, model, points)}
 
     peer = fly_peer(tutorial, "losses", n_cycles)
     rows = {"start": {"losses": peer["history"][0]} | cells(mesh.baseline)}
@@ -156,17 +195,18 @@ def measure(tutorials: Path, folder: Path, only: list[str], n_cycles: int, n_ite
     rows["peer"] = {"losses": peer["history"][-1]} | peer | cells(last)
     show("peer", rows["peer"])
     gain = rows["start"]["losses"] - rows["peer"]["losses"]
-    for name in only:
-        duct = Duct(tutorial, mesh, folder / name, tolerance)
-        found, points = fly_ours(DRIVERS[name](n_iterations), model, duct, tutorial.box(start, is_free), reach, gain)
-        rows[name] = found | cells(points) | beside(found["gradient"], peer_gradient(tutorial))
-        show(name, rows[name])
+    for ours in only:
+        duct, variables = Duct(tutorial, mesh, folder / ours, tolerance), tutorial.box(start, is_free)
+        driver = DRIVERS[ours](maxiter=n_iterations)
+        found, points = fly_ours(driver, model, duct, volume if is_kept else None, variables, reach, gain)
+        rows[ours] = found | cells(points) | beside(found["gradient"], peer_gradient(tutorial))
+        show(ours, rows[ours])
     return {"reach": reach, "rows": rows}
 
 
 def main() -> None:
     """Measure what is asked for."""
-    run(__doc__, measure, n_cycles=4)
+    run(__doc__, measure, CASES, n_cycles=4)
 
 
 if __name__ == "__main__":
