@@ -29,7 +29,7 @@ from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 SIZES = {
-    "quick": ((7, 9, 7), (13, 13), (9, 5)),
+    "quick": ((9, 13, 9), (17, 17), (9, 5)),
     "default": ((9, 17, 9), (21, 21), (17, 9)),
     "paper": ((17, 41, 17), (33, 33), (41, 17)),
 }
@@ -38,7 +38,10 @@ SIZES = {
 WING = bm.generators.Wing(
     bm.generators.Planform(root_chord=1.0, semi_span=3.0, taper=0.6), bm.generators.naca_section(0.2)
 )
-SPACING, FAR = bm.generators.Spacing(0.02, 0.03, 0.03, 0.08, 0.15), bm.generators.FarField(6.0, 0.3)
+FIRST = 5e-4
+"""Height of the first cells of the boundary layers on wing and fuselage (m)."""
+
+SPACING, FAR = bm.generators.Spacing(FIRST, 0.01, 0.01, 0.03, FIRST), bm.generators.FarField(6.0, 0.3)
 RADIUS, REACH = 0.4, 2.5
 """Of the fuselage, and of what the slide of the wing moves along (m)."""
 
@@ -73,7 +76,7 @@ def make_grid(stream, normal, span) -> bm.Grid:
         stretch = 2.0 * RADIUS / np.interp(block.nodes[..., 0], x, edge)
         part = np.minimum(np.abs(block.nodes[..., 1]) * stretch / (2.0 * RADIUS), 1.0)
         y = block.nodes[..., 1] * (1.0 + (stretch - 1.0) * part**2 * (3.0 - 2.0 * part))
-        flat = y + 1j * block.nodes[..., 2]
+        flat = np.round(y, 12) + 1j * block.nodes[..., 2]  # an edge of the fuselage is where the root has no slope
         mapped = 0.5 * (flat + np.sqrt(flat - 2.0 * RADIUS) * np.sqrt(flat + 2.0 * RADIUS))
         blocks.append(Block(np.stack([block.nodes[..., 0], mapped.real, np.abs(mapped.imag)], axis=-1), block.name))
         if place < 6:
@@ -115,9 +118,13 @@ def pose(model: MeshModel, stations: int) -> om.Problem:
 
 
 def judge(problem: om.Problem, model: MeshModel) -> dict:
-    """Tell cells, distances from the fuselage (m), and heights at walls by those before, from 1 % to 99 % of them."""
+    """Tell cells, distances from the fuselage (m), and heights at walls by those before, from 1 % to 99 % of them.
+
+    Heights are those of boundary layers; at edges, where lines leave the walls in a row of their own, cells are higher.
+    """
     nodes, mesh, walls = problem.get_val("grid").reshape(-1, 3), model.mesh, model.node_map.embedded.walls
-    after, heights = mesh.quality(nodes), walls.heights(nodes) / walls.heights(mesh.points)
+    after, before = mesh.quality(nodes), walls.heights(mesh.points)
+    heights = (walls.heights(nodes) / before)[before < 2.0 * FIRST]
     off = np.hypot(*nodes[np.unique(mesh.markers["fuselage"]), 1:].T) - RADIUS
     return {
         "n_inverted": after.is_inverted.sum(),
