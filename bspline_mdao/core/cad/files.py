@@ -28,6 +28,9 @@ UNITS = {"m": "M", "mm": "MM", "in": "INCH", "ft": "FT"}
 FACES_WITH_EDGES = 1
 """IGES: faces with the edges that they share (entities 186 and 514), not each with curves of its own (144)."""
 
+TRIMMED_SURFACE = 144
+"""IGES: entity of a face with curves of its own."""
+
 
 @dataclass(frozen=True, eq=False)
 class CadShape(OneLine):
@@ -235,19 +238,20 @@ def read_shape(path: str | os.PathLike, form: str) -> CadShape:
             raise InputError(f"{path}: OpenCascade cannot read it as {form}; check that it is complete")
     shape, labels = _contents(document)
     faces = sub_shapes(shape, "face")
+    names = _names_by_labels(faces, labels) if form == "STEP" else _names_of_iges(reader.IGESModel(), len(faces))
     if not faces:
         raise InputError(f"{path}: no face is in it; name a file of surfaces")
     return CadShape(
         n_faces=len(faces),
         n_shells=len(sub_shapes(shape, "shell")),
         n_solids=len(sub_shapes(shape, "solid")),
-        names=tuple(sorted(name for _, name in labels)),
+        names=tuple(sorted(name for name in names if name)),
         is_valid=_is_valid(shape),
         free_edges=tuple(free_edges(shape)),
         shape=shape,
         source=str(path),
-        unit=_unit(reader),
-        face_names=_face_names(faces, labels),
+        unit=_unit(reader, form),
+        face_names=tuple(name or f"{NUMBERED}{number}" for number, name in enumerate(names, start=1)),
     )
 
 
@@ -274,10 +278,10 @@ def _is_valid(shape: Any) -> bool:
     return bool(BRepCheck_Analyzer(shape).IsValid())
 
 
-def _unit(reader: Any) -> str:
-    """Name of the unit of length of a STEP file that was read, as the file has it; empty for others."""
-    if not hasattr(reader, "ChangeReader"):
-        return ""
+def _unit(reader: Any, form: str) -> str:
+    """Name of the unit of length of a file that was read, as the file has it: ``"millimetre"``, ``"MM"``."""
+    if form == "IGES":
+        return str(reader.IGESModel().GlobalSection().UnitName().ToCString())
     from OCP.collections import Sequence_TCollection_AsciiString as Names
 
     lengths, angles, solid_angles = Names(), Names(), Names()
@@ -303,13 +307,22 @@ def _contents(document: Any) -> tuple[Any, list[tuple[Any, str]]]:
     return (shapes[0] if len(shapes) == 1 else compound(shapes)), named
 
 
-def _face_names(faces: Sequence[Any], labels: Sequence[tuple[Any, str]]) -> tuple[str, ...]:
-    """Names of faces, wherever an assembly has put them; their numbers where they have none."""
-    found = []
-    for number, face in enumerate(faces, start=1):
-        name = next((name for part, name in labels if part.IsPartner(face)), "")
-        found.append(name or f"{NUMBERED}{number}")
-    return tuple(found)
+def _names_by_labels(faces: Sequence[Any], labels: Sequence[tuple[Any, str]]) -> list[str]:
+    """Names of faces, wherever an assembly has put them; empty where they have none."""
+    return [next((name for part, name in labels if part.IsPartner(face)), "") for face in faces]
+
+
+def _names_of_iges(model: Any, n_faces: int) -> list[str]:
+    """Names of the faces of shells, or of trimmed surfaces: OpenCascade keeps their order, and not the names."""
+    from OCP.IGESSolid import IGESSolid_Shell
+
+    entities = [model.Entity(number) for number in range(1, model.NbEntities() + 1)]
+    shells = [entity for entity in entities if isinstance(entity, IGESSolid_Shell)]
+    parts = [shell.Face(number) for shell in shells for number in range(1, shell.NbFaces() + 1)]
+    parts = parts or [entity for entity in entities if entity.TypeNumber() == TRIMMED_SURFACE]
+    if len(parts) != n_faces:
+        return [""] * n_faces
+    return [part.NameValue().String().ToCString() if part.HasName() else "" for part in parts]
 
 
 def _name(label: Any) -> str:

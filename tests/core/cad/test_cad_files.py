@@ -85,13 +85,19 @@ def test_the_unit_is_that_of_the_file_and_the_wall_stays_where_it_is(ball, tmp_p
     write_cad(path, ball, units=units)
     word = {"mm": (".MILLI.,.METRE.", ",2,2HMM,"), "in": ("'INCH'", ",1,4HINCH,")}[units][suffix == "igs"]
     assert word in path.read_text()
-    assert read_cad(path).distances(wall_points(ball, ball.control_points, 2)).max() < 1e-7
+    found = read_cad(path)
+    assert found.unit == {"mm": ("millimetre", "MM"), "in": ("INCH", "INCH")}[units][suffix == "igs"]
+    assert found.distances(wall_points(ball, ball.control_points, 2)).max() < 1e-7
 
 
 @needs_opencascade
 def test_faces_have_the_names_of_their_patches(wing, tmp_path):
-    write_cad(tmp_path / "wing.step", wing)
-    assert read_cad(tmp_path / "wing.step").names == ("wing_lower", "wing_upper")
+    for name in ("wing.step", "wing.igs"):
+        write_cad(tmp_path / name, wing)
+        found = read_cad(tmp_path / name)
+        assert found.names == ("wing_lower", "wing_upper")
+        for face in found.body.faces:  # each has the name of its side
+            assert (face.points[:, 1].mean() > 0.0) == (face.name == "wing_upper")
     write_cad(tmp_path / "upper.igs", wing, patches="*upper")
     text = (tmp_path / "upper.igs").read_text()
     assert "10Hwing_upper" in text
