@@ -169,8 +169,8 @@ def body_of_file(
     return read_cad(path).body.scaled(1.0 / metres_of(unit) if scale is None else scale)
 
 
-def require_on_faces(body: CadBody, tie: CadTie, surface: SurfaceGrid, points: np.ndarray | None = None) -> None:
-    """Refuse nodes of a surface, now at points (n, 3) in metres if these are given, that are far from faces."""
+def require_on_faces(body: CadBody, tie: CadTie, surface: SurfaceGrid, points: np.ndarray | None = None) -> float:
+    """Refuse nodes of a surface, at points (n, 3) if these are given, that are far off; return the largest distance."""
     points = surface.points if points is None else points
 
     def place_of(number: int) -> str:
@@ -181,7 +181,7 @@ def require_on_faces(body: CadBody, tie: CadTie, surface: SurfaceGrid, points: n
     is_other = not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT
     unit = f"say the grid's unit (--units) or give a scale: the faces are {ratio:.3g} times as large as the walls"
     cure = unit if is_other else "name the patches that are on it alone"
-    refuse_far(tie.distances, points, place_of, body.source, "its faces", "the walls' size", cure)
+    return refuse_far(tie.distances, points, place_of, body.source, "its faces", "the walls' size", cure)[1]
 
 
 def _names_of_nodes(surface: SurfaceGrid) -> list[frozenset[str]]:

@@ -23,6 +23,14 @@ class CadDeformation(OneLine):
     body: CadBody  # the faces before
     moved: CadBody  # the same faces after
     amount: float = 1.0
+    off: float = 0.0  # largest distance of a wall node from the faces before (m)
+
+    @property
+    def note(self) -> str:
+        """What a report says of it."""
+        return (
+            f"walls, within {self.off:.2g} m of the faces of {self.body.source}, go where {self.moved.source} has these"
+        )
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points (n, 3), in metres; real, or complex by a step."""

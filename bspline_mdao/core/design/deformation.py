@@ -64,6 +64,11 @@ class Deformation(OneLine):
     mesh: MovingMesh  # the control mesh whose surface is deformed
     maps: tuple[PointMap, ...]  # maps of the points, applied one after the other
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What maps that know more than their amounts say in reports, such as those of files."""
+        return tuple(point_map.note for point_map in self.maps if hasattr(point_map, "note"))
+
     def apply(
         self,
         points: np.ndarray,  # (n_surface, 3), surface points (m), in the order of ``mesh.surface_ids``

@@ -441,8 +441,8 @@ def _cad(request: Request, surface: _Surface) -> CadDeformation:
     before, after = (body_of_file(surface.model, name, scale) for name in (request.value, request.options["to"]))
     walls = SurfaceGrid.of(surface.model, designed_patches(surface.model, surface.mesh))
     nodes = reduce(lambda at, point_map: point_map.apply(at), surface.before, walls.points)
-    require_on_faces(before, before.tie(nodes), walls, nodes)
-    return CadDeformation(before, before.matched(after))
+    off = require_on_faces(before, before.tie(nodes), walls, nodes)
+    return CadDeformation(before, before.matched(after), off=off)
 
 
 def _translate(request: Request, surface: _Surface) -> Translate:

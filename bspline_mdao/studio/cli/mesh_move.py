@@ -60,6 +60,7 @@ class _Moved:
     seconds: float
     overlap: OverlapChange | None = None  # of a grid of blocks
     split: tuple[float, str] = (0.0, "")  # how differently the deformation moves copies on periodic sides, and where
+    notes: tuple[str, ...] = ()  # what deformations say of themselves
     n_inverted_before: int = 0  # cells that the lattice of the model inverted, where it was refined for the move
 
     @property
@@ -136,7 +137,8 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     state = model.node_map.at(movement.points)
     seconds = time.process_time() - start
     judged = MovedMesh.of(model, movement.points, state.nodes)
-    return _Moved(model, surface, movement, state, judged, seconds, split=model.split_copies(deformation))
+    split, notes = model.split_copies(deformation), deformation.notes
+    return _Moved(model, surface, movement, state, judged, seconds, split=split, notes=notes)
 
 
 def _overlap(model: MeshModel, file: BlockMeshFile, nodes: np.ndarray) -> OverlapChange:
@@ -229,7 +231,7 @@ def _show(output: Path, moved: _Moved) -> None:
     mesh = model.mesh
     print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}")
     largest = np.linalg.norm(moved.state.nodes - mesh.points, axis=1).max()
-    print_lines([f"nodes moved by up to {largest:.3g} {mesh.length_unit}"])
+    print_lines([f"nodes moved by up to {largest:.3g} {mesh.length_unit}", *moved.notes])
     show_lattice(model)
     if moved.n_inverted_before:
         inverted = counted(moved.n_inverted_before, "cell")

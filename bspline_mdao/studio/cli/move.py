@@ -103,6 +103,7 @@ class Moved:
     certificate: Certificate
     gaps: tuple[PeriodicGap, ...]
     slid_off: float | None  # how far nodes that slide have left their surfaces, at most (m); None where none slide
+    notes: tuple[str, ...]  # what deformations say of themselves
 
     @property
     def largest_displacement(self) -> float:
@@ -187,7 +188,8 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
     gaps = periodic_gaps(model.topology, baseline, grid)
     before, after = (each.to_vector().reshape(-1, 3) for each in (baseline, grid))
     off = SlidingNodes.of(model.topology, before, mesh.slides).off(after) if mesh.curved_slides else None
-    return Moved(mesh, model.control_points, surface, movement, grid, miss, *_compared(baseline, grid), gaps, off)
+    compared, notes = _compared(baseline, grid), deformation.notes
+    return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, notes)
 
 
 def _grid(
@@ -281,7 +283,7 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     solve = report.increments[-1].solve
     how = f"mover {options.mover.mover}{f', solver {solve.solver}' if solve else ''}"
     made = counted(report.n_increments, "increment")
-    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} {unit}; {how}", made])
+    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} {unit}; {how}", made, *moved.notes])
     if moved.mesh.following:
         names = ", ".join(what for what, _ in moved.mesh.following)
         print_lines([f"the surface ends on curved faces, which follow it unless they are fixed (--fix): {names}"])

@@ -7,6 +7,7 @@ import openmdao.api as om
 import pytest
 from cad_cases import foreign_file, needs_opencascade
 from mesh_cases import mesh_around_a_body
+from riding_cases import su2_text
 
 from bspline_mdao import DesignSurface, GridMovement, InputError, fit_grid, read_grid
 from bspline_mdao.base.numerics.vectors import lengths
@@ -14,7 +15,7 @@ from bspline_mdao.core.cad.files import quiet
 from bspline_mdao.core.design.cad_deformation import CadDeformation
 from bspline_mdao.core.design.variable import Layout
 from bspline_mdao.design import CadPoints, CadShapes, CadWalls, TiedSurface, parse_deformation
-from bspline_mdao.files import read_cad, write_cad
+from bspline_mdao.files import read_cad, read_mesh, write_cad, write_cad_body
 from bspline_mdao.generators import ball_grid, onera_m6_grid
 from bspline_mdao.meshes import MeshModel
 from bspline_mdao.studio.cli.main import run
@@ -79,16 +80,32 @@ def test_a_second_file_moves_walls_to_those_of_the_twisted_model(wing):
     assert lengths(found - after).max() < 2.0 * TOLERANCE
 
 
-def test_the_command_moves_the_walls_of_a_grid_by_two_files(wing, monkeypatch, tmp_path):
+def test_the_command_moves_the_walls_of_a_grid_by_two_files(wing, monkeypatch, tmp_path, capsys):
     folder, surface, _ = wing
     monkeypatch.chdir(folder)
     words = "cad=wing.step,to=twisted.step"
     assert run(["move", "wing.h5", "--deform", words, "-o", str(tmp_path / "moved.xyz")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "walls, within 0.016 m of the faces of wing.step, go where twisted.step has these" in said
     nodes = read_grid(tmp_path / "moved.xyz").to_vector().reshape(-1, 3)[surface.surface.rows]
     body = read_cad("wing.step").body
     asked = body.displacement(body.matched(read_cad("twisted.step").body), body.tie(surface.surface.points))
     assert lengths(nodes - surface.surface.points - asked).max() < 1e-9
     assert lengths(asked).max() > 0.02
+
+
+def test_the_command_moves_a_mesh_without_structure_by_two_files(block, tmp_path, capsys):
+    folder = tmp_path
+    write_cad_body(folder / "a.step", block.body, units="mm")
+    write_cad_body(folder / "b.step", block.body.at(block.body.control_points * [1.2, 1.1, 1.0]), units="in")
+    (folder / "mesh.su2").write_text(su2_text(block.model.mesh))
+    replace(block.model, mesh_file=str(folder / "mesh.su2")).save(folder / "mesh.h5")
+    words = f"cad={folder}/a.step,to={folder}/b.step"
+    assert run(["move", str(folder / "mesh.h5"), "--deform", words, "-o", str(folder / "moved.su2")]) == 0
+    assert "m of the faces of" in capsys.readouterr().out
+    rows, at_rest = block.model.wall_rows, block.model.mesh.points
+    found = read_mesh(folder / "moved.su2").mesh.points[rows]
+    np.testing.assert_allclose(found, at_rest[rows] * [1.2, 1.1, 1.0], atol=1e-9)
 
 
 def test_words_without_a_second_file_or_of_other_faces_are_refused(wing, tmp_path):
