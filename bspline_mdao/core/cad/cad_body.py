@@ -356,7 +356,8 @@ class CadBody(OneLine):
                 pair = self.faces[first.faces[worst]].name, self.faces[second.faces[worst]].name
                 raise InputError(
                     f"{what}, and its faces '{pair[0]}' and '{pair[1]}' come apart by {gaps[worst]:.3g} m along their "
-                    f"edge: their parameters run otherwise; write both files in the same way"
+                    f"edge: their parameters run otherwise, or the edge has moved on one of them; write both files in "
+                    f"the same way, with edges that move with their faces"
                 )
         return found
 

@@ -136,6 +136,13 @@ def test_faces_whose_parameters_run_otherwise_are_refused(wing):
         body.matched(replace(body, faces=(replace(face, surface=turned), *body.faces[1:])))
 
 
+def test_faces_of_a_stranger_are_matched_where_they_are_the_same_and_refused_where_an_edge_moved_on_them(tmp_path):
+    body, other = (read_cad(foreign_file(tmp_path / f"{sweep}.step", sweep)).body for sweep in (350.0, 450.0))
+    assert body.matched(read_cad(foreign_file(tmp_path / "again.step")).body).names == body.names
+    with pytest.raises(InputError, match="or the edge has moved on one of them"):  # the tip is cut elsewhere in (u, v)
+        body.matched(other)
+
+
 def test_the_derivative_of_a_deformation_by_files_is_that_of_its_places(ball):
     rng, body = np.random.default_rng(1), ball.body
     moved = body.at(body.control_points + rng.uniform(-0.1, 0.1, body.control_points.shape))
