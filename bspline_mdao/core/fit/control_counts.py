@@ -281,7 +281,7 @@ def _disagreement(
 def _faces_along(topology: Topology, segment: int, d: int) -> str:
     """Names of the linked faces of a segment that hold direction ``d``."""
     names = set()
-    for link in topology.links:
+    for link in topology.alike:
         for s, section in ((link.a, link.a_section), (link.b, link.b_section)):
             flat = [e for e in range(3) if section[e] is not None]
             if s == segment and d not in flat and len(flat) == 1:

@@ -205,7 +205,7 @@ def require_agreement(
     volumes: Sequence[Volume],  # one for each segment
 ) -> None:
     """Refuse volumes that do not agree along the faces and edges that they share."""
-    for link in topology.links:
+    for link in topology.alike:
         for d in (d for d in range(3) if link.a_section[d] is None):
             difference = _difference(link, d, volumes)
             if difference:

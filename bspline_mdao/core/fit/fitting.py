@@ -38,7 +38,7 @@ from .parameters import as_parameters, chord_length_parameters
 from .problem import FitProblem, FitSolution, no_progress, part_of, problem_of_mesh, solve_fit
 from .requested_counts import RequestedCounts
 from .settings import FITTING, FittingSettings
-from .validity import make_valid
+from .validity import make_valid, with_sides_alike
 
 
 def _solve_valid(
@@ -285,6 +285,7 @@ def _fit(
         rest = part_of(progress, fraction, 1)
         arguments = problem, parameters, nodes, solution, corrections, rest, solver, settings
         parameters, solution = correct_parameters(*arguments)
+    solution = with_sides_alike(problem, parameters, solution)
     report = report_errors(problem, names, parameters, nodes, solution)
     said, seconds = (*topology.warnings, *sized.warnings, *report.warnings), time.perf_counter() - start
     report = replace(report, seconds=seconds, warnings=said, factor_bytes=sized.factor_bytes, raised=raised)

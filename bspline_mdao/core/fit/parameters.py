@@ -137,7 +137,7 @@ def _require_rising(what: str, parameters: np.ndarray) -> None:
 
 def _require_agreement(topology: Topology, parameters: Sequence[np.ndarray]) -> None:
     """Refuse parameters that differ where segments share nodes."""
-    for link in topology.links:
+    for link in topology.alike:
         first, second = parameters[link.a][whole_slices(link.a_section)], parameters[link.b]
         second = link.orientation.apply(second[whole_slices(link.b_section)])
         for d in (d for d in range(3) if link.a_section[d] is None):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from ...base.numerics.processes import together
 from ...base.numerics.progress import Progress
 from ...base.numerics.threads import map_tasks, thread_count
+from ...grids.topology.periodic_ties import Ties, control_ties
 from ...grids.topology.topology import Topology
 from ..splines.mesh import BSplineMesh
 from .entities import Entity, entities_in_order
@@ -36,6 +37,11 @@ class FitProblem:
     mesh: BSplineMesh  # one volume per segment
     entities: tuple[Entity, ...]  # in the order of section II.D
     edge_places: tuple[tuple[np.ndarray, ...], ...]
+
+    @cached_property
+    def ties(self) -> Ties | None:
+        """Control points of periodic sides, which are one but for a motion; None where there are none."""
+        return control_ties(self.topology, self.mesh.control_ids)
 
     def step(self, parameters: Sequence[np.ndarray], entity: Entity) -> FitStep:
         """Least squares of an entity, factored, for parameters of every segment."""

@@ -13,11 +13,13 @@ Theory: ``docs/theory/fit.rst``.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter
 
 from ...grids.cells.hexahedron import cell_quality
+from ...grids.topology.periodic_ties import Ties
 from ..evaluation.evaluator import Evaluator
 from ..model.records import CANDIDATES
 from ..splines.mesh import BSplineMesh
@@ -68,6 +70,17 @@ def _evaluated(problem: FitProblem, parameters: Sequence[np.ndarray], control_po
     return sharing.copy_shared(evaluator.forward(control_points))
 
 
+def with_sides_alike(
+    problem: FitProblem, parameters: Sequence[np.ndarray], solution: FitSolution
+) -> FitSolution:  # the same where no sides are tied
+    """Lay the control points of periodic sides exactly onto each other: they are, but for digits of the nodes."""
+    ties = problem.ties
+    if ties is None:
+        return solution
+    points = ties.lay(solution.control_points.copy())
+    return replace(solution, control_points=points, fitted=_evaluated(problem, parameters, points))
+
+
 def is_valid(nets: Sequence[np.ndarray]) -> bool:
     """Whether every corner of every element has a positive triple product."""
     return all((measure > 0.0).all() for measure in corner_measures(nets))
@@ -104,7 +117,7 @@ def choose_weights(
             for bound, is_folded in zip(least, problem.sharing.of_all_segments(covered)):
                 bound[is_folded] = -np.inf
         # step 4
-        towards = _retreat(mesh, candidates[number], base, least, settings)
+        towards = _retreat(mesh, candidates[number], base, least, settings, problem.ties)
         # step 5
         base = _mixed(candidates[number], base, towards)
         weights *= towards[:, None]
@@ -158,7 +171,12 @@ def _box(corners: np.ndarray, shape: Sequence[int]) -> tuple[np.ndarray, np.ndar
 
 
 def _retreat(
-    mesh: BSplineMesh, candidate: np.ndarray, base: np.ndarray, least: Sequence[np.ndarray], settings: FittingSettings
+    mesh: BSplineMesh,
+    candidate: np.ndarray,
+    base: np.ndarray,
+    least: Sequence[np.ndarray],
+    settings: FittingSettings,
+    ties: Ties | None,
 ) -> np.ndarray:
     """Weight of the base in each control point that makes its elements good enough, shape (n_control_points,)."""
     towards = np.zeros(mesh.n_control_points)
@@ -169,7 +187,7 @@ def _retreat(
         if not moving.any():
             return towards
         towards[moving] = np.minimum(towards[moving] + settings.retreat, 1.0)
-        towards = _fade(mesh, towards, settings.fade)
+        towards = _fade(mesh, towards, settings.fade, ties)
 
 
 def _mixed(candidate: np.ndarray, base: np.ndarray, towards: np.ndarray) -> np.ndarray:
@@ -186,12 +204,14 @@ def _points_of(mesh: BSplineMesh, is_marked: Sequence[np.ndarray]) -> np.ndarray
     return result
 
 
-def _fade(mesh: BSplineMesh, towards: np.ndarray, fade: float) -> np.ndarray:
+def _fade(mesh: BSplineMesh, towards: np.ndarray, fade: float, ties: Ties | None = None) -> np.ndarray:
     """Raise each value to that of its neighbours in any element, less a difference."""
     while True:
         raised = towards.copy()
         for ids in mesh.control_ids:
             np.maximum.at(raised, ids.ravel(), maximum_filter(towards[ids], 3, mode="nearest").ravel() - fade)
+        if ties is not None:
+            ties.raise_alike(raised)
         if np.array_equal(raised, towards):
             return towards
         towards = raised

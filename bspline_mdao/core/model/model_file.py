@@ -1,7 +1,8 @@
 """One HDF5 file for a fitted model, written from its fields and read back into them.
 
-Layout, version 4 (in version 3 there were no lengths of the residual; in version 2 the settings had a smoothing instead
-of a method; in version 1 there was no parametrization either, and the report had no memory of a factor)::
+Layout, version 5 (in version 4 no sides were tied; in version 3 there were no lengths of the residual; in version 2 the
+settings had a smoothing instead of a method; in version 1 there was no parametrization either, and the report had no
+memory of a factor)::
 
     /                       attributes: format, version, checksum, seconds of the fit
     /document               JSON (UTF-8): topology, grid header, report, settings, orders
@@ -39,7 +40,8 @@ from ...grids.io.plane_grids import PlaneDialect
 from ...grids.io.plot3d_dialect import Plot3dDialect
 from ...grids.topology.grid import Patch
 from ...grids.topology.index_space import Interface, Orientation, Window
-from ...grids.topology.topology import BoundaryFace, Collapse, Link, NearMiss, Topology
+from ...grids.topology.periodic_pair import Motion
+from ...grids.topology.topology import BoundaryFace, Collapse, Link, NearMiss, PeriodicLinks, Topology
 from ..splines.knots import knots_from_array, knots_to_array
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
@@ -56,7 +58,7 @@ from .records import (
     WorstNode,
 )
 
-VERSION = 4
+VERSION = 5
 
 CHECKED_BYTES = 2**24
 """Bytes of a dataset that are read at a time for the checksum, about."""
@@ -74,8 +76,10 @@ _RECORDS = {
             Collapse,
             Interface,
             Link,
+            Motion,
             NearMiss,
             Orientation,
+            PeriodicLinks,
             Window,
             Plot3dDialect,
             CgnsDialect,
@@ -374,7 +378,7 @@ def _check_topology(topology: Topology, header: GridHeader) -> None:
     for collapse in topology.collapses:
         _check_numbers((collapse.direction,), 0, 2)
         _section_shape(topology, collapse.segment, collapse.section)
-    for link in topology.links:
+    for link in topology.alike:
         ends = ((link.a, link.a_section), (link.b, link.b_section))
         _check_orientation(link.orientation, *(_section_shape(topology, *end) for end in ends))
 

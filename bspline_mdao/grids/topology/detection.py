@@ -25,10 +25,13 @@ from .faces import TINY, Face, Rectangle, block_faces, collapsed_windows, decomp
 from .grid import Grid, Patch, require_grid
 from .index_space import Interface, Window, by_blocks
 from .matching import Matches, Meeting, Quads, find_interfaces, find_regions, match_quads
-from .segments import Segmentation, junction_links, segment_blocks
+from .periodic import periodic_pairs
+from .periodic_interfaces import periodic_interfaces
+from .periodic_pair import Motion, PeriodicPair
+from .segments import Segmentation, interface_links, junction_links, segment_blocks
 from .shell import Shell
 from .stored_grid import StoredGrid
-from .topology import BoundaryFace, NearMiss, Topology, describe
+from .topology import BoundaryFace, NearMiss, PeriodicLinks, Topology, describe
 
 SMALLEST_SIZE = 1e-100
 """Size of a block (m) whose square is still far above zero in 8-byte reals."""
@@ -46,7 +49,8 @@ def find_topology(grid: Grid | StoredGrid, comm: Any = ONE) -> Topology:
     1. Find the points on which the nodes of faces lie (`find_coincidence`).
     2. Match the quads of faces on the same points, those of declared patches apart (`match_quads`).
     3. Group them in regions, and complete these where nodes do not quite meet (`Meeting`).
-    4. Cut blocks into segments, so that interfaces, patches and collapsed windows cover whole faces (`segment_blocks`).
+    4. Cut blocks into segments, so that interfaces, patches and collapsed windows cover whole faces (`segment_blocks`);
+       again where boundary is found to be periodic, so that both sides are cut alike.
     5. Link edges and corners that coincide and are not kept apart (`junction_links`).
     6. Everything else on faces is boundary; describe what nearly meets, and what looks wrong.
 
@@ -130,6 +134,19 @@ def _topology_of(grid: Grid | StoredGrid, blocks: Sequence[Shell]) -> Topology:
     segmentation = segment_blocks(grid.shapes, interfaces, declared, wide)  # step 4
     is_joined = _covered(faces, [side for pair in segmentation.interfaces for side in (pair.a, pair.b)])
     is_closed |= is_joined
+    boundary = _boundary(grid.patches, faces, is_joined, is_closed, patch_ids >= 0)
+    tied: list[tuple[Motion, list[Interface]]] = []
+    for pair in _periodic_pairs(grid, blocks, boundary):
+        sides = periodic_interfaces(pair, blocks, faces, coincidence.ids)
+        both = [*(side for _, others in tied for side in others), *sides]
+        again = segment_blocks(grid.shapes, interfaces, declared, wide, both)
+        if sides and again.uncut == segmentation.uncut:
+            tied.append((pair.motion, sides))
+            segmentation = again
+    periodic = tuple(
+        PeriodicLinks(motion, tuple(interface_links(grid.shapes, segmentation.segments, sides)))
+        for motion, sides in tied
+    )
     junctions = junction_links(grid.shapes, segmentation, quads, matches.separated, coincidence.ids)  # step 5
     # step 6
     uncut = [side for item in segmentation.uncut if isinstance(item, Interface) for side in (item.a, item.b)]
@@ -141,7 +158,7 @@ def _topology_of(grid: Grid | StoredGrid, blocks: Sequence[Shell]) -> Topology:
         source=grid.source,
         shapes=grid.shapes,
         interfaces=segmentation.interfaces,
-        boundary=_boundary(grid.patches, faces, is_joined, is_closed, patch_ids >= 0),
+        boundary=boundary,
         collapsed=tuple(collapsed),
         near_misses=near_misses,
         segments=segmentation.segments,
@@ -156,6 +173,7 @@ def _topology_of(grid: Grid | StoredGrid, blocks: Sequence[Shell]) -> Topology:
         ),
         joined_gaps=joined_gaps,
         repeated=repeated,
+        periodic=periodic,
     )
 
 
@@ -220,6 +238,21 @@ def _boundary(
                 parts = [part for n in there for part in _parts(faces[n], covered[n] & ~closed[n])]
             found += [BoundaryFace(part, patch.name, patch.kind) for part in parts]
     return (*found, *(BoundaryFace(part) for face, mask in zip(faces, taken) for part in _parts(face, ~mask)))
+
+
+def _periodic_pairs(
+    grid: Grid | StoredGrid, blocks: Sequence[Shell], boundary: Sequence[BoundaryFace]
+) -> tuple[PeriodicPair, ...]:
+    """Pairs of periodic windows: those that the file declares, and those that are found where no kind is declared."""
+    if not grid.patches:
+        return tuple(grid.periodic)  # nothing says what moves, and there is nothing to tie
+    bare = [face.window for face in boundary if face.kind in (None, "other")]
+    declared = [
+        pair for pair in grid.periodic if all(any(w.overlaps(b) for b in bare) for w in (*pair.windows, *pair.others))
+    ]
+    taken = [window for pair in declared for window in (*pair.windows, *pair.others)]
+    left = [window for window in bare if not any(window.overlaps(other) for other in taken)]
+    return (*declared, *periodic_pairs(blocks, left, grid.length_unit))
 
 
 def _by_face(mask: np.ndarray, faces: Sequence[Face]) -> list[np.ndarray]:

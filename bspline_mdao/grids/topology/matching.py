@@ -260,7 +260,7 @@ class Meeting:
         # corners, relative to the local spacing; partner: ndarray of int, shape `Face.n_quads` of int, quads of face b
         # that they are mapped to; -1 outside it.
         a, b = self.faces[region.a], self.faces[region.b]
-        overlap = _overlap(region, a, b)
+        overlap = overlap_of(region, a, b)
         interface = region.interface(self.faces, overlap)
         here, there = (self._at(side) for side in (interface.a, interface.b))
         gap = here[0] - interface.orientation.apply(there[0])
@@ -383,7 +383,7 @@ def _bounded_holes(is_hole: np.ndarray, is_open: np.ndarray) -> np.ndarray:
     return is_bounded[holes]
 
 
-def _overlap(region: Region, a: Face, b: Face) -> Rectangle:
+def overlap_of(region: Region, a: Face, b: Face) -> Rectangle:
     """Find the quads of face a that the map of a region takes into face b."""
     far = region.reverse().map_rectangle(Rectangle((0, 0), tuple(n - 1 for n in b.n_quads)))
     lo = tuple(max(index, 0) for index in far.lo)

@@ -19,7 +19,16 @@ from .block_layout import BlockLayout
 from .index_space import Window, window_rows
 from .topology import BoundaryFace, Topology, joined_pairs, joined_points
 
-__all__ = ["NodeNumbering", "NodesByRow", "boundary_rows", "face_layer_rows", "face_rows", "node_copies", "source_rows"]
+__all__ = [
+    "NodeNumbering",
+    "NodesByRow",
+    "boundary_rows",
+    "face_layer_rows",
+    "face_rows",
+    "node_copies",
+    "rows_of_places",
+    "source_rows",
+]
 
 
 def node_copies(topology: Topology) -> np.ndarray:
@@ -28,7 +37,7 @@ def node_copies(topology: Topology) -> np.ndarray:
     segments = topology.segments
     shapes = [segment.shape for segment in segments]
     pairs = joined_pairs(shapes, topology.links, topology.collapses, topology.segment_names)
-    rows, sources = (_rows_of_points(topology, points) for points in joined_points(pairs))
+    rows, sources = (rows_of_places(topology, points) for points in joined_points(pairs))
     rows, first = np.unique(rows, return_index=True)
     sources = sources[first]
     return np.stack([rows, sources], axis=1)[rows != sources]
@@ -146,8 +155,8 @@ def each_once(rows: np.ndarray) -> np.ndarray:
     return rows[np.concatenate([np.ones(min(1, rows.size), dtype=bool), rows[1:] != rows[:-1]])]
 
 
-def _rows_of_points(topology: Topology, points: np.ndarray) -> np.ndarray:
-    """Rows of points that are counted through, segments in order, each in C order."""
+def rows_of_places(topology: Topology, points: np.ndarray) -> np.ndarray:
+    """Rows in the grid vector of nodes that are counted through, segments in order, each in C order."""
     segments = topology.segments
     number, index = BlockLayout.of(segment.shape for segment in segments).unravel(points)
     blocks = np.array([segment.block for segment in segments])

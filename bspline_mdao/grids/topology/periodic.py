@@ -23,8 +23,9 @@ from .grid import Grid
 from .index_space import Window, face_layers
 from .periodic_pair import SMALLEST, Motion, PeriodicPair
 from .rotation_fit import CLOSE, congruent_triangles, fit_rotation
+from .shell import Shell
 
-__all__ = ["find_periodic"]
+__all__ = ["find_periodic", "periodic_pairs"]
 
 PLANAR = 1e-6
 """A window is planar when its nodes leave the plane by less than this part of the grid's size."""
@@ -42,27 +43,37 @@ def find_periodic(
     windows: Sequence[Window],  # windows of its boundary among which pairs are looked for
 ) -> tuple[PeriodicPair, ...]:  # each window is in one of them at most
     """Find windows whose nodes a rotation about any axis, or a translation, lays onto those of others."""
+    return periodic_pairs([block.nodes for block in grid.blocks], windows, grid.length_unit)
+
+
+def periodic_pairs(
+    blocks: Sequence[np.ndarray | Shell],  # nodes of the blocks, or those on their faces (m)
+    windows: Sequence[Window],  # windows of the boundary among which pairs are looked for
+    unit: str,  # unit of lengths
+) -> tuple[PeriodicPair, ...]:  # each window is in one of them at most
+    """See `find_periodic`."""
     # The two sides need not be cut into windows alike. Planar windows count for rotations other than by right angles
     # alone: the sides of many a box are laid onto each other as well.
     # windows of blocks one node deep have no cells behind them, and no direction inwards
-    windows = [window for window in windows if grid.shapes[window.block][window.shape.index(1)] > 1]
+    windows = [window for window in windows if blocks[window.block].shape[window.shape.index(1)] > 1]
     if len(windows) < 2 or 4 * len(windows) > MOST_CORNERS:
         return ()
-    outline = [face_layers(grid.blocks[window.block].nodes, window)[0].reshape(-1, 3) for window in windows]
+    outline = [_face(blocks[window.block], window).reshape(-1, 3) for window in windows]
     middle = np.mean([nodes.mean(axis=0) for nodes in outline], axis=0)
     size = 2.0 * max(float(lengths(nodes - middle).max()) for nodes in outline)
-    sides = [_Side.of(grid, window, size) for window in windows]
+    sides = [_Side.of(blocks[window.block], window, size) for window in windows]
     pairs, left = [], {n for n, side in enumerate(sides) if side.normal is None or _bounds(side, outline, size)}
     kept = [sides[n] for n in sorted(left)]
+    everywhere = cKDTree(np.concatenate([np.zeros((0, 3)), *(side.nodes for side in kept)]))
     for motion in [*_rotations(kept, size), *_translations(kept, size)]:
         candidates = [n for n in sorted(left) if sides[n].may_repeat(motion)]
         if not candidates:
             continue
-        there, back = (_laid(sides, candidates, m, size) for m in (motion, motion.inverse()))
+        there, back = (_laid(sides, candidates, m, size, everywhere) for m in (motion, motion.inverse()))
         if there and back and not there & back:
             first, second = (tuple(windows[n] for n in sorted(part)) for part in (there, back))
             nodes, others = (np.concatenate([sides[n].nodes for n in sorted(part)]) for part in (there, back))
-            refined = replace(_refined(motion, nodes, others, size), unit=grid.length_unit)
+            refined = replace(_refined(motion, nodes, others, size), unit=unit)
             pairs.append(PeriodicPair(first, second, refined))
             left -= there | back
     return tuple(pairs)
@@ -78,10 +89,9 @@ class _Side:
     normal: np.ndarray | None
 
     @classmethod
-    def of(cls, grid: Grid, window: Window, size: float) -> _Side:
-        """Take the nodes of a window of a grid."""
-        nodes = grid.blocks[window.block].nodes
-        face, inwards = face_layers(nodes, window)[0], inward_directions(nodes, window)
+    def of(cls, block: np.ndarray | Shell, window: Window, size: float) -> _Side:
+        """Take the nodes of a window of a block."""
+        face, inwards = _face(block, window), inward_directions(block, window)
         corners = face[[0, 0, -1, -1], [0, -1, 0, -1]]
         off = face.reshape(-1, 3) - face.mean(axis=(0, 1))
         normal = np.linalg.eigh(off.T @ off)[1][:, 0]
@@ -94,6 +104,11 @@ class _Side:
             return True
         cosine = abs(float(motion.turn(self.normal[None])[0] @ self.normal))
         return not motion.is_of_box and SMALLEST < cosine < 1.0 - 0.5 * SMALLEST**2
+
+
+def _face(block: np.ndarray | Shell, window: Window) -> np.ndarray:
+    """Nodes of a face window of a block, shape (n, m, 3)."""
+    return (block.layers(window) if isinstance(block, Shell) else face_layers(block, window))[0]
 
 
 def _bounds(side: _Side, nodes: list[np.ndarray], size: float) -> bool:
@@ -186,15 +201,19 @@ def _frequent(values: np.ndarray, tolerance: float) -> np.ndarray:
     return values[first[order[counts[order] > 1]]]
 
 
-def _laid(sides: list[_Side], candidates: list[int], motion: Motion, size: float) -> set[int]:
+def _laid(sides: list[_Side], candidates: list[int], motion: Motion, size: float, everywhere: cKDTree) -> set[int]:
     """Sides all of whose nodes the motion lays onto nodes of others that look at them."""
+    # First, in one go, those whose corners it lays onto any of the nodes: few motions of those tried lay any so.
+    corners = motion.move(np.concatenate([sides[n].corners for n in candidates]))
+    is_near = np.isfinite(everywhere.query(corners, distance_upper_bound=CLOSE * size)[0]).reshape(-1, 4).all(axis=1)
+    if not is_near.any():
+        return set()
     nodes, inwards = (np.concatenate([getattr(sides[n], name) for n in candidates]) for name in ("nodes", "inwards"))
     owner = np.repeat(np.arange(len(candidates)), [len(sides[n].nodes) for n in candidates])
     tree = cKDTree(nodes)
     found = set()
     for place, n in enumerate(candidates):
-        moved = motion.move(sides[n].corners)
-        if np.isinf(tree.query(moved, distance_upper_bound=CLOSE * size)[0]).any():
+        if not is_near[place]:
             continue
         distance, met = tree.query(motion.move(sides[n].nodes), distance_upper_bound=CLOSE * size)
         if np.isinf(distance).any() or (owner[met] == place).mean() > 0.5:

@@ -47,9 +47,10 @@ def segment_blocks(
     interfaces: Sequence[Interface],  # interfaces, patches: face windows of blocks
     patches: Sequence[Window],
     collapsed: dict[Window, tuple[int, ...]],  # windows of zero extent and the directions in which they have none
+    periodic: Sequence[Interface] = (),  # pairs of face windows that are to be cut alike, and are not linked
 ) -> Segmentation:
     """Cut blocks so that interfaces, patches and collapsed windows cover whole faces of segments."""
-    cuts, uncut = find_cuts(shapes, interfaces, [*patches, *collapsed])
+    cuts, uncut = find_cuts(shapes, [*interfaces, *periodic], [*patches, *collapsed])
     segments = cut_blocks(cuts)
     kept = tuple(interface for interface in interfaces if interface not in uncut)
     kept_windows = {window: directions for window, directions in collapsed.items() if window not in uncut}

@@ -66,7 +66,7 @@ def direction_classes(topology: Topology) -> np.ndarray:
     ids = np.arange(3 * len(topology.segments)).reshape(-1, 3)
     pairs = [
         [ids[link.a, d], ids[link.b, link.orientation.perm[d]]]
-        for link in topology.links
+        for link in topology.alike
         for d in range(3)
         if link.a_section[d] is None
     ]
@@ -82,7 +82,7 @@ def directed_classes(topology: Topology) -> np.ndarray:
     ids = np.arange(6 * len(topology.segments)).reshape(-1, 3, 2)
     pairs = [
         [ids[link.a, d, way], ids[link.b, link.orientation.perm[d], way ^ link.orientation.flip[d]]]
-        for link in topology.links
+        for link in topology.alike
         for d in range(3)
         for way in (0, 1)
         if link.a_section[d] is None

@@ -20,6 +20,7 @@ from ...base.display import OneLine
 from ...errors import InputError
 from .block_layout import BlockLayout
 from .index_space import FACE_NAMES, Interface, Orientation, Section, Window, section_rows
+from .periodic_pair import Motion
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,14 @@ class Link:
 
 
 @dataclass(frozen=True)
+class PeriodicLinks(OneLine):
+    """Faces of segments that are one but for a motion: both sides of a periodic pair."""
+
+    motion: Motion  # it takes the points of the faces a to those of the faces b
+    links: tuple[Link, ...]
+
+
+@dataclass(frozen=True)
 class Collapse:
     """A section of a segment in which all points along one direction are one."""
 
@@ -82,6 +91,12 @@ class Topology(OneLine):
     joined_gaps: tuple[NearMiss, ...] = ()  # interfaces that are joined though some of their nodes do not coincide
     # pairs of blocks whose faces lie on the same points, from 0: the second is the first once more
     repeated: tuple[tuple[int, int], ...] = ()
+    periodic: tuple[PeriodicLinks, ...] = ()  # interfaces that carry a motion; their faces are boundary as well
+
+    @property
+    def alike(self) -> tuple[Link, ...]:
+        """Links of sections that have equal numbers of points, parameters and splines: those of periodic sides too."""
+        return (*self.links, *(link for tied in self.periodic for link in tied.links))
 
     @property
     def n_nodes(self) -> int:
@@ -144,12 +159,12 @@ def joined_pairs(
     """Pairs of points, each array of shape (2, n), that links and collapses make one; arguments as of `shared_ids`."""
     # Points are counted through, segments in order, each in C order. All of them lie on faces of segments.
     starts = BlockLayout.of(shapes).starts
-    pairs = [_link_pairs(shapes, starts, link, names) for link in links]
+    pairs = [link_pairs(shapes, starts, link, names) for link in links]
     return pairs + [_collapse_pairs(shapes, starts, collapse) for collapse in collapses]
 
 
-def _link_pairs(
-    shapes: Sequence[tuple[int, ...]], starts: np.ndarray, link: Link, names: Sequence[str] | None
+def link_pairs(
+    shapes: Sequence[tuple[int, ...]], starts: np.ndarray, link: Link, names: Sequence[str] | None = None
 ) -> np.ndarray:
     """Points joined by a link, shape (2, n)."""
     a = section_rows(shapes[link.a], link.a_section, starts[link.a])

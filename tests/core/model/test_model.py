@@ -104,7 +104,7 @@ def test_a_foreign_file_is_refused(tmp_path):
 def test_a_newer_version_is_refused(saved):
     with h5py.File(saved, "a") as file:
         file.attrs["version"] = 99
-    with pytest.raises(InputError, match="is of version 99, newer than 4"):
+    with pytest.raises(InputError, match="is of version 99, newer than 5"):
         FittedModel.load(saved)
 
 
@@ -156,6 +156,11 @@ def test_a_file_of_version_2_is_read_if_its_fit_is_still_known(saved):
     as_version(saved, 2, lambda document: document["settings"].update(smoothing=0.1))
     with pytest.raises(InputError, match=r"model\.h5: the fitted model is smoothed, which is no longer known; fit"):
         FittedModel.load(saved)
+
+
+def test_a_file_of_version_4_ties_no_sides(saved):
+    as_version(saved, 4, lambda document: document["topology"].pop("periodic"))
+    assert FittedModel.load(saved).topology.periodic == ()
 
 
 def test_a_file_of_version_3_is_read_by_one_process_and_refused_by_several(saved):

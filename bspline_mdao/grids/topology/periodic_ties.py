@@ -1,0 +1,226 @@
+"""Points of periodic sides that are one but for a motion, and what they do alike.
+
+Points on both sides of periodic pairs, and those that several pairs join, as at the corners of a lattice of cells, form
+groups: an original and its copies, each with the motion that lays the original onto it. All move alike, each turned:
+u_copy = R u_original. A point that a motion lays onto itself, as those on the axis of a sector, moves in the directions
+alone that its rotation keeps.
+
+Theory: ``docs/theory/topology.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.display import OneLine
+from .block_layout import BlockLayout
+from .index_space import Section
+from .node_numbering import NodeNumbering, node_copies, rows_of_places, source_rows
+from .periodic_pair import Motion
+from .topology import PeriodicLinks, Topology, describe, link_pairs
+
+__all__ = ["NodeTies", "Ties", "control_ties", "gap_between", "row_ties", "sides_of"]
+
+SAME = 1e-9
+"""Entries of rotations closer than this are equal: a smaller angle about an axis is none between periodic sides."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ties(OneLine):
+    """Originals and their copies."""
+
+    # originals, copies: (n,) of int, an original may have several copies, and is none itself
+    originals: np.ndarray
+    copies: np.ndarray
+    turns: np.ndarray  # (n, 3, 3), rotation that turns the displacement of the original into that of the copy
+    shifts: np.ndarray  # (n, 3), the copy is at ``turn x + shift`` (m)
+    # held: (m,) of int, originals, or points without copies, once for each direction in which they cannot move
+    held: np.ndarray
+    across: np.ndarray  # (m, 3), these directions: unit vectors, orthogonal where they are of one point
+
+    @classmethod
+    def of(cls, pairs: Sequence[tuple[np.ndarray, np.ndarray, Motion]]) -> Ties:
+        """Tie points a to points b, each of shape (n,), that a motion takes them to."""
+        points = np.unique(np.concatenate([ids for a, b, _ in pairs for ids in (a, b)]))
+        steps = []
+        for a, b, motion in pairs:
+            a, b = (np.searchsorted(points, ids) for ids in (a, b))
+            turn, shift = motion.turn(np.eye(3)).T, motion.move(np.zeros((1, 3)))[0]
+            steps += [(a, b, turn, shift), (b, a, turn.T, -turn.T @ shift)]
+        root = np.arange(len(points))
+        turns, shifts = np.tile(np.eye(3), (len(points), 1, 1)), np.zeros((len(points), 3))
+        is_changed = True
+        while is_changed:
+            is_changed = False
+            for a, b, turn, shift in steps:
+                at = np.flatnonzero(root[a] < root[b])
+                at = at[np.unique(b[at], return_index=True)[1]]
+                to, by = b[at], a[at]
+                root[to], turns[to], shifts[to] = root[by], turn @ turns[by], shifts[by] @ turn.T + shift
+                is_changed |= len(at) > 0
+        held, across = _held(root, turns, steps[::2])
+        copies = np.flatnonzero(root != np.arange(len(root)))
+        return cls(points[root[copies]], points[copies], turns[copies], shifts[copies], points[held], across)
+
+    def __len__(self) -> int:
+        return len(self.copies) + len(self.held)
+
+    @property
+    def ids(self) -> np.ndarray:
+        """All points, ascending."""
+        return np.unique(np.concatenate([self.originals, self.copies, self.held]))
+
+    def groups_of(self, ids: np.ndarray) -> np.ndarray:
+        """All points of the groups that some points are in."""
+        of_these = np.isin(self.originals, ids) | np.isin(self.copies, ids)
+        is_in = np.isin(self.originals, self.originals[of_these])
+        return np.unique(np.concatenate([self.originals[is_in], self.copies[is_in]]))
+
+    def without(self, ids: np.ndarray) -> Ties:
+        """Leave out groups by their originals."""
+        is_in = ~np.isin(self.originals, ids)
+        ends = self.originals[is_in], self.copies[is_in]
+        return Ties(*ends, self.turns[is_in], self.shifts[is_in], self.held, self.across)
+
+    def numbered(self, numbers: np.ndarray) -> Ties:
+        """Number points anew by ``numbers[id]``; groups of which one has a negative number are left out."""
+        kept = self.without(self.originals[(numbers[self.copies] < 0) | (numbers[self.originals] < 0)])
+        is_held = numbers[self.held] >= 0
+        ends = numbers[kept.originals], numbers[kept.copies]
+        return Ties(*ends, kept.turns, kept.shifts, numbers[self.held[is_held]], self.across[is_held])
+
+    def lay(self, points: np.ndarray) -> np.ndarray:
+        """Points (m), in place, with copies where the motions take their originals."""
+        points[self.copies] = np.einsum("nij,nj->ni", self.turns, points[self.originals]) + self.shifts
+        return points
+
+    def raise_alike(self, values: np.ndarray) -> None:
+        """Raise values of points, shape (n_points,), in place, to the largest of their groups."""
+        np.maximum.at(values, self.originals, values[self.copies])
+        values[self.copies] = values[self.originals]
+
+    def alike(self, vectors: np.ndarray) -> np.ndarray:
+        """Displacements of all points, in place, with the mean of each group in the place of those of its points.
+
+        That is an orthogonal projection, hence its own transpose.
+        """
+        n_each = np.bincount(np.searchsorted(self._roots, self.originals), minlength=len(self._roots)) + 1.0
+        mean = vectors[self._roots]
+        turned_back = np.einsum("nji,nj->ni", self.turns, vectors[self.copies])
+        np.add.at(mean, np.searchsorted(self._roots, self.originals), turned_back)
+        vectors[self._roots] = mean / n_each[:, None]
+        off = np.einsum("nj,nj->n", vectors[self.held], self.across)
+        np.subtract.at(vectors, self.held, off[:, None] * self.across)
+        vectors[self.copies] = np.einsum("nij,nj->ni", self.turns, vectors[self.originals])
+        return vectors
+
+    @property
+    def _roots(self) -> np.ndarray:
+        return np.unique(self.originals)
+
+
+def _held(root: np.ndarray, turns: np.ndarray, steps: Iterable[tuple]) -> tuple[np.ndarray, np.ndarray]:
+    """Directions in which originals cannot move because a chain of motions lays them onto themselves."""
+    found: dict[int, list[np.ndarray]] = {}
+    for a, b, turn, _ in steps:
+        off = np.einsum("nji,njk->nik", turns[b], turn @ turns[a]) - np.eye(3)
+        for n in np.flatnonzero(np.abs(off).max(axis=(1, 2)) > SAME):
+            found.setdefault(int(root[b[n]]), []).append(off[n])
+    held, across = [], []
+    for point, parts in found.items():
+        _, sizes, rows = np.linalg.svd(np.concatenate(parts))
+        held += [point] * int(np.count_nonzero(sizes > SAME))
+        across.append(rows[sizes > SAME])
+    return np.array(held, dtype=np.int64), np.concatenate([np.zeros((0, 3)), *across])
+
+
+def control_ties(topology: Topology, control_ids: Sequence[np.ndarray]) -> Ties | None:
+    """Ties of the points of all segments by their numbers there; None where no sides are tied."""
+    layout = BlockLayout.of(ids.shape for ids in control_ids)
+    return _ties(topology, layout, layout.join(control_ids).__getitem__) if topology.periodic else None
+
+
+def row_ties(topology: Topology) -> Ties | None:
+    """Ties of the nodes of a grid by their rows, of those that are one the first; None where no sides are tied."""
+    if not topology.periodic:
+        return None
+    copies = node_copies(topology)
+    return _ties(topology, _nodes(topology), lambda places: source_rows(copies, rows_of_places(topology, places)))
+
+
+def gap_between(topology: Topology, tied: PeriodicLinks, nodes: np.ndarray) -> float:
+    """Largest distance of nodes of one side, moved, from those of the other (m), of all nodes of a grid, (n, 3)."""
+    a, b = (nodes[rows_of_places(topology, side)] for side in _linked(_nodes(topology), tied))
+    return float(np.linalg.norm(tied.motion.move(a) - b, axis=1).max())
+
+
+def sides_of(topology: Topology, tied: PeriodicLinks) -> tuple[str, str]:
+    """Name the faces of both sides for a message."""
+    ends = zip(*(((link.a, link.a_section), (link.b, link.b_section)) for link in tied.links))
+    first, second = (", ".join(dict.fromkeys(_name(topology, *end) for end in side)) for side in ends)
+    return first, second
+
+
+def _name(topology: Topology, number: int, section: Section) -> str:
+    """Name the face of a segment by its block, and by its nodes where it is part of that."""
+    segment = topology.segments[number]
+    d = next(d for d, end in enumerate(section) if end is not None)
+    return describe(segment.face(2 * d + (section[d] == -1)), topology.shapes[segment.block])
+
+
+def _nodes(topology: Topology) -> BlockLayout:
+    return BlockLayout.of(segment.shape for segment in topology.segments)
+
+
+def _linked(layout: BlockLayout, tied: PeriodicLinks) -> np.ndarray:
+    """Places in segments, one after the other, of points of both sides, shape (2, n)."""
+    return np.concatenate([link_pairs(layout.shapes, layout.starts, link) for link in tied.links], axis=1)
+
+
+def _ties(topology: Topology, layout: BlockLayout, number: Callable[[np.ndarray], np.ndarray]) -> Ties:
+    """Ties of points by numbers that are given for their places in segments, one after the other."""
+    pairs = []
+    for tied in topology.periodic:
+        a, b = np.unique(np.stack([number(side) for side in _linked(layout, tied)]), axis=1)
+        pairs.append((a, b, tied.motion))
+    return Ties.of(pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class NodeTies(OneLine):
+    """Ties of some nodes of a grid, and the nodes that are one with some of these."""
+
+    ties: Ties  # by the numbers of the nodes
+    copies: np.ndarray  # (n, 2) of int, nodes, and the ones among the tied that they are
+
+    @classmethod
+    def of(cls, numbering: NodeNumbering) -> NodeTies | None:
+        """Take the ties of nodes; of a group that is not there as a whole, none. None where no sides are tied."""
+        of_grid = row_ties(numbering.topology)
+        if of_grid is None:
+            return None
+        numbers = np.full(numbering.topology.n_nodes, -1)
+        numbers[of_grid.ids] = numbering.numbers_of(of_grid.ids)
+        ties, copies = of_grid.numbered(numbers), numbering.copies
+        return cls(ties, copies[np.isin(copies[:, 1], ties.ids)])
+
+    def alike(self, vectors: np.ndarray) -> np.ndarray:
+        """Displacements of the nodes, in place, see `Ties.alike`."""
+        self.ties.alike(vectors)
+        vectors[self.copies[:, 0]] = vectors[self.copies[:, 1]]
+        return vectors
+
+    def move_alike(self, nodes: np.ndarray, at_rest: np.ndarray) -> None:
+        """Give moved nodes, in place, displacements from where they are at rest that are alike; both (n_nodes, 3)."""
+        change = self.alike(nodes - at_rest)
+        rows = np.union1d(self.ties.ids, self.copies[:, 0])
+        nodes[rows] = at_rest[rows] + change[rows]
+
+    def alike_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `alike`, in place."""
+        np.add.at(bar, self.copies[:, 1], bar[self.copies[:, 0]])
+        bar[self.copies[:, 0]] = 0.0
+        return self.ties.alike(bar)
