@@ -14,6 +14,7 @@ import numpy as np
 from ...base.numerics.mean_planes import MeanPlane, mean_planes, near_enough
 from ...base.numerics.vectors import is_line, nearest_plane
 from ...errors import InputError
+from ...grids.topology.periodic_ties import Ties
 
 __all__ = ["AllowedDirections", "required_planes", "sliding_planes"]
 
@@ -52,6 +53,27 @@ class AllowedDirections:
         new = ids[is_new]
         self.basis[new, self.n_normals[new]] = left[is_new] / length[is_new, None]
         self.n_normals[new] += 1
+
+    def tie(self, ties: Ties) -> Ties:
+        """Fix in all points of a group what is fixed in one; return the groups that are on the surface, or are not."""
+        is_split = self.surface[ties.originals] != self.surface[ties.copies]
+        ties = ties.without(ties.originals[is_split])
+        ties.raise_alike(self.fixed)
+        self._keep_in_planes(ties.held, ties.across)
+        for k in range(3):
+            self._keep_in_planes(ties.originals, np.einsum("nji,nj->ni", ties.turns, self.basis[ties.copies, k]))
+        for k in range(3):
+            self._keep_in_planes(ties.copies, np.einsum("nij,nj->ni", ties.turns, self.basis[ties.originals, k]))
+        return ties
+
+    def _keep_in_planes(self, ids: np.ndarray, normals: np.ndarray) -> None:
+        """Fix points in the directions of normals, shape (n, 3), where these are not zero; one may be there again."""
+        order = np.flatnonzero(normals.any(axis=1))
+        order = order[np.argsort(ids[order], kind="stable")]
+        _, starts, counts = np.unique(ids[order], return_index=True, return_counts=True)
+        time = np.arange(len(order)) - np.repeat(starts, counts)
+        for n in range(counts.max(initial=0)):
+            self.keep_in_plane(ids[order[time == n]], normals[order[time == n]])
 
     def fields(self) -> dict[str, Any]:
         """Return the fields of a `bspline_mdao.core.mesh.moving_mesh.MovingMesh` that describe them, by name."""

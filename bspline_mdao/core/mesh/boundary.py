@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import singledispatch
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -23,8 +24,10 @@ from ...base.checks import as_array
 from ...base.numerics.mean_planes import MeanPlane
 from ...errors import InputError
 from ...grids.cells.quads import edges_of
-from ...grids.topology.sharing import boundary_sections
-from ...grids.topology.topology import BoundaryFace, Topology, describe
+from ...grids.topology.index_space import Section
+from ...grids.topology.periodic_ties import Ties, control_ties
+from ...grids.topology.sharing import boundary_sections, boundary_sides
+from ...grids.topology.topology import BoundaryFace, Link, Topology, describe
 from ..model.fitted_model import FittedModel
 from ..model.model import Model
 from ..model.movable import Movable
@@ -105,7 +108,8 @@ def moving_mesh(
     the other one does: it is one curve, with one value of a variable for each of its points (``copies``).
 
     Curved patches of the far field, of kind ``other`` and of no kind follow the design surface where it ends on them,
-    unless they are fixed or periodic: their points are free.
+    unless they are fixed, or periodic and not tied: their points are free. Those of periodic sides that are tied are
+    free as well, planar or not, and both sides move alike.
 
     Where a patch slides on a curved surface, its nodes stay on that as well as they are on it on the baseline, and on
     planes that end on it, whatever control points do. These slide in its tangent planes, and are free on sides of
@@ -272,6 +276,11 @@ def _mesh(
             designed.append(Side(face, ids, number))
         elif face.patch in asked.fixed or face.patch not in asked.released:
             others.append(Side(face, ids, number))
+    ties = control_ties(topology, blocks)
+    if ties is not None:
+        tied = _tied_sides(topology)
+        is_free = [side.number in tied and _may_slide(side.face, asked) for side in others]
+        others = [s for s, free in zip(others, is_free) if not free or _is_asked_to_slide(s.face, asked)]
     require_off_design(_curved(designed, points, asked, nodes is not None), topology.source)
     curved_sides = _curved(others, points, asked, nodes is not None)
     slides = curved_slides(topology, curved_sides, asked.surfaces, nodes)
@@ -296,6 +305,7 @@ def _mesh(
         allowed.keep_in_plane(ids, tangent_normals(slide.surface, points[ids]))
     for side in fixed:
         allowed.fix(side.ids)
+    ties = None if ties is None else allowed.tie(ties)
     ends = [(side, plane.normal, plane.offset) for side, plane in in_planes]
     ends += [(side, *plane) for side, plane in zip(undecided, planes) if plane is not None]
     mesh = MovingMesh(
@@ -309,8 +319,9 @@ def _mesh(
         obstacles=_met(fixed, allowed.surface),
         following=_met((side for side in undecided if side.number in following), allowed.surface),
         slides=(*slides, *(slide_in_plane(*end) for end in ends)) if slides else (),
+        **_tied(ties, allowed.surface),
     )
-    return replace(mesh, copies=_planes_of_section(mesh))
+    return mesh if len(mesh.copies) else replace(mesh, copies=_planes_of_section(mesh), copy_turns=None)
 
 
 def _planes_of_section(mesh: MovingMesh) -> np.ndarray:
@@ -322,6 +333,29 @@ def _planes_of_section(mesh: MovingMesh) -> np.ndarray:
         if lines is not None and lines.shape[1] == 2:
             return lines
     return mesh.copies
+
+
+def _tied_sides(topology: Topology) -> frozenset[int]:
+    """Numbers of the sides of segments that are tied to others, see `boundary_sides`."""
+    ends = ((end, section) for tied in topology.periodic for link in tied.links for end, section in _ends(link))
+    faces = {
+        (segment, 2 * d + (end == -1)) for segment, section in ends for d, end in enumerate(section) if end in (0, -1)
+    }
+    return frozenset(n for n, (_, *side) in enumerate(boundary_sides(topology)) if tuple(side) in faces)
+
+
+def _ends(link: Link) -> tuple[tuple[int, Section], ...]:
+    return (link.a, link.a_section), (link.b, link.b_section)
+
+
+def _tied(ties: Ties | None, surface: np.ndarray) -> dict[str, Any]:
+    """Return the fields of a `MovingMesh` that tie the two sides of periodic pairs."""
+    if ties is None:
+        return {}
+    rows = np.where(surface, np.cumsum(surface) - 1, -1)
+    on_surface = ties.numbered(rows)
+    copies = np.stack([on_surface.originals, on_surface.copies], axis=1)
+    return {"ties": ties, "copies": copies, "copy_turns": on_surface.turns}
 
 
 def _curved(sides: Sequence[Side], points: np.ndarray, asked: _Requests, may_be_found: bool) -> list[Side]:

@@ -3,7 +3,7 @@
 The edge of a wall that ends on a curved face, such as the cone behind a sphere-cone, takes the points beside it along,
 or the cells between them fold. So the points of such a face are free, and move as the mover moves what is inside; the
 edges that it shares with faces that are fixed stay, so that what the wall does fades over the face. Faces of periodic
-pairs are left out: nothing ties the two sides, and free they would drift apart.
+pairs are none of them: those that the topology ties are free in any case, and others would drift apart.
 
 Theory: ``docs/theory/movers.rst``.
 """

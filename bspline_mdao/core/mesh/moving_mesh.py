@@ -22,6 +22,7 @@ from ...errors import InputError
 from ...grids.cells.hexahedron import CellQuality, cell_quality, collapsed_corners
 from ...grids.cells.quads import rings
 from ...grids.topology.block_layout import BlockLayout
+from ...grids.topology.periodic_ties import Ties
 from ..sliding.fixed_surface import Plane
 from ..sliding.sliding_nodes import Slide
 from ..splines.volume import Volume
@@ -89,6 +90,8 @@ class MovingMesh(OneLine):
         periodic sides.
     copy_turns : ndarray, shape (n_copies, 3, 3), or None
         Rotation by which the displacement of each copy is turned; none by default.
+    ties : Ties, or None
+        Points of periodic sides, which are one but for a motion; None where there are none.
     slides : tuple of Slide
         Patches that slide on fixed surfaces which are not planes, and planes that end on them; empty where there are
         none.
@@ -120,6 +123,7 @@ class MovingMesh(OneLine):
     markers: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()
     copies: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
     copy_turns: np.ndarray | None = None
+    ties: Ties | None = None
     slides: tuple[Slide, ...] = ()
 
     @property
@@ -138,6 +142,11 @@ class MovingMesh(OneLine):
         rows = np.full(self.n_points, -1)
         rows[self.surface_ids] = np.arange(len(self.surface_ids))
         return rows
+
+    @cached_property
+    def surface_ties(self) -> Ties | None:
+        """The ties of the surface points, by their rows in ``surface_ids``."""
+        return None if self.ties is None else self.ties.numbered(self.surface_rows)
 
     @cached_property
     def fixed_ids(self) -> np.ndarray:
@@ -240,12 +249,21 @@ class MovingMesh(OneLine):
     def slide(self, displacement: np.ndarray) -> np.ndarray:
         """Project displacements, shape (n_points, 3), onto what each point may do: zero on the surface and where fixed.
 
-        The projection is orthogonal, hence its own transpose.
+        Points of periodic sides take the mean of both. The projection is orthogonal, hence its own transpose.
         """
         if self.frames is None:
-            return displacement * self.is_free
-        in_frames = np.einsum("nij,nj->ni", self.frames, displacement) * self.is_free
-        return np.einsum("nij,ni->nj", self.frames, in_frames)
+            slid = displacement * self.is_free
+        else:
+            in_frames = np.einsum("nij,nj->ni", self.frames, displacement) * self.is_free
+            slid = np.einsum("nij,ni->nj", self.frames, in_frames)
+        return slid if self.ties is None else self.ties.alike(slid)
+
+    def alike(self, displacement: np.ndarray) -> np.ndarray:
+        """Displacements of the surface, shape (n_surface, 3), with the mean of both where it ends on periodic sides.
+
+        The projection is orthogonal, hence its own transpose.
+        """
+        return displacement if self.surface_ties is None else self.surface_ties.alike(displacement.copy())
 
     def place(self, element: int) -> str:
         """Name an element for a message."""

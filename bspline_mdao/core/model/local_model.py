@@ -23,8 +23,16 @@ from ...base.checks import as_finite_points
 from ...base.display import OneLine
 from ...base.numerics.processes import ONE, on_first, together
 from ...errors import InputError
-from ...grids.topology.node_numbering import NodeNumbering, NodesByRow, each_once, face_layer_rows
+from ...grids.topology.node_numbering import (
+    NodeNumbering,
+    NodesByRow,
+    each_once,
+    face_layer_rows,
+    node_copies,
+    source_rows,
+)
 from ...grids.topology.partition import Partition, Subdomain
+from ...grids.topology.periodic_ties import row_ties
 from ...grids.topology.topology import Topology
 from ..evaluation.evaluator import Evaluator
 from ..splines.mesh import BSplineMesh
@@ -176,8 +184,8 @@ class LocalModel(OneLine, Model):
 
     def corrected_map(self, rows: np.ndarray, whole: Model) -> tuple[GridMap, WallCorrection]:
         """Map to the nodes of the subdomain for walls that are met exactly, and what of the correction it needs."""
-        nodes, walls = nodes_at(whole, np.arange(whole.n_nodes)), self._walls
-        wanted = NodeNumbering.of(self.topology, self.subdomain.rows, () if walls is None else walls.needed)
+        nodes = nodes_at(whole, np.arange(whole.n_nodes))
+        wanted = NodeNumbering.of(self.topology, self.subdomain.rows, self._needed(()))
         part = WallCorrection.of(self.topology, nodes, rows).part(wanted.sources_of(wanted.rows))
         grid_map = self._map_of(whole, [part.needed])
         return grid_map, part.among(grid_map.numbering)
@@ -191,13 +199,20 @@ class LocalModel(OneLine, Model):
 
     def _map_of(self, model: Model, needed: Sequence[np.ndarray]) -> GridMap:
         walls = self._walls
-        nodes_here = NodeNumbering.of(
-            self.topology, self.subdomain.rows, [*needed, *(() if walls is None else walls.needed)]
-        )
+        nodes_here = NodeNumbering.of(self.topology, self.subdomain.rows, self._needed(needed))
         parameters, residual = model.parameters_of(nodes_here), model.residual_at(nodes_here.rows)
         evaluator = Evaluator.of_nodes(nodes_here, self.mesh, parameters)
         places = nodes_here, self.mesh, parameters, self.control_points, residual, self.residual_lengths
         return GridMap.of_nodes(*places, self.settings.wall_layer, walls, evaluator)
+
+    def _needed(self, needed: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Rows of nodes that those of the process and others need: those of walls, and those tied to any of them."""
+        rows = [*needed, *(() if self._walls is None else self._walls.needed)]
+        ties = row_ties(self.topology)
+        if ties is None:
+            return rows
+        sources = source_rows(node_copies(self.topology), np.concatenate([self.subdomain.rows, *rows]))
+        return [*rows, ties.groups_of(sources)]
 
     def __getstate__(self) -> dict:
         return {name: value for name, value in self.__dict__.items() if name not in ("_grid_map", "_walls")}

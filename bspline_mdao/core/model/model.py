@@ -88,9 +88,10 @@ class Model(Movable):
 
     @property
     def is_linear(self) -> bool:
-        """Whether neither the residual turns nor nodes follow walls."""
+        """Whether neither the residual turns nor nodes follow walls, or those of a periodic side the other one."""
         has_walls = any(face.kind == "wall" for face in self.topology.boundary)
-        return not self.settings.wall_layer or (self.residual is None and not has_walls)
+        follows = self.settings.wall_layer and (self.residual is not None or has_walls)
+        return not follows and not self.topology.periodic
 
     @property
     def is_linear_at_walls(self) -> bool:

@@ -30,8 +30,8 @@ class ComovingFrame(OneLine):
 
     All points that are fixed follow: the far field, and walls that are not part of the design surface. Those that slide
     in planes slide in them as before. Symmetry and sliding planes leave rotations about their normal and shifts along
-    them; two planes at an angle leave shifts along both; patches that slide on surfaces which are not planes leave
-    nothing, and all that is fixed stays.
+    them; two planes at an angle leave shifts along both; patches that slide on surfaces which are not planes, and
+    periodic sides that are tied, leave nothing, and all that is fixed stays.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class ComovingFrame(OneLine):
         """Mesh that is moved."""
         return self.mover.mesh
 
-    def move(self, initial: np.ndarray, surface: np.ndarray, **options: Any) -> ComovingMovement:
+    def move(self, initial: np.ndarray, surface: np.ndarray, **options: Any) -> Movement:
         """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
 
         Options are those of the mover's own ``move``.
@@ -72,9 +72,11 @@ class ComovingFrame(OneLine):
         InputError, MovementError
             As the mover; also if the surface is turned inside out as a whole.
         """
+        mover: Any = differentiable(self.mover) if self.keep_factors else self.mover
+        if self.mesh.ties is not None:
+            return mover.move(initial, surface, **options)
         ids = self.mesh.surface_ids
         motion = RigidPart(self.mesh.plane_normals).at(initial[ids], surface)
-        mover: Any = differentiable(self.mover) if self.keep_factors else self.mover
         return ComovingMovement(ids, surface, motion, mover.move(initial, motion.undo(surface), **options))
 
 

@@ -26,12 +26,14 @@ from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ...base.display import OneLine
 from ...base.numerics.processes import ONE, together
 from ...base.sparse.blocks import BlockMatrix, BlockPattern, slots
 from ...base.sparse.distributed import DistributedPattern
-from ...errors import MovementError
+from ...errors import InputError, MovementError
+from ...grids.topology.periodic_ties import Ties
 from ..mesh.moving_mesh import MovingMesh
 from .increments import IncrementalMovement, IncrementalMover, in_increments
 from .mover import SolveReport, digits_of
@@ -241,7 +243,7 @@ class Equilibrium:
         unknowns = Unknowns(mesh, comm)
         with together(comm):
             pattern = unknowns.pattern
-        return cls(mesh, unknowns, solver.analyze(pattern, mesh.points[unknowns.point_ids[unknowns.rows]]))
+        return cls(mesh, unknowns, solver.analyze(pattern, mesh.points[unknowns.row_ids[unknowns.rows]]))
 
     def balance(
         self,
@@ -305,33 +307,67 @@ class Balance:
 class Unknowns:
     """Numbering of the points that may move, and the matrix of those that this process owns."""
 
+    # Points of periodic sides share a row. Their elements are assembled in rows of their own, each turned into a frame
+    # that turns with the side, and the blocks of all that share one are added: P^T K P, with u = P x.
+
     mesh: MovingMesh  # what is moved
     # processes that share the rows of the matrix; this one alone by default. All else is the same on all of them.
     comm: Any = ONE
 
     @cached_property
     def point_ids(self) -> np.ndarray:
-        """Point of each block row, ascending."""
+        """Points that may move, ascending: those of the block rows before any are shared."""
         return np.flatnonzero(self.mesh.is_free.any(axis=1)).astype(np.int32)
+
+    @cached_property
+    def ties(self) -> Ties | None:
+        """The ties of these points, by their places among them; None where none of them are tied."""
+        if self.mesh.ties is None:
+            return None
+        return self.mesh.ties.numbered(self._places) or None
+
+    @property
+    def row_ids(self) -> np.ndarray:
+        """Point of each block row of the matrix, ascending: originals where points share it."""
+        return self.point_ids if self.ties is None else np.delete(self.point_ids, self.ties.copies)
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        """Place of every point among those that may move; -1 where it may not."""
+        rows = np.full(self.mesh.n_points, -1, dtype=np.int32)
+        rows[self.point_ids] = np.arange(len(self.point_ids), dtype=np.int32)
+        return rows
 
     @cached_property
     def _assembly(self) -> tuple[BlockPattern, np.ndarray | slice, np.ndarray]:
         """Pattern, elements to assemble, and the row here of each of their corners, -1 where there is none."""
-        rows = np.full(self.mesh.n_points, -1, dtype=np.int32)
-        rows[self.point_ids] = np.arange(len(self.point_ids), dtype=np.int32)
+        element_rows, n = self._places[self.mesh.elements], len(self.point_ids)
         if self.comm.size > 1:
-            return DistributedPattern.of_local_elements(rows[self.mesh.elements], len(self.point_ids), self.comm)
-        element_rows = rows[self.mesh.elements]
-        return BlockPattern.of_elements(element_rows, len(self.point_ids)), ALL, element_rows
+            if self.ties is not None:
+                raise InputError("movement: periodic sides are tied by one process alone; give processes='first'")
+            return DistributedPattern.of_local_elements(element_rows, n, self.comm)
+        return BlockPattern.of_elements(element_rows, n), ALL, element_rows
+
+    @cached_property
+    def _sharing(self) -> RowSharing | None:
+        """How points share rows; None where none do."""
+        if self.ties is None:
+            return None
+        shared = np.empty(len(self.point_ids), dtype=np.int32)
+        is_original = np.ones(len(shared), dtype=bool)
+        is_original[self.ties.copies] = False
+        shared[is_original] = np.arange(np.count_nonzero(is_original))
+        shared[self.ties.copies] = shared[self.ties.originals]
+        return RowSharing.of(self._assembly[0], self._assembly[2], shared)
 
     @property
     def pattern(self) -> BlockPattern:
         """Pattern of the stiffness; a `DistributedPattern` where there are several processes."""
-        return self._assembly[0]
+        return self._assembly[0] if self._sharing is None else self._sharing.pattern
 
     @property
     def element_rows(self) -> np.ndarray:
-        """Block row of every corner of the elements of the matrix, -1 where there is none, shape (n_elements, 8)."""
+        """Block row of every corner of the elements before any are shared, -1 where there is none, (n_elements, 8)."""
         return self._assembly[2]
 
     @property
@@ -341,8 +377,15 @@ class Unknowns:
 
     @cached_property
     def slots(self) -> np.ndarray:
-        """Place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`."""
-        return slots(self.pattern, self.element_rows)
+        """Place of every pair of corners before any rows are shared, see `bspline_mdao.base.sparse.blocks.slots`."""
+        return slots(self._assembly[0], self.element_rows)
+
+    def assembled(self, add_stiffness: Callable[..., None]) -> BlockMatrix:
+        """Stiffness of the points before any share a row, in space."""
+        pattern, element_ids, element_rows = self._assembly
+        data = np.zeros((pattern.n_blocks, 3, 3))
+        add_stiffness(element_rows, self.slots, data, element_ids)
+        return BlockMatrix(pattern, data)
 
     def matrix(
         self,
@@ -351,20 +394,19 @@ class Unknowns:
         add_stiffness: Callable[..., None],
     ) -> BlockMatrix:
         """Stiffness of the unknowns."""
-        pattern, element_ids, element_rows = self._assembly
-        data = np.zeros((pattern.n_blocks, 3, 3))
-        add_stiffness(element_rows, self.slots, data, element_ids)
-        self._restrain(data)
-        return BlockMatrix(self.pattern, data)
+        whole = self.assembled(add_stiffness)
+        self._restrain(whole.data)
+        return whole if self._sharing is None else BlockMatrix(self.pattern, self._sharing.added(whole.data))
 
     def gather(self, force: np.ndarray) -> np.ndarray:
         """Components of a force, shape (n_points, 3), along the free directions: shape (n_rows, 3)."""
-        return self._turned(force[self.point_ids]) * self._is_free
+        in_frames = self._turned(force[self.point_ids]) * self._is_free
+        return in_frames if self._sharing is None else self._sharing.gather(in_frames)
 
     def scatter(self, unknowns: np.ndarray) -> np.ndarray:
         """Transpose of `gather`."""
         displacement = np.zeros((self.mesh.n_points, 3), dtype=unknowns.dtype)
-        in_frames = unknowns * self._is_free
+        in_frames = (unknowns if self._sharing is None else unknowns[self._sharing.rows]) * self._is_free
         if self._frames is not None:
             in_frames = np.einsum("nij,ni->nj", self._frames, in_frames)
         displacement[self.point_ids] = in_frames
@@ -372,11 +414,19 @@ class Unknowns:
 
     @cached_property
     def _is_free(self) -> np.ndarray:
-        return self.mesh.is_free[self.point_ids]
+        is_free = self.mesh.is_free[self.point_ids]
+        if self.ties is not None:
+            is_free[self.ties.copies] = is_free[self.ties.originals]
+        return is_free
 
     @cached_property
     def _frames(self) -> np.ndarray | None:
-        return None if self.mesh.frames is None else self.mesh.frames[self.point_ids]
+        ties, frames = self.ties, self.mesh.frames
+        if ties is None or (frames is None and (ties.turns == np.eye(3)).all()):
+            return None if frames is None else frames[self.point_ids]
+        of_points = np.tile(np.eye(3), (len(self.point_ids), 1, 1)) if frames is None else frames[self.point_ids]
+        of_points[ties.copies] = of_points[ties.originals] @ ties.turns.transpose(0, 2, 1)
+        return of_points
 
     def _turned(self, vectors: np.ndarray) -> np.ndarray:
         return vectors if self._frames is None else np.einsum("nij,nj->ni", self._frames, vectors)
@@ -384,12 +434,13 @@ class Unknowns:
     @cached_property
     def _restrained(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Entries, with rows and columns, that meet a point with a frame of its own or a fixed direction."""
+        pattern = self._assembly[0]
         is_special: Any = ~self._is_free[self.rows].all(axis=1)
         if self._frames is not None:
             is_special |= (self._frames[self.rows] != np.eye(3)).any(axis=(1, 2))
-        rows = np.repeat(np.arange(self.pattern.n, dtype=np.int32), np.diff(self.pattern.indptr))
-        entries = np.flatnonzero(is_special[rows] | is_special[self.pattern.indices])
-        return entries, rows[entries], self.pattern.indices[entries]
+        rows = np.repeat(np.arange(pattern.n, dtype=np.int32), np.diff(pattern.indptr))
+        entries = np.flatnonzero(is_special[rows] | is_special[pattern.indices])
+        return entries, rows[entries], pattern.indices[entries]
 
     def _restrain(self, data: np.ndarray) -> None:
         """Turn blocks into the frames of their points, and put the identity where a direction is fixed."""
@@ -402,6 +453,46 @@ class Unknowns:
         is_diagonal = rows == columns
         blocks[is_diagonal] += ~is_free[rows[is_diagonal]][:, :, None] * np.eye(3)
         data[entries] = blocks
+
+
+@dataclass(frozen=True, eq=False)
+class RowSharing:
+    """Points that share rows of a matrix with others, and the blocks of the matrix that are added up for that."""
+
+    rows: np.ndarray  # (n_points,) of int, row of each point
+    pattern: BlockPattern  # of the rows
+    # (n_blocks, n_blocks of the points), which blocks of the points are added as they are, and which transposed
+    as_they_are: csr_array
+    transposed: csr_array
+
+    @classmethod
+    def of(cls, pattern: BlockPattern, element_points: np.ndarray, rows: np.ndarray) -> RowSharing:
+        """Add up the blocks of a pattern of points, by the row of each point."""
+        element_rows = np.where(element_points >= 0, rows[element_points], -1)
+        shared = BlockPattern.of_elements(element_rows, int(rows.max()) + 1)
+        points = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr)), pattern.indices
+        pairs = np.stack([rows[points[0]], rows[points[1]]], axis=1).astype(np.int32)
+        # pairs of corners (1, 0); those that become one row are both as they are and transposed
+        place = slots(shared, pairs)[:, 1]
+        is_turned, is_one = pairs[:, 0] < pairs[:, 1], (pairs[:, 0] == pairs[:, 1]) & (points[0] != points[1])
+        shape = shared.n_blocks, pattern.n_blocks
+
+        def summing(is_added: np.ndarray) -> csr_array:
+            entries = np.flatnonzero(is_added)
+            return csr_array((np.ones(len(entries)), (place[entries], entries)), shape=shape)
+
+        return cls(rows, shared, summing(~is_turned), summing(is_turned | is_one))
+
+    def added(self, data: np.ndarray) -> np.ndarray:
+        """Blocks of the rows, shape (n_blocks, 3, 3), of those of the points."""
+        turned = np.ascontiguousarray(data.transpose(0, 2, 1)).reshape(-1, 9)
+        return (self.as_they_are @ data.reshape(-1, 9) + self.transposed @ turned).reshape(-1, 3, 3)
+
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        """Sum of the values of the points of each row, shape (n_rows, 3)."""
+        total = np.zeros((self.pattern.n, *values.shape[1:]), dtype=values.dtype)
+        np.add.at(total, self.rows, values)
+        return total
 
 
 def in_two(parts: np.ndarray) -> np.ndarray:

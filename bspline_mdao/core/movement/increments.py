@@ -24,7 +24,7 @@ from ...base.display import OneLine
 from ...base.numerics.progress import progress_bar
 from ...errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
-from .mover import IncrementReport, MovementReport, Mover, Step, check_reach, check_request
+from .mover import IncrementReport, MovementReport, Mover, Step, check_reach, check_request, met_alike
 
 __all__ = ["PAPER_INCREMENTS", "IncrementalMovement", "IncrementalMover", "in_increments", "increments_for"]
 
@@ -42,12 +42,17 @@ GOOD_RATIO = 0.03
 class IncrementalMovement(OneLine):
     """A move that was made in increments."""
 
-    surface_ids: np.ndarray  # (n_surface,) of int, points on the surface
+    mesh: MovingMesh  # what was moved
     steps: tuple[Step, ...]  # the increments
     report: MovementReport  # what they did
     # what moves from the same initial points can share, to be handed to the mover's next ``move`` as its ``start``;
     # None where there is nothing
     start: object = None
+
+    @property
+    def surface_ids(self) -> np.ndarray:
+        """Points on the surface, shape (n_surface,)."""
+        return self.mesh.surface_ids
 
     @property
     def points(self) -> np.ndarray:
@@ -61,8 +66,10 @@ class IncrementalMovement(OneLine):
     ) -> np.ndarray:
         """Change of the points, shape (n_points, 3)."""
         d_points, m = d_initial, len(self.steps)
+        d_at_rest = d_initial[self.surface_ids]
+        d_surface = d_at_rest + self.mesh.alike(d_surface - d_at_rest)
         for i, step in enumerate(self.steps, start=1):
-            d_points = step.jvp(d_initial, d_points, _between(d_initial[self.surface_ids], d_surface, i, m))
+            d_points = step.jvp(d_initial, d_points, _between(d_at_rest, d_surface, i, m))
         return d_points
 
     def vjp(
@@ -77,7 +84,9 @@ class IncrementalMovement(OneLine):
             initial_bar += reference_bar
             initial_bar[self.surface_ids] += (1.0 - i / m) * target_bar
             surface_bar += (i / m) * target_bar
-        return initial_bar + bar, surface_bar
+        alike_bar = self.mesh.alike(surface_bar)
+        initial_bar[self.surface_ids] += surface_bar - alike_bar
+        return initial_bar + bar, alike_bar
 
 
 def in_increments(
@@ -132,6 +141,7 @@ def in_increments(
     check_request(mesh, initial, surface)
     began, steps, reports = time.perf_counter(), [], []
     before, surface_before = initial, initial[mesh.surface_ids]
+    surface = met_alike(mesh, surface_before, surface)
     with progress_bar("moving the control mesh") as report_progress:
         for i in range(1, n_increments + 1):
             report_progress((i - 1) / n_increments, f"increment {i} of {n_increments}")
@@ -144,7 +154,7 @@ def in_increments(
             tangling = mesh.tangled(before)
             reports.append(IncrementReport(solve=steps[-1].report, **vars(tangling)))
     report = MovementReport(tuple(reports), time.perf_counter() - began, n_invalid=mesh.n_invalid)
-    return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
+    return IncrementalMovement(mesh, tuple(steps), report)
 
 
 def require_number(n_increments: int) -> None:

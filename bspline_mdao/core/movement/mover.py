@@ -29,6 +29,7 @@ __all__ = [
     "check_request",
     "differentiable",
     "digits_of",
+    "met_alike",
 ]
 
 PLANE_TOLERANCE = 1e-5
@@ -209,6 +210,11 @@ def check_request(
             f"movement: {mesh.place_of_surface_point(rows[worst])} leaves its symmetry plane by "
             f"{off[worst]:.3g} m; keep surface points on symmetry planes in them"
         )
+
+
+def met_alike(mesh: MovingMesh, at_rest: np.ndarray, surface: np.ndarray) -> np.ndarray:
+    """Places of the surface, shape (n_surface, 3), with the mean of both sides where it ends on periodic ones."""
+    return surface if mesh.surface_ties is None else at_rest + mesh.alike(surface - at_rest)
 
 
 def check_reach(

@@ -18,11 +18,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, eye_array, kron, tril
+from scipy.sparse import bsr_array, csc_array, csr_array, eye_array, kron, tril
 
 from ...base.numerics.processes import ONE
 from ...base.sparse.blocks import graph_of
 from ...base.sparse.ordering import fill_reducing_order
+from ...grids.topology.periodic_ties import Ties
 from ..mesh.control_net import surface_quads
 from ..mesh.moving_mesh import MovingMesh
 from ..walls.rotations import LocalRotations, Rotations
@@ -72,7 +73,8 @@ class RotationUnknowns:
     @cached_property
     def _directions(self) -> csr_array:
         """Directions of the unknowns, in the order of their elimination, shape (3 n, n_unknowns) for n points."""
-        mesh, ids = self.points.mesh, self.points.point_ids
+        # Copies turn as their originals do, turned. That joins components, so that those of a point come together.
+        mesh, ids, ties = self.points.mesh, self.points.row_ids, self.points.ties
         rank = np.argsort(fill_reducing_order(*graph_of(self.points.pattern)))
         is_free = mesh.is_free[ids]
         rotating, sliding = (np.flatnonzero(is_free.sum(axis=1) == n) for n in (3, 2))
@@ -84,7 +86,7 @@ class RotationUnknowns:
         rows = np.concatenate([np.tile(rotating, 3), sliding])
         vectors = np.concatenate([np.repeat(axes, len(rotating), axis=0), normals])
         vectors[np.abs(vectors) < ROUND_OFF] = 0.0
-        order = np.lexsort((rank[rows], slots))
+        order = np.lexsort((rank[rows], slots) if ties is None else (slots, rank[rows]))
         entries = (
             vectors[order].ravel(),
             (3 * rows[order, None] + [0, 1, 2]).ravel(),
@@ -92,13 +94,23 @@ class RotationUnknowns:
         )
         directions = csc_array(entries, shape=(3 * len(ids), len(rows)))
         directions.eliminate_zeros()
-        return directions.tocsr()
+        return directions.tocsr() if ties is None else csr_array(self._turned @ directions)
+
+    @property
+    def _turned(self) -> csr_array:
+        """Vectors of all points from those of originals and of points that are none's copies, shape (3 n, 3 n_rows)."""
+        of_points, n = self.points, len(self.points.point_ids)
+        ties: Any = of_points.ties
+        rows = np.searchsorted(of_points.row_ids, of_points.point_ids)
+        rows[ties.copies] = rows[ties.originals]
+        turns = np.tile(np.eye(3), (n, 1, 1))
+        turns[ties.copies] = ties.turns
+        return bsr_array((turns, rows, np.arange(n + 1)), shape=(3 * n, 3 * len(of_points.row_ids))).tocsr()
 
     def matrix(self, add_stiffness: Callable[..., None]) -> csc_array:
         """Stiffness of the unknowns, of a Laplacian of each component; see `Unknowns.matrix`."""
-        pattern = self.points.pattern
-        data = np.zeros((pattern.n_blocks, 3, 3))
-        add_stiffness(self.points.element_rows, self.points.slots, data)
+        whole = self.points.assembled(add_stiffness)
+        pattern, data = whole.pattern, whole.data
         lower = csr_array((data[:, 0, 0], pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n))
         of_points = lower + tril(lower, -1).T
         return csc_array(self._directions.T @ kron(of_points, eye_array(3), format="csr") @ self._directions)
@@ -119,19 +131,32 @@ class SurfaceVectors:
     """Rotation vectors of the surface points in one move, shape (n_surface, 3), and their derivative."""
 
     rotations: Rotations
-    values: np.ndarray
+    found: np.ndarray  # as they are found from the faces around each point
+    ties: Ties | None = None  # surface points of periodic sides, whose faces are on either side: their mean is taken
 
     @classmethod
-    def of(cls, local: LocalRotations, initial: np.ndarray, surface: np.ndarray) -> SurfaceVectors:
+    def of(
+        cls, local: LocalRotations, initial: np.ndarray, surface: np.ndarray, ties: Ties | None = None
+    ) -> SurfaceVectors:
         """Vectors of a move of surface points, both of shape (n_surface, 3)."""
         rotations = local.at(initial, surface)
-        return cls(rotations, unwrapped(rotations.matrices, local.starts, local.neighbours))
+        return cls(rotations, unwrapped(rotations.matrices, local.starts, local.neighbours), ties)
+
+    @property
+    def values(self) -> np.ndarray:
+        """The vectors."""
+        return self._alike(self.found)
+
+    def _alike(self, vectors: np.ndarray) -> np.ndarray:
+        return vectors if self.ties is None else self.ties.alike(vectors.copy())
 
     def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the vectors."""
-        return vectors_jvp(self.values, self.rotations.matrices, self.rotations.jvp(d_initial, d_surface))
+        change = vectors_jvp(self.found, self.rotations.matrices, self.rotations.jvp(d_initial, d_surface))
+        return self._alike(change)
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `jvp`."""
-        bars = self.rotations.vjp(vectors_vjp(self.values, self.rotations.matrices, bar), ("initial", "moved"))
+        bar = vectors_vjp(self.found, self.rotations.matrices, self._alike(bar))
+        bars = self.rotations.vjp(bar, ("initial", "moved"))
         return bars["initial"], bars["moved"]

@@ -38,7 +38,7 @@ from ..walls.rotations import LocalRotations
 from .elasticity import lame_constants
 from .element_rotations import ElementRotations
 from .equilibrium import Equilibrium, Unknowns
-from .mover import IncrementReport, MovementReport, SolveReport, check_reach, check_request, digits_of
+from .mover import IncrementReport, MovementReport, SolveReport, check_reach, check_request, digits_of, met_alike
 from .rotation_field import RotationUnknowns, SurfaceVectors, surface_rotations
 from .rotation_vectors import turns, turns_jvp, turns_vjp
 from .target_gradients import TargetGradientField, TargetGradientSystem
@@ -145,7 +145,8 @@ class Rotations(OneLine):
         if start is None or not np.array_equal(start.points, initial):
             start = self.start(initial)
         at_rest = initial[mesh.surface_ids]
-        vectors = SurfaceVectors.of(self._surface, at_rest, surface)  # step 1
+        surface = met_alike(mesh, at_rest, surface)
+        vectors = SurfaceVectors.of(self._surface, at_rest, surface, mesh.surface_ties)  # step 1
         extension = start.rotations.field(vectors.values)  # step 2
         of_elements = extension.values[mesh.elements].mean(axis=1)
         displacements = [start.displacements.field(surface - at_rest, turns(of_elements))]  # step 3
@@ -215,6 +216,7 @@ class RotatedMovement(OneLine):
     ) -> np.ndarray:
         """Change of the points, shape (n_points, 3)."""
         d_at_rest = d_initial[self.surface_ids]
+        d_surface = d_at_rest + self._mesh.alike(d_surface - d_at_rest)
         d_vectors = self.vectors.jvp(d_at_rest, d_surface)
         d_extension = self.extension.jvp(d_initial, d_vectors, None)
         d_target = turns_jvp(self.of_elements, d_extension.sum(axis=0)[self._mesh.elements].mean(axis=1))
@@ -247,4 +249,7 @@ class RotatedMovement(OneLine):
         at_rest_bar, by_vectors = self.vectors.vjp(vectors_bar)
         initial_bar += by_points + by_extension
         initial_bar[self.surface_ids] += at_rest_bar - surface_bar
-        return initial_bar, surface_bar + by_vectors
+        surface_bar = surface_bar + by_vectors
+        alike_bar = mesh.alike(surface_bar)
+        initial_bar[self.surface_ids] += surface_bar - alike_bar
+        return initial_bar, alike_bar

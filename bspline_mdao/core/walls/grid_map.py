@@ -5,6 +5,8 @@
                                         Of nodes that slide on fixed surfaces w is the closest point there to y, or
                                         to where they are given (`bspline_mdao.core.sliding`)
     x = layer(y; x0, w)                 nodes near walls follow them as a rigid body (`.layer`)
+    x <- x0 + P (x - x0)                nodes of periodic sides move alike, since walls are seen from within on either
+                                        side (`bspline_mdao.grids.topology.periodic_ties`); so does y, once it is there
 
 At the control points of the baseline it gives the baseline, and a rigid motion of all control points moves all nodes
 with it, to round-off. Without walls the layer is nothing, and without a residual there is none to turn. What is near
@@ -23,6 +25,7 @@ import numpy as np
 from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.topology.node_numbering import NodeNumbering
+from ...grids.topology.periodic_ties import NodeTies
 from ...grids.topology.topology import Topology
 from ...names import CONTROL_POINTS, SURFACE
 from ..evaluation.evaluator import Evaluator
@@ -53,6 +56,7 @@ class GridMap(OneLine):
     numbering: (
         NodeNumbering  # which nodes of the grid they are; in the map of all of it every number is that of its row
     )
+    ties: NodeTies | None = None  # nodes of periodic sides
     correction: WallCorrection | None = None  # correction of nodes whose places are known, see `meeting`
     n_given: int = 0  # how many of these are given, the first ones; the others are asked to slide from where they are
     sliding: SlidingNodes | None = None  # which of both slide on surfaces
@@ -108,7 +112,7 @@ class GridMap(OneLine):
             layer = walls.layer(numbering, nodes, evaluator.n_threads)
             rows, plane_rows = map(numbering.numbers_of, walls.needed)
             following = WallFollowing(layer, rows, plane_rows, walls.normals)
-        return cls(evaluator, nodes, rotation_map, vectors, following, numbering)
+        return cls(evaluator, nodes, rotation_map, vectors, following, numbering, NodeTies.of(numbering))
 
     def meeting(
         self, correction: WallCorrection, n_given: int | None = None, sliding: SlidingNodes | None = None
@@ -126,7 +130,7 @@ class GridMap(OneLine):
     @property
     def is_linear(self) -> bool:
         """Whether the nodes depend linearly (affinely, with a residual) on the control points."""
-        return self.rotation_map is None and self.following is None and self.sliding is None
+        return all(part is None for part in (self.rotation_map, self.following, self.sliding, self.ties))
 
     @property
     def n_asked(self) -> int:
@@ -162,6 +166,8 @@ class GridMap(OneLine):
             nodes = self.evaluator.forward(control_points)
             if isinstance(self.residual, np.ndarray):
                 nodes += self.residual
+        if self.ties is not None:
+            self.ties.move_alike(nodes, self.nodes)
         if (surface is not None) != (self.n_given > 0):
             raise InputError("grid: places of nodes and a correction that meets them go together; give both or none")
         if self.correction is not None:
@@ -175,6 +181,8 @@ class GridMap(OneLine):
             self.correction.meet(nodes, wall)
         if self.following is not None:
             followed = self.following.at(self.nodes, nodes, self.nodes, nodes)
+        if self.ties is not None and (self.correction is not None or followed is not None):
+            self.ties.move_alike(nodes, self.nodes)
         return GridState(self, nodes, rotation, followed, mismatch, slid)
 
 
@@ -208,6 +216,8 @@ class GridState:
             change = self.rotation.jvp(control_points, self.rotation.change(control_points), of.residual)
         else:
             change = of.evaluator.forward(control_points)
+        if of.ties is not None:
+            of.ties.alike(change)
         if of.correction is not None:
             met = change[of.correction.rows]
             asked = met.copy()
@@ -217,6 +227,8 @@ class GridState:
             change += of.correction.forward(asked - met)
         if self.followed is not None:
             self.followed.jvp(change, change)
+        if of.ties is not None:
+            of.ties.alike(change)
         return change
 
     def vjp(
@@ -229,8 +241,10 @@ class GridState:
         """Transpose of `jvp`."""
         of, wrt = self.of, require_inputs(wrt, self.inputs)
         bars: dict[str, np.ndarray] = {}
-        if self.followed is not None or of.correction is not None:
+        if self.followed is not None or of.correction is not None or of.ties is not None:
             bar = bar.copy()
+        if of.ties is not None:
+            of.ties.alike_vjp(bar)
         if self.followed is not None:
             self.followed.add_vjp(bar, bar)
         if of.correction is not None:
@@ -240,6 +254,8 @@ class GridState:
                 asked_bar[of.sliding.places] = self.slid.vjp(asked_bar[of.sliding.places])
             bars[SURFACE] = asked_bar[: of.n_given]
             bar[of.correction.rows[of.n_given :]] += asked_bar[of.n_given :]
+        if of.ties is not None:
+            of.ties.alike_vjp(bar)
         if CONTROL_POINTS in wrt:
             if self.rotation is not None and isinstance(of.residual, Vectors):
                 parts = self.rotation.vjp(of.residual, bar, ("points", "control_points"))

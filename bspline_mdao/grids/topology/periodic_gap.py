@@ -35,8 +35,9 @@ class PeriodicGap:
         return (
             f"periodic faces drift apart: {describe(self.pair.windows[0])} and {describe(self.pair.others[0])}, by a "
             f"{self.pair.motion}, are {self.gap:.3g} {unit} apart at {describe(self.node)}; nothing ties them, and "
-            f"flow solvers will not take them for periodic. The lattice of 'fit --lattice' ties them; or deform walls "
-            f"alike where they end on both, or not there"
+            f"flow solvers will not take them for periodic. A fit ties them where their nodes match one to one: fit "
+            f"again where the model is older. The lattice of 'fit --lattice' ties them as well; or deform walls alike "
+            f"where they end on both, or not there"
         )
 
 

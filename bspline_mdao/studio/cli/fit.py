@@ -27,6 +27,7 @@ from ...grids.io.meshes.files import is_mesh
 from ...grids.io.patch_guess import may_overlap, overlap_of
 from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Grid
+from ...grids.topology.periodic_ties import sides_of
 from ...grids.topology.stored_grid import StoredGrid
 from ...grids.topology.topology import Topology
 from .mesh_fit import asked_settings, fit_mesh
@@ -195,6 +196,10 @@ def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate | No
         "raised": report.raised and vars(report.raised),
         "fallback": fallback and {**vars(fallback), "n_points": dict(zip(CANDIDATES, fallback.n_points))},
         "factor_bytes": report.factor_bytes,
+        "periodic": [
+            {"markers": list(sides_of(model.topology, tied)), "motion": str(tied.motion)}
+            for tied in model.topology.periodic
+        ],
         "seconds": report.seconds,
         "warnings": report.warnings,
     }
@@ -228,6 +233,11 @@ def show_report(model: FittedModel | FittedBlocks) -> None:
             f"largest in x, y, z: {', '.join(f'{error:.3e}' for error in report.max_error)} {unit}",
             f"worst node: block {worst.block}, ({worst.i}, {worst.j}, {worst.k}), {worst.error:.3e} {unit}",
             *_local_lines(report),
+            *(
+                f"control points of {' and '.join(sides_of(model.topology, tied))} move alike: a {tied.motion} lays "
+                f"one onto the other"
+                for tied in model.topology.periodic
+            ),
         ]
     )
     if report.raised is not None:

@@ -25,7 +25,7 @@ from ...grids.cells.overlap_change import OverlapChange
 from ...grids.io.meshes.blocks import BlockMeshFile
 from .cures import Trial, verdict
 from .mesh_fit import lattice_numbers, show_lattice
-from .mesh_periodic import gap_lines, side_numbers
+from .mesh_periodic import gap_lines, side_numbers, split_lines
 from .move import MoveOptions, write_points
 from .moved_cells import MovedCells
 from .moved_mesh import MovedMesh
@@ -40,9 +40,6 @@ from .output import (
 from .units import unit_warnings
 
 __all__ = ["move_mesh"]
-
-SPLIT = 1e-9
-"""Part of the size of a mesh by which a deformation may differ on copies of nodes: round-off."""
 
 FINER = (1.5, 2.25)
 """Spacings of the lattice that are tried where cells are inverted, by which it is divided."""
@@ -248,11 +245,6 @@ def _show(output: Path, moved: _Moved) -> None:
 
 def _split_lines(moved: _Moved) -> list[str]:
     """Say of walls that end on both periodic sides if they were asked to move differently there."""
-    off, where = moved.split
-    mesh = moved.model.mesh
-    if off <= SPLIT * float(np.linalg.norm(np.ptp(mesh.points, axis=0))):
-        return []
-    return [
-        f"walls end on both periodic sides, and the deformation differs there by up to {off:.3g} {mesh.length_unit}, "
-        f"at {where}, which moves as its copy does; deform them alike there, or other walls by --design"
-    ]
+    (off, where), mesh = moved.split, moved.model.mesh
+    size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
+    return split_lines(off, size, mesh.length_unit, f"{where}, which moves as its copy does")

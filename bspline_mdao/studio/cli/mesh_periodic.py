@@ -1,4 +1,4 @@
-"""What commands say of the periodic sides of a mesh: what lays them onto each other, and how well it does."""
+"""What commands say of the periodic sides of a mesh or a grid: what lays them onto each other, and how well it does."""
 
 from __future__ import annotations
 
@@ -8,8 +8,13 @@ import numpy as np
 
 from ...core.background.periodic_sides import PeriodicSides
 from ...grids.cells.mixed_cells import MixedMesh
+from ...grids.topology.periodic_ties import gap_between, sides_of
+from ...grids.topology.topology import Topology
 
-__all__ = ["gap_lines", "side_numbers"]
+__all__ = ["gap_lines", "side_numbers", "split_lines", "tied_numbers"]
+
+SPLIT = 1e-9
+"""Part of the size of a mesh by which a deformation may differ on copies of nodes: round-off."""
 
 
 def side_numbers(
@@ -30,10 +35,43 @@ def side_numbers(
     ]
 
 
+def tied_numbers(
+    topology: Topology,
+    baseline: np.ndarray,  # (n_nodes, 3), the nodes on the baseline (m)
+    nodes: np.ndarray | None = None,  # (n_nodes, 3), the nodes where the grid was moved
+) -> list[dict]:
+    """Collect the same of the sides of blocks that are tied."""
+    now = baseline if nodes is None else nodes
+    return [
+        {
+            "markers": list(sides_of(topology, tied)),
+            "motion": str(tied.motion),
+            "gap": gap_between(topology, tied, now),
+            **({} if nodes is None else {"gap_before": gap_between(topology, tied, baseline)}),
+        }
+        for tied in topology.periodic
+    ]
+
+
 def gap_lines(numbers: Sequence[dict], unit: str) -> list[str]:
     """Say how far copies of nodes are from where they should be."""
     return [
         f"copies of nodes of {' and '.join(each['markers'])}, a {each['motion']}, are off by up to "
         f"{each['gap']:.3g} {unit}" + (f", {each['gap_before']:.3g} before" if "gap_before" in each else "")
         for each in numbers
+    ]
+
+
+def split_lines(
+    off: float,  # how differently a deformation moves nodes of walls and their copies, at most (m)
+    size: float,  # size of the mesh (m)
+    unit: str,
+    where: str,  # the node, and where it goes
+) -> list[str]:
+    """Say of walls that end on both periodic sides if they were asked to move differently there."""
+    if off <= SPLIT * size:
+        return []
+    return [
+        f"walls end on both periodic sides, and the deformation differs there by up to {off:.3g} {unit}, at {where}; "
+        f"deform them alike there, or other walls by --design"
     ]

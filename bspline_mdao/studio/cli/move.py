@@ -35,10 +35,14 @@ from ...grids.cells.report import InvertedCell, QualityReport, inverted_cells, j
 from ...grids.io.disk import replaced_file
 from ...grids.io.files import check_grid_name, write_grid
 from ...grids.topology.grid import Grid
+from ...grids.topology.index_space import Window
 from ...grids.topology.periodic_gap import PeriodicGap, periodic_gaps
+from ...grids.topology.periodic_ties import row_ties
 from ...grids.topology.sharing import node_sharing
+from ...grids.topology.topology import Topology, describe
 from .cad import show_cad
 from .cures import Trial, try_cures, verdict
+from .mesh_periodic import gap_lines, split_lines, tied_numbers
 from .movers import MoverOptions
 from .output import (
     MEANING_OF_INVALID,
@@ -103,6 +107,8 @@ class Moved:
     certificate: Certificate
     gaps: tuple[PeriodicGap, ...]
     slid_off: float | None  # how far nodes that slide have left their surfaces, at most (m); None where none slide
+    periodic: list[dict]  # sides that are tied, before and after
+    split: tuple[float, str]  # how differently the deformation moves walls on both sides of these, and where
     notes: tuple[str, ...]  # what deformations say of themselves
 
     @property
@@ -183,30 +189,49 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
     mesh, deformation, surface, movement = moved_control_mesh(model, model_file, options)
     progress(0.7, "evaluating")
     baseline = model.regenerate()
-    grid, miss = _grid(model, options, mesh, deformation, movement.points)
+    grid, miss, split = _grid(model, options, mesh, deformation, movement.points)
     progress(0.8, "quality")
     gaps = periodic_gaps(model.topology, baseline, grid)
     before, after = (each.to_vector().reshape(-1, 3) for each in (baseline, grid))
     off = SlidingNodes.of(model.topology, before, mesh.slides).off(after) if mesh.curved_slides else None
+    periodic = tied_numbers(model.topology, before, after), split
     compared, notes = _compared(baseline, grid), deformation.notes
-    return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, notes)
+    return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, *periodic, notes)
 
 
 def _grid(
     model: FittedModel, options: MoveOptions, mesh: MovingMesh, deformation: Deformation, points: np.ndarray
-) -> tuple[Grid, SurfaceMiss | None]:
+) -> tuple[Grid, SurfaceMiss | None, tuple[float, str]]:
     """Make the grid of moved control points, with the wall where the same deformation puts its nodes."""
     # Returns grid; miss: how far the control points alone would have missed that; None where these come from a file,
-    # and nothing is asked of nodes.
+    # and nothing is asked of nodes; split: see `Moved`.
     topology, slides = model.topology, mesh.slides
     if _is_given(deformation):
-        return model.regenerate(points, slides), None
+        return model.regenerate(points, slides), None, (0.0, "")
     surface = SurfaceGrid.of(model, options.design or None)
     wall = deformation.apply_to_nodes(surface.points, surface.on_planes(model))
     state = model.map_meeting(surface.rows, model, slides).at(points, wall)
     source = node_sharing(topology).source_rows()
     miss = SurfaceMiss.of(topology, source, surface.rows, wall - state.mismatch, wall)
-    return model.header.grid(topology.shapes, state.nodes), replace(miss, unit=model.header.length_unit)
+    grid, unit = model.header.grid(topology.shapes, state.nodes), model.header.length_unit
+    return grid, replace(miss, unit=unit), _split(topology, source[surface.rows], wall - surface.points)
+
+
+def _split(topology: Topology, rows: np.ndarray, change: np.ndarray) -> tuple[float, str]:
+    """How differently nodes of walls on both sides of periodic pairs are asked to move (m), at most, and where."""
+    ties = row_ties(topology)
+    if ties is None:
+        return 0.0, ""
+    of_grid, numbers = np.zeros((topology.n_nodes, 3)), np.full(topology.n_nodes, -1)
+    of_grid[rows], numbers[rows] = change, rows
+    on_walls = ties.numbered(numbers)
+    if not len(on_walls.copies):
+        return 0.0, ""
+    turned = np.einsum("nij,nj->ni", on_walls.turns, of_grid[on_walls.originals])
+    off = np.linalg.norm(turned - of_grid[on_walls.copies], axis=1)
+    worst = int(np.argmax(off))
+    (block,), (index,) = topology.layout.unravel(on_walls.copies[[worst]])
+    return float(off[worst]), describe(Window(int(block), tuple(index.tolist()), tuple(index.tolist())))
 
 
 def _compared(baseline: Grid, grid: Grid) -> tuple[QualityReport, QualityReport, tuple[InvertedCell, ...], Certificate]:
@@ -260,6 +285,7 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "after": {name: getattr(moved.after, name) for name in QUALITY},
         "certificate": certificate_numbers(moved.certificate),
         "heights": height_numbers(moved.after.heights, is_compared=True),
+        "periodic": moved.periodic,
         "periodic_gaps": [gap_numbers(gap) for gap in moved.gaps],
     }
 
@@ -290,6 +316,7 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     print_lines([f"nodes of {slide.what} slide on {slide.surface}" for slide in moved.mesh.curved_slides])
     if moved.slid_off is not None:
         print_lines([f"they leave their places over these surfaces by {moved.slid_off:.2g} {unit} at most"])
+    print_lines(gap_lines(moved.periodic, unit))
     print_lines(_of_elements(moved))
     print_table(INCREMENT_COLUMNS[: len(rows[0])], rows)
     print_table(
@@ -339,6 +366,8 @@ def _warnings(moved: Moved) -> list[str]:
         warnings.append(f"warning: {counted(moved.after.n_inverted, 'inverted cell')} now, the worst {worst}")
     warnings += [f"warning: {text}" for text in height_warnings(moved.after.heights)]
     warnings += [f"warning: {gap}" for gap in moved.gaps]
+    (off, where), unit = moved.split, moved.grid.length_unit
+    warnings += [f"warning: {text}" for text in split_lines(off, moved.mesh.size, unit, f"{where}: the mean is taken")]
     digits = moved.movement.report.digits
     if digits < FEW_DIGITS:
         warnings.append(

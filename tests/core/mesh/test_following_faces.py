@@ -1,5 +1,7 @@
 """Outer faces on which the design surface ends: curved ones follow it, all others do as they did."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mover_cases import (
@@ -10,7 +12,9 @@ from mover_cases import (
 )
 from topology_cases import grid_of, patch, sphere_octants
 
+from bspline_mdao.core.mesh.boundary import moving_grid
 from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
+from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.movers import LinearElasticity, Rotations, Transfinite
 
@@ -56,8 +60,10 @@ def test_derivatives_of_a_move_whose_outer_face_follows_are_exact_both_ways(kind
     assert_derivative_is_exact(kind(mesh), mesh.points, movement.points[mesh.surface_ids], tolerance=1e-9, scale=0.01)
 
 
-def test_faces_of_a_periodic_pair_stay_and_are_named_as_obstacles():
-    mesh = mesh_of(flare_grid(swirl=0.3))
+def test_faces_of_a_periodic_pair_that_are_not_tied_stay_and_are_named_as_obstacles():
+    grid = flare_grid(swirl=0.3)
+    topology = replace(find_topology(grid), periodic=())
+    mesh = moving_grid(topology, grid.to_vector().reshape(-1, 3))[0]
     assert [what for what, _ in mesh.obstacles] == ["patch 'side 2'", "patch 'side 3'"]
     assert not mesh.is_free[mesh.blocks[0][:, 0]].any()
     assert mesh.is_free[mesh.blocks[0][-1, 1:-1, 1:-1]].all()

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from periodic_cases import cut_passage
 from scipy.spatial.transform import Rotation
 from topology_cases import c_grid, grid_of, o_grid, smooth_box, split, twelve_block_plate
 
@@ -45,6 +46,7 @@ MODELS = {
     "section": section,
     "axis": lambda: fit_grid(grid_of(o_grid(radius=0.0)), n_control=(9, 4, 4), order=3),
     "no kinds": lambda: fit_grid(grid_of(*split(smooth_box(12, 9, 8), [5], [4], [])), n_control=5),
+    "passage": lambda: fit_grid(cut_passage()),
     "plate": lambda: fit_grid(twelve_block_plate(), n_control=4, order=3),
 }
 

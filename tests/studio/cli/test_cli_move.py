@@ -11,10 +11,11 @@ import openmdao.api as om
 import pytest
 from component_cases import movable_model, small_model
 from mover_cases import flare_grid
+from periodic_cases import PITCH, passage, untied
 from test_cli import fails_as_expected, numbers
 from topology_cases import box, c_grid, grid_of
 
-from bspline_mdao import FittedModel, GridMovement, fit_grid, read_grid
+from bspline_mdao import FittedModel, GridMovement, find_topology, fit_grid, read_grid
 from bspline_mdao.base.numerics import progress
 from bspline_mdao.core.evaluation.evaluator import Evaluator
 from bspline_mdao.core.fit.surface_fit import SurfaceFollower
@@ -27,6 +28,7 @@ from bspline_mdao.design import parse_deformation
 from bspline_mdao.generators import flat_plate_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import inverted_cells, report_quality
+from bspline_mdao.grids.io.files import write_grid
 from bspline_mdao.grids.topology.grid import Patch
 from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.measures import SurfaceGrid
@@ -467,26 +469,53 @@ def test_the_file_of_points_is_not_replaced(workplace, capsys):
     fails_as_expected(move("--deform", "new.csv", "--surface", "new.csv"), capsys, "new.csv", "is read by this command")
 
 
-def test_periodic_sides_that_a_move_takes_apart_are_named_with_the_gap(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    i, j, k = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in (9, 8, 7)), indexing="ij")
-    turn, radius = 0.3 * (j + 0.4 * i**2), 2.0 + k
-    grid = grid_of(np.stack([3.0 * i, radius * np.cos(turn), radius * np.sin(turn)], axis=-1))
-    whole = Window.whole(0, grid.shapes[0])
-    patches = (Patch("hub", "wall", (whole.face(4),)), Patch("sides", "other", (whole.face(2), whole.face(3))))
-    fit_grid(replace(grid, patches=patches)).save("passage.h5")
-    shift = ["move", "passage.h5", "--deform", "bumps=0.03,seed=1,wavelength=2", "-o", "m.xyz", "--json", "m.json"]
-    assert run(shift) == 0
-    (gap,) = numbers("m.json")["periodic_gaps"]
-    moved, at_rest = read_grid("m.xyz").blocks[0].nodes, grid.blocks[0].nodes
-    cos, sin = np.cos(0.3), np.sin(0.3)
+BUMPS = ["move", "passage.h5", "--deform", "bumps=0.03,seed=1,wavelength=2", "-o", "m.xyz", "--json", "m.json"]
+
+
+def gap_of_passage(nodes):
+    """How far the sides of a moved passage are apart (m)."""
+    cos, sin = np.cos(PITCH), np.sin(PITCH)
     rotation = np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]])
-    np.testing.assert_allclose(at_rest[:, 0] @ rotation.T, at_rest[:, -1], atol=1e-12)
-    apart = np.linalg.norm(moved[:, 0] @ rotation.T - moved[:, -1], axis=-1)
-    assert gap["gap"] == pytest.approx(apart.max(), rel=1e-6)
-    assert apart.max() > 1e-3
+    return np.linalg.norm(nodes[:, 0] @ rotation.T - nodes[:, -1], axis=-1).max()
+
+
+def test_periodic_sides_move_alike_and_a_deformation_that_differs_there_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_grid(tmp_path / "passage.xyz", passage())
+    hub = '[[patch]]\nname = "hub"\nkind = "wall"\nfaces = [{block = 1, face = "kmin"}]\n'
+    (tmp_path / "patches.toml").write_text(hub, encoding="utf-8")
+    assert run(["fit", "passage.xyz", "--patches", "patches.toml", "-o", "passage.h5", "--json", "f.json"]) == 0
     told = " ".join(capsys.readouterr().out.split())
-    assert f"are {apart.max():.3g} m apart" in told
+    sides = "block 1 jmin and block 1 jmax"
+    assert f"control points of {sides} move alike: a rotation about x by 17.1887 deg lays one onto the other" in told
+    (pair,) = numbers("f.json")["periodic"]
+    assert pair == {"markers": ["block 1 jmin", "block 1 jmax"], "motion": "rotation about x by 17.1887 deg"}
+    assert run(BUMPS) == 0
+    told, found = " ".join(capsys.readouterr().out.split()), numbers("m.json")
+    moved, size = read_grid("m.xyz").blocks[0].nodes, 5.0
+    assert gap_of_passage(moved) < 1e-14 * size
+    assert np.abs(moved - passage().blocks[0].nodes)[:, 0, 1:-1].max() > 1e-3
+    assert found["periodic_gaps"] == []
+    ((gap,), ends) = found["periodic"], ("gap", "gap_before")
+    assert all(gap[end] < 1e-14 * size for end in ends)
+    assert f"copies of nodes of {sides}, a rotation about x by 17.1887 deg, are off by up to" in told
+    assert re.search(r"the deformation differs there by up to [\d.e-]+ m, at block 1 \(\d, 8, 1\): the mean is", told)
+    assert run([*BUMPS[:3], "stretch=1.1", *BUMPS[4:]]) == 0
+    assert "the deformation differs there" not in capsys.readouterr().out
+
+
+def test_periodic_sides_that_are_not_tied_and_that_a_move_takes_apart_are_named_with_the_gap(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    fit_grid(passage(), topology=untied(find_topology(passage()))).save("passage.h5")
+    assert run(BUMPS) == 0
+    (gap,) = numbers("m.json")["periodic_gaps"]
+    apart = gap_of_passage(read_grid("m.xyz").blocks[0].nodes)
+    assert gap["gap"] == pytest.approx(apart, rel=1e-6)
+    assert apart > 1e-3
+    told = " ".join(capsys.readouterr().out.split())
+    assert f"are {apart:.3g} m apart" in told
     assert run(["move", "passage.h5", "--deform", "twist=0deg", "-o", "n.xyz", "--json", "n.json"]) == 0
     assert numbers("n.json")["periodic_gaps"] == []
 
