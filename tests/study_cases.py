@@ -1,6 +1,6 @@
 """A study of a wing, for tests of what else may be in it."""
 
-from bspline_mdao.studio.study.study import read_study
+from bspline_mdao.studio.study.reader import read_study
 
 STUDY = """\
 [grid]

@@ -24,7 +24,7 @@ from bspline_mdao.core.om.drivers.case_history import read_history
 from bspline_mdao.files import read_mesh
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.studio.cli.main import run as cli
-from bspline_mdao.studio.study.study import read_study
+from bspline_mdao.studio.study.reader import read_study
 
 pytestmark = pytest.mark.slow
 

@@ -22,9 +22,10 @@ from ...grids.io.disk import deferred_interrupts
 from ...grids.io.formats import POLYMESH
 from ...grids.io.run_folder import RunFolder
 from ..report.design_summary import DesignSummary
+from ..study.reader import read_study
 from ..study.same_problem import problem_of
 from ..study.script import SCRIPT, study_script
-from ..study.study import CASES, Study, read_study
+from ..study.study import CASES, Study
 from .earlier_run import earlier_cases, killed_cases
 from .lasting_stdout import lasting_stdout
 from .optimum import optimum_of

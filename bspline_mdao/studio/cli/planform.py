@@ -16,8 +16,7 @@ from ...core.generators.wing import Planform, Wing
 from ...core.generators.wing_spacing import FarField, Spacing, default_spacing
 from ...errors import InputError
 from ...grids.topology.grid import Grid
-from ..study.keys import Key
-from ..study.kinds import POSITIVE, TEXT, TRIPLE, number
+from ..study.kinds import POSITIVE, TEXT, TRIPLE, Key, number
 from ..study.tables import Table, Tables
 
 __all__ = ["GRID", "PLANFORM", "SECTIONS", "read_wing"]

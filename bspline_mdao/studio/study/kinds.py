@@ -1,4 +1,4 @@
-"""Kinds of values in a study: what each accepts, with limits that no computation runs away beyond."""
+"""Kinds of values in a study, what each accepts, with limits that no computation runs away beyond, and of keys."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from itertools import pairwise
 from math import prod
 from typing import Any
 
-__all__ = ["Kind", "list_of", "number", "one_of", "slices_of", "whole"]
+__all__ = ["Key", "Kind", "list_of", "number", "one_of", "slices_of", "whole"]
 
 LARGEST = 1e20
 """Size of a number at most; OpenMDAO takes bounds from 1e30 on for none."""
@@ -145,3 +145,17 @@ COORDINATES = Kind("one or more of x, y and z such as 'y' or 'xy'", _are_axes)
 DIRECTION = Kind(
     "'normal', or one or more of x, y and z such as 'y' or 'xy'", lambda value: value == "normal" or _are_axes(value)
 )
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a table."""
+
+    kind: Kind  # what it may be
+    meaning: str  # what it means, with its unit
+    default: Any = None  # value where it is left out; None where there is none to write down
+    otherwise: str = ""  # what happens where it is left out and there is no value to write down
+    is_required: bool = False  # whether it has to be there
+
+
+WHICH_KIND = {"kind": Key(TEXT, "one of the kinds below", otherwise="the name of the table")}

@@ -16,7 +16,7 @@ import numpy as np
 from ...flow.functionals import numbers
 from .conditions import of_conditions
 from .expressions import names_in
-from .keys import FLOWS, SCIPY, VARIABLES
+from .keys import FLOWS, SCIPY
 from .layout import python_text
 from .options import settings_of
 from .responses import Response, constraint_responses, flat_name, objective_response
@@ -24,6 +24,7 @@ from .script_shape import changed, shape_part
 from .study import CASES, Study
 from .syntax import call, expression, statement
 from .tables import Table
+from .variable_kinds import VARIABLES
 
 __all__ = ["SCRIPT", "study_script"]
 

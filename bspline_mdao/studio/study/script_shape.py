@@ -7,11 +7,12 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from .keys import MEASURES, MOVEMENT, QUALITIES, VARIABLES, Key
-from .kinds import slices_of
+from .keys import MEASURES, MOVEMENT, QUALITIES
+from .kinds import Key, slices_of
 from .study import Study
 from .syntax import call, expression, statement
 from .tables import Table
+from .variable_kinds import VARIABLES
 
 __all__ = ["changed", "shape_part"]
 

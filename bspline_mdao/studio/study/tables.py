@@ -10,8 +10,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from ...errors import InputError
-from .keys import Key
-from .kinds import NAMES
+from .kinds import NAMES, Key
 from .names import choices, fault_of_name, shortened
 from .toml_lines import key_lines, line_of
 

@@ -17,7 +17,7 @@ from bspline_mdao.generators import ball_grid, onera_m6_grid
 from bspline_mdao.grids.io.run_folder import MANIFEST
 from bspline_mdao.studio.cli import optimize
 from bspline_mdao.studio.cli.main import run
-from bspline_mdao.studio.study.study import read_study
+from bspline_mdao.studio.study.reader import read_study
 
 LEAST_AREA = """\
 [grid]

@@ -8,8 +8,8 @@ from study_mutants import GOOD, mutant
 from bspline_mdao.errors import InputError
 from bspline_mdao.studio.cli import main
 from bspline_mdao.studio.cli.main import run
+from bspline_mdao.studio.study.reader import read_study
 from bspline_mdao.studio.study.script import study_script
-from bspline_mdao.studio.study.study import read_study
 
 N_MUTANTS, N_RUNS = 400, N_MUTATIONS // 5
 

@@ -15,9 +15,10 @@ from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.studio.study import keys
 from bspline_mdao.studio.study.draft import study_draft
 from bspline_mdao.studio.study.draft_body import GridBody
+from bspline_mdao.studio.study.reader import read_study
 from bspline_mdao.studio.study.script import study_script
-from bspline_mdao.studio.study.study import read_study
 from bspline_mdao.studio.study.toml_lines import key_lines, line_of
+from bspline_mdao.studio.study.variable_kinds import VARIABLES
 
 
 def test_lines_of_keys_are_those_of_the_text():
@@ -211,7 +212,7 @@ def test_the_page_of_studies_has_every_key():
     page = (Path(__file__).parents[3] / "docs" / "study.rst").read_text()
     tables = [keys.GRID, keys.OBJECTIVE, keys.CONSTRAINT, keys.JUNCTION, keys.MOVEMENT, keys.DRIVER, keys.OUTPUT]
     tables += [flow.keys for flow in keys.FLOWS.values()] + list(keys.CONDITIONS.values())
-    kinds = keys.VARIABLES | keys.MEASURES
+    kinds = VARIABLES | keys.MEASURES
     tables += [kind.all_keys for kind in kinds.values()]
     missing = [key for table in tables for key in table if f"``{key}``" not in page]
     missing += [name for name in [*kinds, *keys.FLOWS] if f"``{name}``" not in page]
