@@ -74,6 +74,9 @@ class Junction(OneLine):
     shape : sequence of str
         Names of variables of the body's own shape, done after the wing has slid. Where they move points by the place
         where these are by then, as `RadiusFactor` does, the junction stays on the body that they make.
+    rigid : float
+        Distance from the junction (m), less than ``reach``, up to which what is beside it goes along wholly, such as a
+        fillet: displacements fade from there on.
 
     Examples
     --------
@@ -86,6 +89,7 @@ class Junction(OneLine):
     reach: float
     surface: FixedSurface | None = None
     shape: Sequence[str] = ()
+    rigid: float = 0.0
 
     def bind(self, layout: Layout) -> SlidingJunction:
         """Decide what depends on the baseline alone.
@@ -93,11 +97,13 @@ class Junction(OneLine):
         Raises
         ------
         InputError
-            If the wing does not meet the body, the body has a kink near it, its nodes are far off the given surface, or
-            the reach is not positive.
+            If the wing does not meet the body, the body has a kink near it, its nodes are far off the given surface,
+            the reach is not positive, or what is rigid is not within it.
         """
         if not self.reach > 0.0:
             raise InputError(f"junction: reach {self.reach}; give a positive distance in metres")
+        if not 0.0 <= self.rigid < self.reach:
+            raise InputError(f"junction: rigid {self.rigid}; give a distance in metres, 0 or more, below {self.reach}")
         mesh, points, quads = layout.mesh, layout.points[layout.rows()], surface_quads(layout.mesh)
         is_body = np.zeros(len(points), dtype=bool)
         is_body[rows_of(self.body, mesh, "junction: body")] = True
@@ -122,9 +128,24 @@ class Junction(OneLine):
             resting=np.setdiff1d(others, near_body),
             root=_sliding(surface, junction, layout),
             collar=_sliding(surface, near_body, layout),
-            into_wing=selector(near_wing, len(layout.points)) @ _fading(tree, points[near_wing], self.reach),
-            into_body=_fading(tree, points[near_body], self.reach),
+            into_wing=selector(near_wing, len(layout.points)) @ self._fading(tree, points[near_wing]),
+            into_body=self._fading(tree, points[near_body]),
         )
+
+    def _fading(self, tree: cKDTree, points: np.ndarray) -> csr_array:
+        """Displacements of points, xyz interleaved, by those of the nodes of a junction: (3 m, 3 n)."""
+        k = min(N_NEAREST, tree.n)
+        distances, nearest = (np.reshape(found, (len(points), k + 1)) for found in tree.query(points, k=k + 1))
+        part = np.maximum(distances[:, 0] - self.rigid, 0.0) / (self.reach - self.rigid)
+        fade = 1.0 - part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+        closeness = distances[:, :1] / distances  # 0 of a node that there is not, which is at infinity
+        weights = (closeness[:, :-1] - closeness[:, -1:]) ** 2
+        weights[weights[:, 0] < AS_NEAR**2] = 1.0
+        weights *= (fade / weights.sum(axis=1))[:, None]
+        nearest = nearest[:, :-1]
+        rows = np.repeat(np.arange(len(points)), k)
+        matrix = csr_array((weights.ravel(), (rows, nearest.ravel())), shape=(len(points), tree.n))
+        return csr_array(kron(matrix, eye_array(3), format="csr"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,18 +298,3 @@ def _through_nodes(body: SmoothCorners, rows: np.ndarray, layout: Layout) -> Nod
             f"one; give the surface, or a finer mesh"
         )
     return surface
-
-
-def _fading(tree: cKDTree, points: np.ndarray, reach: float) -> csr_array:
-    """Displacements of points, xyz interleaved, by those of the nodes of a junction: (3 m, 3 n)."""
-    k = min(N_NEAREST, tree.n)
-    distances, nearest = (np.reshape(found, (len(points), k + 1)) for found in tree.query(points, k=k + 1))
-    part = distances[:, 0] / reach
-    fade = 1.0 - part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
-    weights = (distances[:, :1] / distances[:, :-1] - distances[:, :1] / distances[:, -1:]) ** 2  # the last may be inf
-    weights[weights[:, 0] < AS_NEAR**2] = 1.0
-    weights *= (fade / weights.sum(axis=1))[:, None]
-    nearest = nearest[:, :-1]
-    rows = np.repeat(np.arange(len(points)), k)
-    matrix = csr_array((weights.ravel(), (rows, nearest.ravel())), shape=(len(points), tree.n))
-    return csr_array(kron(matrix, eye_array(3), format="csr"))

@@ -5,7 +5,6 @@ import pytest
 from parametrization_cases import assert_exact
 from scipy.spatial import cKDTree
 
-from bspline_mdao.core.design.junction import _fading
 from bspline_mdao.core.design.reference_axis import StationSpline
 from bspline_mdao.core.design.variable import Layout
 from bspline_mdao.core.mesh.moving_mesh import MovingMesh
@@ -179,22 +178,49 @@ def test_displacements_beside_a_junction_do_not_jump_where_other_nodes_of_it_are
     points, reach = case[0].points[:N_AROUND], 3.0
     start, end = np.array([1.1, 0.03, 0.9]), np.array([-0.9, 0.5, 0.8])
     path = start + np.linspace(0.0, 1.0, 2001)[:, None] * (end - start)
-    nearest, matrix = cKDTree(points), _fading(cKDTree(points), path, reach)[::3, ::3].toarray()
+    nearest, junction = cKDTree(points), Junction(np.arange(N_AROUND), reach)
+    matrix = junction._fading(nearest, path)[::3, ::3].toarray()
     assert len(np.unique(nearest.query(path)[1])) > 10
     part = nearest.query(path)[0] / reach
     np.testing.assert_allclose(matrix.sum(axis=1), 1.0 - part**3 * (10.0 - 15.0 * part + 6.0 * part**2), rtol=1e-13)
     assert np.abs(np.diff(matrix, axis=0)).max() < 0.02 < matrix.max() < 1.0
     angle = 2.0 * np.pi * np.arange(24) / 24.0
     ring = cKDTree(np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1))
-    on_axis = _fading(ring, np.array([[0.0, 0.0, 0.0]]), 2.0)[0, ::3].toarray()
+    on_axis = Junction(np.arange(24), 2.0)._fading(ring, np.array([[0.0, 0.0, 0.0]]))[0, ::3].toarray()
     np.testing.assert_allclose(np.sort(on_axis)[-16:], 0.5 / 16.0, rtol=1e-12)
+
+
+def test_what_is_within_the_rigid_distance_goes_along_wholly_and_fades_smoothly_from_there(case):
+    mesh, n_body = case
+    points, reach, rigid = mesh.points, 0.9, 0.3
+    sliding = Junction(np.arange(n_body), reach, CYLINDER, rigid=rigid).bind(Layout(mesh))
+    shift = np.array([0.2, 0.0, 0.15])
+    moved = sliding.apply(points + shift, sliding.initial)
+    slid = moved[:N_AROUND] - points[:N_AROUND] - shift  # what is left over at the root
+    distance = np.linalg.norm(points[:, None] - points[None, :N_AROUND], axis=2).min(axis=1)
+    is_wing = np.arange(len(points)) >= n_body
+    band = moved[is_wing & (distance < rigid)] - points[is_wing & (distance < rigid)] - shift
+    assert len(band) == N_AROUND
+    assert np.abs(slid).max() > 0.1
+    # it is a mean over neighbours along the junction
+    np.testing.assert_allclose(band, slid, rtol=0.0, atol=0.06 * np.abs(slid).max())
+    faded = Junction(np.arange(n_body), reach, CYLINDER).bind(Layout(mesh)).apply(points + shift, sliding.initial)
+    lost = faded[n_body : n_body + N_AROUND] - points[n_body : n_body + N_AROUND] - shift
+    assert np.linalg.norm(lost, axis=1).max() < 0.95 * np.linalg.norm(slid, axis=1).max()
+    at = np.linspace(0.0, 0.9, 1801)[:, None] * [0.0, 0.0, 1.0]
+    fade = (
+        Junction(np.arange(1), reach, rigid=rigid)._fading(cKDTree(np.zeros((1, 3))), at[1:])[::3, ::3].toarray()[:, 0]
+    )
+    np.testing.assert_array_equal(fade[at[1:, 2] <= rigid], 1.0)
+    assert np.abs(np.diff(fade, 2)).max() < 20.0 * (0.5e-3) ** 2 / (reach - rigid) ** 2  # continuous second derivatives
+    np.testing.assert_allclose(np.hypot(*moved[:n_body, 1:].T), RADIUS, rtol=0.0, atol=1e-14)
 
 
 def test_derivatives_are_exact(case):
     mesh, n_body = case
     junction = Junction(np.arange(n_body), 0.5)
     assert_exact(Layout(mesh), junction)
-    assert_exact(Layout(mesh), Junction(np.arange(n_body), 0.5, CYLINDER))
+    assert_exact(Layout(mesh), Junction(np.arange(n_body), 0.5, CYLINDER, rigid=0.2))
     rows = np.concatenate([np.arange(0, N_AROUND, 3), np.arange(n_body, len(mesh.points), 7)])
     shape = Parametrization(mesh, [Local("bumps", SurfaceRows(rows))], junction=junction)
     random = np.random.default_rng(1)
@@ -210,6 +236,8 @@ def test_what_makes_no_junction_is_refused(case):
     layout = Layout(mesh)
     with pytest.raises(InputError, match="reach 0; give a positive distance"):
         Junction(np.arange(n_body), 0).bind(layout)
+    with pytest.raises(InputError, match=r"rigid 0.5; give a distance in metres, 0 or more, below 0.5"):
+        Junction(np.arange(n_body), 0.5, rigid=0.5).bind(layout)
     with pytest.raises(InputError, match="no node is both of the body and of a face beside it"):
         Junction(np.arange(len(mesh.points)), 0.5).bind(layout)
     other = Cylinder((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.1 * RADIUS)
