@@ -1,5 +1,7 @@
 """A wing slides on a body that keeps its shape, and what is beside the junction goes along."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from parametrization_cases import assert_exact
@@ -9,6 +11,7 @@ from bspline_mdao.core.design.reference_axis import StationSpline
 from bspline_mdao.core.design.variable import Layout
 from bspline_mdao.core.mesh.moving_mesh import MovingMesh
 from bspline_mdao.core.sliding.fixed_surface import Cylinder
+from bspline_mdao.core.sliding.spline_surface import SplineSurface
 from bspline_mdao.design import Junction, Local, Parametrization, RadiusFactor, SurfaceRows, Translation
 from bspline_mdao.errors import InputError, MovementError
 
@@ -229,6 +232,42 @@ def test_derivatives_are_exact(case):
     moved = shape.apply(mesh.points, {"bumps": values["bumps"] + 1e-30j * step})
     partials = shape.partials(mesh.points, values)
     np.testing.assert_allclose(partials.values["bumps"] @ step, moved.imag.ravel() / 1e-30, atol=1e-13)
+
+
+def component():
+    """Nodes in rows of the body of a component grid of its own, around and under the wing."""
+    along, around = np.meshgrid(np.linspace(-2.5, 2.5, 41), np.linspace(-1.4, 1.4, 33), indexing="ij")
+    return np.stack([along, RADIUS * np.sin(around), RADIUS * np.cos(around)], axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("surface", "off"),
+    [(CYLINDER, 1e-14), (SplineSurface(component()), 1e-5), (None, 2e-4)],
+    ids=lambda of: str(of)[:8],
+)
+def test_walls_of_grids_that_overlap_slide_on_one_body(case, surface, off):
+    mesh, n_body = case
+    n, body = len(mesh.points), component()
+    ids = n + np.arange(body.size // 3).reshape(body.shape[:2])
+    quads = np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4)
+    points = np.concatenate([mesh.points, body.reshape(-1, 3)])
+    both = replace(
+        mesh,
+        points=points,
+        surface_ids=np.arange(len(points), dtype=np.int32),
+        is_free=np.zeros(points.shape, dtype=bool),
+        surface_faces=np.concatenate([mesh.surface_faces, quads]),
+        markers=(("walls", np.arange(len(points)), np.arange(1, len(points) + 1)),),
+    )
+    of_body = np.concatenate([np.arange(n_body), ids.ravel()])
+    sliding = Junction(of_body, 0.9, surface).bind(Layout(both))
+    moved = sliding.apply(asked_of(points), sliding.initial)
+    assert np.abs(np.hypot(*moved[of_body, 1:].T) - RADIUS).max() < off
+    gone = moved - points
+    distances, nearest = cKDTree(points[N_AROUND:n_body]).query(body.reshape(-1, 3))
+    is_near = distances < 0.05  # there both go the same way
+    apart = gone[ids.ravel()[is_near]] - gone[N_AROUND + nearest[is_near]]
+    assert np.linalg.norm(apart, axis=1).max() < 0.15 * np.abs(gone[of_body]).max()
 
 
 def test_what_makes_no_junction_is_refused(case):
