@@ -60,7 +60,7 @@ def make_airfoil(
 def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) -> MadeGrid:
     """The grid, and what the section is like."""
     section = outline()
-    grid, unit, base = _grid(section, options), unit_of(section)[0], section.base
+    grid, base, (unit, origin) = _grid(section, options), section.base, unit_of(section)
     numbers = {
         "airfoil": name,
         "n_points": len(section.points),
@@ -73,7 +73,7 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
         f"section: {100.0 * section.thickness:.4g} % thick, radius of the nose {100.0 * section.nose_radius:.3g} %, "
         f"one curve through {counted(len(section.points), 'point')}"
     ]
-    if unit != 1.0:
+    if unit != 1.0 or origin.any():
         lines.append(f"the chord is {unit:.6g} long there: scaled to {options.chord:g} m, with the nose at the origin")
     closed = (
         f"the trailing edge is {100.0 * base:.3g} % thick: it is closed by a wedge off both sides, which moves no "

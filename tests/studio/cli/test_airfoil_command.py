@@ -66,6 +66,9 @@ def test_what_is_done_to_a_blunt_file_in_percent_is_said(said):
     words = said("foil.dat", "-o", "foil.xyz", "--around", "32", "--away", "8")
     assert "the chord is 100.008 long there: scaled to 1 m" in words
     assert "the trailing edge is 0.252 % thick: it is closed by a wedge off both sides" in words
+    Path("shifted.dat").write_text(lines(naca_airfoil("2412").points[::4] + [0.3, 0.0]))
+    words = said("shifted.dat", "-o", "foil.xyz", "--around", "32", "--away", "8")
+    assert "the chord is 1.00008 long there: scaled to 1 m, with the nose at the origin" in words
     thick = said("cst:0.2,0.2/-0.2,-0.2/0.03", "-o", "thick.xyz", "--around", "32", "--away", "8")
     assert "warning: the trailing edge is 3 % thick" in thick
 
