@@ -14,4 +14,6 @@ from .grids.io.openfoam import write_polymesh as write_polymesh
 from .grids.io.patches import read_patches as read_patches
 from .grids.io.plane_grids import lift_plane_grid as lift_plane_grid
 from .grids.io.tecplot import write_tecplot as write_tecplot
+from .grids.io.triangles import Triangles as Triangles
+from .grids.io.triangles import read_triangles as read_triangles
 from .grids.io.vtk import write_vtk as write_vtk

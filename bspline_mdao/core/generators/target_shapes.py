@@ -16,9 +16,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ...errors import InputError
+from ...grids.io.triangles import Triangles
 from ...grids.topology.grid import Grid
 from ...grids.topology.index_space import Window
+from ...grids.topology.sharing import node_sharing
 from ..fit.surface_fit import fit_surface, replace_nodes
+from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
 
 _SIDES = {"wing_lower": -1, "wing_upper": 1}
@@ -47,17 +50,19 @@ class Shape(Protocol):
         """Points in space, shape (m, n, 3), of points of the sections, shape (m, n, 2)."""
 
 
-def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape) -> np.ndarray:
-    """Fit the surface control points of a wing's model to another shape.
+def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape | Triangles) -> np.ndarray:
+    """Fit the surface control points of a wing's model to another shape, or those of any walls to triangles.
 
     Parameters
     ----------
     model : FittedModel
-        Model of a grid about a wing with patches ``wing_upper`` and ``wing_lower``, see `lay_walls`.
+        Model of a grid about a wing with patches ``wing_upper`` and ``wing_lower``, see `lay_walls`; of any grid with
+        walls where the shape is triangles.
     surface_ids : ndarray of int, shape (n_surface,)
         Numbers of the control points of both patches, such as ``surface_ids`` of the moving mesh.
-    shape : Shape
-        What the wing is to become, for example `rectangular_wing` or `generic_blended_wing_body`.
+    shape : Shape or Triangles
+        What the wing is to become, for example `rectangular_wing` or `generic_blended_wing_body`. Wall nodes go to the
+        nearest places of triangles, which are to be close: a fraction of a radius of curvature.
 
     Returns
     -------
@@ -81,7 +86,19 @@ def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape) -> np.n
     >>> surface.shape == mesh.points[mesh.surface_ids].shape
     True
     """
-    return fit_surface(model, surface_ids, nodes_on_shape(model, shape)).control_points
+    nodes = nodes_on_triangles(model, shape) if isinstance(shape, Triangles) else nodes_on_shape(model, shape)
+    return fit_surface(model, surface_ids, nodes).control_points
+
+
+def nodes_on_triangles(model: FittedModel, body: Triangles) -> np.ndarray:
+    """All nodes of a model's grid, shape (n_nodes, 3), those of walls at the nearest places of triangles."""
+    surface, nodes = SurfaceGrid.of(model), model.regenerate().to_vector().reshape(-1, 3)
+    moves = body.nearest(surface.points) - surface.points
+    for numbers, normal in surface.on_planes(model):
+        moves[numbers] -= np.outer(moves[numbers] @ normal, normal)
+    source, of_row = node_sharing(model.topology).source_rows(), np.zeros_like(nodes)
+    of_row[source[surface.rows]] = moves
+    return nodes + of_row[source]  # wherever a block holds them
 
 
 def nodes_on_shape(model: FittedModel, shape: Shape) -> np.ndarray:
