@@ -19,8 +19,8 @@ _OPEN = 0.25
 _FRONT = 0.05
 """Part of the chord in which sides may go back, as they do at the nose of a cambered section."""
 
-_ROUND_OFF = 1e-9
-"""Part of the chord by which sides may cross, and along which points coincide."""
+_ROUND_OFF, _CROSSED = 1e-9, 1e-6
+"""Parts of the chord along which points coincide, and by which sides may cross: files have five digits."""
 
 
 def check_outline(
@@ -76,9 +76,9 @@ def _check_sides(points: np.ndarray, along: np.ndarray, at_nose: int, name: str,
     between[np.abs(along - 1.0) < 1e-3] = 0.0  # the nose may be blunt, and along has no digits there
     if np.abs(between).max() < 1e-4:
         raise InputError(f"{name}: its sides are on each other; give a section with thickness")
-    if between.max() < _ROUND_OFF:
+    if between.max() < _CROSSED:
         raise InputError(f"{name}: runs along the lower side first; reverse the points")
-    if between.min() < -_ROUND_OFF:
+    if between.min() < -_CROSSED:
         number = int(np.argmin(between))
         raise InputError(
             f"{name}: {place(number)}: {_text(points[number])} is {-between[number]:.1g} chords beyond the other side: "

@@ -181,7 +181,10 @@ class _Circle:
         self.centre = 0.5 * (outline.real.max() + outline.real.min()) + 0.5j * (outline.imag.max() + outline.imag.min())
         radii, turns = np.abs(outline - self.centre), np.unwrap(np.angle(outline - self.centre))
         if not np.all(np.diff(turns) > 0.0):
-            raise InputError("O-grid about a section: its near-circle is not star-shaped; give less camber")
+            raise InputError(
+                "O-grid about a section: its near-circle is not star-shaped; give less camber, or a trailing edge "
+                "without steps and hooks"
+            )
         radii[-1] = radii[0]
         turns[-1] = turns[0] + 2.0 * np.pi
         spline = CubicSpline(turns, np.log(radii), bc_type="periodic")
@@ -197,7 +200,8 @@ class _Circle:
                 break
         else:
             raise InputError(
-                f"O-grid about a section: the mapping to a circle is off by {change:.1g} rad; give less camber"
+                f"O-grid about a section: the mapping to a circle is off by {change:.1g} rad; give less camber, or a "
+                f"trailing edge without steps and hooks"
             )
         self.radius = float(np.exp(self.modes[0].real))
 
