@@ -136,10 +136,6 @@ class Airfoil(OneLine):
         along = self.tail - self.nose
         return self.nose + points[..., :1] * along + points[..., 1:] * [-along[1], along[0]]
 
-    def scaled(self, factor: float) -> Airfoil:
-        """Return the outline about (0, 0) times a factor."""
-        return Airfoil(factor * self.points, self.name)
-
     @cached_property
     def _sides(self) -> tuple[np.ndarray, np.ndarray]:
         """Points of the upper and the lower side from the nose on, in the plane of `section`; dense at both ends."""

@@ -107,7 +107,7 @@ def read_airfoil(path: str | PathLike, symmetric: bool = False) -> Airfoil:
     if not np.isfinite(points).all():
         number = int(np.argmin(np.isfinite(points).all(axis=1)))
         raise InputError(f"{path}: line {rows[number].line}: {rows[number].text} is not finite; correct it")
-    order = _around(points, counts, str(path))
+    order = _around(points, counts)
     if symmetric:
         order, points = _mirrored(order, points)
         rows = [*rows, *rows]
@@ -205,7 +205,7 @@ def _without_counts(rows: list[_Row], path: Path) -> tuple[list[_Row], tuple[int
     return rest, None
 
 
-def _around(points: np.ndarray, counts: tuple[int, int] | None, name: str) -> np.ndarray:
+def _around(points: np.ndarray, counts: tuple[int, int] | None) -> np.ndarray:
     """Order of points of a file from the trailing edge along the upper side around the nose and back."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     size = np.ptp(points[:, 0]) if len(points) else 0.0

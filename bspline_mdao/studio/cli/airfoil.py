@@ -29,14 +29,14 @@ THICK_BASE = 0.01
 class AirfoilOptions:
     """What else the command takes, see `airfoil_grid`."""
 
-    around: int = 128
-    away: int | None = None
-    far: float = 50.0
-    chord: float = 1.0
-    first_cell: float | None = None
-    y_plus: float | None = None
-    reynolds: float | None = None
-    symmetric: bool = False  # the file has one side of a symmetric section
+    around: int
+    away: int | None
+    far: float
+    chord: float
+    first_cell: float | None
+    y_plus: float | None
+    reynolds: float | None
+    symmetric: bool  # the file has one side of a symmetric section
 
 
 def make_airfoil(
