@@ -1,9 +1,15 @@
-"""A CAD file of a stranger, made with OpenCascade itself: in millimetres, without names, with trimmed faces."""
+"""A CAD file of a stranger, made with OpenCascade itself: in millimetres, unnamed, trimmed; and faces without it."""
 
 import importlib.util
 
 import numpy as np
 import pytest
+
+from bspline_mdao.core.cad.cad_body import CadBody
+from bspline_mdao.core.cad.nurbs_surface import NurbsSurface
+from bspline_mdao.core.cad.tensor_surface import tensor_surface
+from bspline_mdao.core.cad.trimmed_face import TrimmedFace
+from bspline_mdao.core.mesh.spline_sides import spline_sides
 
 needs_opencascade = pytest.mark.skipif(
     importlib.util.find_spec("OCP") is None,
@@ -15,6 +21,21 @@ CYLINDER = np.array([3.0, 0.0, 0.0]), 0.2, 0.7
 
 BALL = np.array([5.0, 0.0, 0.0]), 0.3
 """Middle and radius (m)."""
+
+
+def body_of_walls(model, tolerance):
+    """Walls of a model as faces without OpenCascade, refitted on straight knots to a tolerance (m)."""
+    boundary = np.linspace(0.0, 1.0, 33)
+    lines = [np.stack([boundary, 0.0 * boundary + end], axis=1) for end in (0.0, 1.0)]
+    edges = (*lines, *(line[:, ::-1] for line in lines))
+    faces = []
+    for side in spline_sides(model, model.control_points, None):
+        surface = tensor_surface(side.surface, tolerance, side.name)
+        degrees = tuple(knots.order - 1 for knots in surface.knots)
+        weights = np.ones(surface.control_points.shape[:2])
+        spline = NurbsSurface(tuple(k.knots for k in surface.knots), degrees, surface.control_points, weights)
+        faces.append(TrimmedFace(side.patch, spline, edges, 1e-9))
+    return CadBody("walls", tuple(faces))
 
 
 def section(z, chord, x0):

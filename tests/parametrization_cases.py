@@ -3,8 +3,11 @@
 from functools import cache
 
 import numpy as np
+from cad_cases import body_of_walls
 
+from bspline_mdao.core.cad.tied_surface import TiedSurface
 from bspline_mdao.core.design.axisymmetric import RadiusFactor
+from bspline_mdao.core.design.cad_variables import CadPoints, CadShapes
 from bspline_mdao.core.design.coarse_net import CoarseNet
 from bspline_mdao.core.design.curve_points import CurvePoints
 from bspline_mdao.core.design.displacement import Local, Translation
@@ -100,11 +103,25 @@ def twisted_upper_side(name):
     return OfPart(Twist(name, ReferenceAxis.of(upper), stations=3), upper)
 
 
+@cache
+def tied_wing():
+    """The wing's walls, tied to faces of their own."""
+    return TiedSurface.of(wing_model(), body_of_walls(wing_model(), 1e-3))
+
+
+def swollen_wing():
+    """The same faces, thicker."""
+    body = tied_wing().body
+    return body.at(body.control_points * [1.0, 1.3, 1.0])
+
+
 VARIABLES = {
     Bumps: lambda mesh: Bumps("bumps", (0.2, 0.6, 0.7), sides="upper", stations=2, order=2),
     CamberModes: lambda mesh: CamberModes("camber", 2, leading=True, trailing=True, stations=(0.1, 0.4, 0.9)),
     ClassShape: lambda mesh: ClassShape("weights", 2, trailing=True, axis=ReferenceAxis.of(mesh)),
     ThicknessModes: lambda mesh: ThicknessModes("thickness", 3, stations=2),
+    CadPoints: lambda mesh: CadPoints("points", tied_wing(), where=np.s_[3:90:7], direction="yx"),
+    CadShapes: lambda mesh: CadShapes("thicker", tied_wing(), [swollen_wing()]),
     CoarseNet: lambda mesh: CoarseNet.of(wing_model(), mesh, Local("bump", direction="normal"), n=4),
     Camber: lambda mesh: Camber("camber", ReferenceAxis.of(mesh), stations=3),
     Chord: lambda mesh: Chord("chord", ReferenceAxis.of(mesh), stations=3),
