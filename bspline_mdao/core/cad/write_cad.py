@@ -17,6 +17,7 @@ from ...base.checks import as_finite_points, require_kind
 from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.io.disk import replaced_file
+from ...grids.topology.length_unit import metres_of
 from ..mesh.spline_sides import SplineSide, spline_sides
 from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
@@ -134,13 +135,13 @@ def write_cad(
     model : FittedModel
         The model.
     control_points : ndarray, shape (n_control_points, 3), optional
-        Moved control points (m); the fitted ones by default.
+        Moved control points, in the unit of the model; the fitted ones by default.
     patches : str or sequence of str, optional
         Patches by name or pattern (``"wing*"``); all walls by default.
     tolerance : float, optional
         Largest distance (m) of a refitted face from the wall; by default 1e-6 of the diagonal of the walls' box.
     units : {"m", "mm", "in", "ft"}
-        Unit of length of the file.
+        Unit of length of the file; the model's is the one that its grid is in, metres where nothing says it.
 
     Returns
     -------
@@ -168,9 +169,10 @@ def write_cad(
     require_kind(model, FittedModel, "the model of a CAD file", "make it with fit_grid(grid)")
     form = check_cad_name(path, units)
     require_opencascade()
-    moved = model.control_points
+    moved, metres = model.control_points, metres_of(model.header.length_unit)
     if control_points is not None:
         moved = as_finite_points(control_points, len(moved), f"{model.header.source}: control points")
+    moved = metres * moved
     sides = spline_sides(model, moved, patches)
     if not sides:
         raise InputError(f"{model.header.source}: the patches have no face with an extent; name others")
@@ -190,7 +192,7 @@ def write_cad(
             raise InputError(
                 f"{path}: read back, it is {distance:.2g} m off, more than the tolerance of {wanted:.2g} m; raise it"
             )
-    on_symmetry = [edge for edge in found.free_edges if _is_on_symmetry(model, edge, size)]
+    on_symmetry = [edge for edge in found.free_edges if _is_on_symmetry(model, edge / metres, size / metres)]
     return CadReport(
         path=str(path),
         faces=tuple(
@@ -210,7 +212,7 @@ def write_cad(
         n_solids=found.n_solids,
         n_open=len(found.free_edges),
         n_on_symmetry=len(on_symmetry),
-        missed=_missed(model, patches) if control_points is None else None,
+        missed=_missed(model, patches, metres) if control_points is None else None,
         n_bytes=Path(path).stat().st_size,
         seconds=time.process_time() - start,
     )
@@ -229,7 +231,7 @@ def _is_on_symmetry(model: FittedModel, edge: np.ndarray, size: float) -> bool:
     return any(np.abs(edge @ plane.normal - plane.offset).max() <= ON_PLANE * size for plane in planes)
 
 
-def _missed(model: FittedModel, patches: str | Sequence[str] | None) -> float | None:
+def _missed(model: FittedModel, patches: str | Sequence[str] | None, metres: float) -> float | None:
     """Largest distance (m) of the walls' nodes from the splines; None where the model does not carry it."""
     residual = model.residual_at(SurfaceGrid.of(model, patches).rows)
-    return None if residual is None else float(np.linalg.norm(residual, axis=1).max())
+    return None if residual is None else metres * float(np.linalg.norm(residual, axis=1).max())

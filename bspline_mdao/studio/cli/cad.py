@@ -10,14 +10,12 @@ from ...core.cad.files import check_cad_name
 from ...core.cad.opencascade import require_opencascade
 from ...core.cad.write_cad import CadReport, write_cad
 from ...core.model.fitted_model import FittedModel
-from ...grids.topology.length_unit import metres_of
 from .output import (
     check_outputs,
     counts_text,
     print_lines,
     print_table,
     print_title,
-    print_warnings,
     written_json,
 )
 
@@ -48,12 +46,6 @@ def write_cad_file(
     ]
     print_table(["face", "control points", "off (m)", "(deg)"], rows)
     show_cad(report)
-    if fitted.header.length_unit != "m":
-        unit = fitted.header.unit
-        factor = f"{metres_of(unit):g}"
-        print_warnings(
-            [f"lengths of the model are in {unit}, and the file takes them for metres: scale it by {factor}"]
-        )
 
 
 def cad_numbers(report: CadReport) -> dict:

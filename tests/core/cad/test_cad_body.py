@@ -1,5 +1,7 @@
 """Faces of CAD files as our own: points tied to them are nearest, and where the file has them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cad_cases import BALL, CYLINDER, foreign_file, needs_opencascade
@@ -89,6 +91,18 @@ def test_the_wall_of_the_m6_is_on_its_own_step_file_to_1e7_of_the_chord(wing, tm
     upper = tied.surface.part("wing_upper")
     inside = np.setdiff1d(tied.surface.parts[upper[0]], tied.surface.parts[tied.surface.part("wing_lower")[0]])
     assert {tied.body.names[n] for n in tied.tie.faces[inside]} == {"wing_upper"}
+
+
+@needs_opencascade
+def test_a_grid_in_millimetres_goes_to_a_file_and_comes_from_it_as_large_as_it_is(tmp_path):
+    grid = onera_m6_grid((9, 9, 7))
+    blocks = tuple(replace(block, nodes=1000.0 * block.nodes) for block in grid.blocks)
+    large = fit_grid(replace(grid, blocks=blocks, unit="mm"), n_control=(6, 5, 4))
+    report = write_cad(tmp_path / "wing.step", large, tolerance=1e-5, units="in")
+    assert report.n_on_symmetry == report.n_open == 2
+    assert read_cad(tmp_path / "wing.step").body.size < 3.0  # metres
+    tied = TiedSurface.of(large, tmp_path / "wing.step")
+    assert 1.0 < tied.distances.max() <= 1000.0 * report.missed  # millimetres
 
 
 @needs_opencascade
