@@ -125,7 +125,7 @@ def fit_model(
         certificate = None
         if not no_certify:
             progress(1.0, "validity")
-            certificate = on_first(comm, lambda: _certificate(model))
+            certificate = on_first(comm, lambda: splines_certificate(model))
     with written_json(json, fit_numbers(model, certificate), comm):
         model.save(output)
     show_fit(model, output, certificate)
@@ -147,8 +147,8 @@ def _fit_overlapping(
     return bool(overlap)
 
 
-def _certificate(model: FittedModel | FittedBlocks) -> Certificate:
-    """What is proved about the splines."""
+def splines_certificate(model: FittedModel | FittedBlocks) -> Certificate:
+    """What is proved about the splines of a model."""
     return Certificate((), certify_splines(model.mesh, model.control_points, model.topology.segment_names))
 
 

@@ -10,18 +10,16 @@ from typing import Any
 
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
-from ...core.evaluation.spline_validity import certify_splines
 from ...core.fit.fitting import fit_grid
 from ...core.model.fitted_model import FittedModel
 from ...errors import FitWarning
-from ...grids.cells.certificate import Certificate
 from ...grids.cells.grid_quality import GridQuality
 from ...grids.cells.report import QualityReport, report_quality
 from ...grids.cells.wall_spacing import WallSpacing, wall_spacings
 from ...grids.io.files import check_grid_name, write_grid
 from ...grids.io.formats import MODEL
 from ...grids.topology.grid import Grid
-from .fit import fit_numbers, show_fit
+from .fit import fit_numbers, show_fit, splines_certificate
 from .output import print_lines, print_title, print_warnings, show_spacings, spacing_numbers, written_json
 
 __all__ = ["MadeGrid", "write_made_grid"]
@@ -58,9 +56,7 @@ def write_made_grid(
         spacings = wall_spacings(grid)
         model = fit(grid) if is_model else None
         progress(0.8, "validity" if model else "writing")
-        certificate = model and Certificate(
-            (), certify_splines(model.mesh, model.control_points, model.topology.segment_names)
-        )
+        certificate = splines_certificate(model) if model else None
         numbers = made.numbers | {"output": str(output)} | _numbers(cells, spacings, made.reynolds)
         with written_json(json, numbers | ({"fit": fit_numbers(model, certificate)} if model else {})):
             if model:

@@ -23,19 +23,19 @@ def _made(file: Path) -> MadeGrid:
     """The grid, and what its wing is like."""
     wing, grid, reynolds = read_wing(file)
     planform, tip = wing.planform, wing.tip_section or wing.section
+    thickness = wing.section.thickness, tip.thickness
     shape = {
         "semi_span": planform.semi_span,
         "root_chord": planform.root_chord,
         "tip_chord": planform.tip_chord,
         "aspect_ratio": planform.aspect_ratio,
         "trailing_edge_sweep": planform.trailing_edge_sweep,
-        "thickness": [wing.section.thickness, tip.thickness],
+        "thickness": thickness,
     }
-    root, thin = (100.0 * thickness for thickness in shape["thickness"])
     lines = [
         f"half wing: semi-span {planform.semi_span:g} m, chords {planform.root_chord:g} and {planform.tip_chord:g} m, "
         f"aspect ratio {planform.aspect_ratio:.3g}, the trailing edge swept by {planform.trailing_edge_sweep:.3g} deg",
-        f"sections: {root:.4g} % thick at the root, {thin:.4g} % at the tip",
+        f"sections: {100.0 * thickness[0]:.4g} % thick at the root, {100.0 * thickness[1]:.4g} % at the tip",
     ]
     title = f"{file}: {len(grid.blocks)} blocks of {counts_text(grid.shapes[0])} nodes"
     cure = "give more nodes, or wider first cells"

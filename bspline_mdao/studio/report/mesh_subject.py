@@ -168,7 +168,8 @@ class MeshSubject(Subject):
 
     def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float | None]]]:
         """Of periodic sides of the lattice, and of all nodes that slide on surfaces."""
-        model, found = self.model, []
+        model = self.model
+        found: list[tuple[str, str, list[float | None]]] = []
         for sides in model.periodic:
             found.append((" and ".join(sides.markers), f"a {sides.motion}", [sides.gap(s.nodes) for s in shapes]))
         if model.sliding_nodes is not None:
