@@ -14,7 +14,7 @@ from .airfoil import Airfoil
 from .airfoil_file import airfoil
 from .section_o_grid import section_o_grid
 
-__all__ = ["airfoil_grid", "unit_of"]
+__all__ = ["airfoil_grid", "first_cell_of", "unit_of"]
 
 GROWTH = 1.15
 """Of the heights of cells from the wall outward, where first cells are low and their number is left out."""
@@ -92,7 +92,7 @@ def airfoil_grid(
     section = of if isinstance(of, Airfoil) else airfoil(of)
     if not chord > 0.0:
         raise InputError(f"airfoil grid: a chord of {chord:g} m; give a positive length")
-    height = _first_cell(chord, first_cell, y_plus, reynolds)
+    height = first_cell_of(chord, first_cell, y_plus, reynolds)
     rows = n_away or (N_AWAY if height is None else _rows(height / chord, far))
     try:
         off_wall = SQUARE / max(n_around, 1) if height is None else height / chord
@@ -113,7 +113,7 @@ def unit_of(section: Airfoil) -> tuple[float, np.ndarray]:
     return (1.0, np.zeros(2)) if off < _AS_IT_IS else (section.chord, section.nose)
 
 
-def _first_cell(
+def first_cell_of(
     chord: float,  # length of the chord (m)
     first_cell: float | None,  # height of the first cells (m)
     y_plus: float | None,  # the same in viscous units

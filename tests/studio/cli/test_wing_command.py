@@ -63,7 +63,7 @@ def test_spacings_of_the_file_are_those_of_the_grid(said):
     written(grid="y_plus = 30.0\nreynolds = 3e5\nleading = 0.05\nfar = 7.5")
     words = said("-o", "wing.cgns", "--json", "wing.json")
     grid, walls = read_grid("wing.cgns"), json.loads(Path("wing.json").read_text())["walls"]
-    assert flat_plate_y_plus(walls[0]["height_max"], 3e5 / 1.2, 0.6) == pytest.approx(30.0, rel=0.1)
+    assert flat_plate_y_plus(walls[0]["height_max"], 3e5 / 1.2, 1.2) == pytest.approx(30.0, rel=0.1)
     assert np.abs(grid.to_vector().reshape(-1, 3)[:, 1]).max() == pytest.approx(7.5, rel=1e-9)
     assert max(map(len, words.splitlines()[:9])) <= 120
     assert "y+" in words
