@@ -52,3 +52,24 @@ def _face_after(turn, face):
 def untied(topology):
     """A topology without what ties its sides."""
     return replace(topology, periodic=())
+
+
+def blade_row(turbine, by, n_along=(7, 13, 8), n_across=8, n_up=9):
+    """Six blocks around the blade of ``run_scripts/turbine_sector.py``, by amounts of its deformations."""
+    along = [turbine.ENDS[0] * np.linspace(1.0, 0.0, n_along[0]) ** 1.5]
+    along += [turbine.CHORD * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, n_along[1])))]
+    along += [turbine.CHORD + (turbine.ENDS[1] - turbine.CHORD) * np.linspace(0.0, 1.0, n_along[2]) ** 1.5]
+    half = np.expm1(2.0 * np.linspace(0.0, 1.0, n_across)) / np.expm1(2.0)
+    half[0] = 1e-300  # both sides of the blade have a sign
+    blocks, windows = [], {"blade": [], "hub": [], "casing": [], "inlet": [], "outlet": [], "sides": []}
+    for part, x in enumerate(along):
+        for side, across in enumerate((-half[::-1], half)):
+            places = np.stack(np.meshgrid(x, across, np.linspace(0.0, 1.0, n_up), indexing="ij"), axis=-1)
+            whole = Window.whole(len(blocks), places.shape[:3])
+            blocks.append(turbine.shape(places.reshape(-1, 3), turbine.NONE | by).reshape(places.shape))
+            faces = {"hub": 4, "casing": 5, "sides": 2 + side}
+            faces |= {0: {"inlet": 0}, 1: {"blade": 3 - side}, 2: {"outlet": 1}}[part]
+            for name, face in faces.items():
+                windows[name].append(whole.face(face))
+    kinds = {"inlet": "farfield", "outlet": "farfield", "sides": "other"}
+    return grid_of(*blocks, patches=[patch(kinds.get(name, "wall"), *of, name=name) for name, of in windows.items()])

@@ -8,10 +8,17 @@ import numpy as np
 import pytest
 from adaptation_cases import skewed_grid
 from component_cases import two_blocks
+from periodic_cases import blade_row
 
-from bspline_mdao import InputError, write_grid
+from bspline_mdao import InputError, fit_grid, write_grid
+from bspline_mdao.core.fit.surface_fit import SurfaceFollower
 from bspline_mdao.drivers import nlopt, scipy_slsqp
 from bspline_mdao.files import read_mesh
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import report_quality
+from bspline_mdao.grids.topology.periodic_ties import gap_between
+from bspline_mdao.measures import SurfaceGrid
+from bspline_mdao.movers import Rotations, moving_mesh
 
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 
@@ -211,6 +218,27 @@ def test_turbine_sector_moves_both_sides_alike(script, tmp_path):
         assert moved["displacement"] > 0.005, name
         assert moved["products"] < 1e-11, name
     assert (tmp_path / "turbine_sector.png").stat().st_size > 50_000
+
+
+@pytest.mark.slow
+def test_the_same_moves_of_blocks_around_the_blade_keep_both_sides_alike_and_first_cells_as_high(script):
+    turbine = script("turbine_sector")
+    grid = blade_row(turbine, {})
+    model = fit_grid(grid)
+    mesh, surface, (tied,) = moving_mesh(model), SurfaceGrid.of(model), model.topology.periodic
+    assert len(tied.links) == 3
+    mover, quality = Rotations(mesh), GridQuality.of_baseline(grid)
+    for name, amounts in turbine.MOVES.items():
+        wall = blade_row(turbine, amounts).to_vector().reshape(-1, 3)[surface.rows]
+        moved = mover.move(mesh.points, SurfaceFollower.of(model, mesh, surface).at(wall).control_points)
+        nodes = model.map_meeting(surface.rows, model).at(moved.points, wall).nodes
+        np.testing.assert_allclose(nodes[surface.rows], wall, atol=1e-14)
+        assert gap_between(model.topology, tied, nodes) < 1e-14, name
+        report = report_quality(quality, nodes)
+        assert report.n_inverted == 0, name
+        for wall_heights in report.heights:
+            assert wall_heights.ratio_median == pytest.approx(1.0, abs=0.06), (name, wall_heights.patch)
+        assert np.linalg.norm(nodes - grid.to_vector().reshape(-1, 3), axis=1).max() > 0.005, name
 
 
 def test_wing_body_su2_says_in_one_line_that_gmsh_is_missing(script, monkeypatch):

@@ -59,7 +59,7 @@ class AllowedDirections:
         is_split = self.surface[ties.originals] != self.surface[ties.copies]
         ties = ties.without(ties.originals[is_split])
         ties.raise_alike(self.fixed)
-        self._keep_in_planes(ties.held, ties.across)
+        self._keep_in_planes(ties.on_axis, ties.across)
         for k in range(3):
             self._keep_in_planes(ties.originals, np.einsum("nji,nj->ni", ties.turns, self.basis[ties.copies, k]))
         for k in range(3):

@@ -53,7 +53,7 @@ def periodic_pairs(
 ) -> tuple[PeriodicPair, ...]:  # each window is in one of them at most
     """See `find_periodic`."""
     # The two sides need not be cut into windows alike. Planar windows count for rotations other than by right angles
-    # alone: the sides of many a box are laid onto each other as well.
+    # alone: the sides of many a box are laid onto each other as well. By a motion of others they repeat all the same.
     # windows of blocks one node deep have no cells behind them, and no direction inwards
     windows = [window for window in windows if blocks[window.block].shape[window.shape.index(1)] > 1]
     if len(windows) < 2 or 4 * len(windows) > MOST_CORNERS:
@@ -76,7 +76,26 @@ def periodic_pairs(
             refined = replace(_refined(motion, nodes, others, size), unit=unit)
             pairs.append(PeriodicPair(first, second, refined))
             left -= there | back
-    return tuple(pairs)
+    return tuple(_with_planar(pair, pairs, windows, sides, size) for pair in pairs)
+
+
+def _with_planar(
+    pair: PeriodicPair, pairs: Sequence[PeriodicPair], windows: list[Window], sides: list[_Side], size: float
+) -> PeriodicPair:
+    """Add windows that count for no motion by themselves, such as planes ahead of a blade, and repeat by this one."""
+    taken = {window for other in pairs for window in (*other.windows, *other.others)}
+    rest = [n for n, window in enumerate(windows) if window not in taken]
+    if not rest:
+        return pair
+    everywhere = cKDTree(np.concatenate([sides[n].nodes for n in rest]))
+    there, back = (_laid(sides, rest, m, size, everywhere) for m in (pair.motion, pair.motion.inverse()))
+    if not (there and back) or there & back:
+        return pair
+    more = ([window for n, window in enumerate(windows) if n in part] for part in (there, back))
+    first, second = (
+        tuple(sorted({*side, *others}, key=windows.index)) for side, others in zip((pair.windows, pair.others), more)
+    )
+    return replace(pair, windows=first, others=second)
 
 
 @dataclass(frozen=True, eq=False)

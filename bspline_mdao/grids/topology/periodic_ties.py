@@ -37,8 +37,8 @@ class Ties(OneLine):
     copies: np.ndarray
     turns: np.ndarray  # (n, 3, 3), rotation that turns the displacement of the original into that of the copy
     shifts: np.ndarray  # (n, 3), the copy is at ``turn x + shift`` (m)
-    # held: (m,) of int, originals, or points without copies, once for each direction in which they cannot move
-    held: np.ndarray
+    # on_axis: (m,) of int, originals, or points without copies, once for each direction in which they cannot move
+    on_axis: np.ndarray
     across: np.ndarray  # (m, 3), these directions: unit vectors, orthogonal where they are of one point
 
     @classmethod
@@ -61,17 +61,17 @@ class Ties(OneLine):
                 to, by = b[at], a[at]
                 root[to], turns[to], shifts[to] = root[by], turn @ turns[by], shifts[by] @ turn.T + shift
                 is_changed |= len(at) > 0
-        held, across = _held(root, turns, steps[::2])
+        on_axis, across = _on_axis(root, turns, steps[::2])
         copies = np.flatnonzero(root != np.arange(len(root)))
-        return cls(points[root[copies]], points[copies], turns[copies], shifts[copies], points[held], across)
+        return cls(points[root[copies]], points[copies], turns[copies], shifts[copies], points[on_axis], across)
 
     def __len__(self) -> int:
-        return len(self.copies) + len(self.held)
+        return len(self.copies) + len(self.on_axis)
 
     @property
     def ids(self) -> np.ndarray:
         """All points, ascending."""
-        return np.unique(np.concatenate([self.originals, self.copies, self.held]))
+        return np.unique(np.concatenate([self.originals, self.copies, self.on_axis]))
 
     def groups_of(self, ids: np.ndarray) -> np.ndarray:
         """All points of the groups that some points are in."""
@@ -83,14 +83,14 @@ class Ties(OneLine):
         """Leave out groups by their originals."""
         is_in = ~np.isin(self.originals, ids)
         ends = self.originals[is_in], self.copies[is_in]
-        return Ties(*ends, self.turns[is_in], self.shifts[is_in], self.held, self.across)
+        return Ties(*ends, self.turns[is_in], self.shifts[is_in], self.on_axis, self.across)
 
     def numbered(self, numbers: np.ndarray) -> Ties:
         """Number points anew by ``numbers[id]``; groups of which one has a negative number are left out."""
         kept = self.without(self.originals[(numbers[self.copies] < 0) | (numbers[self.originals] < 0)])
-        is_held = numbers[self.held] >= 0
+        is_on_axis = numbers[self.on_axis] >= 0
         ends = numbers[kept.originals], numbers[kept.copies]
-        return Ties(*ends, kept.turns, kept.shifts, numbers[self.held[is_held]], self.across[is_held])
+        return Ties(*ends, kept.turns, kept.shifts, numbers[self.on_axis[is_on_axis]], self.across[is_on_axis])
 
     def lay(self, points: np.ndarray) -> np.ndarray:
         """Points (m), in place, with copies where the motions take their originals."""
@@ -112,8 +112,8 @@ class Ties(OneLine):
         turned_back = np.einsum("nji,nj->ni", self.turns, vectors[self.copies])
         np.add.at(mean, np.searchsorted(self._roots, self.originals), turned_back)
         vectors[self._roots] = mean / n_each[:, None]
-        off = np.einsum("nj,nj->n", vectors[self.held], self.across)
-        np.subtract.at(vectors, self.held, off[:, None] * self.across)
+        off = np.einsum("nj,nj->n", vectors[self.on_axis], self.across)
+        np.subtract.at(vectors, self.on_axis, off[:, None] * self.across)
         vectors[self.copies] = np.einsum("nij,nj->ni", self.turns, vectors[self.originals])
         return vectors
 
@@ -122,19 +122,19 @@ class Ties(OneLine):
         return np.unique(self.originals)
 
 
-def _held(root: np.ndarray, turns: np.ndarray, steps: Iterable[tuple]) -> tuple[np.ndarray, np.ndarray]:
+def _on_axis(root: np.ndarray, turns: np.ndarray, steps: Iterable[tuple]) -> tuple[np.ndarray, np.ndarray]:
     """Directions in which originals cannot move because a chain of motions lays them onto themselves."""
     found: dict[int, list[np.ndarray]] = {}
     for a, b, turn, _ in steps:
         off = np.einsum("nji,njk->nik", turns[b], turn @ turns[a]) - np.eye(3)
         for n in np.flatnonzero(np.abs(off).max(axis=(1, 2)) > SAME):
             found.setdefault(int(root[b[n]]), []).append(off[n])
-    held, across = [], []
+    on_axis, across = [], []
     for point, parts in found.items():
         _, sizes, rows = np.linalg.svd(np.concatenate(parts))
-        held += [point] * int(np.count_nonzero(sizes > SAME))
+        on_axis += [point] * int(np.count_nonzero(sizes > SAME))
         across.append(rows[sizes > SAME])
-    return np.array(held, dtype=np.int64), np.concatenate([np.zeros((0, 3)), *across])
+    return np.array(on_axis, dtype=np.int64), np.concatenate([np.zeros((0, 3)), *across])
 
 
 def control_ties(topology: Topology, control_ids: Sequence[np.ndarray]) -> Ties | None:

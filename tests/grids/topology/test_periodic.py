@@ -145,6 +145,23 @@ def test_sides_both_of_which_are_cut_are_a_pair(seed):
     assert abs(pair.motion.angle - 2.0 * ANGLE) < 1e-11
 
 
+@pytest.mark.parametrize("motion", ["translation", "rotation"])
+def test_planar_parts_of_a_curved_side_belong_to_it(motion):
+    i, j, k = np.meshgrid(
+        *(np.linspace(*ends, n) for n, ends in ((13, (-1, 2)), (6, (0, 1)), (5, (0, 1)))), indexing="ij"
+    )
+    across = ANGLE * (j + 0.4 * np.maximum(i, 0.0) ** 2)
+    nodes = np.stack([3.0 * i, across, k], axis=-1)
+    if motion == "rotation":
+        nodes = np.stack([3.0 * i, (2.0 + k) * np.cos(across), (2.0 + k) * np.sin(across)], axis=-1)
+    grid = Grid((Block(nodes[:5], "straight"), Block(nodes[4:], "curved")))
+    (pair,) = find_periodic(grid, boundary(grid))
+    sides = [Window.whole(block, shape) for block, shape in enumerate(grid.shapes)]
+    assert {pair.windows, pair.others} == {tuple(side.face(face) for side in sides) for face in (2, 3)}
+    straight = Grid((Block(nodes[:5], "straight"),))
+    assert len(find_periodic(straight, boundary(straight))) == (motion == "rotation")
+
+
 def _turned(y, z, angle):
     return np.cos(angle) * y - np.sin(angle) * z, np.sin(angle) * y + np.cos(angle) * z
 

@@ -96,10 +96,10 @@ def test_points_that_two_pairs_join_form_one_group():
 def test_points_on_the_axis_move_along_it_alone():
     ties = row_ties(find_topology(passage(5, 6, 4, hub=0.0)))
     nodes = nodes_of(passage(5, 6, 4, hub=0.0))
-    np.testing.assert_array_equal(np.unique(np.hypot(*nodes[ties.held, 1:].T)), 0.0)
-    assert len(np.unique(ties.held)) == 5
+    np.testing.assert_array_equal(np.unique(np.hypot(*nodes[ties.on_axis, 1:].T)), 0.0)
+    assert len(np.unique(ties.on_axis)) == 5
     random = np.random.default_rng(2).normal(size=nodes.shape)
-    moved = ties.alike(random.copy())[np.unique(ties.held)]
+    moved = ties.alike(random.copy())[np.unique(ties.on_axis)]
     np.testing.assert_allclose(moved[:, 1:], 0.0, atol=1e-15)
     assert np.abs(moved[:, 0]).min() > 0.01
 
