@@ -171,10 +171,11 @@ class MeshSubject(Subject):
         model = self.model
         found: list[tuple[str, str, list[float | None]]] = []
         for sides in model.periodic:
-            found.append((" and ".join(sides.markers), f"a {sides.motion}", [sides.gap(s.nodes) for s in shapes]))
+            gaps: list[float | None] = [sides.gap(shape.nodes) for shape in shapes]
+            found.append((" and ".join(sides.markers), f"a {sides.motion}", gaps))
         if model.sliding_nodes is not None:
             surfaces = ", ".join(dict.fromkeys(str(slide.surface) for slide in model.slides.values()))
-            off = [model.sliding_nodes.off(shape.nodes) for shape in shapes]
+            off: list[float | None] = [model.sliding_nodes.off(shape.nodes) for shape in shapes]
             found.append((f"nodes of {', '.join(model.slides)}", f"sliding on {surfaces}", off))
         return found
 
