@@ -32,9 +32,9 @@ from .core.design.planform import Twist as Twist
 from .core.design.reference_axis import ReferenceAxis as ReferenceAxis
 from .core.design.rotation import HingePoints as HingePoints
 from .core.design.rotation import Rotation as Rotation
-from .core.design.section_shapes import Bumps as Bumps
 from .core.design.section_shapes import CamberModes as CamberModes
 from .core.design.section_shapes import ClassShape as ClassShape
+from .core.design.section_shapes import HicksHenne as HicksHenne
 from .core.design.section_shapes import ThicknessModes as ThicknessModes
 from .core.design.selection import InBlock as InBlock
 from .core.design.selection import InBox as InBox

@@ -30,8 +30,12 @@ CASES = (
 """Variable, its settings, its values, and what stands above the panel."""
 
 SECTIONS = (
-    (bm.design.Bumps("v", (0.2, 0.5), sides="upper"), (0.02, -0.02), "Bumps at 0.2 and 0.5, above: 0.02, -0.02"),
-    (bm.design.Bumps("v", (0.4,), power=8.0), (0.02, 0.02), "Bumps at 0.4, power 8: 0.02, 0.02"),
+    (
+        bm.design.HicksHenne("v", (0.2, 0.5), sides="upper"),
+        (0.02, -0.02),
+        "HicksHenne, two above: 0.02, -0.02",
+    ),
+    (bm.design.HicksHenne("v", (0.4,), power=8.0), (0.02, 0.02), "HicksHenne at 0.4, power 8: 0.02, 0.02"),
     (bm.design.ClassShape("v", 3), (0.08, 0, 0, 0, 0, 0, 0), "ClassShape, first weight (nose): 0.08"),
     (bm.design.ClassShape("v", 2), (0, 0.1, 0, 0, 0.1), "ClassShape, weights above and below: 0.1"),
     (bm.design.CamberModes("v", 3), (0, 0, 0.03), "CamberModes, third of three: 0.03"),

@@ -26,7 +26,7 @@ from bspline_mdao.core.design.of_part import OfPart
 from bspline_mdao.core.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.core.design.reference_axis import ReferenceAxis
 from bspline_mdao.core.design.rotation import Rotation
-from bspline_mdao.core.design.section_shapes import Bumps, CamberModes, ClassShape, ThicknessModes
+from bspline_mdao.core.design.section_shapes import CamberModes, ClassShape, HicksHenne, ThicknessModes
 from bspline_mdao.core.design.selection import NearPlane
 from bspline_mdao.core.design.tangent_continuity import TangentContinuity
 from bspline_mdao.core.design.user_defined import UserVariable
@@ -116,7 +116,7 @@ def swollen_wing():
 
 
 VARIABLES = {
-    Bumps: lambda mesh: Bumps("bumps", (0.2, 0.6, 0.7), sides="upper", stations=2, order=2),
+    HicksHenne: lambda mesh: HicksHenne("bumps", (0.2, 0.6, 0.7), sides="upper", stations=2, order=2),
     CamberModes: lambda mesh: CamberModes("camber", 2, leading=True, trailing=True, stations=(0.1, 0.4, 0.9)),
     ClassShape: lambda mesh: ClassShape("weights", 2, trailing=True, axis=ReferenceAxis.of(mesh)),
     ThicknessModes: lambda mesh: ThicknessModes("thickness", 3, stations=2),

@@ -31,7 +31,7 @@ from .reference_axis import ReferenceAxis, StationSpline
 from .section_places import SectionPlaces
 from .variable import AuxiliaryPoints, Layout
 
-__all__ = ["Bumps", "CamberModes", "ClassShape", "ThicknessModes"]
+__all__ = ["CamberModes", "ClassShape", "HicksHenne", "ThicknessModes"]
 
 SIDES = {"upper": 1.0, "lower": -1.0}
 """Sides of a section, and their signs."""
@@ -89,7 +89,7 @@ class OfSections(OneLine, ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Bumps(OfSections):
+class HicksHenne(OfSections):
     r"""Add bumps of Hicks and Henne to the sides of sections; values are heights in chords, upwards positive.
 
     The bump at the part m of the chord is :math:`\sin^w(\pi x^{\ln 0.5 / \ln m})`: 1 there, and 0 at both edges of the
@@ -122,10 +122,10 @@ class Bumps(OfSections):
     Examples
     --------
     >>> from bspline_mdao import DesignSurface, fit_grid
-    >>> from bspline_mdao.design import Bumps
+    >>> from bspline_mdao.design import HicksHenne
     >>> from bspline_mdao.generators import naca_section, section_o_grid
     >>> section = DesignSurface.of(fit_grid(section_o_grid(naca_section(0.12), 32, far=20.0)))
-    >>> section.parametrization([Bumps("bumps", at=(0.2, 0.5, 0.8), sides="upper")]).initial["bumps"]
+    >>> section.parametrization([HicksHenne("bumps", at=(0.2, 0.5, 0.8), sides="upper")]).initial["bumps"]
     array([0., 0., 0.])
     """
 
@@ -201,7 +201,7 @@ class ClassShape(OfSections):
         Whether the height of the trailing edge is a value: both sides move up by it in proportion to the part of the
         chord. The leading edge stays in any case.
     axis, stations, order
-        As of `Bumps`.
+        As of `HicksHenne`.
 
     Raises
     ------
@@ -258,7 +258,7 @@ class CamberModes(OfSections):
     leading, trailing : bool
         Whether the heights of the edges are values.
     axis, stations, order
-        As of `Bumps`.
+        As of `HicksHenne`.
 
     Raises
     ------
@@ -309,7 +309,7 @@ class ThicknessModes(OfSections):
         Whether the first of them changes the radius of the nose; otherwise they are those for k from 1 to n, of degree
         n + 1.
     axis, stations, order
-        As of `Bumps`.
+        As of `HicksHenne`.
 
     Raises
     ------

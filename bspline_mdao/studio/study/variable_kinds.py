@@ -117,7 +117,7 @@ VARIABLES = {
     "taper": VariableKind("factor on the ratio of tip and root chord", _AT | _OF_PART, "Taper", neutral=1.0),
     "thickness": VariableKind("factors on the thickness of sections", _STATIONS, "ThicknessFactor", neutral=1.0),
     "camber": VariableKind("camber added to sections, in chords", _STATIONS, "Camber"),
-    "bumps": VariableKind(
+    "hicks_henne": VariableKind(
         "heights in chords, upwards, of bumps of Hicks and Henne on sides of sections; the upper ones first",
         {
             "places": Key(PLACES, "parts of the chord where they are highest, or how many", 6),
@@ -125,7 +125,7 @@ VARIABLES = {
             "sides": Key(one_of("both", "upper", "lower"), "sides that have bumps", "both"),
             **_SECTIONS,
         },
-        "Bumps",
+        "HicksHenne",
         modes=lambda table: _n_places(table["places"]) * (2 if table["sides"] == "both" else 1),
     ),
     "class_shape": VariableKind(

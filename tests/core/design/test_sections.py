@@ -11,12 +11,12 @@ from bspline_mdao.core.mesh.control_net import surface_quads
 from bspline_mdao.core.mesh.greville_surface import GrevilleSurface
 from bspline_mdao.core.mesh.span_lines import span_lines
 from bspline_mdao.design import (
-    Bumps,
     Camber,
     CamberModes,
     ClassShape,
     CurvePoints,
     FreeForm,
+    HicksHenne,
     InBox,
     Lattice,
     Local,
@@ -34,8 +34,8 @@ LAYERS = {"one layer": ((0.0, 1.3), 2), "three layers": ((0.0, 0.3, 0.4, 1.1), 3
 FINE = {"n_around": 192, "n_control": (49, 9, 3)}
 
 SHAPES = {
-    "bumps": Bumps("v", (0.15, 0.4, 0.7), power=(2.0, 3.0, 4.0)),
-    "bumps below": Bumps("v", 3, sides="lower"),
+    "bumps": HicksHenne("v", (0.15, 0.4, 0.7), power=(2.0, 3.0, 4.0)),
+    "bumps below": HicksHenne("v", 3, sides="lower"),
     "class shape": ClassShape("v", 3, trailing=True),
     "class shape with another nose": ClassShape("v", 2, exponents=(1.0, 0.8), nose=False),
     "camber": CamberModes("v", 3, leading=True, trailing=True),
@@ -159,7 +159,7 @@ def test_modes_have_a_largest_value_of_one():
         for modes, size in ((CamberModes("v", n, leading=True), 1.0), (ThicknessModes("v", n), 0.5)):
             heights = modes.shapes(parts, np.ones(len(parts)))
             np.testing.assert_allclose(heights.max(axis=0), size, atol=1e-6)
-    bumps = Bumps("v", (0.1, 0.37, 0.9), sides="upper", power=2.0).shapes(parts, np.ones(len(parts)))
+    bumps = HicksHenne("v", (0.1, 0.37, 0.9), sides="upper", power=2.0).shapes(parts, np.ones(len(parts)))
     np.testing.assert_allclose(parts[bumps.argmax(axis=0)], [0.1, 0.37, 0.9], atol=1e-3)
 
 
@@ -182,7 +182,7 @@ def test_sides_and_parts_are_those_of_the_section():
     np.testing.assert_allclose(places.chords, np.ptp(places.surface.points[:, 0]), rtol=1e-3)
 
 
-@pytest.mark.parametrize("variable", [Bumps, CamberModes, ClassShape, ThicknessModes])
+@pytest.mark.parametrize("variable", [HicksHenne, CamberModes, ClassShape, ThicknessModes])
 def test_stations_have_values_of_their_own_on_wings(variable):
     wing = DesignSurface.of(wing_model())
     axis = ReferenceAxis.of(wing.mesh)
@@ -265,12 +265,12 @@ def test_half_of_a_section_ends_on_its_own_plane_of_symmetry_as_well():
 
 
 @pytest.mark.parametrize(("make", "message"), [
-    (lambda: Bumps("v", (0.01, 0.5), power=2.0), "at 0.01 of the chord makes a kink at the nose; move it back, or take "
-     "a power above 3.32"),
-    (lambda: Bumps("v", (0.0, 0.5)), "give parts of the chord between 0 and 1, or how many"),
-    (lambda: Bumps("v", 0), "give parts of the chord between 0 and 1, or how many"),
-    (lambda: Bumps("v", 3, power=(3.0, 3.0)), "a positive power, or one for each of 3 bumps"),
-    (lambda: Bumps("v", 3, sides="left"), "sides out of upper and lower"),
+    (lambda: HicksHenne("v", (0.01, 0.5), power=2.0), "at 0.01 of the chord makes a kink at the nose; move it back, or "
+     "take a power above 3.32"),
+    (lambda: HicksHenne("v", (0.0, 0.5)), "give parts of the chord between 0 and 1, or how many"),
+    (lambda: HicksHenne("v", 0), "give parts of the chord between 0 and 1, or how many"),
+    (lambda: HicksHenne("v", 3, power=(3.0, 3.0)), "a positive power, or one for each of 3 bumps"),
+    (lambda: HicksHenne("v", 3, sides="left"), "sides out of upper and lower"),
     (lambda: ClassShape("v", 0), "'v': degree 0; give a whole number from 1 to 50"),
     (lambda: ClassShape("v", 3, exponents=(0.3, 1.0)), "give two numbers, from 0.5 on and positive"),
     (lambda: CamberModes("v", 2.5), "'v': n 2.5; give a whole number"),

@@ -12,7 +12,7 @@ from bspline_mdao.studio.study import keys
 from bspline_mdao.studio.study.script import study_script
 
 VARIABLES = {
-    "bumps": ("places = [0.3, 0.7]\nsides = 'upper'\npower = 4.0", 2),
+    "hicks_henne": ("places = [0.3, 0.7]\nsides = 'upper'\npower = 4.0", 2),
     "class_shape": ("degree = 3\ntrailing = true\nnose = false", 7),
     "camber_modes": ("n_modes = 2\nleading = true", 3),
     "thickness_modes": ("", 4),
