@@ -270,7 +270,7 @@ class CamberModes(OfSections):
     >>> from bspline_mdao import DesignSurface, fit_grid
     >>> from bspline_mdao.design import CamberModes
     >>> from bspline_mdao.generators import naca_section, section_o_grid
-    >>> section = DesignSurface.of(fit_grid(section_o_grid(naca_section(0.12), 32, far=20.0)))
+    >>> section = DesignSurface.of(fit_grid(section_o_grid(naca_section(0.12), 64, far=20.0)))
     >>> shape = section.parametrization([CamberModes("camber", 1)])
     >>> baseline = section.mesh.points[section.mesh.surface_ids]
     >>> (shape.apply(baseline, {"camber": np.array([0.02])}) - baseline).max(axis=0).round(3)

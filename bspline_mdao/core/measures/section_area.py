@@ -32,7 +32,7 @@ class SectionArea(EnclosedVolume):
     >>> from bspline_mdao.measures import SectionArea, SurfaceGrid
     >>> surface = SurfaceGrid.of(fit_grid(section_o_grid(naca_section(0.12), 64, far=20.0)))
     >>> SectionArea.of(surface).evaluate(surface.points).round(3)  # of a chord of 1 m
-    array([0.081])
+    array([0.082])
     """
 
     @classmethod
