@@ -137,10 +137,17 @@ def test_a_probe_beside_the_wing_is_named():
         Thickness.at(rectangular_wing(), [[1.0, 0.0, 1.0], [9.0, 0.0, 1.0]], name="spar")
 
 
-@pytest.mark.parametrize(("n_chord", "n_span"), [(1, 3), (3, 1)])
-def test_a_grid_has_two_lines_either_way_at_least(n_chord, n_span):
+@pytest.mark.parametrize(("n_chord", "n_span"), [(1, 3), (3, 0)])
+def test_a_grid_has_two_lines_along_the_chord_and_one_along_the_span_at_least(n_chord, n_span):
     with pytest.raises(InputError, match="give at least 2"):
         Thickness.grid(rectangular_wing(), n_chord, n_span, **LINES)
+
+
+def test_one_line_along_the_span_is_the_middle_one_of_three():
+    wing = rectangular_wing()
+    one, three = (Thickness.grid(wing, 4, n, **LINES).evaluate(wing.points) for n in (1, 3))
+    assert one.shape == (1, 4)
+    np.testing.assert_array_equal(one, three[1:2])
 
 
 def test_a_polyline_has_a_length():
