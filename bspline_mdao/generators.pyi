@@ -14,6 +14,8 @@ from .core.generators.canonical import onera_d_section as onera_d_section
 from .core.generators.canonical import onera_m6_grid as onera_m6_grid
 from .core.generators.canonical import onera_m6_planform as onera_m6_planform
 from .core.generators.canonical import rectangular_wing as rectangular_wing
+from .core.generators.extrusion.extrude import extrude_surface as extrude_surface
+from .core.generators.extrusion.marching import Marching as Marching
 from .core.generators.hh_wing import hh_wing_grid as hh_wing_grid
 from .core.generators.hh_wing import infinite_wing_grid as infinite_wing_grid
 from .core.generators.section_o_grid import section_o_grid as section_o_grid

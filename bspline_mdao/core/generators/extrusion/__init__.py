@@ -1,0 +1,1 @@
+"""Volume grids from surface grids by hyperbolic extrusion."""

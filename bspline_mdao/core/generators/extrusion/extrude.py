@@ -1,0 +1,179 @@
+"""From a multi-block surface grid to a volume grid: hyperbolic extrusion.
+
+Theory: ``docs/theory/extrusion.rst``.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from ....base.numerics.progress import Progress, progress_bar
+from ....errors import InputError
+from ....grids.topology.grid import Block, Grid, Patch, require_grid
+from ....grids.topology.index_space import Window
+from .layers import layer_heights
+from .marching import Conditions, March, Marching, march
+from .rims import KINDS, Plane, Rim
+from .rings import fans_of
+from .surface import SurfaceMesh
+
+FAR = 20.0
+"""Outer distance by default, relative to the longest extent of the surface."""
+
+LAYERS = 64
+"""Number of layers by default."""
+
+
+def extrude_surface(
+    surface: Grid,
+    first_cell: float,
+    layers: int | None = None,
+    growth: float | None = None,
+    outer: float | None = None,
+    symmetry: Sequence[Plane] | None = None,
+    constant: Sequence[Plane] = (),
+    splay: float = 15.0,
+    inward: bool = False,
+    settings: Marching | None = None,
+    allow_invalid: bool = False,
+    progress: Progress | bool | None = None,
+) -> Grid:
+    """Make a volume grid from a multi-block surface grid by hyperbolic extrusion.
+
+    Blocks may be turned and oriented in any way, meet in nodes of any number of neighbours, close around to rings or
+    collapse to poles. Their rim may lie in planes of symmetry or be free.
+
+    Parameters
+    ----------
+    surface : Grid
+        Blocks with one node in one direction.
+    first_cell : float
+        Height of the first cells at the surface (m).
+    layers : int, optional
+        Layers of cells; 64 by default, unless ``growth`` is given.
+    growth : float, optional
+        Height of a layer by that of the one below it. With ``layers``, the grid ends where they do; without, as many
+        layers are made as it takes.
+    outer : float, optional
+        Height of all layers (m), about; 20 times the longest extent of the surface by default.
+    symmetry : sequence of ``"x"``, ``"y"``, ``"z"`` or normals of shape (3,), optional
+        Planes of symmetry at the rim, by their normals. By default those planes in which the surface ends normally;
+        straight edges lie in many planes, so that theirs have to be given.
+    constant : sequence of the same, optional
+        Planes that edges of the rim stay in, though the surface may not be normal to them.
+    splay : float
+        Angle (degrees) by which free edges lean outwards, far from the surface.
+    inward : bool
+        Extrude to the inside of a closed surface, or below an open one.
+    settings : Marching, optional
+        How the front marches.
+    allow_invalid : bool
+        Give the grid even if cells of it are inverted.
+    progress : callable or bool, optional
+        Called with the fraction done, from 0 to 1, and what is being done; by default there is a bar on a terminal,
+        False turns that off.
+
+    Returns
+    -------
+    Grid
+        A right-handed block for each of the surface, k away from it. Patches ``wall``, ``farfield``, ``symmetry``
+        (``symmetry_2``, ... of further planes), ``constant`` and ``edges``, the sides of free edges, which count as far
+        field.
+
+    Raises
+    ------
+    InputError
+        If the surface has branches, cells without area, or turns over; if heights do not fit; or if cells are inverted.
+
+    References
+    ----------
+    W. M. Chan and J. L. Steger, *Enhancements of a three-dimensional hyperbolic grid generation scheme*, Applied
+    Mathematics and Computation 51 (1992) 181-205.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Grid
+    >>> from bspline_mdao.generators import ball_grid, extrude_surface
+    >>> from bspline_mdao.grids import Block
+    >>> ball = Grid(tuple(Block(block.nodes[:, :, :1], block.name) for block in ball_grid((9, 9, 9, 3)).blocks))
+    >>> grid = extrude_surface(ball, first_cell=1e-3, layers=20, outer=10.0)
+    >>> grid.shapes[0], [patch.name for patch in grid.patches]
+    ((9, 9, 21), ['wall', 'farfield'])
+    """
+    require_grid(surface)
+    mesh = SurfaceMesh.of(surface, inward)
+    if growth is None and layers is None:
+        layers = LAYERS
+    if outer is None:
+        outer = FAR * float(np.ptp(mesh.points, axis=0).max())
+    steps = layer_heights(first_cell, layers, growth, outer)
+    fans = fans_of(mesh)
+    rim = Rim.of(mesh, fans, symmetry, constant)
+    constraint, projectors = rim.constraints(len(mesh.points))
+    leaning = rim.splay(mesh, fans, np.deg2rad(splay))
+    conditions = Conditions(rim.rings(fans), constraint, projectors, leaning, mesh.is_side)
+    with progress_bar("extruding", progress) as report_progress:
+        found = march(mesh, conditions, steps, settings or Marching(), allow_invalid, report_progress)
+    _require_valid(mesh, found, surface.length_unit, allow_invalid)
+    return _volume(surface, mesh, rim, found)
+
+
+def _require_valid(mesh: SurfaceMesh, found: March, unit: str, allow_invalid: bool) -> None:
+    """Refuse inverted cells, or warn of them."""
+    bad = np.flatnonzero(~(found.corners > 0.0))
+    if not len(bad):
+        return
+    x, y, z = found.fronts[bad[0], mesh.quads[found.worst[bad[0]]]].mean(axis=0)
+    text = (
+        f"{mesh.source}: cells are inverted, first in layer {bad[0] + 1} around ({x:.6g}, {y:.6g}, {z:.6g}) {unit}; "
+        f"give more layers, a smaller distance or more dissipation, or make the surface smoother there"
+    )
+    if not (allow_invalid and np.isfinite(found.fronts).all()):
+        raise InputError(text)
+    warnings.warn(text, stacklevel=3)
+
+
+def _volume(surface: Grid, mesh: SurfaceMesh, rim: Rim, found: March) -> Grid:
+    """The grid of a march, and its patches."""
+    blocks, sides = [], {}
+    for number, (block, ids) in enumerate(zip(surface.blocks, mesh.ids)):
+        ids = ids.T if mesh.is_turned[number] else ids
+        blocks.append(Block(np.ascontiguousarray(np.moveaxis(found.fronts[:, ids], 0, 2)), block.name))
+        for label, window in _rim_windows(number, ids, rim, len(found.fronts)):
+            sides.setdefault(label, []).append(window)
+    whole = [Window.whole(number, block.shape) for number, block in enumerate(blocks)]
+    patches = [
+        Patch("wall", "wall", tuple(window.face(4) for window in whole)),
+        Patch("farfield", "farfield", tuple(window.face(5) for window in whole)),
+        *(Patch(*_patch_name(rim, label), tuple(sides[label])) for label in sorted(sides)),
+    ]
+    return Grid(tuple(blocks), tuple(patches), source=f"{mesh.source}, extruded", unit=surface.unit)
+
+
+def _rim_windows(number: int, ids: np.ndarray, rim: Rim, n_fronts: int) -> list[tuple[int, Window]]:
+    """Windows of a block's sides that are at the rim: the label of each, 0 of free edges."""
+    windows = []
+    for side, nodes in enumerate((ids[0], ids[-1], ids[:, 0], ids[:, -1])):
+        labels = rim.kind_of(np.stack([nodes[:-1], nodes[1:]], axis=1))
+        labels[nodes[:-1] == nodes[1:]] = -1  # a pole
+        cuts = [0, *(np.flatnonzero(np.diff(labels)) + 1).tolist(), len(labels)]
+        face = Window.whole(number, (*ids.shape, n_fronts)).face(side)
+        for first, last in zip(cuts[:-1], cuts[1:]):
+            if labels[first] >= 0:
+                lo, hi, along = list(face.lo), list(face.hi), 1 - side // 2
+                lo[along], hi[along] = first, last
+                windows.append((int(labels[first]), Window(number, tuple(lo), tuple(hi))))
+    return windows
+
+
+def _patch_name(rim: Rim, label: int) -> tuple[str, str]:
+    """Name and kind of the patch of a label of the rim."""
+    if label == 0:
+        return "edges", "farfield"
+    kinds = [KINDS[rim.kinds[rim.planes == plane][0]] for plane in range(len(rim.normals))]
+    kind = kinds[label - 1]
+    place = kinds[:label].count(kind)
+    return kind + f"_{place}" * (place > 1), "symmetry" if kind == "symmetry" else "other"

@@ -1,0 +1,135 @@
+"""Marching a front away from a surface, layer by layer.
+
+Theory: ``docs/theory/extrusion.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....base.numerics.progress import Progress
+from ....base.numerics.vectors import dots
+from .front import differences, normals_and_areas, smallest_corner, smooth
+from .rings import Rings
+from .solver import solve
+from .step_system import FREE, assemble
+from .surface import SurfaceMesh
+
+LARGEST_STRETCH = 2.0
+"""How much a step is lengthened at most, so that layers have their heights in the mean."""
+
+
+@dataclass(frozen=True)
+class Marching:
+    """Settings of a march; the defaults suit the M6 and the wing body of ``docs/theory/extrusion.rst``."""
+
+    dissipation: float = 0.7  # coefficient of Chan and Steger; 0.25 inverts cells at the tip of the M6, 1 skews more
+    ratio: float = 10.0  # longest step relative to the shortest edge at a node; a layer is made in as many as it takes
+    steps: int = 30  # of a layer at most, the last as long as it has to be; lines that meet would ask for ever more
+    explicit: float = 0.5  # such a ratio of the first layer below which its heights are exact
+    blend: float = 0.25  # how much a cycle of smoothing blends areas with those of neighbours
+    cycles: int = 20  # such cycles at the last layer; none at the first
+    tolerance: float = 1e-3  # relative residual of the systems; 1e-5 moves no quantile of corners by 1e-3
+    iterations: int = 200  # of the solver at most
+    retries: int = 3  # of a layer with inverted cells, each with twice the dissipation and half the ratio
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """What nodes may do, see `bspline_mdao.core.generators.extrusion.rims`."""
+
+    rings: Rings
+    constraint: np.ndarray  # int (n,)
+    projectors: np.ndarray  # (n_projectors, 3, 3)
+    splay: np.ndarray  # (n, 3)
+    is_side: np.ndarray  # bool (n,), nodes at sides of blocks: heights there are measured from each block
+
+
+@dataclass(frozen=True, eq=False)
+class March:
+    """What a march gives, as far as it came."""
+
+    fronts: np.ndarray  # (n_layers + 1, n, 3) (m)
+    corners: np.ndarray  # (n_layers,), smallest triple product of unit edges at corners of the cells of each layer
+    worst: np.ndarray  # int (n_layers,), quad below it
+
+
+def march(
+    mesh: SurfaceMesh,
+    conditions: Conditions,
+    steps: np.ndarray,  # (n_layers,), heights of layers (m)
+    settings: Marching,
+    through: bool,  # whether to go on where cells are inverted
+    progress: Progress,
+) -> March:
+    """March over layers, all of them or up to the first with inverted cells."""
+    fronts, corners = [mesh.points], []
+    previous = np.zeros(0)
+    for number, step in enumerate(steps):
+        level = math.sqrt(number / max(1, len(steps) - 1))
+        tries = []
+        for retry in range(settings.retries + 1):
+            front, lengths = _layer(fronts[-1], previous, conditions, step, level, settings, 2.0**retry)
+            tries.append((*smallest_corner(fronts[-1], front, mesh.quads), front, lengths))
+            if tries[-1][0] > 0.0:
+                break
+        corner, quad, front, previous = max(tries, key=lambda each: np.nan_to_num(each[0], nan=-np.inf))
+        fronts.append(front)
+        corners.append((corner, quad))
+        if not (corner > 0.0 or through) or not np.isfinite(front).all():
+            break
+        progress((number + 1) / len(steps), "marching")
+    least, worst = zip(*corners)
+    return March(np.array(fronts), np.array(least), np.array(worst))
+
+
+def _layer(
+    front: np.ndarray,  # (n, 3)
+    previous: np.ndarray,  # (n_neighbours,), lengths of the differences one step before; none at the surface
+    conditions: Conditions,
+    step: float,  # height of the layer (m)
+    level: float,  # 0 at the first layer, 1 at the last
+    settings: Marching,
+    effort: float,  # by how much dissipation is raised, and steps are shortened
+) -> tuple[np.ndarray, np.ndarray]:  # the next front, and lengths of differences at the last step
+    """Make a layer in as many steps as the shortest edges ask for."""
+    rings, left = conditions.rings, 1.0
+    for last in range(settings.steps - 1, -1, -1):
+        d, lengths = differences(front, *rings)
+        normals, mitres, areas = normals_and_areas(d, rings.starts, conditions.is_side & (level == 0.0))
+        rates = mitres * _rates(areas, rings, level, settings)
+        ratio = step * float((rates / np.minimum.reduceat(lengths, rings.starts[:-1])).max())
+        if level == 0.0 and ratio <= settings.explicit:
+            return front + _explicit(normals * (step * rates)[:, None], conditions), lengths
+        part = left / max(1, math.ceil(left * ratio * effort / settings.ratio)) if last and np.isfinite(ratio) else left
+        before = previous if len(previous) else lengths
+        system = assemble(
+            d, lengths, before, *rings, normals, part * step * rates, max(level, 1e-3), effort * settings.dissipation,
+            conditions.projectors, conditions.constraint, level * conditions.splay,
+        )  # fmt: skip
+        move = system[2].copy()
+        solve(rings.starts, rings.nodes, *system, move, settings.tolerance, settings.iterations)
+        # where the front widens, its volumes ask for less height than the layer has: in the mean it gets that
+        asked, made = part * step * rates.mean(), float(dots(move, normals).mean())
+        front, previous = front + min(asked / made, LARGEST_STRETCH) * move if made > 0.0 else front + move, lengths
+        if part == left:
+            break
+        left -= part
+    return front, previous
+
+
+def _rates(areas: np.ndarray, rings: Rings, level: float, settings: Marching) -> np.ndarray:
+    """Heights of nodes relative to the layer's: areas are smoothed, and where they are small, cells become higher."""
+    volumes = areas.copy()
+    smooth(volumes, rings.starts, rings.nodes, settings.blend, int(settings.cycles * level**2))
+    rates = volumes / areas
+    return rates / rates.mean()
+
+
+def _explicit(moves: np.ndarray, conditions: Conditions) -> np.ndarray:
+    """Moves of nodes that do not see each other, within their constraints."""
+    allowed = conditions.projectors[np.where(conditions.constraint == FREE, 0, conditions.constraint)]
+    return np.einsum("nij,nj->ni", allowed, moves)

@@ -1,0 +1,296 @@
+"""Volume grids extruded from surfaces: validity, heights, rims, topology, and surfaces that are refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from bspline_mdao import Grid, InputError, find_topology, fit_grid, read_grid
+from bspline_mdao.core.generators.extrusion.surface import SurfaceMesh
+from bspline_mdao.generators import ball_grid, brick_grid, extrude_surface
+from bspline_mdao.grids import Block, GridQuality
+
+FIRST = 2e-3
+
+
+def surface_of(grid: Grid, step: int = 1) -> Grid:
+    """The first layer of a volume grid."""
+    return Grid(tuple(Block(block.nodes[::step, ::step, :1].copy(), block.name) for block in grid.blocks))
+
+
+def sheet(*faces: np.ndarray) -> Grid:
+    """A surface of faces, each of shape (ni, nj, 3)."""
+    return Grid(tuple(Block(face[:, :, None], f"block {n}") for n, face in enumerate(faces, 1)))
+
+
+def plane(origin, first, second, shape) -> np.ndarray:
+    """A flat face between two edges."""
+    s, t = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shape), indexing="ij")
+    return origin + s[..., None] * np.asarray(first, float) + t[..., None] * np.asarray(second, float)
+
+
+def corners_of(grid: Grid) -> np.ndarray:
+    """Smallest corner of every cell."""
+    quality = GridQuality.of_baseline(grid)
+    return np.concatenate([cells.min_corner.ravel() for cells in quality.cells(grid.to_vector().reshape(-1, 3))])
+
+
+def heights_of(grid: Grid) -> np.ndarray:
+    """Heights of the first cells at all nodes of walls."""
+    return GridQuality.of_baseline(grid).first_cells.baseline
+
+
+def angles_at_wall(grid: Grid) -> float:
+    """Smallest corner of the first layer of cells."""
+    return min(corners_of(Grid((Block(block.nodes[:, :, :2], block.name),))).min() for block in grid.blocks)
+
+
+def rotation(rng: np.random.Generator) -> np.ndarray:
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return turn * np.linalg.det(turn)
+
+
+def ball(shape=(9, 8, 7, 3), octant: bool = False) -> Grid:
+    return surface_of(ball_grid(shape, octant=octant))
+
+
+def test_ball_gets_concentric_layers_of_the_asked_height():
+    grid = extrude_surface(ball((13, 12, 14, 3)), FIRST, layers=20, outer=10.0)
+    assert corners_of(grid).min() > 0.6  # of the surface itself: 0.62 at the corners of the cube
+    assert np.abs(heights_of(grid) / FIRST - 1.0).max() < 0.01
+    radii = np.linalg.norm(np.concatenate([block.nodes[:, :, -1].reshape(-1, 3) for block in grid.blocks]), axis=1)
+    assert np.ptp(radii) < 0.15 * radii.mean()
+    assert abs(radii.mean() / 11.0 - 1.0) < 0.15
+
+
+def test_each_surface_block_becomes_one_right_handed_block_with_its_interfaces():
+    surface = ball()
+    grid = extrude_surface(surface, FIRST, layers=8, outer=2.0)
+    topology = find_topology(grid)
+    assert [block.name for block in grid.blocks] == [block.name for block in surface.blocks]
+    assert len(topology.interfaces) == 12
+    assert not topology.warnings
+    assert all(face.patch in ("wall", "farfield") for face in topology.boundary)
+    quality = GridQuality.of_baseline(grid)
+    assert all(cells.handedness == 1 for cells in quality.cells(grid.to_vector().reshape(-1, 3)))
+    assert fit_grid(grid, progress=False).n_nodes == grid.n_nodes
+
+
+def test_grid_does_not_depend_on_how_blocks_are_turned_and_oriented():
+    surface, rng = ball((6, 5, 7, 3)), np.random.default_rng(3)
+    turned = []
+    for block in surface.blocks:
+        nodes = block.nodes
+        nodes = np.flip(nodes, axis=[axis for axis in (0, 1) if rng.random() < 0.5])
+        nodes = np.moveaxis(nodes, 2, rng.integers(3)) if rng.random() < 0.5 else nodes.transpose(1, 0, 2, 3)
+        turned.append(Block(np.ascontiguousarray(nodes), block.name))
+    one, other = (extrude_surface(each, FIRST, layers=8, outer=4.0) for each in (surface, Grid(tuple(turned))))
+    for a, b in zip(one.blocks, other.blocks):
+        distances, _ = cKDTree(b.nodes.reshape(-1, 3)).query(a.nodes.reshape(-1, 3))
+        assert distances.max() < 4e-2  # sweeps of the solver go in another order, to its tolerance of 1e-3
+
+
+def test_half_in_a_plane_of_symmetry_is_the_half_of_the_whole_however_it_lies():
+    rng = np.random.default_rng(4)
+    turn, shift = rotation(rng), rng.normal(size=3)
+    surface = ball((7, 7, 7, 3))
+    half = [block for block in surface.blocks if block.name == "z+"]
+    for block in surface.blocks:
+        if block.name[0] != "z":
+            nodes = block.nodes
+            axis = int(np.argmax([np.ptp(nodes[:, 0, 0, 2]), np.ptp(nodes[0, :, 0, 2])]))
+            upper = np.flatnonzero(np.take(nodes[..., 2], 0, axis=1 - axis)[:, 0] >= -1e-9)
+            half.append(Block(np.take(nodes, upper, axis=axis), block.name))
+    whole = extrude_surface(surface, FIRST, layers=10, outer=5.0)
+    moved = Grid(tuple(Block(block.nodes @ turn.T + shift, block.name) for block in half))
+    grid = extrude_surface(moved, FIRST, layers=10, outer=5.0)
+    assert [(patch.name, patch.kind) for patch in grid.patches][2:] == [("symmetry", "symmetry")]
+    assert len(grid.patches[2].windows) == 4
+    for window in grid.patches[2].windows:
+        side = grid.blocks[window.block].nodes[window.slices]
+        assert np.abs((side - shift) @ turn[:, 2]).max() < 1e-12
+    top = [next(block for block in each.blocks if block.name == "z+").nodes for each in (whole, grid)]
+    np.testing.assert_allclose((top[1] - shift) @ turn, top[0], atol=2e-2)
+
+
+def test_octant_has_three_planes_of_symmetry():
+    grid = extrude_surface(ball((7, 8, 6, 3), octant=True), FIRST, layers=12, outer=6.0)
+    assert [patch.name for patch in grid.patches][2:] == ["symmetry", "symmetry_2", "symmetry_3"]
+    assert corners_of(grid).min() > 0.6
+    for patch in grid.patches[2:]:
+        sides = [grid.blocks[window.block].nodes[window.slices].reshape(-1, 3) for window in patch.windows]
+        assert np.abs(np.concatenate(sides)).max(axis=0).min() < 1e-12
+
+
+def test_brick_with_sharp_edges_has_the_heights_above_each_of_its_sides():
+    grid = extrude_surface(surface_of(brick_grid((9, 11, 7, 3), (1.0, 2.0, 0.5))), FIRST, layers=24, outer=20.0)
+    assert corners_of(grid).min() > 0.3
+    assert np.abs(heights_of(grid) / FIRST - 1.0).max() < 0.01
+
+
+def test_straight_edges_of_symmetry_are_those_that_are_given():
+    octant = surface_of(brick_grid((6, 7, 5, 3), (1.0, 2.0, 0.5), octant=True))
+    grid = extrude_surface(octant, FIRST, layers=12, outer=8.0, symmetry=("x", "y", (0.0, 0.0, 2.0)))
+    assert [patch.kind for patch in grid.patches][2:] == 3 * ["symmetry"]
+    assert corners_of(grid).min() > 0.3
+    assert min(block.nodes.min() for block in grid.blocks) > -1e-12
+
+
+@pytest.mark.parametrize("angle", [60.0, 90.0, 150.0])
+def test_concave_corner_is_filled_without_inverted_cells(angle):
+    rise = [np.cos(np.deg2rad(angle)), 0.0, np.sin(np.deg2rad(angle))]
+    faces = plane(np.zeros(3), (1, 0, 0), (0, 1, 0), (13, 7)), plane(np.zeros(3), rise, (0, 1, 0), (11, 7))
+    mesh = SurfaceMesh.of(sheet(*faces))
+    corners = mesh.points[mesh.quads[0]]
+    inward = bool(np.cross(corners[2] - corners[0], corners[3] - corners[1])[2] < 0.0)
+    grid = extrude_surface(sheet(*faces), FIRST, layers=25, outer=0.3, symmetry=("y",), inward=inward)
+    assert corners_of(grid).min() > 0.0
+    assert np.abs(heights_of(grid) / FIRST - 1.0).max() < 0.01
+
+
+def test_free_edges_of_a_plate_lean_outwards_by_the_splay():
+    plate = sheet(plane(np.zeros(3), (1, 0, 0), (0, 2, 0), (8, 9)))
+    straight, leaning = (extrude_surface(plate, FIRST, layers=15, outer=1.0, splay=angle) for angle in (0.0, 20.0))
+    assert [(patch.name, len(patch.windows)) for patch in leaning.patches][2:] == [("edges", 4)]
+    assert corners_of(straight).min() > 0.999
+    assert corners_of(leaning).min() > 0.7
+    assert np.ptp(straight.blocks[0].nodes[..., 0]) == pytest.approx(1.0)
+    assert 1.2 < np.ptp(leaning.blocks[0].nodes[..., 0]) < 2.5
+    assert np.abs(heights_of(leaning) / FIRST - 1.0).max() < 0.01
+
+
+def test_ring_with_poles_in_one_block_is_an_o_grid_with_collapsed_lines():
+    theta, phi = np.meshgrid(np.linspace(0, np.pi, 13), np.linspace(0, 2 * np.pi, 22), indexing="ij")
+    body = np.stack([2 * np.cos(theta), np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi)], axis=-1)
+    grid = extrude_surface(sheet(body), FIRST, layers=16, outer=10.0)
+    topology = find_topology(grid)
+    assert len(topology.interfaces) == 1
+    assert [patch.name for patch in grid.patches] == ["wall", "farfield"]
+    assert corners_of(grid).min() > 0.0
+    assert np.ptp(grid.blocks[0].nodes[0], axis=0).max() < 1e-12
+
+
+def test_swept_edges_stay_in_the_plane_that_is_given():
+    phi, span = np.meshgrid(np.linspace(0, 2 * np.pi, 33), np.linspace(0, 1, 9), indexing="ij")
+    tube = np.stack([np.cos(phi) + 0.6 * span, np.sin(phi), 2.0 * span], axis=-1)
+    grid = extrude_surface(sheet(tube), FIRST, layers=15, outer=3.0, symmetry=(), constant=("z",))
+    assert [(patch.name, patch.kind) for patch in grid.patches][2:] == [("constant", "other")]
+    nodes = grid.blocks[0].nodes
+    ends = sorted([nodes[:, 0], nodes[:, -1]] if np.ptp(nodes[:, 0, :, 2]) < 1 else [nodes[0], nodes[-1]], key=np.mean)
+    assert max(np.ptp(end[..., 2]) for end in ends) < 1e-12
+    assert corners_of(grid).min() > 0.3
+
+
+def test_growth_gives_as_many_layers_as_reach_the_distance():
+    grid = extrude_surface(ball((5, 5, 5, 3)), 0.01, growth=1.2, outer=2.0)
+    steps = np.linalg.norm(np.diff(grid.blocks[0].nodes[2, 2], axis=0), axis=1)
+    assert grid.shapes[0][2] == 1 + 21  # 0.01 (1.2^21 - 1) / 0.2 is the first that is above 2
+    assert steps[0] == pytest.approx(0.01, rel=0.01)
+
+
+def test_inward_fills_the_body():
+    grid = extrude_surface(ball(), 0.01, layers=8, outer=0.4, inward=True)
+    assert np.linalg.norm(grid.blocks[0].nodes[:, :, -1], axis=-1).max() < 0.7
+    assert corners_of(grid).min() > 0.5
+
+
+BAD = {
+    "nothing": ({"first_cell": 0.0}, "first cell 0.0"),
+    "nan": ({"first_cell": float("nan")}, "first cell nan"),
+    "layers": ({"first_cell": 0.1, "layers": 0}, "0 layers"),
+    "far": ({"first_cell": 0.1, "layers": 30, "outer": 1.0}, "reach farther"),
+    "few": ({"first_cell": 1e-6, "layers": 3, "outer": 10.0}, "give more layers"),
+    "growth": ({"first_cell": 0.1, "growth": 0.9}, "grow by 0.9"),
+    "plane": ({"first_cell": 0.1, "layers": 4, "outer": 1.0, "symmetry": ("w",)}, "'w' is not known"),
+    "no rim": ({"first_cell": 0.1, "layers": 4, "outer": 1.0, "symmetry": ("x",)}, "no edge of the surface's rim"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_requests_are_refused_in_one_line(case):
+    options, message = BAD[case]
+    with pytest.raises(InputError, match=message) as refusal:
+        extrude_surface(ball((5, 5, 5, 3)), **options)
+    assert "\n" not in str(refusal.value)
+
+
+def _branch() -> Grid:
+    faces = [plane(np.zeros(3), (1, 0, 0), edge, (5, 4)) for edge in ((0, 1, 0), (0, -1, 1), (0, -1, -1))]
+    return sheet(*faces)
+
+
+def _moebius() -> Grid:
+    phi, width = np.meshgrid(np.linspace(0, 2 * np.pi, 31), np.linspace(-0.3, 0.3, 4), indexing="ij")
+    radius = 1 + width * np.cos(phi / 2)
+    return sheet(np.stack([radius * np.cos(phi), radius * np.sin(phi), width * np.sin(phi / 2)], axis=-1))
+
+
+def _flat_cell() -> Grid:
+    face = plane(np.zeros(3), (1, 0, 0), (0, 1, 0), (5, 6))
+    face[2, 3] = 0.5 * (face[1, 3] + face[2, 2])
+    face[1, 2] = 0.5 * (face[1, 3] + face[2, 2])
+    return sheet(face)
+
+
+def _touching() -> Grid:
+    return sheet(plane(np.zeros(3), (1, 0, 0), (0, 1, 0), (4, 5)), plane(np.zeros(3), (-1, 0, 0), (0, -1, 0), (4, 5)))
+
+
+SURFACES = {
+    "branch": (_branch, "more than two cells meet"),
+    "moebius": (_moebius, "turns over"),
+    "flat": (_flat_cell, "has no area"),
+    "touching": (_touching, "touch in the point"),
+    "volume": (lambda: ball_grid((4, 4, 4, 4)), "a surface is extruded"),
+}
+
+
+@pytest.mark.parametrize("case", SURFACES)
+def test_surfaces_that_have_no_sides_are_refused(case):
+    make, message = SURFACES[case]
+    with pytest.raises(InputError, match=message):
+        extrude_surface(make(), 0.01, layers=4, outer=0.1)
+
+
+def test_inverted_cells_are_refused_and_placed_unless_they_are_allowed():
+    fold = [np.cos(np.deg2rad(8.0)), 0.0, np.sin(np.deg2rad(8.0))]
+    faces = plane(np.zeros(3), (1, 0, 0), (0, 1, 0), (5, 3)), plane(np.zeros(3), fold, (0, 1, 0), (5, 3))
+    options = {"first_cell": 0.3, "layers": 3, "outer": 3.0, "symmetry": ("y",)}
+    results = []
+    for inward in (False, True):  # one of them is inside the wedge
+        try:
+            extrude_surface(sheet(*faces), inward=inward, **options)
+            results.append("")
+        except InputError as refusal:
+            results.append(str(refusal))
+    assert any("inverted" in text and "first in layer 1 around" in text for text in results)
+    inward = "inverted" in results[1]
+    with pytest.warns(UserWarning, match="inverted"):
+        extrude_surface(sheet(*faces), inward=inward, allow_invalid=True, **options)
+
+
+PYHYP = {
+    # surface, volume of pyHyp from every second node of it, first cell and distance of that, 1 % corner of it
+    "m6": ("grids/pyhyp_m6_9blocks.xyz", 3.2e-5, 24.7),
+    "bwb": ("strangers/pyhyp_bwb_9blocks.xyz", 1.1e-5, 980.0),
+}
+
+
+@pytest.mark.parametrize("case", PYHYP)
+def test_wings_have_no_inverted_cell_and_corners_as_good_as_those_of_pyhyp(real_grids, case):
+    volume, first, outer = PYHYP[case]
+    folder = real_grids.parent
+    path = folder / "geometry" / f"pyhyp_{case}_surface.fmt"
+    if not (path.is_file() and (folder / volume).is_file()):
+        pytest.skip(f"no {path.name} beside the real grids")
+    peer = read_grid(folder / volume)
+    surface = read_grid(path)
+    surface = Grid(tuple(Block(b.nodes[::2, ::2].copy(), b.name) for b in surface.blocks))
+    grid = extrude_surface(surface, first, layers=40, outer=outer)
+    assert sorted(grid.shapes) == sorted(peer.shapes)
+    ours, theirs = corners_of(grid), corners_of(peer)
+    assert ours.min() > 0.0
+    assert np.quantile(ours, 0.01) >= np.quantile(theirs, 0.01)
+    assert ours.mean() > theirs.mean()
+    assert np.median(np.abs(heights_of(grid) / first - 1.0)) < 0.01
