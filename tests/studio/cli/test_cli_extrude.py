@@ -1,0 +1,53 @@
+"""The command ``extrude``: what it writes, tells and refuses."""
+
+import pytest
+from test_cli import fails_as_expected, numbers
+
+from bspline_mdao import Grid, find_topology, read_grid, write_grid
+from bspline_mdao.generators import ball_grid, brick_grid
+from bspline_mdao.grids import Block
+from bspline_mdao.studio.cli.main import run
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, grid in (("ball", ball_grid((7, 6, 5, 3))), ("octant", brick_grid((5, 6, 4, 3), octant=True))):
+        write_grid(f"{name}.xyz", Grid(tuple(Block(b.nodes[:, :, :1].copy(), b.name) for b in grid.blocks)))
+    return tmp_path
+
+
+def test_extrude_writes_a_grid_with_patches_that_fit_takes(workplace, capsys):
+    argv = ["extrude", "ball.xyz", "-o", "out.cgns", "--first-cell", "0.01", "--layers", "8", "--outer", "3"]
+    assert run([*argv, "--json", "n.json"]) == 0
+    found, text = numbers("n.json"), capsys.readouterr().out
+    grid = read_grid("out.cgns")
+    assert [list(shape) for shape in grid.shapes] == found["blocks"]
+    assert len(find_topology(grid).interfaces) == 12
+    assert {patch.name: patch.kind for patch in grid.patches} == {"wall": "wall", "farfield": "farfield"}
+    assert found["quality"]["n_inverted"] == 0
+    for words in ("out.cgns", "inverted cells", "within 1 %", "wall (wall)"):
+        assert words in text
+    assert run(["fit", "out.cgns", "-o", "out.h5"]) == 0
+
+
+def test_extrude_takes_planes_by_their_normals(workplace):
+    argv = ["extrude", "octant.xyz", "-o", "out.xyz", "--first-cell", "0.01", "--layers", "9", "--outer", "4"]
+    planes = ["--symmetry", "x", "--symmetry", "0,-2,0", "--symmetry", "z"]
+    assert run([*argv, *planes, "--json", "n.json"]) == 0
+    assert list(numbers("n.json")["patches"].values()).count("symmetry") == 3
+    assert run([*argv, "--symmetry", "none", "--json", "n.json"]) == 0
+    assert numbers("n.json")["patches"]["edges"] == "farfield"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--first-cell", "0"], "positive"),
+        (["--first-cell", "0.01", "--symmetry", "1,a,2"], "no normal of a plane"),
+        (["--first-cell", "0.01", "--layers", "2"], "give more layers"),
+    ],
+)
+def test_bad_requests_leave_no_file(workplace, capsys, options, said):
+    fails_as_expected(["extrude", "ball.xyz", "-o", "out.cgns", *options], capsys, said)
+    assert not (workplace / "out.cgns").exists()
