@@ -45,9 +45,9 @@ class Corners:
     # (m, 3), weights of the nodes: the barycentric coordinates, or those with which points turn about the nodes
     weights: np.ndarray
     by_corners: np.ndarray  # bool (m,), whether points turn about the nodes, and not about the closest points
-    shares: np.ndarray  # (m,), weights of the closest points, b_k; those of a point sum to one
+    fractions: np.ndarray  # (m,), weights of the closest points, b_k; those of a point sum to one
     kept: np.ndarray  # (m,), how much of the heights above them is kept, c_k
-    seen: np.ndarray  # (m, 3, 3), onto the planes that the points stay in, times the square roots of the shares
+    seen: np.ndarray  # (m, 3, 3), onto the planes that the points stay in, times the square roots of the fractions
     follows: np.ndarray  # (n, 3, 3), onto these planes, times how much the points follow
 
     @classmethod
@@ -72,7 +72,7 @@ class Corners:
         kept, rows, counts = np.repeat(is_off, counts), rows[is_off], counts[is_off]
         starts, at = np.cumsum(counts) - counts, np.repeat(np.arange(len(rows)), counts)
         totals, planes = np.add.reduceat(follows[kept], starts), projectors[is_off]
-        shares = follows[kept] / totals[at]
+        fractions = follows[kept] / totals[at]
         return cls(
             rows=rows,
             starts=starts,
@@ -81,9 +81,9 @@ class Corners:
             barycentric=barycentric[kept],
             weights=weights[kept],
             by_corners=by_corners[is_off][at],
-            shares=shares,
-            kept=1.0 - np.maximum(1.0 - 2.0 * shares, 0.0) ** 4,  # a half is most, between two walls
-            seen=np.sqrt(shares)[:, None, None] * planes[at],
+            fractions=fractions,
+            kept=1.0 - np.maximum(1.0 - 2.0 * fractions, 0.0) ** 4,  # a half is most, between two walls
+            seen=np.sqrt(fractions)[:, None, None] * planes[at],
             follows=totals[:, None, None] * planes,
         )
 
@@ -123,8 +123,8 @@ class Corners:
         return np.add.reduceat(values, self.starts, axis=0)
 
     def _apart(self, places: np.ndarray) -> np.ndarray:
-        """Vectors from the means of places by their shares to these, by how much they are kept, shape (m, 3)."""
-        return self.kept[:, None] * (places - self._sums(self.shares[:, None] * places)[self.at])
+        """Vectors from the means of places by their fractions to these, by how much they are kept, shape (m, 3)."""
+        return self.kept[:, None] * (places - self._sums(self.fractions[:, None] * places)[self.at])
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ class CornersMoved:
     arms: np.ndarray  # (m, 3, 3), vectors to the points from what they turn about (m)
     lengths: np.ndarray  # (m,), of the turned vectors before they are normals
     units: np.ndarray  # (m, 3), normals n'_k
-    normals: np.ndarray  # (m, 3), their components along planes, times the square roots of the shares
+    normals: np.ndarray  # (m, 3), their components along planes, times the square roots of the fractions
     stiffness: np.ndarray  # (n, 3, 3), matrices of the least squares problems
     left: np.ndarray  # (m, 3), e - c_k (T_k - m) (m)
     found: np.ndarray  # (m, 3), e (m)
@@ -187,7 +187,7 @@ class CornersMoved:
         units_bar = _times(of.seen, along * right + missed * self.left)
         areas_bar = of.weights[..., None] * self._along_units(units_bar)[:, None]
         places_bar = -missed * of.kept[:, None] * self.normals
-        places_bar = places_bar - of.shares[:, None] * of._sums(places_bar)[of.at]
+        places_bar = places_bar - of.fractions[:, None] * of._sums(places_bar)[of.at]
         places_bar = of.weights[..., None] * places_bar[:, None]
         np.add.at(wall_moved_bar, of.ids, places_bar)
         turned_bar = _outer(places_bar, self.arms) + _products(self.turned, _outer(areas_bar, self.up[:, None]))

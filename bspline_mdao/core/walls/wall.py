@@ -78,10 +78,10 @@ def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray, settings:
     reach = np.maximum(spacing, np.minimum(settings.first_heights * heights, settings.widths * spacing))
     for _ in range(settings.smoothings):
         reach = 0.5 * (reach + adjacent @ reach)
-    return _beside_corners(reach, points, quads, heights, settings) * _viscosity(spacing, heights, settings)
+    return _near_corners(reach, points, quads, heights, settings) * _viscosity(spacing, heights, settings)
 
 
-def _beside_corners(
+def _near_corners(
     reach: np.ndarray, points: np.ndarray, quads: np.ndarray, heights: np.ndarray, settings: LayerSettings
 ) -> np.ndarray:
     """Reach of a wall, shape (n,), that spans the first cells where it meets another, whose cells narrow its quads."""

@@ -14,12 +14,12 @@ import click
 
 from ...core.fit.options import EXPONENTS, METHODS
 from .counts import n_control_option
-from .making_commands import airfoil, wing
+from .making_commands import airfoil, extrude, wing
 from .movers import MoverOptions, moving_options
 from .program import bspline_mdao, command, grid_argument, json_option, patches_option
 from .units import units_option
 
-__all__ = ["airfoil", "bspline_mdao", "wing"]
+__all__ = ["airfoil", "bspline_mdao", "extrude", "wing"]
 
 DEFORM = (
     "Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
@@ -133,62 +133,6 @@ def fit(**options: Any) -> None:
     from .fit import fit_model
 
     fit_model(**options)
-
-
-@command(
-    "extrude surface.xyz -o wing.cgns --first-cell 1e-5 --layers 64",
-    "extrude surface.xyz -o wing.cgns --first-cell 1e-3 --growth 1.2 --outer 50 --symmetry z",
-)
-@click.argument("surface", metavar="SURFACE", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
-@click.option("--first-cell", type=float, required=True, metavar="H", help="Height of the first cells at the surface.")
-@click.option("--layers", type=int, metavar="N", help="Layers of cells; 64 by default, unless --growth is given.")
-@click.option(
-    "--growth",
-    type=float,
-    metavar="G",
-    help="Height of a layer by that of the one below. With --layers, the grid ends where they do.",
-)
-@click.option(
-    "--outer",
-    type=float,
-    metavar="D",
-    help="Height of all layers, about; 20 times the longest extent of the surface by default.",
-)
-@click.option(
-    "--symmetry",
-    multiple=True,
-    metavar="PLANE",
-    help="Normal of a plane of symmetry at the rim: x, y, z, a,b,c or none, more than once; by default planes in which "
-    "the surface ends normally, but not those of straight edges.",
-)
-@click.option(
-    "--constant",
-    multiple=True,
-    metavar="PLANE",
-    help="Normal of a plane that edges of the rim stay in, though the surface is oblique to it; as for --symmetry.",
-)
-@click.option(
-    "--splay",
-    type=click.FloatRange(0.0, 80.0),
-    default=15.0,
-    show_default=True,
-    metavar="DEG",
-    help="Angle by which free edges lean outwards, far from the surface.",
-)
-@click.option("--inward", is_flag=True, help="Extrude to the other side: inside a closed surface.")
-@click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
-@units_option
-@json_option
-def extrude(**options: Any) -> None:
-    """Extrude a surface grid to a volume grid, layer by layer, and show its quality.
-
-    SURFACE is a {read} file whose blocks have one node in one direction. The name of GRID gives the format: {written}.
-    Patches wall, farfield and symmetry are in it where the format has them.
-    """
-    from .extrude import extrude_file
-
-    extrude_file(**options)
 
 
 @command("refine wing.h5 --factor 2 -o fine.xyz", "refine wing.h5 --factor 0.5 --degree 3 -o curved.cgns")

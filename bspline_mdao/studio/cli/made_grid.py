@@ -18,6 +18,7 @@ from ...grids.cells.report import QualityReport, report_quality
 from ...grids.cells.wall_spacing import WallSpacing, wall_spacings
 from ...grids.io.files import check_grid_name, write_grid
 from ...grids.io.formats import MODEL
+from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Grid
 from .fit import fit_numbers, show_fit, splines_certificate
 from .output import print_lines, print_title, print_warnings, show_spacings, spacing_numbers, written_json
@@ -62,7 +63,7 @@ def write_made_grid(
             if model:
                 model.save(output)
             else:
-                write_grid(output, grid)
+                write_grid(output, grid, find_topology(grid))
     print_title(made.title)
     print_lines(
         [

@@ -8,8 +8,9 @@ from typing import Any
 import click
 
 from .program import command, json_option
+from .units import units_option
 
-__all__ = ["airfoil", "wing"]
+__all__ = ["airfoil", "extrude", "wing"]
 
 output_option = click.option(
     "-o",
@@ -114,3 +115,59 @@ def wing(**options: Any) -> None:
     from .wing import make_wing
 
     make_wing(**options)
+
+
+@command(
+    "extrude surface.xyz -o wing.cgns --first-cell 1e-5 --layers 64",
+    "extrude surface.xyz -o wing.h5 --first-cell 1e-3 --growth 1.2 --outer 50 --symmetry z",
+)
+@click.argument("surface", metavar="SURFACE", type=click.Path(path_type=Path))
+@output_option
+@click.option("--first-cell", type=float, required=True, metavar="H", help="Height of the first cells at the surface.")
+@click.option("--layers", type=int, metavar="N", help="Layers of cells; 64 by default, unless --growth is given.")
+@click.option(
+    "--growth",
+    type=float,
+    metavar="G",
+    help="Height of a layer by that of the one below. With --layers, the grid ends where they do.",
+)
+@click.option(
+    "--outer",
+    type=float,
+    metavar="D",
+    help="Height of all layers, about; 20 times the longest extent of the surface by default.",
+)
+@click.option(
+    "--symmetry",
+    multiple=True,
+    metavar="PLANE",
+    help="Normal of a plane of symmetry at the rim: x, y, z, a,b,c or none, more than once; by default planes in which "
+    "the surface ends normally, but not those of straight edges.",
+)
+@click.option(
+    "--constant",
+    multiple=True,
+    metavar="PLANE",
+    help="Normal of a plane that edges of the rim stay in, though the surface is oblique to it; as for --symmetry.",
+)
+@click.option(
+    "--splay",
+    type=click.FloatRange(0.0, 80.0),
+    default=15.0,
+    show_default=True,
+    metavar="DEG",
+    help="Angle by which free edges lean outwards, far from the surface.",
+)
+@click.option("--inward", is_flag=True, help="Extrude to the other side: inside a closed surface.")
+@click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
+@units_option
+@json_option
+def extrude(**options: Any) -> None:
+    """Extrude a surface grid to a volume grid, layer by layer, and show its quality.
+
+    SURFACE is a {read} file whose blocks have one node in one direction. The name of GRID gives the format: {written};
+    MODEL.h5 fits the grid as well. Patches wall, farfield and symmetry are in it where the format has them.
+    """
+    from .extrude import extrude_file
+
+    extrude_file(**options)

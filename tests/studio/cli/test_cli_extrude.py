@@ -1,9 +1,10 @@
 """The command ``extrude``: what it writes, tells and refuses."""
 
+import numpy as np
 import pytest
 from test_cli import fails_as_expected, numbers
 
-from bspline_mdao import Grid, find_topology, read_grid, write_grid
+from bspline_mdao import FittedModel, Grid, find_topology, read_grid, write_grid
 from bspline_mdao.generators import ball_grid, brick_grid
 from bspline_mdao.grids import Block
 from bspline_mdao.studio.cli.main import run
@@ -25,10 +26,13 @@ def test_extrude_writes_a_grid_with_patches_that_fit_takes(workplace, capsys):
     assert [list(shape) for shape in grid.shapes] == found["blocks"]
     assert len(find_topology(grid).interfaces) == 12
     assert {patch.name: patch.kind for patch in grid.patches} == {"wall": "wall", "farfield": "farfield"}
-    assert found["quality"]["n_inverted"] == 0
-    for words in ("out.cgns", "inverted cells", "within 1 %", "wall (wall)"):
+    assert found["n_inverted"] == 0
+    for words in ("out.cgns", "0 inverted", "within 1 %", "wall (wall)"):
         assert words in text
     assert run(["fit", "out.cgns", "-o", "out.h5"]) == 0
+    assert run([*argv[:3], "model.h5", *argv[4:]]) == 0
+    fitted = [FittedModel.load(name).regenerate().to_vector() for name in ("out.h5", "model.h5")]
+    np.testing.assert_allclose(*fitted, atol=1e-9)
 
 
 def test_extrude_takes_planes_by_their_normals(workplace):
