@@ -139,7 +139,7 @@ def _require_valid(mesh: SurfaceMesh, found: March, unit: str, allow_invalid: bo
 def _volume(surface: Grid, mesh: SurfaceMesh, rim: Rim, found: March) -> Grid:
     """The grid of a march, and its patches."""
     blocks: list[Block] = []
-    sides: dict[str, list[Window]] = {}
+    sides: dict[int, list[Window]] = {}
     for number, (block, ids) in enumerate(zip(surface.blocks, mesh.ids)):
         ids = ids.T if mesh.is_turned[number] else ids
         blocks.append(Block(np.ascontiguousarray(np.moveaxis(found.fronts[:, ids], 0, 2)), block.name))
