@@ -57,8 +57,8 @@ def assemble(
                 coefficient[4 * r] -= 2.0 * weight
                 diagonal[i, 4 * r] += 2.0 * weight
             _add_neighbour(i, k, coefficient, maps[image[k]], image[k] != 0, diagonal, blocks)
-        # no pull into the body: at convex edges it would take back what the step gains
-        inwards = min(pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2], 0.0)
+        # near the surface no pull into the body: at convex edges it would take back what the step gains
+        inwards = min(pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2], 0.0) * (1.0 - level**4)
         for r in range(3):
             right[i, r] = (step - inwards) * normal[r] + pull[r]
         if constraint[i] > 0:
