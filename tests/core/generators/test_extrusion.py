@@ -41,11 +41,6 @@ def heights_of(grid: Grid) -> np.ndarray:
     return GridQuality.of_baseline(grid).first_cells.baseline
 
 
-def angles_at_wall(grid: Grid) -> float:
-    """Smallest corner of the first layer of cells."""
-    return min(corners_of(Grid((Block(block.nodes[:, :, :2], block.name),))).min() for block in grid.blocks)
-
-
 def rotation(rng: np.random.Generator) -> np.ndarray:
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     return turn * np.linalg.det(turn)
@@ -59,6 +54,10 @@ def test_ball_gets_concentric_layers_of_the_asked_height():
     grid = extrude_surface(ball((13, 12, 14, 3)), FIRST, layers=20, outer=10.0)
     assert corners_of(grid).min() > 0.6  # of the surface itself: 0.62 at the corners of the cube
     assert np.abs(heights_of(grid) / FIRST - 1.0).max() < 0.01
+    for block in grid.blocks:  # lines leave the wall along its normal
+        wall, up = block.nodes[:, :, 0], block.nodes[:, :, 1] - block.nodes[:, :, 0]
+        lengths = np.linalg.norm(wall, axis=-1) * np.linalg.norm(up, axis=-1)
+        assert (np.sum(wall * up, axis=-1) / lengths).min() > np.cos(np.radians(2.0))
     radii = np.linalg.norm(np.concatenate([block.nodes[:, :, -1].reshape(-1, 3) for block in grid.blocks]), axis=1)
     assert np.ptp(radii) < 0.15 * radii.mean()
     assert abs(radii.mean() / 11.0 - 1.0) < 0.15
