@@ -255,11 +255,15 @@ CONSTRAINT = {
 """Tables ``[constraints.NAME]``."""
 
 JUNCTION = {
-    "body": Key(NAMES, "patches of a body that the rest of what is designed slides on",
-                is_required=True),
+    "body": Key(NAMES, "patches of a body that the rest of what is designed slides on", is_required=True),
     "reach": Key(POSITIVE, "distance from the junction over which displacements fade (m)", is_required=True),
+    "rigid": Key(
+        number("a number from 0 to 1e20", 0.0),
+        "distance within which all goes along wholly, such as a fillet (m); below reach",
+        0.0,
+    ),
     "shape": Key(OF_VARIABLES, "variables of the body's own shape, such as one of the kind radius", otherwise="none"),
-}  # fmt: skip
+}
 """Table ``[junction]``; none without it."""
 
 MOVEMENT = {

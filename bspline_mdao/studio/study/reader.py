@@ -108,6 +108,9 @@ class _Reader(Tables):
         if "junction" not in self.document:
             return None
         junction = self.table("junction", JUNCTION)
+        if not junction["rigid"] < junction["reach"]:
+            said = f"is {junction['rigid']:g}; give less than reach, which is {junction['reach']:g}"
+            raise self.refuse(("junction", "rigid"), said)
         shape = junction["shape"] or []
         for name in [shape] if isinstance(shape, str) else shape:
             if name not in variables:

@@ -56,8 +56,9 @@ def shape_part(
     if study.junction:
         on_body = call("bm.design.OnPatch", expression("model"), study.junction["body"])
         names = study.junction["shape"]
-        shape = {"shape": [names] if isinstance(names, str) else names} if names else {}
-        settings["junction"] = call("bm.design.Junction", on_body, reach=study.junction["reach"], **shape)
+        more: dict[str, Any] = {"shape": [names] if isinstance(names, str) else names} if names else {}
+        more |= {"rigid": study.junction["rigid"]} if study.junction["rigid"] else {}
+        settings["junction"] = call("bm.design.Junction", on_body, reach=study.junction["reach"], **more)
     settings |= study.kind.movement
     settings |= {"comoving": True} if study.movement["comoving"] else {}
     asked = [name for name in QUALITIES if any(name in of for of in study.responses)]

@@ -138,6 +138,10 @@ def test_a_wing_slides_on_the_body_of_a_junction(workplace):
         check_same_problem(changed, earlier, "out")
     shaped = STUDY.replace("[driver]", JUNCTION.replace("0.8", '0.8\nshape = "shape"') + "[driver]")
     assert 'reach=0.8, shape=["shape"])' in study_script(study_of(workplace, shaped), workplace)
+    fillet = STUDY.replace("[driver]", JUNCTION.replace("0.8", "0.8\nrigid = 0.1") + "[driver]")
+    assert "reach=0.8, rigid=0.1)" in study_script(study_of(workplace, fillet), workplace)
+    with pytest.raises(InputError, match=r"\[junction\] 'rigid' is 0.8; give less than reach, which is 0.8"):
+        study_of(workplace, fillet.replace("rigid = 0.1", "rigid = 0.8"))
     with pytest.raises(InputError, match=r"\[junction\] 'shape' names 'bulge', which is no variable; there are shape"):
         study_of(workplace, shaped.replace('shape = "shape"', 'shape = "bulge"'))
     with pytest.raises(InputError, match="'junction' has no key 'reach'"):
