@@ -125,7 +125,7 @@ def test_between_opposite_walls_that_part_points_stay_at_their_mean():
     wall = Wall.of(points, quads, np.full(40, 1e-4), faces=np.repeat([0, 1], 12))
     between = np.array([[1.6, 1.7, 5e-4]])
     layer = WallLayer.of(wall, between)
-    np.testing.assert_allclose(layer.corners.shares, 0.5)
+    np.testing.assert_allclose(layer.corners.fractions, 0.5)
     moved = points + np.repeat([[0.0, 0.0, 0.0], [0.0, 0.0, 1e-3]], 20, axis=0)
     found = layer.at(between, between.copy(), points, moved).nodes
     np.testing.assert_allclose(found, [[1.6, 1.7, 1e-3]], rtol=0, atol=1e-12)
