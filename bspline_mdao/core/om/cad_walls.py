@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import openmdao.api as om
 from openmdao.vectors.vector import Vector
 
 from ...base.checks import require_list
 from ...errors import InputError
 from ...names import ALL_NAMES, SURFACE
 from ..design.cad_variables import CadVariable
-from .component import fails_together, finite_values
+from .check_directions import check_along_directions
+from .component import LINEAR_STEP, SparseComponent, fails_together, finite_values
 
 
-class CadWalls(om.ExplicitComponent):
+class CadWalls(SparseComponent):
     """Ask the walls to be exactly where design variables put the faces that they are tied to.
 
     Give its ``surface`` to a `GridMovement` of the same nodes, ``surface=tied.surface``: nodes of the wall are there to
@@ -69,7 +69,7 @@ class CadWalls(om.ExplicitComponent):
 
     @fails_together
     def setup(self) -> None:
-        """Declare the variables, and their constant derivatives."""
+        """Declare the variables."""
         members = ("name", "units", "tied", "of_nodes", "initial")
         self._variables = require_list(self.options["variables"], "variable of a CAD file", members, self.msginfo)
         if not self._variables:
@@ -85,8 +85,14 @@ class CadWalls(om.ExplicitComponent):
         self.add_output(SURFACE, val=self._at_rest, units="m")
         for variable in self._variables:
             self.add_input(variable.name, val=variable.initial, units=variable.units)
+        check_along_directions(self, LINEAR_STEP)
+
+    @fails_together
+    def setup_partials(self) -> None:
+        """Declare the constant derivatives."""
+        for variable in self._variables:
             found = variable.of_nodes.tocoo()
-            self.declare_partials(SURFACE, variable.name, rows=found.row, cols=found.col, val=found.data)
+            self.declare_sparse(SURFACE, variable.name, found.row, found.col, found.data)
 
     @fails_together
     def compute(self, inputs: Vector, outputs: Vector) -> None:

@@ -7,11 +7,14 @@ import tracemalloc
 import numpy as np
 import openmdao.api as om
 import pytest
+from cad_cases import body_of_walls
 from component_cases import Heights, Lift, Shear, Swirl, movable_model, plain, small_model, two_blocks
 from openmdao.utils.assert_utils import assert_check_partials
 from riding_cases import joined
 
 import bspline_mdao.core.om
+from bspline_mdao.core.cad.tied_surface import TiedSurface
+from bspline_mdao.core.design.cad_variables import CadPoints
 from bspline_mdao.core.design.interior_points import InteriorPoints
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.fit.fitting import fit_grid
@@ -24,6 +27,7 @@ from bspline_mdao.core.movement.inverse_distance import InverseDistance
 from bspline_mdao.core.movement.rotations import Rotations
 from bspline_mdao.core.movement.springs import TorsionalSprings
 from bspline_mdao.core.movement.transfinite import Transfinite
+from bspline_mdao.core.om.cad_walls import CadWalls
 from bspline_mdao.core.om.component import SparseComponent
 from bspline_mdao.core.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.core.om.fit import Fit
@@ -64,6 +68,11 @@ def parametrization(model):
     return Parametrization(moving_mesh(model), [Swirl("swirl", 5), Lift("lift")])
 
 
+def points_of_faces(model):
+    """Control points of faces that the walls are tied to."""
+    return [CadPoints("faces", TiedSurface.of(model, body_of_walls(model, 1e-3)), direction="yz")]
+
+
 def inner_points(model):
     return [InteriorPoints("inner")]
 
@@ -97,6 +106,7 @@ def seam_jumps(model):
 
 
 PARTIALS = {
+    "CadWalls": (CadWalls, {"variables": points_of_faces}, SURFACE, "faces"),
     "Fit": (Fit, {}, CONTROL_POINTS_INITIAL, GRID_INITIAL),
     "Fit live": (Fit, {"live": True}, CONTROL_POINTS_INITIAL, GRID_INITIAL),
     "GridEvaluate": (GridEvaluate, {}, GRID, CONTROL_POINTS),
