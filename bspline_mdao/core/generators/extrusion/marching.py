@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ....base.display import OneLine
 from ....base.numerics.progress import Progress
 from ....base.numerics.vectors import dots
 from .front import differences, normals_and_areas, smallest_corner, smooth
@@ -23,18 +24,46 @@ LARGEST_STRETCH = 2.0
 
 
 @dataclass(frozen=True)
-class Marching:
-    """Settings of a march; the defaults suit the M6 and the wing body of ``docs/theory/extrusion.rst``."""
+class Marching(OneLine):
+    """Settings of an extrusion; the defaults suit the M6 and the wing body of ``docs/theory/extrusion.rst``.
 
-    dissipation: float = 0.7  # coefficient of Chan and Steger; 0.25 inverts cells at the tip of the M6, 1 skews more
-    ratio: float = 10.0  # longest step relative to the shortest edge at a node; a layer is made in as many as it takes
-    steps: int = 30  # of a layer at most, the last as long as it has to be; lines that meet would ask for ever more
-    explicit: float = 0.5  # such a ratio of the first layer below which its heights are exact
-    blend: float = 0.25  # how much a cycle of smoothing blends areas with those of neighbours
-    cycles: int = 20  # such cycles at the last layer; none at the first
-    tolerance: float = 1e-3  # relative residual of the systems; 1e-5 moves no quantile of corners by 1e-3
-    iterations: int = 200  # of the solver at most
-    retries: int = 3  # of a layer with inverted cells, each with twice the dissipation and half the ratio
+    Parameters
+    ----------
+    dissipation : float
+        Coefficient of Chan and Steger. 0.25 inverts cells at the tip of the M6, 1 skews more.
+    ratio : float
+        Longest step relative to the shortest edge at a node; a layer is made in as many steps as it takes.
+    steps : int
+        Steps of a layer at most, the last as long as it has to be: lines that meet would ask for ever more.
+    explicit : float
+        Such a ratio of the first layer below which its heights are exact.
+    blend : float
+        How much a cycle of smoothing blends areas with those of neighbours.
+    cycles : int
+        Such cycles at the last layer; none at the first.
+    tolerance : float
+        Relative residual of the systems; 1e-5 moves no quantile of corners by 1e-3.
+    iterations : int
+        Iterations of the solver at most.
+    retries : int
+        Tries of a layer with inverted cells, each with twice the dissipation and half the ratio.
+
+    Examples
+    --------
+    >>> from bspline_mdao.generators import Marching
+    >>> Marching(dissipation=1.0).dissipation
+    1.0
+    """
+
+    dissipation: float = 0.7
+    ratio: float = 10.0
+    steps: int = 30
+    explicit: float = 0.5
+    blend: float = 0.25
+    cycles: int = 20
+    tolerance: float = 1e-3
+    iterations: int = 200
+    retries: int = 3
 
 
 @dataclass(frozen=True, eq=False)
