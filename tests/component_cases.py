@@ -27,7 +27,7 @@ def two_blocks(seed: int = 0) -> Grid:
 def _bent(start: float, stop: float, n: int, bend: np.ndarray) -> np.ndarray:
     axes = np.linspace(start, stop, n), np.linspace(0.0, 1.2, 8), np.linspace(0.0, 0.9, 6)
     x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    twisted = x + 0.02 * np.prod(x, axis=-1, keepdims=True)  # or opposite sides were copies of each other: periodic
+    twisted = x + 0.002 * np.prod(x, axis=-1, keepdims=True)  # or opposite sides were copies of each other: periodic
     return twisted + np.sin(2.0 * x) @ bend + np.cos(x[..., [1, 2, 0]]) @ bend.T
 
 
