@@ -17,6 +17,7 @@ import pytest
 import su2_stand_in
 from mesh_cases import sector_mesh
 from overset_cases import two_cylinders
+from periodic_cases import PITCH, passage
 from riding_cases import mesh, su2_text
 
 from bspline_mdao import FittedModel, design_summary, fit_grid, load_best, read_grid, write_grid
@@ -145,7 +146,12 @@ def test_sectors_move_as_the_page_says(tmp_path, monkeypatch):
     names = {"body": "blade", "floor": "hub", "top": "casing", "in": "inlet", "out": "outlet"}
     markers = {names.get(name, name): faces for name, faces in (sector.markers or {}).items()}
     (tmp_path / "sector.su2").write_text(su2_text(replace(sector, markers=markers)))
-    assert run_commands("howto/sectors.rst") == ["fit", "move", "quality"]
+    write_grid("passage.xyz", passage())
+    assert run_commands("howto/sectors.rst") == ["fit", "move", "quality", "inspect", "fit", "move"]
+    sides = read_grid("moved.xyz").blocks[0].nodes[:, [0, -1]]
+    x, y, z = np.moveaxis(sides[:, 0], -1, 0)
+    turned = np.stack([x, y * np.cos(PITCH) - z * np.sin(PITCH), z * np.cos(PITCH) + y * np.sin(PITCH)], axis=-1)
+    np.testing.assert_allclose(turned, sides[:, 1], rtol=0, atol=1e-13)
     contents = run_blocks("howto/sectors.rst")
     assert contents["gap"] < 1e-14
     moved = read_mesh("leaned.su2").mesh

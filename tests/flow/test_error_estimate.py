@@ -167,13 +167,14 @@ def test_a_summary_without_a_solution_has_its_values_and_a_warning(model):
     assert "finer grid" not in str(summary)
 
 
-def test_a_summary_warns_where_the_induced_drag_is_below_the_least_of_its_lift(coarse, monkeypatch):
+def test_a_summary_warns_where_the_induced_drag_is_below_the_least_of_its_lift(coarse, wing, monkeypatch):
     with warnings.catch_warnings():
         warnings.simplefilter("error", SpuriousDragWarning)
         design_summary(coarse, ["CD_induced"], finer=1.5)  # a section has none, and there is none below it
-    monkeypatch.setattr(InducedDrag, "least", lambda self, nodes, alpha, lift: 0.01 * lift)
-    with pytest.warns(SpuriousDragWarning, match=rf"{0.01 * coarse.get_val('CL').item():.6f}, which no wing"):
-        design_summary(coarse, ["CD_induced"], finer=1.5)
+    monkeypatch.setattr(InducedDrag, "least", lambda self, nodes, alpha, lift: lift)
+    problem = flown(wing)
+    with pytest.warns(SpuriousDragWarning, match=rf"{problem.get_val('CL').item():.6f}, which no wing"):
+        design_summary(problem, ["CD_induced"], finer=1.5)
 
 
 def test_the_limit_is_that_of_second_order(estimates):

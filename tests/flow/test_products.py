@@ -12,6 +12,7 @@ import openmdao.api as om
 import pytest
 from component_cases import Heights, Lift, Shear, Swirl, movable_model, plain
 from euler_cases import with_guessed_patches
+from parametrization_cases import tied_wing
 
 import bspline_mdao
 from bspline_mdao import EulerFlow, fit_grid, read_grid
@@ -26,6 +27,7 @@ from bspline_mdao.core.movement.inverse_distance import InverseDistance
 from bspline_mdao.core.movement.rotations import Rotations
 from bspline_mdao.core.movement.springs import TorsionalSprings
 from bspline_mdao.core.movement.transfinite import Transfinite
+from bspline_mdao.core.om.cad_walls import CadWalls
 from bspline_mdao.core.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.core.om.fit import Fit
 from bspline_mdao.core.om.grid_evaluate import GridEvaluate
@@ -40,7 +42,7 @@ from bspline_mdao.core.om.surface_control import SurfaceControl
 from bspline_mdao.core.om.surface_control_fit import SurfaceControlFit
 from bspline_mdao.core.om.surface_evaluate import SurfaceEvaluate
 from bspline_mdao.core.om.surface_measure import SurfaceMeasure
-from bspline_mdao.design import Hinge, HingePoints, Rotation
+from bspline_mdao.design import CadPoints, Hinge, HingePoints, Rotation
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow import HingeMoment, OpenFoamFlow, Su2Flow
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
@@ -157,6 +159,7 @@ COMPONENTS = {
     "PointSet, in the volumes": lambda: PointSet(model=wing(), points=np.concatenate([box_in_wing(), probes()])),
     "SeamMeasure": lambda: SeamMeasure(measure=SeamSmoothness.kinks(model(), moving_mesh(model()), max_kink=170.0)),
     "Monotonic": lambda: Monotonic(variable="twist", size=6),
+    "CadWalls": lambda: CadWalls(variables=[CadPoints("faces", tied_wing(), direction="yx")]),
     "EulerState": lambda: flow_of(EulerState, iprint=0),
     "EulerState with shocks": lambda: flow_of(EulerState, shock_threshold=0.05, iprint=0),
     "TrimmedState": lambda: flow_of(TrimmedState, iprint=0),
