@@ -120,9 +120,9 @@ class WallLayer:
         by_corners = np.full(len(rows), least_slope is not None)
         if least_slope:
             by_corners[len(wall_rows) :] = _slopes(wall.tree, closest, points[free[closest.points]]) >= least_slope
-        turns, rotated = np.repeat(by_corners, counts), barycentric.copy()
-        rotated[turns] = _by_corners(barycentric[turns])
-        pieces = _cut(rows, counts, places, plane_of[rows], corners, rotated, weights, by_corners)
+        turns, by_node = np.repeat(by_corners, counts), barycentric.copy()
+        by_node[turns] = _by_corners(barycentric[turns])
+        pieces = _cut(rows, counts, places, plane_of[rows], corners, by_node, weights, by_corners)
         among, kept = counts > 1, np.repeat(counts > 1, counts)
         several = Corners.of(
             wall.tree.points,
@@ -131,7 +131,7 @@ class WallLayer:
             counts[among],
             corners[kept],
             barycentric[kept],
-            rotated[kept],
+            by_node[kept],
             weights[kept],
             by_corners[among],
             projectors[plane_of[rows[among]]],

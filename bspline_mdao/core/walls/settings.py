@@ -43,11 +43,6 @@ class LayerSettings:
     """E of `.frames`: weight of the rotations beside that of the normals, 1. Small, so that heights are kept to about a
     per cent of the bending, by 1.7 % less with 0.1; not zero, since the normals alone do not determine the matrices."""
 
-    concave: float = 0.7
-    """Cosine of the angle between the normals of two quads that look towards each other, below which walls meet in the
-    edge between them. Cells of one wall narrow the quads of the other there, so that the reach is that of first cells
-    whatever the width: without, heights in a corner that closes by 10 degrees are 0.990, and 0.9995 with."""
-
     folded: float = -0.5
     """Cosine of the angle between the normals of two quads of a face at a point, below which it is folded upon itself
     there: quads at a convex edge of up to 120 degrees are one side. With -0.8 heights at the sharp trailing edge

@@ -13,11 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
-from scipy.spatial import cKDTree
 
-from ...base.numerics.vectors import unit_vectors
 from ...errors import InputError
-from ...grids.cells.quads import area_vectors
 from .closest_points import TriangleTree
 from .closest_search import fade
 from .frames import WallFrames
@@ -78,33 +75,7 @@ def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray, settings:
     reach = np.maximum(spacing, np.minimum(settings.first_heights * heights, settings.widths * spacing))
     for _ in range(settings.smoothings):
         reach = 0.5 * (reach + adjacent @ reach)
-    return _near_corners(reach, points, quads, heights, settings) * _viscosity(spacing, heights, settings)
-
-
-def _near_corners(
-    reach: np.ndarray, points: np.ndarray, quads: np.ndarray, heights: np.ndarray, settings: LayerSettings
-) -> np.ndarray:
-    """Reach of a wall, shape (n,), that spans the first cells where it meets another, whose cells narrow its quads."""
-    ids = _corner_nodes(points, quads, settings.concave)
-    if not len(ids):
-        return reach
-    highest = np.zeros(len(points))
-    np.maximum.at(highest, quads, heights[quads].max(axis=1)[:, None])
-    distances, nearest = cKDTree(points[ids]).query(points)
-    return np.maximum(reach, settings.first_heights * highest[ids[nearest]] - distances)
-
-
-def _corner_nodes(points: np.ndarray, quads: np.ndarray, concave: float) -> np.ndarray:
-    """Nodes on edges between two quads that look towards each other."""
-    edges = np.sort(np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)]), axis=1)
-    order = np.lexsort(edges.T)
-    edges, of_quad = edges[order], order % len(quads)
-    first = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1) & (edges[1:, 0] != edges[1:, 1]))
-    one, other, middles = of_quad[first], of_quad[first + 1], points[quads].mean(axis=1)
-    normals = unit_vectors(area_vectors(points[quads]), np.zeros(3), np.finfo(float).tiny)
-    is_towards = np.sum((normals[one] - normals[other]) * (middles[other] - middles[one]), axis=1) > 0.0
-    is_sharp = np.sum(normals[one] * normals[other], axis=1) < concave
-    return np.unique(edges[first[is_towards & is_sharp]])
+    return reach * _viscosity(spacing, heights, settings)
 
 
 def _viscosity(spacing: np.ndarray, heights: np.ndarray, settings: LayerSettings) -> float:

@@ -61,8 +61,9 @@ def test_a_corner_that_opens_and_closes_keeps_its_heights_without_folding(angle,
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     up = (found[rows[:, :, 1]] - found[rows[:, :, 0]])[1:] @ [s, 0.0, c] / FIRST
     across = (found[rows[1]] - found[rows[0]])[:, 1:, 0] / FIRST
-    np.testing.assert_allclose(up, 1.0, rtol=0, atol=2e-3)
-    np.testing.assert_allclose(across, 1.0, rtol=0, atol=2e-3)
+    # what is left is what the narrow reach there leaves of the map of the others
+    for heights in (up, across):
+        np.testing.assert_allclose(heights, 1.0, rtol=0, atol=1.2e-3 * abs(angle))
 
 
 def moved_case(rng, least_slope):

@@ -415,8 +415,6 @@ def test_each_setting_of_the_layer_changes_what_it_is_for():
     assert (reach(first_heights=80.0) > reach()).any()
     np.testing.assert_allclose(reach(first_heights=1e3, widths=4.0), 4.0 * reach(widths=0.0), rtol=1e-14)
     assert np.ptp(reach(smoothings=10)) < np.ptp(reach()) < np.ptp(reach(smoothings=0))
-    assert (reach(first_heights=80.0, concave=-2.0) <= reach(first_heights=80.0)).all()
-    assert (reach(first_heights=80.0, concave=1.0) > reach(first_heights=80.0)).any()
     assert wall(farthest=7.0).tree.farthest == 7.0
     assert wall(rotation_weight=0.1).frames.rotation_weight == 0.1
     assert wall(folded=-1.0).frames.first_sides[-1] < wall().frames.first_sides[-1]
