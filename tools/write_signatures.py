@@ -27,6 +27,7 @@ from bspline_mdao.core.om.option_signature import OptionSignature
 ROOT = Path(__file__).parents[1]
 
 KINDS = {
+    "CadWalls.variables": "Sequence[CadVariable]",
     "InteriorControl.variables": "Sequence[InteriorPoints]",
     "SeamMeasure.measure": "SeamSmoothness",
     "OpenFoamFlow.case": "FlowCase",
