@@ -89,7 +89,7 @@ class Airfoil(OneLine):
 
     @property
     def nose(self) -> np.ndarray:
-        """Point of the outline that is farthest from the trailing edge, shape (2,): its tangent is across the chord."""
+        """Point of the outline that is farthest from the trailing edge, shape (2,); its tangent is across the chord."""
         return self._curve(self._at_nose)
 
     @property
