@@ -25,7 +25,7 @@ from typing import Any
 
 from .processes import world
 
-__all__ = ["COMPILING", "SWITCH", "Progress", "is_terminal", "progress_bar", "show_progress", "within"]
+__all__ = ["COMPILING", "SWITCH", "Progress", "is_terminal", "no_progress", "progress_bar", "show_progress", "within"]
 
 Progress = Callable[[float, str], None]
 """What is told the fraction done, from 0 to 1, or less than 0 where it is not known, and what is being done."""
@@ -78,11 +78,11 @@ def progress_bar(
     if callable(progress):
         yield progress
     elif progress is False:
-        yield _nobody
+        yield no_progress
     elif _active:
         yield _active[-1].inner(title)
     elif not is_terminal():
-        yield _nobody
+        yield no_progress
     else:
         bar = _Bar(title)
         _active.append(bar)
@@ -116,7 +116,7 @@ def is_terminal() -> bool:
     return (wanted == "1" or not os.environ.get("CI")) and world().rank == 0
 
 
-def _nobody(fraction: float, what: str) -> None:
+def no_progress(fraction: float, what: str) -> None:
     """Tell nobody."""
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...base.numerics.processes import ONE, together
-from ...base.numerics.progress import Progress, progress_bar
+from ...base.numerics.progress import Progress, no_progress, progress_bar
 from ...errors import FitWarning, InputError
 from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Block, Grid
@@ -35,7 +35,7 @@ from .fit_nodes import FitNodes
 from .local_errors import flattest_cell, worst_local_errors
 from .options import EXPONENTS, METHODS
 from .parameters import as_parameters, chord_length_parameters
-from .problem import FitProblem, FitSolution, no_progress, part_of, problem_of_mesh, solve_fit
+from .problem import FitProblem, FitSolution, part_of, problem_of_mesh, solve_fit
 from .requested_counts import RequestedCounts
 from .settings import FITTING, FittingSettings
 from .validity import make_valid, with_sides_alike

@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...base.numerics.processes import together
-from ...base.numerics.progress import Progress
+from ...base.numerics.progress import Progress, no_progress
 from ...base.numerics.threads import map_tasks, thread_count
 from ...grids.topology.periodic_ties import Ties, control_ties
 from ...grids.topology.topology import Topology
@@ -164,10 +164,6 @@ def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[s
         f"the nodes do not determine all control points of {len(entities)} parts ({listed}); these are drawn to the "
         f"grid's own coarse nodes; fewer control points avoid it (n_control, --n-control)",
     )
-
-
-def no_progress(fraction: float, what: str) -> None:
-    """Report nothing: the default `Progress`."""
 
 
 def part_of(progress: Progress, start: float, stop: float) -> Progress:

@@ -77,7 +77,7 @@ def test_bars_are_off_where_they_are_not_wanted(environment, monkeypatch):
         monkeypatch.setenv(name, value)
     assert not is_terminal()
     with progress_bar("work") as tell:
-        assert tell is progress._nobody
+        assert tell is progress.no_progress
 
 
 @pytest.mark.slow
