@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -23,16 +24,7 @@ def side_numbers(
     points: np.ndarray | None = None,  # (n_points, 3), its nodes where it was moved
 ) -> list[dict]:
     """Collect motion and gap of each pair for JSON, and the gap before where the mesh was moved."""
-    now = mesh.points if points is None else points
-    return [
-        {
-            "markers": list(each.markers),
-            "motion": str(each.motion),
-            "gap": each.gap(now),
-            **({} if points is None else {"gap_before": each.gap(mesh.points)}),
-        }
-        for each in sides
-    ]
+    return [_pair_numbers(each.markers, each.motion, each.gap, mesh.points, points) for each in sides]
 
 
 def tied_numbers(
@@ -41,16 +33,22 @@ def tied_numbers(
     nodes: np.ndarray | None = None,  # (n_nodes, 3), the nodes where the grid was moved
 ) -> list[dict]:
     """Collect the same of the sides of blocks that are tied."""
-    now = baseline if nodes is None else nodes
     return [
-        {
-            "markers": list(sides_of(topology, tied)),
-            "motion": str(tied.motion),
-            "gap": gap_between(topology, tied, now),
-            **({} if nodes is None else {"gap_before": gap_between(topology, tied, baseline)}),
-        }
+        _pair_numbers(sides_of(topology, tied), tied.motion, partial(gap_between, topology, tied), baseline, nodes)
         for tied in topology.periodic
     ]
+
+
+def _pair_numbers(
+    markers: Sequence[str],
+    motion: object,
+    gap: Callable[[np.ndarray], float],  # of nodes (n, 3)
+    baseline: np.ndarray,  # (n, 3), nodes on the baseline (m)
+    nodes: np.ndarray | None,  # (n, 3), nodes where they were moved
+) -> dict:
+    """Collect the numbers of one pair."""
+    at_rest = {"markers": list(markers), "motion": str(motion), "gap": gap(baseline)}
+    return at_rest if nodes is None else at_rest | {"gap": gap(nodes), "gap_before": at_rest["gap"]}
 
 
 def gap_lines(numbers: Sequence[dict], unit: str) -> list[str]:
