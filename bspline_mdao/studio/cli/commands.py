@@ -16,7 +16,7 @@ from ...core.fit.options import EXPONENTS, METHODS
 from .counts import n_control_option
 from .making_commands import airfoil, extrude, wing
 from .movers import MoverOptions, moving_options
-from .program import bspline_mdao, command, grid_argument, json_option, patches_option
+from .program import POSITIVE, bspline_mdao, command, grid_argument, json_option, patches_option
 from .units import units_option
 
 __all__ = ["airfoil", "bspline_mdao", "extrude", "wing"]
@@ -36,7 +36,7 @@ DEFORM = (
 @click.option("--draft", type=click.Path(path_type=Path), metavar="FILE.toml", help="Write patches to start from.")
 @click.option(
     "--reynolds",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     metavar="RE",
     help="Reynolds number per unit of length, for an estimate of y+ at walls.",
 )
@@ -104,7 +104,7 @@ def inspect(**options: Any) -> None:
 )
 @click.option(
     "--spacing",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     metavar="H",
     help="Of a lattice: width of its spans around all walls, by default of each body its own, and less in gaps.",
 )
@@ -397,7 +397,7 @@ def quality(**options: Any) -> None:
 )
 @click.option(
     "--tolerance",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     metavar="T",
     help="Largest distance (m) from walls with curved knots, which are refitted; 1e-6 of the size of the walls by "
     "default.",

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from .program import command, json_option
+from .program import POSITIVE, command, json_option
 from .units import units_option
 
 __all__ = ["airfoil", "extrude", "wing"]
@@ -45,7 +45,7 @@ output_option = click.option(
 )
 @click.option(
     "--far",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     default=50.0,
     show_default=True,
     metavar="R",
@@ -53,7 +53,7 @@ output_option = click.option(
 )
 @click.option(
     "--chord",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     default=1.0,
     show_default=True,
     metavar="C",
@@ -61,19 +61,17 @@ output_option = click.option(
 )
 @click.option(
     "--first-cell",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     metavar="H",
     help="Height of the first cells (m), for boundary layers.",
 )
 @click.option(
     "--y-plus",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     metavar="Y",
     help="Height of the first cells in viscous units, by a flat plate; give --reynolds as well.",
 )
-@click.option(
-    "--reynolds", type=click.FloatRange(min=0.0, min_open=True), metavar="RE", help="Reynolds number of the chord."
-)
+@click.option("--reynolds", type=POSITIVE, metavar="RE", help="Reynolds number of the chord.")
 @click.option("--symmetric", is_flag=True, help="The file has one side of a symmetric section.")
 @json_option
 def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:

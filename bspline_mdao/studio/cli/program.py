@@ -17,7 +17,10 @@ from ...grids.io.formats import curved_names, read_names, written_names
 from ...grids.io.meshes.files import mesh_names
 from .words import DEFINITIONS, PROGRAM
 
-__all__ = ["NAMES", "bspline_mdao", "command", "example", "grid_argument", "json_option", "patches_option"]
+__all__ = ["NAMES", "POSITIVE", "bspline_mdao", "command", "example", "grid_argument", "json_option", "patches_option"]
+
+POSITIVE = click.FloatRange(min=0.0, min_open=True)
+"""Type of options that are positive numbers."""
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
