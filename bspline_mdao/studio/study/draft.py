@@ -74,7 +74,7 @@ def _design(body: Body, free_form: list[str]) -> Iterator[str]:
 
 def _section(body: Body, free_form: list[str]) -> Iterator[str]:
     """Variables, flow, objective, area and thickness of a section."""
-    yield "[variables.shape]  # of the section as one curve; bumps, camber_modes, thickness_modes are there too"
+    yield "[variables.shape]  # of the section as one curve; hicks_henne, camber_modes, thickness_modes are there too"
     yield 'kind = "class_shape"  # weights in chords: of the nose, of the upper side, of the lower side'
     yield "degree = 5"
     yield f"lower = {-SHAPE}"
