@@ -18,7 +18,7 @@ from ...names import CONTROL_POINTS
 from ..evaluation.node_map import require_inputs
 from ..riding.riding_mesh import WALL, EmbeddedMesh, EmbeddedMeshState
 from ..riding.wall_images import WallImages
-from ..sliding.closest import Closest
+from ..sliding.sliding_nodes import SlidNodes
 from .node_copies import TiedNodes
 from .sliding_markers import SlidingWalls
 
@@ -113,7 +113,7 @@ class MeshState:
 
     of: MeshMap
     embedded_state: EmbeddedMeshState
-    closest: Closest | None = None  # where nodes that slide are asked to be
+    closest: SlidNodes | None = None  # where nodes that slide are asked to be
 
     @property
     def nodes(self) -> np.ndarray:

@@ -20,10 +20,9 @@ from ...grids.cells.mixed_cells import MixedMesh
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.turned_evaluator import TurnedEvaluator
 from ..riding.wall_faces import WallFaces
-from ..sliding.closest import Closest
 from ..sliding.fixed_surface import Plane
 from ..sliding.recognition import recognised_surface
-from ..sliding.sliding_nodes import Slide, SlidingNodes
+from ..sliding.sliding_nodes import Slide, SlidingNodes, SlidNodes
 from .background_lattice import BackgroundLattice
 from .end_planes import SLIDING, EndPlane
 
@@ -113,7 +112,7 @@ class SlidingWalls(OneLine):
             len(asked_rows),
         )
 
-    def at(self, walls: np.ndarray, change: np.ndarray, asked: np.ndarray) -> tuple[np.ndarray, Closest]:
+    def at(self, walls: np.ndarray, change: np.ndarray, asked: np.ndarray) -> tuple[np.ndarray, SlidNodes]:
         """All that are asked for, (n_asked, 3), of nodes of walls and changes of control points of the lattice (m)."""
         # ``asked``, (n_asked, 3), are the places on the baseline, of those that neither are walls nor slide
         points = self.at_rest.copy()
@@ -124,7 +123,7 @@ class SlidingWalls(OneLine):
         found[self.slides_at] = closest.points
         return found, closest
 
-    def jvp(self, closest: Closest, walls: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def jvp(self, closest: SlidNodes, walls: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Change of all that are asked for with those of nodes of walls and control points."""
         moved = np.zeros_like(self.at_rest)
         moved[~self.is_wall] = self.evaluator.forward(change)
@@ -134,7 +133,7 @@ class SlidingWalls(OneLine):
         found[self.slides_at] = closest.jvp(moved)
         return found
 
-    def vjp(self, closest: Closest, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def vjp(self, closest: SlidNodes, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `jvp`: for the nodes of walls and for the control points."""
         others = bar.copy()
         others[self.slides_at] = 0.0

@@ -22,10 +22,9 @@ from ...base.display import OneLine
 from ...errors import InputError
 from ..measures.jets import SmoothCorners, jets
 from ..mesh.control_net import surface_quads
-from ..sliding.closest import Closest
 from ..sliding.fixed_surface import FixedSurface, Plane, require_near
 from ..sliding.node_surface import NodeSurface
-from ..sliding.sliding_nodes import Slide, SlidingNodes
+from ..sliding.sliding_nodes import Slide, SlidingNodes, SlidNodes
 from .displacement import selector
 from .selection import Where, rows_of
 from .variable import DesignMap, Layout, MapPartials, block_diagonal, product_on_pattern, sum_on_pattern
@@ -202,7 +201,7 @@ class SlidingJunction(OneLine):
         kept[np.concatenate([self.junction, self.near, self.resting])] = 0.0
         return _picking(np.repeat(kept, 3))
 
-    def _closest(self, points: np.ndarray) -> tuple[Closest, Closest]:
+    def _closest(self, points: np.ndarray) -> tuple[SlidNodes, SlidNodes]:
         """Where the junction slides to, and where the body near it does, which goes along."""
         root = self.root.at(points[self.junction])
         gone = self.into_body @ (root.points - self.layout.points[self.junction]).reshape(-1)

@@ -17,16 +17,18 @@ The whole map to the grid (`LiveGrid`) has the residual and the wall layer of th
     y = A(x0) b + T(b, b0) r,    r = x0 - A(x0) b0,         x = layer(y; x0)
 
 with b0 the control points fitted to it; see `bspline_mdao.core.walls.grid_map`. Without a residual r is nothing, and
-the layer is that of A(x0) b0. What is near which wall, how much it follows, and where in its span a node is, stays that
-of the model.
+the layer is that of A(x0) b0. Nodes that slide on fixed surfaces stay as high above these as x0 has them, and what
+that takes fades over the blocks before the layer follows (`bspline_mdao.core.walls.sliding_correction`). What is near
+which wall, how much it follows, and where in its span a node is, stays that of the model.
 
-Theory: ``docs/theory/fit.rst``.
+Theory: ``docs/theory/fit.rst``, ``docs/theory/sliding.rst``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,10 +38,12 @@ from ...errors import InputError
 from ...names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID_INITIAL
 from ..evaluation.node_map import require_inputs
 from ..model.fitted_model import FittedModel
+from ..sliding.sliding_nodes import SlidNodes
 from ..splines.volume import Volume
 from ..walls.grid_map import GridMap
 from ..walls.node_vectors import Vectors
 from ..walls.rotation_map import RotationState
+from ..walls.sliding_correction import SlidingCorrection
 from ..walls.wall_following import Followed
 from .design_matrix import DesignMatrix, LiveMatrix, build_design_matrix
 from .edge_knots import joined_corners, knots_of_segment_jvp, knots_of_segment_vjp, knots_of_segments
@@ -283,9 +287,10 @@ def sum_apply(terms: Sequence[DesignMatrix], net: np.ndarray) -> Any:
 def live_grid(
     model: FittedModel,  # gives topology, numbers of control points, orders, kind of knots, and what is near which wall
     nodes: np.ndarray,  # (n_nodes, 3), the baseline grid (m)
+    grid_map: GridMap | None = None,  # one of the model by which nodes slide, see `Model.map_sliding`
 ) -> LiveGrid:
     """Regenerate with all that another baseline grid has. `InputError` as `live_mapping`."""
-    return LiveGrid(live_mapping(model, nodes), model.grid_map(), model.residual is not None)
+    return LiveGrid(live_mapping(model, nodes), grid_map or model.grid_map(), model.residual is not None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,10 +306,16 @@ class LiveGrid:
         """The baseline, shape (n_nodes, 3), in metres."""
         return self.mapping.nodes
 
+    @cached_property
+    def sliding(self) -> SlidingCorrection | None:
+        """Takes nodes to the surfaces that they slide on; None where there are none."""
+        correction, sliding = self.grid_map.correction, self.grid_map.sliding
+        return None if correction is None or sliding is None else SlidingCorrection(correction, sliding)
+
     @property
     def needs_initial(self) -> bool:
         """Whether the grid depends on the control points of the baseline."""
-        return self.has_residual or self.grid_map.following is not None
+        return self.has_residual or self.grid_map.following is not None or self.grid_map.sliding is not None
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -321,7 +332,7 @@ class LiveGrid:
             raise InputError("live grid: it depends on the control points of the baseline; give these as well")
         initial = control_points if control_points_initial is None else control_points_initial
         grid_map, nodes = self.grid_map, self.mapping.evaluate(control_points)
-        rotation = vectors = followed = None
+        rotation = vectors = followed = slid = None
         start = self.mapping.evaluate(initial) if self.needs_initial else nodes
         if self.has_residual:
             residual, start = self.nodes - start, self.nodes
@@ -331,9 +342,11 @@ class LiveGrid:
                 rotation = grid_map.rotation_map.at(control_points, initial)
                 vectors = grid_map.rotation_map.vectors(residual)
                 nodes += rotation.evaluate(np.zeros_like(control_points), vectors)
+        if self.sliding is not None:
+            slid = self.sliding.apply(nodes, start)
         if grid_map.following is not None:
             followed = grid_map.following.at(start, nodes, start, nodes)
-        return LiveGridState(self, initial, control_points, nodes, rotation, vectors, followed)
+        return LiveGridState(self, initial, control_points, nodes, rotation, vectors, followed, slid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,6 +361,7 @@ class LiveGridState:
     rotation: RotationState | None  # rotations of the residual
     vectors: Vectors | None  # the residual that turns
     followed: Followed | None  # nodes that followed walls
+    slid: SlidNodes | None  # nodes that slid on surfaces
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -377,6 +391,8 @@ class LiveGridState:
                 d_rotation = self.rotation.change(d_control, d_initial)
                 d_vectors = self.rotation.of.vectors(d_residual)
                 change += self.rotation.jvp(none, d_rotation, self.vectors, d_vectors)
+        if self.slid is not None and of.sliding is not None:
+            of.sliding.jvp(self.slid, change, d_start)
         if self.followed is not None:
             self.followed.jvp(change, change, d_start)
         return change
@@ -387,6 +403,8 @@ class LiveGridState:
         bar, start_bar = bar.copy(), np.zeros_like(bar)
         if self.followed is not None:
             self.followed.add_vjp(bar, bar, start_bar)
+        if self.slid is not None and of.sliding is not None:
+            of.sliding.vjp(self.slid, bar, start_bar)
         bars = dict(zip((GRID_INITIAL, CONTROL_POINTS), of.mapping.vjp(self.control_points, bar)))
         if of.needs_initial:
             bars[CONTROL_POINTS_INITIAL] = np.zeros_like(self.initial)

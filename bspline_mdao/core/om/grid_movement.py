@@ -177,11 +177,6 @@ class GridMovement(Copied, om.Group):
             raise InputError(
                 f"{self.msginfo}: {model.why_no_fit}; leave out 'fit', 'live' and 'surface', or give the whole model"
             )
-        if is_live and mover.mesh.slides:
-            raise InputError(
-                f"{self.msginfo}: live=True does not keep {mover.mesh.slides[0].what} on the surface that it slides "
-                f"on; leave it out"
-            )
         if is_live and not is_fitted:
             raise InputError(f"{self.msginfo}: live=True needs fit=True; there is no grid to follow")
         if surface is not None:
@@ -198,7 +193,8 @@ class GridMovement(Copied, om.Group):
         certified = model if self.options["certify"] else None
         self._add("move", ControlMeshMove(mover=mover, certified=certified, processes=self.options["processes"]))
         common = {"model": model, "partition": self.options["partition"]}
-        evaluate = LiveGridEvaluate(model=model) if is_live else GridEvaluate(**common, **asked, mesh=mover.mesh)
+        live = {"model": model, "mesh": mover.mesh}
+        evaluate = LiveGridEvaluate(**live) if is_live else GridEvaluate(**common, **asked, mesh=mover.mesh)
         self._add("evaluate", evaluate)
         quality, is_judged = (
             self.options["quality"],

@@ -12,6 +12,8 @@ from ...errors import InputError
 from ...grids.topology.partition import Partition, Subdomain
 from ...names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
 from ..fit.live_fit import LiveGrid, LiveGridState, live_grid
+from ..mesh.boundary import require_mesh_of
+from ..mesh.moving_mesh import MovingMesh
 from ..model.fitted_model import FittedModel
 from .checked_along_edges import check_along_edges, numbered_blocks
 from .component import (
@@ -55,6 +57,9 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     -------
     model : FittedModel
         Fit of a baseline grid: topology, orders and numbers of control points.
+    mesh : MovingMesh, optional
+        Control mesh that moved: where patches of it slide on surfaces that are not planes, see `moving_mesh`, their
+        nodes stay as high above these as ``grid_initial`` has them, see :doc:`/theory/sliding`.
     partition : Partition, optional
         Which blocks each process holds, none of them cut; by default
         ``Partition.of(model.topology, n, imbalance=math.inf)``.
@@ -62,8 +67,9 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     Raises
     ------
     InputError
-        In ``setup``, if the model's parameters are corrected or given, or its knots are the user's own, or if the
-        partition cuts a block or is of another number of processes; in a run, under complex step.
+        In ``setup``, if the mesh is that of another model, if the model's parameters are corrected or given, or its
+        knots are the user's own, or if the partition cuts a block or is of another number of processes; in a run,
+        under complex step.
     om.AnalysisError
         In a run, if a number is not finite, if the nodes have no parameters and knots, or if the surroundings of a
         point are turned inside out.
@@ -91,6 +97,7 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
             self,
             *,
             model: FittedModel,
+            mesh: MovingMesh | None = None,
             partition: Partition | Subdomain | None = None,
             **options: Any,
         ) -> None: ...
@@ -98,12 +105,17 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     def initialize(self) -> None:
         """Declare the options."""
         declare_model(self, FittedModel, desc="fit of the baseline grid")
+        types = (MovingMesh, type(None))
+        self.options.declare("mesh", types=types, default=None, recordable=False, desc="control mesh that moved")
         declare_partition(self)
 
     @fails_together
     def setup(self) -> None:
         """Declare the variables, of the sizes of the model."""
-        model, is_distributed = self.options["model"], self.comm.size > 1
+        model, is_distributed, mesh = self.options["model"], self.comm.size > 1, self.options["mesh"]
+        if mesh is not None:
+            require_mesh_of(model, mesh, f"{self.msginfo}: the mesh")
+        self._map = model.map_sliding(() if mesh is None else mesh.slides, model)
         partition = blocks_of(self)
         self._whole = WholeNodes.of(self.comm, partition)
         grid = model.regenerate()
@@ -144,7 +156,7 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
         add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=names)
 
     def _grid(self, nodes: np.ndarray) -> LiveGrid:
-        return live_grid(self.options["model"], nodes)
+        return live_grid(self.options["model"], nodes, self._map)
 
     def _state_at(self, inputs: Vector) -> LiveGridState:
         points = self._points(inputs)

@@ -12,7 +12,7 @@ of the matrix
     [ I + sum_k l_k H_k   J^T ]
     [ J                    0  ] ,
 
-H_k being the Hessians and J the gradients: it is symmetric.
+H_k being the Hessians and J the gradients: it is symmetric. The block beside it is dq/dh.
 
 Theory: ``docs/theory/sliding.rst``.
 """
@@ -49,6 +49,7 @@ class Closest(OneLine):
 
     points: np.ndarray  # (n, 3), in metres
     jacobians: np.ndarray  # (n, 3, 3), symmetric
+    by_heights: np.ndarray  # (n, 3, n_surfaces), derivative in the heights
 
     def jvp(self, change: np.ndarray) -> np.ndarray:
         """Change of the closest points with that of the points, both of shape (n, 3)."""
@@ -109,12 +110,12 @@ def closest_on(
     else:
         raise _lost(what, points[np.argmax(np.abs(step[:, :3]).max(axis=1))])
     matrix, right = _system(surfaces, points, heights, found, multipliers)
-    identity = np.broadcast_to(np.eye(k + 3, 3), (n, k + 3, 3))
-    jacobians = _solved(matrix, identity, what)[:, :3]
+    inverse = _solved(matrix, np.broadcast_to(np.eye(k + 3), matrix.shape), what)[:, :3]
+    jacobians, by_heights = inverse[:, :, :3], inverse[:, :, 3:]
     least = np.linalg.eigvalsh(jacobians.real).min(axis=1, initial=0.0)
     if least.min(initial=0.0) < -INDEFINITE:  # another point of the surface is nearer
         raise _lost(what, points[np.argmin(least)])
-    return Closest(found + _solved(matrix, right, what)[:, :3], jacobians)
+    return Closest(found + _solved(matrix, right, what)[:, :3], jacobians, by_heights)
 
 
 def _system(
@@ -140,7 +141,7 @@ def _system(
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray, what: str) -> np.ndarray:
-    """Solve for each point; right-hand sides of shape (n, m) or (n, m, 3)."""
+    """Solve for each point; right-hand sides of shape (n, m) or (n, m, p)."""
     try:
         solution = np.linalg.solve(matrix, right if right.ndim == 3 else right[:, :, None])
     except np.linalg.LinAlgError:

@@ -18,10 +18,10 @@ from ...base.display import OneLine
 from ...grids.topology.node_numbering import node_copies, source_rows
 from ...grids.topology.sharing import boundary_sections
 from ...grids.topology.topology import Topology
-from .closest import Closest, closest_on
+from .closest import closest_on
 from .fixed_surface import FixedSurface, Plane
 
-__all__ = ["Slide", "SlidingGroup", "SlidingNodes"]
+__all__ = ["SlidNodes", "Slide", "SlidingGroup", "SlidingNodes"]
 
 INDEPENDENT = 1e-3
 """A surface counts where its normal leaves those of the node's others by more than this (rad), as in planes."""
@@ -105,14 +105,51 @@ class SlidingNodes(OneLine):
         order = np.argsort(rows)
         return replace(self, places=order[np.searchsorted(rows, self.rows, sorter=order)])
 
-    def at(self, asked: np.ndarray) -> Closest:
+    def at(self, asked: np.ndarray) -> SlidNodes:
         """Where the nodes are to be, shape (n, 3), from where they and others are asked to be, shape (m, 3) (m)."""
-        points = asked[self.places]
-        found, jacobians = np.empty_like(points), np.empty((len(points), 3, 3), points.dtype)
+        return self._at(asked[self.places], [(group.heights, None) for group in self.groups])
+
+    def from_baseline(self, asked: np.ndarray, baseline: np.ndarray) -> SlidNodes:
+        """Do the same from another baseline, shape (m, 3) (m), that decides how high above the surfaces they stay."""
+        at_rest = baseline[self.places]
+        heights = []
         for group in self.groups:
-            closest = closest_on(group.surfaces, points[group.places], group.heights, group.what)
-            found[group.places], jacobians[group.places] = closest.points, closest.jacobians
-        return Closest(found, jacobians)
+            levels = [surface.levels(at_rest[group.places]) for surface in group.surfaces]
+            values, gradients, _ = zip(*levels)
+            heights.append((np.array(values), np.stack(gradients, axis=1)))
+        return self._at(asked[self.places], heights)
+
+    def _at(self, points: np.ndarray, heights: Sequence[tuple[np.ndarray, np.ndarray | None]]) -> SlidNodes:
+        """Nodes of every group at its heights, (n_surfaces, m), with derivatives of these by the baseline, or none."""
+        found, matrices = np.empty_like(points), np.empty((2, len(points), 3, 3), points.dtype)
+        for group, (of_group, by_baseline) in zip(self.groups, heights):
+            closest = closest_on(group.surfaces, points[group.places], of_group, group.what)
+            found[group.places], matrices[0, group.places] = closest.points, closest.jacobians
+            matrices[1, group.places] = 0.0 if by_baseline is None else closest.by_heights @ by_baseline
+        return SlidNodes(found, *matrices)
+
+
+@dataclass(frozen=True, eq=False)
+class SlidNodes(OneLine):
+    """Where nodes slid to, and its derivative."""
+
+    points: np.ndarray  # (n, 3), in metres
+    jacobians: np.ndarray  # (n, 3, 3), by where they were asked to be; symmetric
+    by_baseline: np.ndarray  # (n, 3, 3), by where they are on the baseline, by their heights; zero where that is fixed
+
+    def jvp(self, change: np.ndarray) -> np.ndarray:
+        """Change of the nodes with that of where they were asked to be, both of shape (n, 3)."""
+        return np.einsum("nij,nj->ni", self.jacobians, change)
+
+    vjp = jvp
+
+    def baseline_jvp(self, change: np.ndarray) -> np.ndarray:
+        """Change of the nodes with that of the baseline, both of shape (n, 3)."""
+        return np.einsum("nij,nj->ni", self.by_baseline, change)
+
+    def baseline_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `baseline_jvp`."""
+        return np.einsum("nij,ni->nj", self.by_baseline, bar)
 
 
 def _independent(slides: Sequence[Slide], points: np.ndarray, is_on: np.ndarray) -> np.ndarray:

@@ -30,8 +30,7 @@ from ...grids.topology.topology import Topology
 from ...names import CONTROL_POINTS, SURFACE
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.node_map import require_inputs
-from ..sliding.closest import Closest
-from ..sliding.sliding_nodes import SlidingNodes
+from ..sliding.sliding_nodes import SlidingNodes, SlidNodes
 from ..splines.mesh import BSplineMesh
 from .grid_walls import GridWalls
 from .node_vectors import Vectors
@@ -195,7 +194,7 @@ class GridState:
     rotation: RotationState | None  # rotations of the residual
     followed: Followed | None  # nodes that followed walls
     mismatch: np.ndarray | None = None  # (n_surface, 3), given places minus those of the control points alone (m)
-    slid: Closest | None = None  # where nodes slid to, and its derivative
+    slid: SlidNodes | None = None  # where nodes slid to, and its derivative
 
     @property
     def inputs(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from topology_cases import patch
 
 from bspline_mdao import DesignSurface, GridEvaluate, GridMovement, InputError, find_topology, fit_grid, read_grid
 from bspline_mdao.core.design.motion import UnsteadyGrid
+from bspline_mdao.core.fit.live_fit import live_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.topology.grid import Block, Grid
 from bspline_mdao.grids.topology.partition import Partition
@@ -304,10 +305,58 @@ def test_the_group_keeps_nodes_on_their_surfaces_with_exact_totals(simple):
     assert check.differences < 1e-8
 
 
+@pytest.mark.parametrize("options", [{}, {"keep_residual": False}, {"keep_residual": False, "wall_layer": False}])
+def test_nodes_keep_their_heights_over_surfaces_from_any_baseline_with_exact_derivatives(options):
+    model, rng = fit_grid(passage_grid(), n_control=(6, 5, 6), **options), np.random.default_rng(5)
+    given = {name: Cylinder((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), radius) for name, radius in zip(SLIDING, (1.0, 2.0))}
+    mesh = moving_mesh(model, "blade", sliding=given)
+    grid_map, nodes = model.map_sliding(mesh.slides, model), model.local_nodes()
+    baseline = nodes + 0.01 * np.sin(4.0 * nodes[:, ::-1])
+    initial = model.control_points + 0.002 * np.sin(3.0 * model.control_points)
+    inputs = [baseline, initial, Rotations(mesh).move(model.control_points, lean(mesh, 0.05)).points]
+    state = live_grid(model, baseline, grid_map).at(*inputs[:0:-1])
+    at_rest = live_grid(model, baseline, grid_map).at(initial, initial).nodes
+    for name in SLIDING:
+        rows, surface = rows_of(model, name), surface_of(mesh, name)
+        heights = [surface.levels(each[rows]).values for each in (state.nodes, at_rest)]
+        assert np.abs(heights[1] - heights[0]).max() < 1e-14
+        assert np.abs(heights[1]).max() > 1e-3
+    directions = [rng.normal(size=each.shape) for each in inputs]
+    exact = state.jvp(*directions)
+
+    def at(h):
+        x, b0, b = (each + h * direction for each, direction in zip(inputs, directions))
+        return live_grid(model, x, grid_map).at(b, b0).nodes
+
+    differences = central_difference(at, 1e-5, levels=3)
+    np.testing.assert_allclose(exact, differences, atol=1e-8 * np.abs(exact).max())
+    bar = rng.normal(size=exact.shape)
+    bars = state.vjp(bar)
+    back = sum(np.vdot(bars[name], direction) for name, direction in zip(state.inputs, directions))
+    assert abs(back - np.vdot(bar, exact)) < 1e-13 * np.linalg.norm(bar) * np.linalg.norm(exact)
+
+
+def test_a_live_group_keeps_nodes_on_their_surfaces_with_transposed_totals(simple):
+    mesh = moving_mesh(simple, "blade", sliding=SLIDING)
+    group = GridMovement(model=simple, mover=LinearElasticity(mesh, n_increments=1), live=True, quality=False)
+    problem = om.Problem(group, reports=None)
+    problem.setup()
+    problem.set_val("surface_control_points", lean(mesh, 0.05).ravel())
+    problem.run_model()
+    nodes = problem.get_val("grid").reshape(-1, 3)
+    for name in SLIDING:
+        assert surface_of(mesh, name).distances(nodes[rows_of(simple, name)]).max() < 1e-14
+    of, wrt, rng = ["grid"], ["surface_control_points", "grid_initial"], np.random.default_rng(6)
+    seeds = {name: rng.normal(size=problem.get_val(name).size) for name in (*of, *wrt)}
+    problem.model.run_linearize()
+    change = problem.compute_jacvec_product(of, wrt, "fwd", {name: seeds[name] for name in wrt})["grid"]
+    bars = problem.compute_jacvec_product(of, wrt, "rev", {"grid": seeds["grid"]})
+    back = sum(np.vdot(bars[name], seeds[name]) for name in wrt)
+    assert abs(back - np.vdot(change, seeds["grid"])) < 1e-12 * np.linalg.norm(change) * np.linalg.norm(seeds["grid"])
+
+
 def test_components_that_cannot_follow_a_surface_refuse_it(simple):
     mesh = moving_mesh(simple, "blade", sliding=SLIDING)
-    with pytest.raises(InputError, match="live=True does not keep patch 'hub' on the surface that it slides on"):
-        om.Problem(GridMovement(model=simple, mover=Rotations(mesh), live=True), reports=None).setup()
     with pytest.raises(InputError, match="assembled=True does not go with a surface, given or slid on"):
         problem_of(GridEvaluate(model=simple, mesh=mesh, assembled=True)).setup()
     other = moving_mesh(passage(n_control=(5, 5, 5)), "blade", sliding=SLIDING)
