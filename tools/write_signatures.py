@@ -51,6 +51,7 @@ KINDS = {
     "reference_area": "float",
     "restart": "str | os.PathLike[str]",
     "rows": "Sequence[int] | np.ndarray",
+    "slides": "Sequence[Slide]",
     "surface": "SurfaceGrid",
     "PointSet.tolerance": "float",
     "Ride.tolerance": "float",

@@ -65,12 +65,8 @@ def nodes_that_slide(
 
 def with_sliding(mesh: MixedMesh, walls: WallFaces, slides: Mapping[str, Slide]) -> WallFaces:
     """Faces of walls, and those of markers that slide behind them."""
-    markers, names = mesh.markers or {}, tuple(slides)
-    faces = [mesh.into_fluid(markers[name]) for name in names]
-    numbers = len(walls.names) + np.repeat(np.arange(len(names)), [len(part) for part in faces])
-    return WallFaces(
-        (*walls.names, *names), np.concatenate([walls.faces, *faces]), np.concatenate([walls.marker, numbers])
-    )
+    markers = mesh.markers or {}
+    return walls.followed_by({name: mesh.into_fluid(markers[name]) for name in slides})
 
 
 @dataclass(frozen=True, eq=False)

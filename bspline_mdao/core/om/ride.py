@@ -15,6 +15,7 @@ from ...grids.cells.mixed_cells import MixedMesh
 from ...names import CONTROL_POINTS
 from ..model.fitted_model import FittedModel
 from ..riding.riding_mesh import WALL, EmbeddedMesh
+from ..sliding.sliding_nodes import Slide
 from .check_directions import check_along_directions
 from .checked_along_edges import check_along_edges
 from .component import LINEAR_STEP, fails_together
@@ -50,6 +51,9 @@ class Ride(MovedPoints):
         Distance (m) up to which nodes may be outside the grid, see `EmbeddedMesh`.
     hold_outside : bool
         Hold nodes that are farther outside.
+    slides : sequence of Slide
+        Patches of the grid that slide on surfaces which are not planes, ``mesh.slides`` of the mesh that moves: nodes
+        there stay on these, see :doc:`/theory/sliding`.
 
     Raises
     ------
@@ -91,6 +95,7 @@ class Ride(MovedPoints):
             walls: Sequence[str] | None = None,
             tolerance: float | None = None,
             hold_outside: bool = False,
+            slides: Sequence[Slide] = (),
             **options: Any,
         ) -> None: ...
 
@@ -103,6 +108,7 @@ class Ride(MovedPoints):
         self.options.declare("walls", default=None, desc="markers that are walls")
         self.options.declare("tolerance", default=None, desc="distance up to which nodes may be outside, m")
         self.options.declare("hold_outside", types=bool, default=False, desc="hold nodes farther outside")
+        self.options.declare("slides", default=(), recordable=False, desc="patches of the grid that slide")
 
     @property
     def is_linear(self) -> bool:
@@ -112,14 +118,14 @@ class Ride(MovedPoints):
     @property
     def wall_nodes(self) -> np.ndarray:
         """Numbers of the nodes of the mesh's walls, ascending: known after ``setup``."""
-        return np.zeros(0, dtype=int) if self._riding.walls is None else self._riding.walls.rows
+        return self._riding.asked_rows
 
     @fails_together
     def setup(self) -> None:
         """Look for the nodes in the volumes, and declare the variables."""
         options = self.options
         model, mesh = options["model"], options["mesh"]
-        chosen = {name: options[name] for name in ("walls", "tolerance", "hold_outside")}
+        chosen = {name: options[name] for name in ("walls", "tolerance", "hold_outside", "slides")}
         self._riding = EmbeddedMesh.of(model, mesh, **chosen)
         if options["asked"] and not self._riding.n_asked:
             raise InputError(f"{self.msginfo}: the mesh has no walls whose nodes could be given; leave 'asked' out")

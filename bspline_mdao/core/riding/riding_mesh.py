@@ -8,6 +8,8 @@ The nodes of walls are where they are asked to be or, where nothing is asked, wh
 
     w = y_wall + (G - G0) d ,               d: what the volumes miss of them; G turns with the wall.
 
+Those on patches that slide on fixed surfaces are at the nearest points of these (`.riding_slides`).
+
 All is linear in b but for the rotations of walls. At b0 the mesh is x0 to the last bit: what the map misses of it
 there, which is round-off, is added everywhere.
 
@@ -16,7 +18,7 @@ Theory: ``docs/theory/ride.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -34,6 +36,8 @@ from ..evaluation.inversion import PointInversion, embed_points, invert_points
 from ..evaluation.node_map import require_inputs
 from ..evaluation.turned_evaluator import TurnedEvaluator
 from ..model.fitted_model import FittedModel
+from ..sliding.fixed_surface import Plane
+from ..sliding.sliding_nodes import Slide, SlidNodes
 from ..walls.closest_points import TriangleTree
 from ..walls.embedded_points import ON_PLANE, planes_of
 from ..walls.frames import Frames
@@ -41,6 +45,7 @@ from ..walls.layer import WallLayer
 from ..walls.settings import MESH_LAYER
 from ..walls.wall import Wall
 from ..walls.wall_following import Followed, WallFollowing
+from .riding_slides import RidingSlides
 from .section_span import require_planes_of_section
 from .wall_faces import GridBoundary, WallFaces
 from .wall_images import WallImages
@@ -168,6 +173,8 @@ class EmbeddedMesh(OneLine):
         Its walls.
     baseline : ndarray, shape (n_points, 3)
         What the map gives for the control points of the baseline: its nodes, but for round-off (m).
+    sliding : RidingSlides or None
+        Nodes that slide on surfaces.
 
     Examples
     --------
@@ -192,6 +199,7 @@ class EmbeddedMesh(OneLine):
     distances: np.ndarray
     walls: RidingWalls | None
     baseline: np.ndarray
+    sliding: RidingSlides | None = None
 
     @classmethod
     def of(
@@ -201,6 +209,7 @@ class EmbeddedMesh(OneLine):
         walls: tuple[str, ...] | list[str] | None = None,
         tolerance: float | None = None,
         hold_outside: bool = False,
+        slides: Sequence[Slide] = (),
     ) -> EmbeddedMesh:
         """Find what moves the nodes of a mesh.
 
@@ -219,6 +228,9 @@ class EmbeddedMesh(OneLine):
         hold_outside : bool
             Hold nodes that are farther outside where they are, instead of refusing them. The boundary of the grid
             beside them has to stay, too.
+        slides : sequence of Slide
+            Patches of the grid that slide on surfaces which are not planes, ``mesh.slides`` of the mesh that moves:
+            nodes there stay on these. Most of the area of a marker on such a patch makes it one of theirs.
 
         Returns
         -------
@@ -245,12 +257,27 @@ class EmbeddedMesh(OneLine):
         rows = np.setdiff1d(np.arange(len(points)), lost)
         evaluator = embed_points(model.mesh, _part(found, rows))
         left = embed_points(model.mesh, _part(found, lost)) if len(lost) else None
+        embedded = cls(mesh, b0, evaluator, rows, lost, left, found.distance, None, points)
+        return embedded._with_walls(model, WallFaces.of(mesh, boundary, walls), slides, boundary)
+
+    def with_slides(self, model: FittedModel, slides: Sequence[Slide]) -> EmbeddedMesh:
+        """Let patches of the grid slide, see `of`, where none does yet."""
+        walls = WallFaces.none() if self.walls is None else self.walls.faces
+        curved = any(not isinstance(slide.surface, Plane) for slide in slides)
+        return self._with_walls(model, walls, slides, GridBoundary.of(model)) if curved else self
+
+    def _with_walls(
+        self, model: FittedModel, faces: WallFaces, slides: Sequence[Slide], boundary: GridBoundary
+    ) -> EmbeddedMesh:
+        """Let nodes follow faces of walls, and of patches of the grid that slide."""
+        mesh, points = self.mesh, self.mesh.points
+        sliding, faces = RidingSlides.of(mesh, slides, model.topology, boundary, faces, self.left)
+        if not len(faces.faces):
+            return self.with_baseline()
         missed = np.zeros_like(points)
-        missed[rows] = points[rows] - evaluator.forward(b0)
-        faces, parts = WallFaces.of(mesh, boundary, walls), None
-        if len(faces.faces):
-            parts = RidingWalls.of(mesh, faces, planes, lost, missed)
-        return cls(mesh, b0, evaluator, rows, lost, left, found.distance, parts, points).with_baseline()
+        missed[self.rows] = points[self.rows] - self.evaluator.forward(self.control_points)
+        walls = RidingWalls.of(mesh, faces, planes_of(model.grid_map(), points), self.left, missed)
+        return replace(self, walls=walls, sliding=sliding).with_baseline()
 
     def with_baseline(self) -> EmbeddedMesh:
         """Take for its baseline what the map gives there."""
@@ -262,9 +289,27 @@ class EmbeddedMesh(OneLine):
         return self.mesh.n_points
 
     @property
+    def asked_rows(self) -> np.ndarray:
+        """Nodes of walls, ascending: those that slide and are of none are not among them."""
+        if self.walls is None:
+            return np.zeros(0, dtype=int)
+        return self.walls.rows[self._given]
+
+    @property
+    def wall_names(self) -> tuple[str, ...]:
+        """Markers that are walls; one, ``"skin"``, where the mesh has none."""
+        names = () if self.walls is None else self.walls.faces.names
+        return names if self.sliding is None else names[: len(names) - len(self.sliding.slides)]
+
+    @property
+    def _given(self) -> np.ndarray | slice:
+        """Which of the nodes of `walls` are of walls."""
+        return slice(None) if self.sliding is None else np.flatnonzero(self.sliding.is_given)
+
+    @property
     def n_asked(self) -> int:
         """Number of nodes of walls."""
-        return 0 if self.walls is None else len(self.walls.rows)
+        return len(self.asked_rows)
 
     def at(self, control_points: np.ndarray, wall: np.ndarray | None = None) -> EmbeddedMeshState:
         """Nodes of the mesh and their derivative.
@@ -274,7 +319,7 @@ class EmbeddedMesh(OneLine):
         control_points : ndarray, shape (n_control_points, 3)
             Control points (m).
         wall : ndarray, shape (n_asked, 3), optional
-            Where the nodes of the walls are to be (m), in the order of ``walls.rows``; by default they follow the
+            Where the nodes of the walls are to be (m), in the order of ``asked_rows``; by default they follow the
             volumes.
 
         Returns
@@ -294,29 +339,36 @@ class EmbeddedMesh(OneLine):
         if wall is not None:
             wall = as_finite_points(wall, self.n_asked, f"{source}: nodes of walls")
         self._require_rest(control_points)
-        nodes, turned, followed = self._mapped(control_points, wall)
+        nodes, turned, followed, slid = self._mapped(control_points, wall)
         nodes += self.mesh.points - self.baseline
         if self.walls is not None and followed is not None:
             nodes[self.walls.rows] = followed.layered.frames.moved
-        return EmbeddedMeshState(self, nodes, turned, followed)
+        is_asked = wall is not None and self.walls is not None
+        return EmbeddedMeshState(self, nodes, is_asked, turned, followed, slid)
 
     def _mapped(
         self, control_points: np.ndarray, wall: np.ndarray | None
-    ) -> tuple[np.ndarray, Frames | None, Followed | None]:
-        """Nodes, how walls turn by themselves where nothing is asked of them, and the nodes that followed them."""
+    ) -> tuple[np.ndarray, Frames | None, Followed | None, SlidNodes | None]:
+        """Nodes, how walls turn by themselves where nothing is asked, and the nodes that followed them and slid."""
         points = self.mesh.points.copy()
         points[self.rows] += self.evaluator.forward(control_points - self.control_points)
-        walls, turned = self.walls, None
+        walls, turned, slid = self.walls, None, None
         if walls is None:
-            return points, None, None
+            return points, None, None, None
         mapped, frames = points[walls.rows], walls.following.layer.wall.frames
-        if wall is None:
+        asked = mapped.copy()
+        if wall is None or self.sliding is not None:
             turned = frames.at(walls.initial, mapped)
             rest = frames.at(walls.initial, walls.initial).matrices
-            wall = mapped + np.einsum("nij,nj->ni", turned.matrices - rest, walls.missed)
-        points += walls.faded(wall - mapped)
-        points[walls.rows] = wall
-        return points, turned, walls.following.at(self.mesh.points, points, self.mesh.points, points)
+            asked += np.einsum("nij,nj->ni", turned.matrices - rest, walls.missed)
+        if wall is not None:
+            asked[self._given] = wall
+        if self.sliding is not None:
+            slid = self.sliding.nodes.at(asked)
+            asked[self.sliding.nodes.places] = slid.points
+        points += walls.faded(asked - mapped)
+        points[walls.rows] = asked
+        return points, turned, walls.following.at(self.mesh.points, points, self.mesh.points, points), slid
 
     def _require_rest(self, control_points: np.ndarray) -> None:
         """Refuse a move of the boundary beside nodes that are held."""
@@ -338,14 +390,15 @@ class EmbeddedMeshState(OneLine):
 
     of: EmbeddedMesh  # the map
     nodes: np.ndarray  # (n_points, 3), the nodes (m)
-    turned: Frames | None  # how walls turned of which nothing was asked
+    is_asked: bool  # whether places of nodes of walls were asked for
+    turned: Frames | None  # how walls turned where nothing was asked of them
     followed: Followed | None  # the nodes that followed walls
+    slid: SlidNodes | None  # the nodes that slid on surfaces
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs: places of walls count where they were asked for."""
-        is_asked = self.followed is not None and self.turned is None
-        return (CONTROL_POINTS, WALL) if is_asked else (CONTROL_POINTS,)
+        return (CONTROL_POINTS, WALL) if self.is_asked else (CONTROL_POINTS,)
 
     def jvp(
         self,
@@ -362,12 +415,16 @@ class EmbeddedMeshState(OneLine):
         if walls is None or self.followed is None:
             return change
         mapped = change[walls.rows]
+        asked = mapped.copy()
         if self.turned is not None:
-            wall = mapped + np.einsum("nij,nj->ni", self.turned.jvp(None, mapped), walls.missed)
-        elif wall is None:
-            wall = np.zeros_like(mapped)
-        change += walls.faded(wall - mapped)
-        change[walls.rows] = wall
+            asked += np.einsum("nij,nj->ni", self.turned.jvp(None, mapped), walls.missed)
+        if self.is_asked:
+            asked[of._given] = 0.0 if wall is None else wall
+        if self.slid is not None and of.sliding is not None:
+            places = of.sliding.nodes.places
+            asked[places] = self.slid.jvp(asked[places])
+        change += walls.faded(asked - mapped)
+        change[walls.rows] = asked
         self.followed.jvp(change, change)
         return change
 
@@ -386,11 +443,18 @@ class EmbeddedMeshState(OneLine):
             wall_bar = bar[walls.rows]
             bar[walls.rows] = 0.0
             missed_bar = walls.faded_vjp(bar)
-            bars[WALL] = wall_bar + missed_bar
+            asked_bar = wall_bar + missed_bar
             bar[walls.rows] -= missed_bar
+            if self.slid is not None and of.sliding is not None:
+                places = of.sliding.nodes.places
+                asked_bar[places] = self.slid.vjp(asked_bar[places])
+            if self.is_asked:
+                bars[WALL] = asked_bar[of._given].copy()
+                asked_bar[of._given] = 0.0
             if self.turned is not None:
-                turned_bar = np.einsum("ni,nj->nij", bars[WALL], walls.missed)
-                bar[walls.rows] += bars[WALL] + self.turned.vjp(turned_bar, ("moved",))["moved"]
+                turned_bar = np.einsum("ni,nj->nij", asked_bar, walls.missed)
+                asked_bar = asked_bar + self.turned.vjp(turned_bar, ("moved",))["moved"]
+            bar[walls.rows] += asked_bar
         if CONTROL_POINTS in wrt:
             bars[CONTROL_POINTS] = of.evaluator.adjoint(np.ascontiguousarray(bar[of.rows]))
         return {name: bars[name] for name in wrt}

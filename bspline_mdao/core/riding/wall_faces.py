@@ -9,7 +9,7 @@ Theory: ``docs/theory/ride.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -23,7 +23,7 @@ from ...grids.cells.quads import area_vectors
 from ...grids.topology.boundary_surface import BoundarySurface
 from ..model.fitted_model import FittedModel
 
-__all__ = ["GridBoundary", "WallFaces"]
+__all__ = ["GridBoundary", "WallFaces", "markers_mostly"]
 
 N_NEAREST = 12
 """Boundary quads of the grid that a face is compared with: more than meet in an edge of a flat wall and a plane."""
@@ -69,6 +69,13 @@ class GridBoundary:
 
     def on_walls(self, x: np.ndarray) -> np.ndarray:
         """Whether faces by their corners, shape (n, 4, 3), are on walls."""
+        return self._are_on(x, self.is_wall)
+
+    def on_patch(self, x: np.ndarray, patch: str) -> np.ndarray:
+        """Whether faces by their corners, shape (n, 4, 3), are on a patch, of a wall or not."""
+        return self._are_on(x, self.patch == patch)
+
+    def _are_on(self, x: np.ndarray, is_wanted: np.ndarray) -> np.ndarray:
         middles, (_, widths, normals) = x.mean(axis=1), _measured(x)
         k = min(N_NEAREST, len(self.sizes))
         distances, near = (part.reshape(len(x), k) for part in self.tree.query(middles, k))
@@ -79,7 +86,7 @@ class GridBoundary:
         off = np.abs(np.einsum("nd,nd->n", middles - self.tree.data[chosen], self.normals[chosen]))
         is_near = distances[rows, best] < 2.0 * self.sizes[chosen]
         is_near &= off < ABOVE * np.maximum(widths, self.widths[chosen])
-        return self.is_wall[chosen] & is_near
+        return is_wanted[chosen] & is_near
 
 
 def _measured(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -120,6 +127,20 @@ class WallFaces(OneLine):
         marker = np.repeat(np.arange(len(names)), [len(part) for part in faces])
         return cls(names, np.concatenate([np.zeros((0, 4), dtype=int), *faces]), marker)
 
+    @classmethod
+    def none(cls) -> WallFaces:
+        """No faces."""
+        return cls((), np.zeros((0, 4), dtype=int), np.zeros(0, dtype=int))
+
+    def followed_by(self, faces: Mapping[str, np.ndarray]) -> WallFaces:
+        """These, and behind them faces, each (n, 4) around the normal into the mesh, of others by their names."""
+        numbers = len(self.names) + np.repeat(np.arange(len(faces)), [len(part) for part in faces.values()])
+        return WallFaces(
+            (*self.names, *faces),
+            np.concatenate([self.faces, *faces.values()]),
+            np.concatenate([self.marker, numbers]),
+        )
+
     @staticmethod
     def _named(mesh: MixedMesh, wanted: Sequence[str]) -> tuple[str, ...]:
         markers = mesh.markers or {}
@@ -130,10 +151,15 @@ class WallFaces(OneLine):
 
     @staticmethod
     def _found(mesh: MixedMesh, boundary: GridBoundary) -> tuple[str, ...]:
-        names = []
-        for name, faces in (mesh.markers or {}).items():
-            x = mesh.points[faces]
-            areas = np.linalg.norm(area_vectors(x), axis=1)
-            if len(faces) and areas[boundary.on_walls(x)].sum() > 0.5 * areas.sum():
-                names.append(name)
-        return tuple(names)
+        return markers_mostly(mesh, boundary.on_walls)
+
+
+def markers_mostly(mesh: MixedMesh, is_on: Callable[[np.ndarray], np.ndarray]) -> tuple[str, ...]:
+    """Markers of a mesh of which most of the area is on something, by their corners, shape (n, 4, 3)."""
+    names = []
+    for name, faces in (mesh.markers or {}).items():
+        x = mesh.points[faces]
+        areas = np.linalg.norm(area_vectors(x), axis=1)
+        if len(faces) and areas[is_on(x)].sum() > 0.5 * areas.sum():
+            names.append(name)
+    return tuple(names)

@@ -21,6 +21,7 @@ from ...core.model.fitted_model import FittedModel
 from ...core.riding.riding_mesh import EmbeddedMesh, EmbeddedMeshState
 from ...core.riding.section_span import section_span
 from ...core.riding.wall_faces import GridBoundary
+from ...core.sliding.sliding_nodes import Slide
 from ...errors import InputError, MovementError
 from ...grids.io.meshes.files import check_same_format, read_mesh
 from ...grids.topology.grid import MAX_COORDINATE
@@ -101,16 +102,15 @@ def _state(
     """Move the mesh; return the control points as well."""
     if options.to is not None:
         points = _known_points(options.to, model)
+        if options.slide:
+            mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
+            riding = riding.with_slides(model, mesh.slides)
         return riding.at(points), points
     chosen = {name: getattr(options, name) for name in ("deform", "design", "slide", "fix", "release", "mover")}
     control_mesh, deformation, _, movement = moved_control_mesh(model, model_file, MoveOptions(**chosen))
-    for slide in control_mesh.curved_slides:
-        raise InputError(
-            f"{model_file}: {slide.what} is not planar, and nodes of a mesh that rides slide in planes alone; leave it "
-            f"out of --slide, and it follows the surface where that ends on it"
-        )
+    riding = riding.with_slides(model, control_mesh.slides)
     state = riding.at(movement.points)
-    if riding.walls is None or any(isinstance(part, PrescribedPoints) for part in deformation.maps):
+    if not riding.n_asked or any(isinstance(part, PrescribedPoints) for part in deformation.maps):
         return state, movement.points
     asked = _asked(model, riding, state.nodes, deformation, options.design)
     return riding.at(movement.points, asked), movement.points
@@ -145,18 +145,18 @@ def _asked(
     model: FittedModel, riding: EmbeddedMesh, points: np.ndarray, deformation: Deformation, design: tuple[str, ...]
 ) -> np.ndarray:
     """Where nodes of walls are to be: those of the design surface where the deformation puts them."""
-    walls = riding.walls
+    walls, rows = riding.walls, riding.asked_rows
     assert walls is not None
-    wall, surface = points[walls.rows], SurfaceGrid.of(model, design or None)
+    at_rest, wall, surface = riding.mesh.points[rows], points[rows], SurfaceGrid.of(model, design or None)
     is_design = np.ones(len(wall), dtype=bool)
     if set(surface.patches) != set(wall_patches(model.topology)):
-        is_design = GridBoundary.of(model).on_patches(walls.initial, set(surface.patches))
+        is_design = GridBoundary.of(model).on_patches(at_rest, set(surface.patches))
     numbers = np.cumsum(is_design) - 1
     planes = []
     for ids, normal in walls.planes:
-        on_wall = np.flatnonzero(np.isin(walls.rows, ids))
+        on_wall = np.flatnonzero(np.isin(rows, ids))
         planes.append((numbers[on_wall[is_design[on_wall]]], normal))
-    wall[is_design] = deformation.apply_to_nodes(walls.initial[is_design], planes)
+    wall[is_design] = deformation.apply_to_nodes(at_rest[is_design], planes)
     return wall
 
 
@@ -182,13 +182,20 @@ def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _MovedM
         "n_cells": of.mesh.n_cells,
         "n_held": n_nodes.left,
         "farthest_outside": float(np.delete(of.distances, of.left).max(initial=0.0)),
-        "walls": () if of.walls is None else of.walls.faces.names,
+        "walls": of.wall_names,
         "n_wall_nodes": n_nodes.walls,
+        "sliding": [{"patch": slide.what, "surface": str(slide.surface)} for slide in _slides(of)],
+        "sliding_off": None if of.sliding is None else of.sliding.nodes.off(found.mesh.nodes),
         "largest_displacement": float(np.linalg.norm(found.mesh.nodes - of.mesh.points, axis=1).max(initial=0.0)),
         **found.cells.numbers(),
         "periodic_gaps": [gap_numbers(gap) for gap in found.gaps],
         "seconds": found.seconds,
     }
+
+
+def _slides(of: EmbeddedMesh) -> tuple[Slide, ...]:
+    """Patches of the grid that nodes of a mesh slide on."""
+    return () if of.sliding is None else of.sliding.slides
 
 
 class _StoredCounts(NamedTuple):
@@ -202,7 +209,7 @@ class _StoredCounts(NamedTuple):
 def _stored_counts(of: EmbeddedMesh) -> _StoredCounts:
     """Count nodes of the file that are held, on walls, and follow these."""
     none = np.zeros(0, dtype=np.int64)
-    walls = none if of.walls is None else of.walls.rows
+    walls = of.asked_rows
     followers = (
         none if of.walls is None else np.concatenate([none, *(piece.rows for piece in of.walls.following.layer.pieces)])
     )
@@ -217,8 +224,12 @@ def show_ride(output: Path, found: _MovedMesh, unit: str) -> None:
     moved = np.linalg.norm(found.mesh.nodes - of.mesh.points, axis=1).max(initial=0.0)
     lines = [f"nodes moved by up to {moved:.3g} {unit}"]
     if of.walls is not None:
-        names = ", ".join(of.walls.faces.names)
+        names = ", ".join(of.wall_names) or "none"
         lines.append(f"walls: {names}, {counted(n_nodes.walls, 'node')}, {n_nodes.followers:,} follow them")
+    if of.sliding is not None:
+        lines += [f"nodes on {slide.what} slide on {slide.surface}" for slide in of.sliding.slides]
+        off = of.sliding.nodes.off(found.mesh.nodes)
+        lines.append(f"they leave their places over these surfaces by {off:.2g} {unit} at most")
     farthest = float(np.delete(of.distances, of.left).max(initial=0.0))
     left = f"; {counted(n_nodes.left, 'node')} held" if n_nodes.left else ""
     lines.append(f"farthest outside the fitted grid: {farthest:.2g} {unit}{left}")

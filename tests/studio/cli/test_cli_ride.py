@@ -5,10 +5,12 @@ import openmdao.api as om
 import pytest
 from mover_cases import flare_grid
 from riding_cases import mesh, model, plane_mesh, plane_su2_text, section, su2_text, twisted, write_plane_cgns
+from sliding_cases import surface_of
 from test_cli import fails_as_expected, numbers
 
 from bspline_mdao import GridEvaluate, fit_grid
 from bspline_mdao.files import read_mesh
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.studio.cli.main import run
 
 TWIST = ["--deform", "twist=10deg", "--mover", "elasticity", "--increments", "1"]
@@ -96,14 +98,23 @@ def test_ride_refuses_what_it_cannot_do_and_writes_nothing(workplace, capsys):
     assert {path.name for path in workplace.iterdir()} == {"wing.h5", "wing.su2", "few.npy"}
 
 
-def test_ride_refuses_patches_that_slide_on_curved_surfaces(workplace, capsys):
+def test_nodes_of_a_mesh_slide_on_the_patch_that_they_are_on(workplace, capsys):
     grid = flare_grid()
     fit_grid(grid).save("flare.h5")
-    corners = grid.blocks[0].nodes[[3, 4, 3, 3], [2, 2, 3, 2], [3, 3, 3, 4]]
+    corners = grid.blocks[0].nodes[[-1, -1, -1, -2], [2, 2, 3, 2], [3, 4, 3, 3]]
     points = "".join(f"{x:.17g} {y:.17g} {z:.17g}\n" for x, y, z in corners)
-    text = f"NDIME= 3\nNELEM= 1\n10 0 1 2 3 0\nNPOIN= 4\n{points}NMARK= 0\n"
-    (workplace / "tetra.su2").write_text(text)
+    (workplace / "tetra.su2").write_text(f"NDIME= 3\nNELEM= 1\n10 0 1 2 3 0\nNPOIN= 4\n{points}NMARK= 0\n")
     start = ["ride", "flare.h5", "tetra.su2", "-o", "m.su2", "--deform", "translate=0/1e-3/1e-3", "--fix", "side*"]
-    assert run(start) == 0
-    reason = "patch 'cone' is not planar, and nodes of a mesh that rides slide in planes alone; leave it out of --slide"
-    fails_as_expected([*start, "--slide", "cone"], capsys, reason)
+    cone, off = surface_of(moving_mesh(fit_grid(grid), sliding="cone"), "cone"), []
+    for more in ([], ["--slide", "cone"]):
+        assert run([*start, *more]) == 0
+        moved = read_mesh(workplace / "m.su2").mesh.points[:3]
+        assert np.linalg.norm(moved - corners[:3], axis=1).max() > 1e-5
+        off.append(cone.distances(moved).max())
+    assert off[0] > 1e-6
+    assert off[1] < 1e-14
+    assert "nodes on patch 'cone' slide on a cone" in capsys.readouterr().out
+    np.save("to.npy", 1.01 * fit_grid(grid).control_points)
+    assert run([*start[:5], "--to", "to.npy", "--slide", "cone", "--json", "r.json"]) == 0
+    assert numbers("r.json")["sliding"][0]["patch"] == "patch 'cone'"
+    assert numbers("r.json")["sliding_off"] < 1e-14

@@ -1,0 +1,86 @@
+"""Nodes of a mesh that rides on patches of the grid which slide on fixed surfaces.
+
+They are asked to be where nodes of walls are: at the points of their surfaces nearest to where the volumes put them, as
+high above these as on the baseline. So faces of theirs that are of no wall count among those of walls.
+
+Theory: ``docs/theory/ride.rst``, ``docs/theory/sliding.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...grids.cells.mixed_cells import MixedMesh
+from ...grids.topology.sharing import boundary_sides
+from ...grids.topology.topology import Topology
+from ..sliding.fixed_surface import Plane
+from ..sliding.sliding_nodes import Slide, SlidingNodes
+from .wall_faces import GridBoundary, WallFaces, markers_mostly
+
+__all__ = ["RidingSlides"]
+
+ON_PLANE = 1e-9
+"""A node that slides nearer to a plane than this part of the size of the mesh slides in it as well."""
+
+
+@dataclass(frozen=True, eq=False)
+class RidingSlides(OneLine):
+    """Nodes that slide, among those that are asked to be somewhere."""
+
+    slides: tuple[Slide, ...]  # on what
+    nodes: SlidingNodes  # by their rows in the mesh; ``places`` are those among the nodes of all faces
+    is_given: np.ndarray  # bool (n_wall,), which of these are of walls, so that they may be given; others slide alone
+
+    @classmethod
+    def of(
+        cls,
+        mesh: MixedMesh,
+        slides: Sequence[Slide],  # of the grid, see `bspline_mdao.core.mesh.moving_mesh.MovingMesh`
+        topology: Topology,  # of the grid
+        boundary: GridBoundary,  # of the grid
+        walls: WallFaces,
+        fixed: np.ndarray,  # int, nodes that stay
+    ) -> tuple[RidingSlides | None, WallFaces]:
+        """Find them, and the faces of walls with those behind them that slide and are of none; None of no nodes."""
+        patches = [str(face.patch) for face, *_ in boundary_sides(topology)]
+        found, members, more = [], [], {}
+        for slide in slides:
+            if isinstance(slide.surface, Plane):
+                continue
+            faces = _faces_on(mesh, boundary, patches[slide.sides[0]])
+            rows = np.setdiff1d(faces, fixed)
+            if len(rows):
+                found.append(slide)
+                members.append(rows)
+                more[slide.what] = faces[~_are_among(faces, walls.faces)]
+        if not found:
+            return None, walls
+        rows, near = np.unique(np.concatenate(members)), ON_PLANE * np.linalg.norm(np.ptp(mesh.points, axis=0))
+        planes = [slide for slide in slides if isinstance(slide.surface, Plane)]
+        ends = [rows[plane.surface.distances(mesh.points[rows]) <= near] for plane in planes]
+        nodes, faces = (
+            SlidingNodes.of_members([*found, *planes], [*members, *ends], mesh.points),
+            walls.followed_by(more),
+        )
+        asked = np.unique(faces.faces)
+        return cls(tuple(found), nodes.among(asked), np.isin(asked, walls.faces)), faces
+
+
+def _are_among(faces: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Whether faces, (n, 4), are among others, (m, 4), whichever way they are turned."""
+    _, which = np.unique(np.sort(np.concatenate([others, faces]), axis=1), axis=0, return_inverse=True)
+    which = which.ravel()
+    return np.isin(which[len(others) :], which[: len(others)])
+
+
+def _faces_on(mesh: MixedMesh, boundary: GridBoundary, patch: str) -> np.ndarray:
+    """Faces of a mesh on a patch of the grid, (n, 4): whole markers, or, where there are none, each by itself."""
+    if not mesh.markers:
+        skin = mesh.skin
+        return skin[boundary.on_patch(mesh.points[skin], patch)][:, ::-1]
+    names = markers_mostly(mesh, lambda x: boundary.on_patch(x, patch))
+    return np.concatenate([np.zeros((0, 4), dtype=int), *(mesh.into_fluid(mesh.markers[name]) for name in names)])
