@@ -36,6 +36,7 @@ from .local_model import LocalModel
 from .model import Model
 from .model_file import arrays_of, checksum_of, document_of, read_model, write_model
 from .records import FitReport, FitSettings, GridHeader
+from .sliding_members import onto_surfaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +255,7 @@ class FittedModel(Plottable, Model):
         body = None if surface is None else (Body(grid_map.nodes[surface.rows], surface.quads), surface.rows)
         return EmbeddedPoints.of(grid_map, self.mesh, self.control_points, points, tolerance, body)
 
-    def member(self, factor: float) -> FittedModel:
+    def member(self, factor: float, slides: Sequence[Slide] = ()) -> FittedModel:
         """Model of a finer or coarser member of the grid family, section II.E, with the same control points.
 
         What the splines miss of the grid, the residual of the fit, is interpolated in the index where it is kept, so
@@ -264,6 +265,10 @@ class FittedModel(Plottable, Model):
         ----------
         factor : float
             Cells per direction of the member, divided by those of the grid.
+        slides : sequence of Slide
+            Patches that slide on surfaces which are not planes, ``mesh.slides`` of a mesh of this model: nodes of the
+            member are on these as well as those of the grid are, where the model keeps what the splines miss. The
+            member takes them as this model does.
 
         Returns
         -------
@@ -281,7 +286,12 @@ class FittedModel(Plottable, Model):
             prolonged = NodeTransfer.of(self.topology, member.topology).prolong(residual)
             residual = prolonged[node_sharing(member.topology).source_rows()]  # blocks round what they share alike
         header = _scaled_header(self.header, IndexScaling.of(self.topology, factor))
-        return replace(self, topology=member.topology, parameters=member.parameters, residual=residual, header=header)
+        parts = {"topology": member.topology, "parameters": member.parameters, "header": header}
+        finer = replace(self, **parts, residual=residual)
+        if residual is None or not slides:
+            return finer
+        on_surfaces = onto_surfaces(self.topology, self.local_nodes(), member.topology, finer.local_nodes(), slides)
+        return replace(finer, residual=residual + on_surfaces)
 
     def save(self, path: str | os.PathLike, compress: bool = True) -> None:
         """Write the model to one HDF5 file, see `bspline_mdao.core.model.model_file.write_model`."""
@@ -314,7 +324,9 @@ class FittedModel(Plottable, Model):
         return checksum_of(document_of(**values), arrays_of(**values))
 
 
-def family_member(model: FittedModel, factor: float, control_points: np.ndarray | None = None) -> Grid:
+def family_member(
+    model: FittedModel, factor: float, control_points: np.ndarray | None = None, slides: Sequence[Slide] = ()
+) -> Grid:
     """Grid of a fitted model with ``factor`` times the cells per direction, see `FittedModel.member`.
 
     Parameters
@@ -325,6 +337,9 @@ def family_member(model: FittedModel, factor: float, control_points: np.ndarray 
         Cells per direction of the member, divided by those of the grid.
     control_points : ndarray, shape (n_control_points, 3), optional
         Moved control points (m); the fitted ones by default.
+    slides : sequence of Slide
+        Patches that slide on surfaces which are not planes, ``mesh.slides`` of the mesh that moved: nodes of the member
+        stay on these.
 
     Returns
     -------
@@ -344,7 +359,7 @@ def family_member(model: FittedModel, factor: float, control_points: np.ndarray 
     >>> family_member(model, 2.0).shapes[0]  # twice the cells in each direction
     (9, 9, 9)
     """
-    return model.member(factor).regenerate(control_points)
+    return model.member(factor, slides).regenerate(control_points, slides)
 
 
 def _scaled_header(header: GridHeader, scaling: IndexScaling) -> GridHeader:

@@ -28,12 +28,12 @@ class SlidingCorrection(OneLine):
     correction: WallCorrection  # E, of the nodes that slide and no others
     sliding: SlidingNodes
 
-    def apply(self, nodes: np.ndarray, baseline: np.ndarray) -> SlidNodes:
-        """Take nodes, shape (n_nodes, 3), there, in place, from those of the baseline (m)."""
+    def apply(self, nodes: np.ndarray, baseline: np.ndarray | None = None) -> SlidNodes:
+        """Take nodes, shape (n_nodes, 3), there, in place, from those of the baseline, by default the first (m)."""
         rows = self.correction.rows
-        slid, places = self.sliding.from_baseline(nodes[rows], baseline[rows]), self.sliding.places
-        asked = nodes[rows]
-        asked[places] = slid.points
+        asked, sliding = nodes[rows], self.sliding
+        slid = sliding.at(asked) if baseline is None else sliding.from_baseline(asked, baseline[rows])
+        asked[sliding.places] = slid.points
         self.correction.meet(nodes, asked)
         return slid
 

@@ -9,7 +9,16 @@ from mover_cases import mesh_of, rotation
 from sliding_cases import lean, passage, passage_grid, rows_of, surface_of, wing_on_body_grid
 from topology_cases import patch
 
-from bspline_mdao import DesignSurface, GridEvaluate, GridMovement, InputError, find_topology, fit_grid, read_grid
+from bspline_mdao import (
+    DesignSurface,
+    GridEvaluate,
+    GridMovement,
+    InputError,
+    family_member,
+    find_topology,
+    fit_grid,
+    read_grid,
+)
 from bspline_mdao.core.design.motion import UnsteadyGrid
 from bspline_mdao.core.fit.live_fit import live_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
@@ -257,6 +266,33 @@ def test_a_model_regenerates_the_grid_with_nodes_on_their_surfaces(case):
     model, mesh, grid_map, points = case
     grid = model.regenerate(points, mesh.slides)
     np.testing.assert_array_equal(grid.to_vector().reshape(-1, 3), grid_map.at(points).nodes)
+
+
+@pytest.mark.parametrize("factor", [2.0, 1.5, 0.5])
+def test_nodes_of_members_are_on_the_surfaces_and_stay_there(case, factor):
+    model, mesh, _, points = case
+    member, plain, offset = model.member(factor, mesh.slides), model.member(factor).local_nodes(), 0.0
+    grids = member.local_nodes(), family_member(model, factor, points, mesh.slides).to_vector().reshape(-1, 3)
+    for name in SLIDING:
+        rows, surface = rows_of(member, name), surface_of(mesh, name)
+        off = np.abs(surface.levels(model.local_nodes()[rows_of(model, name)]).values).max()  # digits of the fit
+        for nodes in grids:
+            assert np.abs(surface.levels(nodes[rows]).values).max() < 1e-14 + 2.0 * off
+        offset = max(offset, surface.distances(plain[rows]).max())
+    assert (offset > 1e-5) == (factor > 1.0)
+    assert np.abs(grids[0] - plain).max() < 2.0 * offset + 1e-13
+    copies = member.grid_map().numbering.copies
+    for nodes in grids:
+        np.testing.assert_array_equal(nodes[copies[:, 0]], nodes[copies[:, 1]])
+    assert all(cells.is_valid.all() for cells in GridQuality.of_baseline(member.regenerate()).cells(grids[1]))
+
+
+def test_members_keep_heights_over_a_surface_that_is_given(simple):
+    tunnel = Cylinder((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 2.001)
+    mesh = moving_mesh(simple, "blade", sliding={"casing": tunnel})
+    member = simple.member(2.0, mesh.slides)
+    values = tunnel.levels(member.local_nodes()[rows_of(member, "casing")]).values
+    np.testing.assert_allclose(values, -1e-3, rtol=0.0, atol=1e-14)
 
 
 def test_each_process_has_the_bits_of_the_whole_grid():
