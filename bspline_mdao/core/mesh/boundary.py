@@ -48,6 +48,7 @@ from .curved_sides import (
 )
 from .following_faces import following_sides
 from .moving_mesh import MovingMesh
+from .sliding_points import SlidingPoints
 from .span_lines import span_lines
 
 __all__ = [
@@ -172,7 +173,9 @@ def moving_grid(
     nodes : ndarray, shape (n_nodes, 3)
         All nodes of the grid (m), blocks in order, each in C order.
     design, fixed, released, sliding
-        As for `moving_mesh`; numbers are those of the points of the mesh, and patches slide in planes alone.
+        As for `moving_mesh`; numbers are those of the points of the mesh. Points on patches that slide on curved
+        surfaces are there after a move, and what that takes fades over the blocks, see :doc:`/theory/sliding`. Those on
+        the edge of the design surface slide from where they are given.
 
     Returns
     -------
@@ -206,10 +209,12 @@ def moving_grid(
         point_ids[rows[segment.block][segment.slices]] = ids
     points = np.empty((max(int(ids.max()) for ids in blocks) + 1, 3))
     points[point_ids] = nodes
-    if isinstance(sliding, Mapping):
-        raise InputError("moving grid: without splines patches slide in planes alone; name planar ones, no surfaces")
     asked = _Requests.of(topology, len(points), design, fixed, released, sliding)
-    return _mesh(topology, blocks, points, asked), point_ids
+    mesh = _mesh(topology, blocks, points, asked, nodes=lambda: nodes)
+    if mesh.slides:
+        of_points = SlidingPoints.of(topology, nodes, point_ids, mesh.surface_ids, mesh.slides, mesh.ties)
+        mesh = replace(mesh, sliding_points=of_points)
+    return mesh, point_ids
 
 
 @dataclass(frozen=True, eq=False)

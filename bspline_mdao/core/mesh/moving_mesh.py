@@ -26,6 +26,7 @@ from ...grids.topology.periodic_ties import Ties
 from ..sliding.fixed_surface import Plane
 from ..sliding.sliding_nodes import Slide
 from ..splines.volume import Volume
+from .sliding_points import SlidingPoints, SlidPoints
 
 __all__ = ["MovingMesh", "Tangling", "require_mesh"]
 
@@ -95,6 +96,9 @@ class MovingMesh(OneLine):
     slides : tuple of Slide
         Patches that slide on fixed surfaces which are not planes, and planes that end on them; empty where there are
         none.
+    sliding_points : SlidingPoints, optional
+        What takes the points themselves to these surfaces after a move, where the mesh is a grid: of a control mesh the
+        nodes of its grid are taken there.
 
     Examples
     --------
@@ -125,6 +129,7 @@ class MovingMesh(OneLine):
     copy_turns: np.ndarray | None = None
     ties: Ties | None = None
     slides: tuple[Slide, ...] = ()
+    sliding_points: SlidingPoints | None = None
 
     @property
     def n_points(self) -> int:
@@ -257,6 +262,10 @@ class MovingMesh(OneLine):
             in_frames = np.einsum("nij,nj->ni", self.frames, displacement) * self.is_free
             slid = np.einsum("nij,ni->nj", self.frames, in_frames)
         return slid if self.ties is None else self.ties.alike(slid)
+
+    def slid(self, initial: np.ndarray, points: np.ndarray) -> SlidPoints | None:
+        """Where points that a move took somewhere slide to, both of shape (n_points, 3) (m); None where none do."""
+        return None if self.sliding_points is None else self.sliding_points.at(initial, points)
 
     def alike(self, displacement: np.ndarray) -> np.ndarray:
         """Displacements of the surface, shape (n_surface, 3), with the mean of both where it ends on periodic sides.

@@ -73,7 +73,7 @@ class ComovingFrame(OneLine):
             As the mover; also if the surface is turned inside out as a whole.
         """
         mover: Any = differentiable(self.mover) if self.keep_factors else self.mover
-        if self.mesh.ties is not None:
+        if self.mesh.ties is not None or self.mesh.curved_slides:
             return mover.move(initial, surface, **options)
         ids = self.mesh.surface_ids
         motion = RigidPart(self.mesh.plane_normals).at(initial[ids], surface)

@@ -24,6 +24,7 @@ from ...base.display import OneLine
 from ...base.numerics.progress import progress_bar
 from ...errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
+from ..mesh.sliding_points import SlidPoints
 from .mover import IncrementReport, MovementReport, Mover, Step, check_reach, check_request, met_alike
 
 __all__ = ["PAPER_INCREMENTS", "IncrementalMovement", "IncrementalMover", "in_increments", "increments_for"]
@@ -48,6 +49,7 @@ class IncrementalMovement(OneLine):
     # what moves from the same initial points can share, to be handed to the mover's next ``move`` as its ``start``;
     # None where there is nothing
     start: object = None
+    slid: SlidPoints | None = None  # where points slid to at the end; None where none slide
 
     @property
     def surface_ids(self) -> np.ndarray:
@@ -57,7 +59,7 @@ class IncrementalMovement(OneLine):
     @property
     def points(self) -> np.ndarray:
         """Points after the last increment, shape (n_points, 3), in metres."""
-        return self.steps[-1].points
+        return self.steps[-1].points if self.slid is None else self.slid.points
 
     def jvp(
         self,
@@ -70,7 +72,7 @@ class IncrementalMovement(OneLine):
         d_surface = d_at_rest + self.mesh.alike(d_surface - d_at_rest)
         for i, step in enumerate(self.steps, start=1):
             d_points = step.jvp(d_initial, d_points, _between(d_at_rest, d_surface, i, m))
-        return d_points
+        return d_points if self.slid is None else self.slid.jvp(d_initial, d_points)
 
     def vjp(
         self,
@@ -79,6 +81,8 @@ class IncrementalMovement(OneLine):
         """Transpose of `jvp`."""
         m = len(self.steps)
         initial_bar, surface_bar = np.zeros_like(bar), np.zeros((len(self.surface_ids), 3), dtype=bar.dtype)
+        if self.slid is not None:
+            initial_bar, bar = self.slid.vjp(bar)
         for i, step in zip(range(m, 0, -1), reversed(self.steps)):
             reference_bar, bar, target_bar = step.vjp(bar)
             initial_bar += reference_bar
@@ -140,7 +144,7 @@ def in_increments(
     initial, surface = as_array(initial, "movement: points"), as_array(surface, "movement: surface points")
     check_request(mesh, initial, surface)
     began, steps, reports = time.perf_counter(), [], []
-    before, surface_before = initial, initial[mesh.surface_ids]
+    before, surface_before, slid = initial, initial[mesh.surface_ids], None
     surface = met_alike(mesh, surface_before, surface)
     with progress_bar("moving the control mesh") as report_progress:
         for i in range(1, n_increments + 1):
@@ -151,10 +155,13 @@ def in_increments(
                 raise MovementError(f"increment {i} of {n_increments}: {error}") from error
             before = steps[-1].points
             check_reach(mesh, initial, surface, before)
+            if i == n_increments:
+                slid = mesh.slid(initial, before)
+                before = before if slid is None else slid.points
             tangling = mesh.tangled(before)
             reports.append(IncrementReport(solve=steps[-1].report, **vars(tangling)))
     report = MovementReport(tuple(reports), time.perf_counter() - began, n_invalid=mesh.n_invalid)
-    return IncrementalMovement(mesh, tuple(steps), report)
+    return IncrementalMovement(mesh, tuple(steps), report, slid=slid)
 
 
 def require_number(n_increments: int) -> None:

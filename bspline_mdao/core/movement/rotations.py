@@ -34,6 +34,7 @@ from ...base.sparse.cholesky import Cholesky
 from ...base.sparse.scalar import ScalarCholesky
 from ...errors import InputError
 from ..mesh.moving_mesh import MovingMesh
+from ..mesh.sliding_points import SlidPoints
 from ..walls.rotations import LocalRotations
 from .elasticity import lame_constants
 from .element_rotations import ElementRotations
@@ -157,9 +158,11 @@ class Rotations(OneLine):
         points = initial + displacements[-1].balance.parts[0]
         points[mesh.surface_ids] = surface
         check_reach(mesh, initial, surface, points)
+        slid = mesh.slid(initial, points)
+        points = points if slid is None else slid.points
         report = self._report([extension, *displacements], points, began)
         return RotatedMovement(
-            vectors, extension, of_elements, tuple(displacements), tuple(repetitions), points, report, start
+            vectors, extension, of_elements, tuple(displacements), tuple(repetitions), points, report, start, slid
         )
 
     def _report(self, fields: Sequence[TargetGradientField], points: np.ndarray, began: float) -> MovementReport:
@@ -199,6 +202,7 @@ class RotatedMovement(OneLine):
     points: np.ndarray  # (n_points, 3), moved points (m)
     report: MovementReport  # what the move did
     start: RotatedStart  # what moves from the same initial points can share
+    slid: SlidPoints | None  # where points slid to; None where none slide
 
     @property
     def surface_ids(self) -> np.ndarray:
@@ -226,13 +230,14 @@ class RotatedMovement(OneLine):
             d_displacement = displacement.jvp(d_initial, d_surface - d_at_rest, d_target)
         d_points = d_initial + d_displacement.sum(axis=0)
         d_points[self.surface_ids] = d_surface
-        return d_points
+        return d_points if self.slid is None else self.slid.jvp(d_initial, d_points)
 
     def vjp(
         self,
         bar: np.ndarray,  # (n_points, 3), derivative of a scalar with respect to the points
     ) -> tuple[np.ndarray, np.ndarray]:  # initial_bar: (n_points, 3); surface_bar: (n_surface, 3)
         """Transpose of `jvp`."""
+        by_slides, bar = (0.0, bar) if self.slid is None else self.slid.vjp(bar)
         mesh, initial_bar, surface_bar = self._mesh, bar.copy(), np.zeros((len(self.surface_ids), 3))
         parts_bar = bar[None]
         for rotations, displacement in zip(self.repetitions[::-1], self.displacements[:0:-1]):
@@ -252,4 +257,4 @@ class RotatedMovement(OneLine):
         surface_bar = surface_bar + by_vectors
         alike_bar = mesh.alike(surface_bar)
         initial_bar[self.surface_ids] += surface_bar - alike_bar
-        return initial_bar, alike_bar
+        return initial_bar + by_slides, alike_bar

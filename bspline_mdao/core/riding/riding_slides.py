@@ -62,12 +62,10 @@ class RidingSlides(OneLine):
         rows, near = np.unique(np.concatenate(members)), ON_PLANE * np.linalg.norm(np.ptp(mesh.points, axis=0))
         planes = [slide for slide in slides if isinstance(slide.surface, Plane)]
         ends = [rows[plane.surface.distances(mesh.points[rows]) <= near] for plane in planes]
-        nodes, faces = (
-            SlidingNodes.of_members([*found, *planes], [*members, *ends], mesh.points),
-            walls.followed_by(more),
-        )
-        asked = np.unique(faces.faces)
-        return cls(tuple(found), nodes.among(asked), np.isin(asked, walls.faces)), faces
+        nodes = SlidingNodes.of_members([*found, *planes], [*members, *ends], mesh.points)
+        both = walls.followed_by(more)
+        asked = np.unique(both.faces)
+        return cls(tuple(found), nodes.among(asked), np.isin(asked, walls.faces)), both
 
 
 def _are_among(faces: np.ndarray, others: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import openmdao.api as om
 import pytest
-from mover_cases import mesh_of, rotation
+from mover_cases import rotation
 from sliding_cases import lean, passage, passage_grid, rows_of, surface_of, wing_on_body_grid
 from topology_cases import patch
 
@@ -232,8 +232,6 @@ def test_what_cannot_slide_is_refused(simple):
     corner = simple.regenerate().blocks[0].nodes[0, 0, -1]
     with pytest.raises(InputError, match="is on the axis; fix or release it, or give another surface"):
         moving_mesh(simple, "blade", sliding={"casing": Cone(corner, (1.0, 0.0, 0.0), 0.1)})
-    with pytest.raises(InputError, match="moving grid: without splines patches slide in planes alone"):
-        mesh_of(passage_grid(), design="blade", sliding={"casing": far})
 
 
 def test_nodes_slide_on_a_surface_through_those_of_a_face_that_no_formula_has():
