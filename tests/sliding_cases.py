@@ -78,3 +78,22 @@ def wing_on_body_grid(shape=(9, 9, 11), off_wall=2e-3):
     patches.append(patch("symmetry", wholes[0].face(2), wholes[2].face(2), name="beside"))
     ends = (wholes[0].face(0), wholes[2].face(1), *(w.face(3) for w in wholes), *(w.face(5) for w in wholes))
     return grid_of(*blocks, patches=[*patches, patch("farfield", *ends, name="far")])
+
+
+def wing_and_body_grid(shape=(11, 9, 11), off_wall=2e-3):
+    """A wing on a round body about x, six blocks, three on either side of the wing, viscous at both."""
+    n_along, n_around, n_off = shape
+    around, part = 0.9 * stretch_from(n_around, off_wall), stretch_from(n_off, off_wall)
+    blocks, patches = [], []
+    for side, number in np.ndindex(2, 3):
+        x = number + (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, n_along))) / 2.0
+        x, angle, r = np.meshgrid(x, around, 1.0 + 2.0 * part, indexing="ij")
+        section = np.maximum(x - 1.0, 0.0) * np.maximum(2.0 - x, 0.0)
+        angle = angle + 0.3 * section / r * (0.9 - angle)
+        angle = (1.0, -1.0)[side] * angle
+        blocks.append(np.stack([x, r * np.sin(angle), r * np.cos(angle)], axis=-1))
+    wholes = [Window.whole(number, block.shape[:3]) for number, block in enumerate(blocks)]
+    patches = [patch("wall", wholes[n].face(2), name=name) for n, name in ((1, "wing upper"), (4, "wing lower"))]
+    patches.append(patch("wall", *(w.face(4) for w in wholes), name="body"))
+    ends = [w.face(side) for n, w in enumerate(wholes) for side in {0: (0, 3, 5), 1: (3, 5), 2: (1, 3, 5)}[n % 3]]
+    return grid_of(*blocks, patches=[*patches, patch("farfield", *ends, name="far")])

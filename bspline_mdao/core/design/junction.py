@@ -58,7 +58,9 @@ class Junction(OneLine):
     """Let a wing slide on a body that keeps its shape.
 
     The design surface holds both. Whatever the variables do to the body is put aside, but for those of its own shape:
-    its nodes near the wing slide on it along with the wing, and the wing's root stays on it.
+    its nodes near the wing slide on it along with the wing, and the wing's root stays on it. Of a grid of blocks that
+    was fitted the design surface is one of nodes, `bspline_mdao.DesignSurface.of_nodes`; of a mesh without structure
+    it is anyway.
 
     Parameters
     ----------
@@ -96,9 +98,14 @@ class Junction(OneLine):
         Raises
         ------
         InputError
-            If the wing does not meet the body, the body has a kink near it, its nodes are far off the given surface,
-            the reach is not positive, or what is rigid is not within it.
+            If the mesh has control points of blocks, the wing does not meet the body, the body has a kink near it, its
+            nodes are far off the given surface, the reach is not positive, or what is rigid is not within it.
         """
+        if layout.mesh.parameters is not None:
+            raise InputError(
+                "junction: control points of blocks are off wing and body, and nodes would not stay on the body; make "
+                "the design surface of nodes, DesignSurface.of_nodes(model)"
+            )
         if not self.reach > 0.0:
             raise InputError(f"junction: reach {self.reach}; give a positive distance in metres")
         if not 0.0 <= self.rigid < self.reach:

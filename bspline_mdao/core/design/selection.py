@@ -153,7 +153,8 @@ class OnPatch(Selection):
     def mask(self, mesh: MovingMesh) -> np.ndarray:
         """Whether each surface control point is on one of the patches."""
         model = self.model
-        if [ids.shape for ids in model.control_ids] != [ids.shape for ids in mesh.blocks]:
+        is_of_nodes = not mesh.blocks and len(mesh.markers) > 0  # see `bspline_mdao.core.mesh.node_mesh`
+        if not is_of_nodes and [ids.shape for ids in model.control_ids] != [ids.shape for ids in mesh.blocks]:
             raise InputError(f"selection: the mesh is not of {model.source}; give OnPatch the model of the mesh")
         if mesh.markers:  # of a mesh without structure
             wanted = matching_names([name for name, *_ in mesh.markers], self.patches, model.source)

@@ -286,8 +286,8 @@ class FittedModel(Plottable, Model):
             prolonged = NodeTransfer.of(self.topology, member.topology).prolong(residual)
             residual = prolonged[node_sharing(member.topology).source_rows()]  # blocks round what they share alike
         header = _scaled_header(self.header, IndexScaling.of(self.topology, factor))
-        parts = {"topology": member.topology, "parameters": member.parameters, "header": header}
-        finer = replace(self, **parts, residual=residual)
+        parameters = member.parameters
+        finer = replace(self, topology=member.topology, parameters=parameters, residual=residual, header=header)
         if residual is None or not slides:
             return finer
         on_surfaces = onto_surfaces(self.topology, self.local_nodes(), member.topology, finer.local_nodes(), slides)

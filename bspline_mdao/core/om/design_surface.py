@@ -24,8 +24,11 @@ from ..measures.thickness import within_edges
 from ..mesh.boundary import Selection, moving_mesh
 from ..mesh.curved_sides import Sliding
 from ..mesh.moving_mesh import MovingMesh
+from ..mesh.node_mesh import node_mesh, part_of_nodes
 from ..mesh.surface import SurfaceGrid
+from ..model.model import Model
 from ..model.movable import Movable
+from ..movement.default_mover import default_mover
 from .grid_movement import GridMovement
 
 __all__ = ["DesignSurface"]
@@ -61,6 +64,8 @@ class DesignSurface(OneLine):
         Its control mesh.
     surface : SurfaceGrid
         The nodes of the design surface.
+    control_mesh : MovingMesh, optional
+        The control mesh, where ``mesh`` has the nodes of the surface instead, see `of_nodes`.
 
     Examples
     --------
@@ -78,6 +83,7 @@ class DesignSurface(OneLine):
     model: Movable
     mesh: MovingMesh
     surface: SurfaceGrid
+    control_mesh: MovingMesh | None = None
 
     @classmethod
     def of(
@@ -112,6 +118,40 @@ class DesignSurface(OneLine):
         mesh = moving_mesh(model, design, fixed, released, sliding)
         return cls(model, mesh, SurfaceGrid.of(model, design))
 
+    @classmethod
+    def of_nodes(
+        cls,
+        model: Model,
+        design: str | Sequence[str] | None = None,
+        *,
+        fixed: Selection | Sequence[Selection] = (),
+        released: str | Sequence[str] = (),
+        sliding: Sliding = (),
+    ) -> DesignSurface:
+        """Take nodes of patches of a fitted grid as the design surface, in the place of its control points.
+
+        Variables move the nodes, the control points follow these, and the grid meets them exactly: so a wing slides on
+        a body with a `Junction`, and nodes on both are where variables put them.
+
+        Parameters
+        ----------
+        model : FittedModel
+            The fitted grid, one-to-one.
+        design, fixed, released, sliding
+            As of `of`.
+
+        Returns
+        -------
+        DesignSurface
+
+        Raises
+        ------
+        InputError
+            As `moving_mesh`; also if the grid has periodic faces.
+        """
+        control_mesh, surface = moving_mesh(model, design, fixed, released, sliding), SurfaceGrid.of(model, design)
+        return cls(model, node_mesh(model, surface), surface, control_mesh)
+
     def part(self, design: str | Sequence[str]) -> DesignSurface:
         """Take some of its patches, such as a flap, for variables and measures of their own.
 
@@ -130,6 +170,9 @@ class DesignSurface(OneLine):
         InputError
             If there is no such patch, or one of them is not designed.
         """
+        if self.control_mesh is not None:
+            mesh = part_of_nodes(self.mesh, self.surface, design)
+            return DesignSurface(self.model, mesh, SurfaceGrid.of(self.model, design), self.control_mesh)
         mesh = moving_mesh(self.model, design)
         idle = self.mesh.surface_rows[mesh.surface_ids] < 0
         if idle.any():
@@ -224,7 +267,7 @@ class DesignSurface(OneLine):
         measures : sequence of Measure
             What is measured of ``surface``, or of other surfaces of the model.
         **options
-            Other options of `GridMovement`, such as a ``mover`` of ``mesh``.
+            Other options of `GridMovement`, such as a ``mover`` of ``mesh``, or of ``control_mesh``.
 
         Returns
         -------
@@ -236,4 +279,6 @@ class DesignSurface(OneLine):
             As `Parametrization`.
         """
         parametrization = self.parametrization(variables, constraints, junction)
+        if self.control_mesh is not None:
+            options = {"mover": default_mover(self.model, self.control_mesh), "surface": self.surface, **options}
         return GridMovement(model=self.model, parametrization=parametrization, measures=measures, **options)

@@ -57,7 +57,8 @@ class GridMovement(Copied, om.Group):
 
     All inputs start at the values of the model, so that the first run gives the baseline grid. Without a
     parametrization ``surface_control_points`` is an input. With a ``surface`` it is the nodes of this surface that are
-    given: the control points are fitted to them, and the wall of the grid is exactly where they are.
+    given: the control points are fitted to them, and the wall of the grid is exactly where they are. With both, of
+    `DesignSurface.of_nodes`, design variables move these nodes.
 
     Options
     -------
@@ -171,7 +172,7 @@ class GridMovement(Copied, om.Group):
         surface = self.options["surface"]
         is_fitted = self.options["fit"]
         if is_fitted is None:
-            is_fitted = is_live or (self.comm.size == 1 and not model.why_no_fit)
+            is_fitted = is_live or (self.comm.size == 1 and not model.why_no_fit and not self._moves_nodes)
         is_local = model.ownership is not None
         if model.why_no_fit and (is_fitted or (is_local and surface is not None)):
             raise InputError(
@@ -185,8 +186,8 @@ class GridMovement(Copied, om.Group):
             self._add("fit", Fit(model=model, live=is_live))
         asked = {"surface": surface, "numbers": self.options["numbers"]} if surface is not None else {}
         if self.options["parametrization"] is not None:
-            self._add("control", SurfaceControl(parametrization=self.options["parametrization"]))
-        elif surface is not None:
+            self._add_control(self.options["parametrization"])
+        if surface is not None:
             self._add("fit_surface", SurfaceControlFit(model=model, mesh=mover.mesh, **asked))
         if self.options["measures"]:
             self._add_measures(mover.mesh)
@@ -206,14 +207,39 @@ class GridMovement(Copied, om.Group):
 
     def _require_alone(self, surface: SurfaceGrid) -> None:
         """Refuse what does not go together with nodes of a surface that are given."""
-        if self.options["parametrization"] is not None:
+        parametrization, by_nodes = self.options["parametrization"], self._moves_nodes
+        if parametrization is not None and not (
+            by_nodes and np.array_equal(parametrization.mesh.points, surface.points)
+        ):
             raise InputError(
-                f"{self.msginfo}: both a parametrization and the nodes of a surface would move the surface; give one"
+                f"{self.msginfo}: both a parametrization and the nodes of a surface would move the surface; give one, "
+                f"or both of DesignSurface.of_nodes(model)"
+            )
+        if by_nodes and (self.options["fit"] or self.options["numbers"] is not None):
+            name = "fit" if self.options["fit"] else "numbers"
+            raise InputError(
+                f"{self.msginfo}: variables move all nodes of the surface from where they are; leave out '{name}'"
             )
         if self.options["live"]:
             raise InputError(f"{self.msginfo}: live=True does not follow nodes of a surface; leave one out")
         if self.options["measures"] and self.options["numbers"] is not None:
             raise InputError(f"{self.msginfo}: measures need all nodes of the surface; leave out 'numbers'")
+
+    @property
+    def _moves_nodes(self) -> bool:
+        """Whether the variables are of nodes of the surface, see `DesignSurface.of_nodes`."""
+        parametrization = self.options["parametrization"]
+        return self.options["surface"] is not None and parametrization is not None and not parametrization.mesh.blocks
+
+    def _add_control(self, parametrization: Parametrization) -> None:
+        """Move control points of the surface by the variables, or nodes: then these are the surface that is given."""
+        if not self._moves_nodes:
+            self._add("control", SurfaceControl(parametrization=parametrization))
+            return
+        inputs = [variable.name for variable in parametrization.variables]
+        outputs = [(SURFACE_CONTROL_POINTS, SURFACE), *parametrization.hinges]
+        control = SurfaceControl(parametrization=parametrization)
+        self.add_subsystem("control", control, promotes_inputs=inputs, promotes_outputs=outputs)
 
     def _add(self, name: str, component: om.ExplicitComponent) -> None:
         self.add_subsystem(name, component, promotes=["*"])
@@ -266,6 +292,9 @@ class GridMovement(Copied, om.Group):
     def _mover_of_options(self) -> Mover:
         """The user's mover, or rotations."""
         model, mover, parametrization = (self.options[name] for name in ("model", "mover", "parametrization"))
+        if self._moves_nodes:
+            parametrization, patches = None, sorted(set(self.options["surface"].patches))
+            mover = mover or default_mover(model, moving_mesh(model, patches))
         if mover is None and parametrization is None:
             return default_mover(model, moving_mesh(model))
         whose = "parametrization" if mover is None else "mover"
