@@ -20,11 +20,11 @@ def passage_nodes(shape=(9, 8, 7), motion="rotation", pitch=PITCH, across=(0.0, 
     return np.stack([3.0 * i, radius * np.cos(turn), radius * np.sin(turn)], axis=-1)
 
 
-def passage(*shape, motion="rotation", **options):
-    """One block, which meets itself across; its hub is a wall."""
+def passage(*shape, motion="rotation", wall=4, **options):
+    """One block, which meets itself across; its hub, or another face, is a wall."""
     nodes = passage_nodes(shape or (9, 8, 7), motion, **options)
     whole = Window.whole(0, nodes.shape[:3])
-    patches = [patch("wall", whole.face(4), name="hub"), patch("other", whole.face(2), whole.face(3), name="sides")]
+    patches = [patch("wall", whole.face(wall), name="hub"), patch("other", whole.face(2), whole.face(3), name="sides")]
     return grid_of(nodes, patches=patches)
 
 

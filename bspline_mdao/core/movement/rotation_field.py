@@ -41,8 +41,11 @@ ROUND_OFF = 1e-14
 
 def surface_rotations(mesh: MovingMesh) -> LocalRotations:
     """What the rotation of each surface point is made of."""
-    # What lies on two planes of symmetry never turns.
+    # What lies on two planes of symmetry never turns. What is on the axis of a sector stays on it, and turns about it.
     ids, normals = mesh.in_plane_rows, mesh.in_plane_normals
+    if mesh.surface_ties is not None:
+        is_across = _is_across(mesh.surface_ties, ids, normals)
+        ids, normals = ids[~is_across], normals[~is_across]
     planes, number = np.unique(np.round(normals * _sign(normals), SAME_PLANE), axis=0, return_inverse=True)
     number = number.ravel()
     rows, n_planes = np.unique(ids, return_counts=True)
@@ -51,7 +54,16 @@ def surface_rotations(mesh: MovingMesh) -> LocalRotations:
         quads=surface_quads(mesh),
         planes=[(ids[number == k], normals[number == k][0]) for k in range(len(planes))],
         fixed=rows[n_planes > 1],
+        ties=mesh.surface_ties,
     )
+
+
+def _is_across(ties: Ties, ids: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Whether normals at points are directions across an axis on which the points are."""
+    across = np.zeros((1 + max(ids.max(initial=0), ties.on_axis.max(initial=0)), 3, 3))
+    np.add.at(across, ties.on_axis, np.einsum("ni,nj->nij", ties.across, ties.across))
+    off = normals - np.einsum("nij,nj->ni", across[ids], normals)
+    return np.abs(off).max(axis=1, initial=0.0) < 10.0**-SAME_PLANE
 
 
 def _sign(normals: np.ndarray) -> np.ndarray:
@@ -65,7 +77,7 @@ class RotationUnknowns:
     """Numbering of the rotations of the points that may move, and the matrix of their extension."""
 
     # An unknown is the component along a direction that a point may turn about: what moves freely turns about three,
-    # what slides in a plane about its normal, and all else does not turn.
+    # what slides in a plane about its normal, what is on the axis of a sector about that, and all else does not turn.
 
     points: Unknowns  # the points that may move, with the pattern of their stiffness, all on this process
     comm: Any = ONE
@@ -79,6 +91,9 @@ class RotationUnknowns:
         is_free = mesh.is_free[ids]
         rotating, sliding = (np.flatnonzero(is_free.sum(axis=1) == n) for n in (3, 2))
         fixed = np.argmin(is_free[sliding], axis=1)
+        if mesh.ties is not None:  # points on an axis turn about it
+            on_axis = np.flatnonzero((is_free.sum(axis=1) == 1) & np.isin(ids, mesh.ties.on_axis))
+            sliding, fixed = np.append(sliding, on_axis), np.append(fixed, np.argmax(is_free[on_axis], axis=1))
         normals = np.eye(3)[fixed] if mesh.frames is None else mesh.frames[ids[sliding], fixed]
         # directions that free points turn about: normals first, so that planes at right angles join no components
         axes = np.linalg.qr(np.concatenate([mesh.plane_normals, np.eye(3)]).T)[0].T

@@ -10,7 +10,8 @@ spacings of 1e-3 by 1 do not matter. Quads tell where a surface looks to: both s
 as vectors, add up as products. The scales ``|e|^2`` and ``|a|^2`` are those of the baseline and stay, so that M is
 linear in the points before and in the edges and areas after the move.
 
-`.polar` finds R, and its derivative.
+Points of periodic sides that are tied see what their copies see, too (`.tied_sums`). `.polar` finds R, and its
+derivative.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -28,8 +29,10 @@ from scipy.sparse import coo_array, csr_array
 
 from ...base.numerics.threads import run_tasks, thread_count
 from ...errors import InputError, MovementError
+from ...grids.topology.periodic_ties import Ties
 from .planes import MirrorMeans
 from .polar import nearest_rotations, rotation_changes
+from .tied_sums import TiedSums
 
 __all__ = ["LocalRotations", "Rotations"]
 
@@ -71,6 +74,8 @@ class LocalRotations:
         Points in planes of symmetry, and the unit normal of each plane.
     fixed : ndarray of int
         Points that never turn.
+    tied : TiedSums or None
+        Points that are one but for a motion.
     n_threads : int, optional
         Number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
 
@@ -94,6 +99,7 @@ class LocalRotations:
     mix: csr_array | None = None
     planes: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
     fixed: np.ndarray | None = None
+    tied: TiedSums | None = None
     n_threads: int | None = None
 
     @classmethod
@@ -110,6 +116,7 @@ class LocalRotations:
         # itself moves, tell `at` its normal.
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
         fixed: np.ndarray | None = None,  # of int, points that are not to turn
+        ties: Ties | None = None,  # points of periodic sides, which turn as their copies do
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
     ) -> LocalRotations:  # points without neighbours and quads never turn
         """Find the neighbours and the quads of every point."""
@@ -119,6 +126,8 @@ class LocalRotations:
         edges = _numbers(edges, 2, n, "edges")
         sides = [quads[:, [k, (k + 1) % 4]] for k in range(4)]
         starts, neighbours, scales = _neighbours(points, np.concatenate([edges, *sides]))
+        tied = TiedSums(ties) if ties is not None and len(ties) else None
+        fractions = np.ones(len(scales)) if tied is None else tied.fractions(starts, neighbours, _size(points))
         corner_starts, corners = _corners(quads, n)
         quad_scales = _quad_scales(points, quads)
         planes = tuple((np.asarray(ids), np.asarray(p, dtype=float) / np.linalg.norm(p)) for ids, p in planes)
@@ -126,16 +135,17 @@ class LocalRotations:
         made = cls(
             starts,
             neighbours,
-            scales,
+            scales * fractions,
             quads.astype(np.int32),
             quad_scales,
             corner_starts,
             corners,
             planes=planes,
             fixed=fixed,
+            tied=tied,
             n_threads=n_threads,
         )
-        mix, lost = made._neighbour_mix(points)
+        mix, lost = made._neighbour_mix(points, fractions)
         return cls(**{**vars(made), "mix": mix, "fixed": np.union1d(fixed, lost)})
 
     @property
@@ -197,6 +207,10 @@ class LocalRotations:
         self.over_points(_moments, *graph, initial, moved, initial_areas, moved_areas, sums)
         return self._with_neighbours(sums, self.mix)
 
+    def _alike(self, matrices: np.ndarray) -> np.ndarray:
+        """Matrices with what copies see; its own transpose."""
+        return matrices if self.tied is None else self.tied.of(matrices)
+
     def _moments_transposed(
         self,
         bar: np.ndarray,  # (n, 3, 3), one matrix per point
@@ -206,7 +220,9 @@ class LocalRotations:
         transposed: bool,  # whether the side asked is the one before the move
     ) -> np.ndarray:
         """Derivative of ``sum(bar M)`` with respect to the points after the move, or before it, shape (n, 3)."""
-        bar = self._with_neighbours(bar, None if self.mix is None else self.mix.T)
+        if self.mix is not None:
+            bar = bar + (self.mix.T @ self._alike(bar).reshape(-1, 9)).reshape(-1, 3, 3)
+        bar = self._alike(bar)
         bar = np.ascontiguousarray(bar.transpose(0, 2, 1) if transposed else bar)
         pulls = np.empty((len(self.quads), 2, 3), dtype=np.result_type(bar, asked, points))
         _diagonal_pulls(bar, self.quads, self.quad_scales, areas, asked, pulls)
@@ -215,12 +231,12 @@ class LocalRotations:
         self.over_points(_gather, *graph, bar, points, pulls, out)
         return out
 
-    @staticmethod
-    def _with_neighbours(matrices: np.ndarray, mix: csr_array | None) -> np.ndarray:
-        """Add the matrices of neighbours for the points that need them."""
-        return matrices if mix is None else matrices + (mix @ matrices.reshape(-1, 9)).reshape(-1, 3, 3)
+    def _with_neighbours(self, matrices: np.ndarray, mix: csr_array | None) -> np.ndarray:
+        """Add what copies see, and the matrices of neighbours for the points that need them."""
+        matrices = self._alike(matrices)
+        return matrices if mix is None else matrices + self._alike((mix @ matrices.reshape(-1, 9)).reshape(-1, 3, 3))
 
-    def _neighbour_mix(self, points: np.ndarray) -> tuple[csr_array | None, np.ndarray]:
+    def _neighbour_mix(self, points: np.ndarray, fractions: np.ndarray) -> tuple[csr_array | None, np.ndarray]:
         """Weights of neighbours for points that see one direction only, and the points that see no more even so."""
         areas = self.areas(points)
         seen = self._moments(points, points, areas, areas)
@@ -230,8 +246,8 @@ class LocalRotations:
         ends = np.repeat(np.arange(self.n_points), np.diff(self.starts))
         is_asked = alone[ends]
         pairs = ends[is_asked], self.neighbours[is_asked]
-        mix = coo_array((np.ones(len(pairs[0])), pairs), shape=(self.n_points, self.n_points)).tocsr()
-        seen = self._with_neighbours(seen, mix)
+        mix = coo_array((fractions[is_asked], pairs), shape=(self.n_points, self.n_points)).tocsr()
+        seen = seen + self._alike((mix @ seen.reshape(-1, 9)).reshape(-1, 3, 3))
         MirrorMeans.of(self.planes, None, seen)
         return mix, np.flatnonzero(_is_alone(seen))
 
