@@ -17,8 +17,8 @@ from ...base.display import OneLine
 from ...names import CONTROL_POINTS
 from ..evaluation.node_map import require_inputs
 from ..riding.riding_mesh import WALL, EmbeddedMesh, EmbeddedMeshState
-from ..riding.wall_images import WallImages
 from ..sliding.sliding_nodes import SlidNodes
+from ..walls.wall_images import WallImages
 from .node_copies import TiedNodes
 from .sliding_markers import SlidingWalls
 
@@ -90,17 +90,11 @@ class MeshMap(OneLine):
 
     def with_images(self, change: np.ndarray) -> np.ndarray:
         """Changes of the nodes that are asked for, shape (n_given, 3), and behind them those of their images."""
-        if self.images is None:
-            return change
-        return np.concatenate([change, self.images.turned(change[self.images.originals])])
+        return change if self.images is None else self.images.changes(change)
 
     def with_images_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `with_images`."""
-        if self.images is None:
-            return bar
-        found = bar[: self.n_given].copy()
-        np.add.at(found, self.images.originals, self.images.turned_back(bar[self.n_given :]))
-        return found
+        return bar if self.images is None else self.images.changes_vjp(bar)
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
         """Derivatives by all nodes of those by the nodes of this process: its nodes are all."""

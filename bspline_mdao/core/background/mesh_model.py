@@ -34,10 +34,10 @@ from ..model.movable import Movable
 from ..movement.default_mover import default_mover
 from ..riding.riding_mesh import RidingWalls
 from ..riding.wall_faces import WallFaces
-from ..riding.wall_images import WallImages
 from ..sliding.sliding_nodes import Slide, SlidingNodes
 from ..splines.mesh import BSplineMesh
 from ..walls.body_points import Body
+from ..walls.wall_images import WallImages
 from .background_lattice import BackgroundLattice
 from .end_planes import INNER, SLIDING, WALL, EndPlane, section_axis
 from .lattice_settings import DEFAULTS, LatticeSettings

@@ -14,8 +14,8 @@ import numpy as np
 
 from ...grids.cells.mixed_cells import MixedMesh
 from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
-from ..riding.wall_images import WallImages
 from ..sliding.sliding_nodes import SlidingNodes
+from ..walls.wall_images import WallImages
 from .background_lattice import BackgroundLattice
 from .end_planes import EndPlane
 from .mesh_map import MeshMap

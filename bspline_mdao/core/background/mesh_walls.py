@@ -16,8 +16,8 @@ from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.quads import area_vectors
 from ..riding.riding_mesh import RidingWalls
 from ..riding.wall_faces import WallFaces
-from ..riding.wall_images import WallImages
 from ..walls.embedded_points import ON_PLANE
+from ..walls.wall_images import WallImages
 from .background_lattice import BackgroundLattice
 from .node_copies import copies_among
 from .periodic_sides import PeriodicSides
@@ -60,29 +60,13 @@ def _without_rows(matrix: csr_array, rows: np.ndarray) -> csr_array:
 
 def images_of_walls(mesh: MixedMesh, walls: WallFaces, sides: Sequence[PeriodicSides]) -> WallImages | None:
     """Walls beyond periodic sides, as far as nodes within may follow them; None where there are none."""
-    corners, n = mesh.points[walls.faces], mesh.n_points
+    corners = mesh.points[walls.faces]
     reach = np.maximum(
         REACH[0] * np.sqrt(np.linalg.norm(area_vectors(corners), axis=1)),
         REACH[1] * np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)),
     )
-    found: list[tuple[np.ndarray, ...]] = []
-    for each in sides:
-        for motion, (near, beyond) in ((each.motion, each.pairs.T), (each.motion.inverse(), each.pairs[:, ::-1].T)):
-            distances, _ = cKDTree(mesh.points[near]).query(corners.reshape(-1, 3), distance_upper_bound=reach.max())
-            kept = np.flatnonzero((distances.reshape(-1, 4) <= reach[:, None]).any(axis=1))
-            partner = np.full(n, -1)
-            partner[near] = beyond
-            is_in = np.isin(walls.faces[kept], near)
-            kept = kept[(~is_in | np.isin(partner[walls.faces[kept]], walls.faces)).all(axis=1)]
-            faces = walls.faces[kept]
-            originals = np.setdiff1d(faces, near)
-            partner[originals] = n + sum(len(points) for points, *_ in found) + np.arange(len(originals))
-            turns = np.tile(motion.turn(np.eye(3)).T, (len(originals), 1, 1))
-            images = motion.move(mesh.points[originals])
-            found.append((images, originals, turns, partner[faces], walls.marker[kept]))
-    if not any(len(faces) for *_, faces, _ in found):
-        return None
-    return WallImages(*(np.concatenate(parts) for parts in zip(*found)))
+    pairs = ((each.motion, *each.pairs.T) for each in sides)
+    return WallImages.of(mesh.points, walls.faces, walls.marker, reach, pairs)
 
 
 def copies_of_walls(

@@ -24,10 +24,9 @@ from ...base.checks import as_array
 from ...base.numerics.mean_planes import MeanPlane
 from ...errors import InputError
 from ...grids.cells.quads import edges_of
-from ...grids.topology.index_space import Section
-from ...grids.topology.periodic_ties import Ties, control_ties
+from ...grids.topology.periodic_ties import Ties, control_ties, tied_sides
 from ...grids.topology.sharing import boundary_sections, boundary_sides
-from ...grids.topology.topology import BoundaryFace, Link, Topology, describe
+from ...grids.topology.topology import BoundaryFace, Topology, describe
 from ..model.fitted_model import FittedModel
 from ..model.model import Model
 from ..model.movable import Movable
@@ -283,7 +282,8 @@ def _mesh(
             others.append(Side(face, ids, number))
     ties = control_ties(topology, blocks)
     if ties is not None:
-        tied = _tied_sides(topology)
+        of_ties = tied_sides(topology)
+        tied = {number for number, (_, *side) in enumerate(boundary_sides(topology)) if tuple(side) in of_ties}
         is_free = [side.number in tied and _may_slide(side.face, asked) for side in others]
         others = [s for s, free in zip(others, is_free) if not free or _is_asked_to_slide(s.face, asked)]
     require_off_design(_curved(designed, points, asked, nodes is not None), topology.source)
@@ -338,19 +338,6 @@ def _planes_of_section(mesh: MovingMesh) -> np.ndarray:
         if lines is not None and lines.shape[1] == 2:
             return lines
     return mesh.copies
-
-
-def _tied_sides(topology: Topology) -> frozenset[int]:
-    """Numbers of the sides of segments that are tied to others, see `boundary_sides`."""
-    ends = ((end, section) for tied in topology.periodic for link in tied.links for end, section in _ends(link))
-    faces = {
-        (segment, 2 * d + (end == -1)) for segment, section in ends for d, end in enumerate(section) if end in (0, -1)
-    }
-    return frozenset(n for n, (_, *side) in enumerate(boundary_sides(topology)) if tuple(side) in faces)
-
-
-def _ends(link: Link) -> tuple[tuple[int, Section], ...]:
-    return (link.a, link.a_section), (link.b, link.b_section)
 
 
 def _tied(ties: Ties | None, surface: np.ndarray) -> dict[str, Any]:

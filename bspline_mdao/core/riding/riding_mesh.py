@@ -45,10 +45,10 @@ from ..walls.layer import WallLayer
 from ..walls.settings import MESH_LAYER
 from ..walls.wall import Wall
 from ..walls.wall_following import Followed, WallFollowing
+from ..walls.wall_images import WallImages
 from .riding_slides import RidingSlides
 from .section_span import require_planes_of_section
 from .wall_faces import GridBoundary, WallFaces
-from .wall_images import WallImages
 
 __all__ = ["EmbeddedMesh", "EmbeddedMeshState"]
 

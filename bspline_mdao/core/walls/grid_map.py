@@ -5,8 +5,10 @@
                                         Of nodes that slide on fixed surfaces w is the closest point there to y, or
                                         to where they are given (`bspline_mdao.core.sliding`)
     x = layer(y; x0, w)                 nodes near walls follow them as a rigid body (`.layer`)
-    x <- x0 + P (x - x0)                nodes of periodic sides move alike, since walls are seen from within on either
-                                        side (`bspline_mdao.grids.topology.periodic_ties`); so does y, once it is there
+    x <- x0 + P (x - x0)                nodes of periodic sides move alike
+                                        (`bspline_mdao.grids.topology.periodic_ties`), as the layer, which sees walls
+                                        beyond them (`.wall_images`), does but for rounding; so does y, as residuals are
+                                        smoothed on either side by themselves
 
 At the control points of the baseline it gives the baseline, and a rigid motion of all control points moves all nodes
 with it, to round-off. Without walls the layer is nothing, and without a residual there is none to turn. What is near
@@ -110,7 +112,7 @@ class GridMap(OneLine):
         if walls is not None:
             layer = walls.layer(numbering, nodes, evaluator.n_threads)
             rows, plane_rows = map(numbering.numbers_of, walls.needed)
-            following = WallFollowing(layer, rows, plane_rows, walls.normals)
+            following = WallFollowing(layer, rows, plane_rows, walls.normals, walls.images)
         return cls(evaluator, nodes, rotation_map, vectors, following, numbering, NodeTies.of(numbering))
 
     def meeting(

@@ -9,7 +9,7 @@ Theory: ``docs/theory/wall_layer.rst``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,20 +26,30 @@ from ...grids.topology.node_numbering import (
     node_copies,
     source_rows,
 )
+from ...grids.topology.periodic_ties import rows_of_sides, tied_sides
+from ...grids.topology.sharing import boundary_sides
 from ...grids.topology.topology import BoundaryFace, Topology
 from .layer import WallLayer
 from .planes import PlaneNormal
 from .settings import LAYER, LayerSettings
 from .wall import Wall
+from .wall_images import WallImages
 
 __all__ = ["GridWalls"]
+
+RINGS = 6.0
+"""How far beyond a periodic side walls are seen, in longest diagonals of their faces: layers reach over three widths, a
+reach is a mean over `LayerSettings.smoothings` neighbours, and rotations are those of one ring of faces more."""
+
+SAME_PLANE = 1e-5
+"""A plane whose normal is turned by less than this (rad) stays itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class GridWalls:
     """The walls of a grid. Made by `GridWalls.of`."""
 
-    wall: Wall  # all walls as one
+    wall: Wall  # all walls as one, and behind them those beyond periodic sides
     rows: np.ndarray  # (n_wall,) of int, rows of their nodes in the grid vector, each shared one once
     plane_rows: np.ndarray  # (n_plane,) of int, rows of the nodes on the outlines of planes that walls end on
     normals: tuple[PlaneNormal, ...]  # normals of these planes, as functions of those nodes
@@ -47,6 +57,7 @@ class GridWalls:
     # the baseline
     planes: tuple[tuple[np.ndarray, np.ndarray], ...]
     fixed: np.ndarray  # of int, rows of the nodes on other boundary faces, which do not follow walls
+    images: WallImages | None = None  # walls beyond periodic sides, as nodes of the walls number them
 
     @staticmethod
     def rows_seen(topology: Topology) -> np.ndarray:
@@ -74,7 +85,9 @@ class GridWalls:
         size = np.linalg.norm(np.ptp(nodes[boundary_rows(topology, topology.boundary)], axis=0))
         planes: dict[tuple, tuple[np.ndarray, list[np.ndarray]]] = {}
         fixed = [np.zeros(0, dtype=int)]
-        others = [face for face in topology.boundary if face.kind != "wall"]
+        of_ties = tied_sides(topology)
+        tied = {face for face, *side in boundary_sides(topology) if tuple(side) in of_ties} if of_ties else set()
+        others = [face for face in topology.boundary if face.kind != "wall" and face not in tied]
         rows_of = [source_rows(copies, face_rows(topology, f.window).reshape(_face_shape(f.window))) for f in others]
         for rows, plane in zip(rows_of, _planes(others, [nodes[rows.ravel()] for rows in rows_of])):
             area = PlaneNormal.of_outline([rows]).area_vector(nodes)
@@ -90,11 +103,19 @@ class GridWalls:
         of_wall = [(np.searchsorted(surface.rows, rows[m]), n) for (rows, n), m in zip(found, is_met) if m.any()]
         quads, faces = surface.quads, surface.quad_faces
         points, heights = nodes[surface.rows], surface.heights
+        images = _images(topology, nodes, surface.rows, quads, faces)
+        if images is not None:
+            of_wall = [(_with_images(ids, normal, images, len(points)), normal) for ids, normal in of_wall]
+            points, heights = images.beyond(points, points), np.append(heights, heights[images.originals])
+            # faces end on periodic sides, as they do between blocks
+            quads, faces = np.concatenate([quads, images.faces]), np.append(faces, images.marker + faces.max() + 1)
         wall = Wall.of(points, quads, heights, of_wall, None, faces, n_threads, settings)
         outlines = [PlaneNormal.of_outline(f) for (_, f), m in zip(planes.values(), is_met) if m.any()]
         plane_rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(outline.ids for outline in outlines)]))
         normals = tuple(outline.among(plane_rows) for outline in outlines)
-        return cls(wall, surface.rows, plane_rows, normals, found, np.setdiff1d(np.concatenate(fixed), surface.rows))
+        return cls(
+            wall, surface.rows, plane_rows, normals, found, np.setdiff1d(np.concatenate(fixed), surface.rows), images
+        )
 
     @property
     def needed(self) -> tuple[np.ndarray, np.ndarray]:
@@ -113,9 +134,36 @@ class GridWalls:
         ]
         fixed = numbering.numbers_of(self.fixed)
         rows = numbering.numbers_of(self.rows)
+        fixed, copies = fixed[fixed >= 0], numbering.copies
+        n_beyond = self.wall.n_points - len(rows)
         return WallLayer.of(
-            self.wall, nodes, rows, planes, fixed[fixed >= 0], numbering.copies, n_threads, least_slope=0.0
+            self.wall, nodes, rows, planes, fixed, copies, n_threads, least_slope=0.0, n_beyond=n_beyond
         )
+
+
+def _images(
+    topology: Topology, nodes: np.ndarray | NodesByRow, rows: np.ndarray, quads: np.ndarray, faces: np.ndarray
+) -> WallImages | None:
+    """Walls beyond periodic sides, of walls by the rows of their nodes and by quads of these."""
+    sides = rows_of_sides(topology)
+    used = np.unique(np.concatenate([rows, *(side for _, a, b in sides for side in (a, b))]))
+    points, of_walls = nodes[used], np.searchsorted(used, rows)
+    corners = points[of_walls[quads]]
+    diagonals = np.stack([corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]])
+    reach = RINGS * np.linalg.norm(diagonals, axis=-1).max(axis=0)
+    places = [(motion, np.searchsorted(used, a), np.searchsorted(used, b)) for motion, a, b in sides]
+    images = WallImages.of(points, of_walls[quads], faces, reach, places)
+    if images is None:
+        return None
+    numbers = np.append(np.full(len(used), -1), len(rows) + np.arange(len(images.points)))
+    numbers[of_walls] = np.arange(len(rows))
+    return replace(images, originals=numbers[images.originals], faces=numbers[images.faces])
+
+
+def _with_images(ids: np.ndarray, normal: np.ndarray, images: WallImages, n: int) -> np.ndarray:
+    """Nodes of a wall in a plane, and images of them that are in it, too; there are n nodes."""
+    is_in = np.isin(images.originals, ids) & (np.abs(images.turns @ normal - normal).max(axis=1) < SAME_PLANE)
+    return np.append(ids, n + np.flatnonzero(is_in))
 
 
 def _planes(faces: Sequence[BoundaryFace], nodes: Sequence[np.ndarray]) -> list[MeanPlane | None]:

@@ -84,7 +84,8 @@ class WallLayer:
         cls,
         wall: Wall,  # the wall
         points: np.ndarray,  # (n, 3), nodes of the grid, or points of another one, on the baseline (m)
-        # (wall.n_points,) of int, row of every node of the wall among the points; none of another grid
+        # of int, row of the nodes of the wall among the points, but for those beyond periodic sides, which come last;
+        # none of another grid
         wall_rows: np.ndarray | None = None,
         # sequence of (ndarray of int, ndarray of shape (3,)) of int, points in planes that they must stay in, and the
         # planes' normals. Planes that share points must be at right angles.
@@ -97,14 +98,16 @@ class WallLayer:
         # which on the point turns about the corners: 0 for nodes of the grid whose wall it is, all of which do; None
         # for points of another one, none of which does
         least_slope: float | None = None,
+        n_beyond: int = 0,  # number of the nodes of the wall beyond periodic sides
     ) -> WallLayer:
         """Find the points that follow a wall."""
         points = np.ascontiguousarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3:
             raise InputError(f"wall layer: points of shape {points.shape}; give shape (n, 3)")
         wall_rows = np.empty(0, dtype=np.int64) if wall_rows is None else np.asarray(wall_rows)
-        if len(wall_rows) not in (0, wall.n_points):
-            raise InputError(f"wall layer: {len(wall_rows)} rows of {wall.n_points} nodes of the wall; give one each")
+        if len(wall_rows) not in (0, wall.n_points - n_beyond):
+            n_nodes = wall.n_points - n_beyond
+            raise InputError(f"wall layer: {len(wall_rows)} rows of {n_nodes} nodes of the wall; give one each")
         copies = np.empty((0, 2), dtype=np.int64) if copies is None else np.asarray(copies)
         is_free = np.ones(len(points), dtype=bool)
         for rows in (wall_rows, copies[:, 0], fixed):
@@ -292,14 +295,14 @@ def _with_wall_nodes(
         [np.repeat(np.arange(n_wall, dtype=np.int32)[:, None], 3, axis=1), tree.triangles[closest.triangles]]
     )
     barycentric = np.concatenate([np.tile([1.0, 0.0], (n_wall, 1)), closest.barycentric[:, :2]])
-    first = np.zeros(n_wall, dtype=np.int64)
+    first = np.zeros(len(tree.points), dtype=np.int64)
     if n_wall:
         first[tree.triangles[::-1].ravel()] = np.repeat(np.arange(len(tree.triangles))[::-1], 3)
     return (
         corners,
         barycentric,
         np.concatenate([np.ones(n_wall), closest.weights]),
-        np.concatenate([first, closest.triangles[closest.starts[:-1]]]),
+        np.concatenate([first[:n_wall], closest.triangles[closest.starts[:-1]]]),
     )
 
 

@@ -32,6 +32,7 @@ from ...base.numerics.mean_planes import mean_planes, near_enough
 from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.boundary_surface import quads_in_turn
 from ...grids.topology.node_numbering import NodeNumbering, face_rows
+from ...grids.topology.periodic_ties import Ties, control_ties, tied_sides
 from ...grids.topology.sharing import boundary_sides
 from ..evaluation.evaluator import Evaluator
 from ..splines.mesh import BSplineMesh
@@ -83,7 +84,7 @@ class RotationMap:
         corners = _corner_evaluator(mesh, places, ids, evaluator.n_threads)
         points = corners.forward(control_points)
         faces = _boundary_faces(numbering, ids, points)
-        groups, plane = _groups(faces, ids, points, lengths)
+        groups, plane = _groups(faces, ids, points, lengths, control_ties(numbering.topology, ids))
         planes = [face for face in faces if face.plane is not None]
         quads = [
             np.concatenate([f.quads for f in planes if f.plane == k]) for k in range(len({f.plane for f in planes}))
@@ -277,6 +278,7 @@ class CornerGroup:
         ids: np.ndarray,
         belongs: np.ndarray,
         is_apart: bool,
+        ties: Ties | None = None,
         edges: np.ndarray | None = None,
         quads: np.ndarray | None = None,
     ) -> CornerGroup:
@@ -284,13 +286,19 @@ class CornerGroup:
         place = np.full(len(points), -1)
         place[ids] = np.arange(len(ids))
         edges, quads = (None if numbers is None else place[numbers] for numbers in (edges, quads))
-        rotations = LocalRotations.of(points[ids], edges=edges, quads=quads, fixed=np.flatnonzero(~belongs))
+        ties = None if ties is None else ties.numbered(place)
+        rotations = LocalRotations.of(points[ids], edges, quads, fixed=np.flatnonzero(~belongs), ties=ties)
         pairs = [eye_array(len(ids), format="coo").coords]
         pairs += [] if edges is None else [edges.T]
         pairs += [] if quads is None else [quads[:, [m, n]].T for m in range(4) for n in range(m)]
         first, second = np.concatenate(pairs, axis=1)
         in_sight = coo_array((np.ones(len(first)), (first, second)), shape=(len(ids), len(ids))).tocsr()
         in_sight = csr_array(in_sight + in_sight.T)
+        if ties is not None:  # of what its copies see
+            groups = np.arange(len(ids))
+            groups[ties.copies] = ties.originals
+            alike = coo_array((np.ones(len(ids)), (np.arange(len(ids)), groups)), shape=in_sight.shape).tocsr()
+            in_sight = csr_array(alike @ (alike.T @ in_sight @ alike) @ alike.T)
         scales = rotations.scales * belongs[rotations.neighbours] if is_apart else rotations.scales
         smoothing = RotationFilter.of(rotations.starts, rotations.neighbours, scales, lengths[ids], belongs)
         in_sight = in_sight if rotations.mix is None else csr_array(in_sight @ in_sight)
@@ -373,7 +381,12 @@ def _boundary_faces(numbering: NodeNumbering, ids: Sequence[np.ndarray], points:
     numbers: dict[tuple, int] = {}
     topology, faces = numbering.topology, []
     size = np.linalg.norm(np.ptp(points, axis=0))
-    sides = [(*side, np.take(ids[side[1]], -(side[2] % 2), axis=side[2] // 2)) for side in boundary_sides(topology)]
+    tied = tied_sides(topology)  # nodes of these are as those within
+    sides = [
+        (face, number, side, np.take(ids[number], -(side % 2), axis=side // 2))
+        for face, number, side in boundary_sides(topology)
+        if (number, side) not in tied
+    ]
     parts = [points[corners.ravel()] for face, _, _, corners in sides if face.kind == "symmetry"]
     near, mirrors = near_enough(parts), iter(mean_planes(parts))  # of symmetry, which may be rough
     for face, number, side, corners in sides:
@@ -420,7 +433,7 @@ def _face_nodes(
 
 
 def _groups(
-    faces: list[_BoundaryFace], ids: Sequence[np.ndarray], points: np.ndarray, lengths: np.ndarray
+    faces: list[_BoundaryFace], ids: Sequence[np.ndarray], points: np.ndarray, lengths: np.ndarray, ties: Ties | None
 ) -> tuple[tuple[CornerGroup, ...], np.ndarray]:
     """Corners on walls, on other boundary faces, in planes that slide, and all; and the plane that each sees alone."""
     pairs = [
@@ -438,11 +451,11 @@ def _groups(
         quads = [face.quads for face in faces if face.rank == k]
         if quads:
             members, corners = np.unique(np.concatenate(quads)), np.concatenate(quads)
-            group = CornerGroup.of(points, lengths, members, rank[members] == k, is_apart=k < 2, quads=corners)
+            group = CornerGroup.of(points, lengths, members, rank[members] == k, k < 2, ties, quads=corners)
             if group.filter is not None:  # smoothed corners see those of other planes and walls as well
                 plane[members[group.filter.free]] = -1
             groups.append(group)
-    groups.append(CornerGroup.of(points, lengths, np.arange(len(points)), rank == 3, is_apart=False, edges=edges))
+    groups.append(CornerGroup.of(points, lengths, np.arange(len(points)), rank == 3, False, ties, edges=edges))
     return tuple(groups), plane
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from .layer import Layered, WallLayer
 from .planes import PlaneNormal
+from .wall_images import WallImages
 
 __all__ = ["Followed", "WallFollowing"]
 
@@ -25,6 +26,7 @@ class WallFollowing:
     rows: np.ndarray  # int (n_wall,), numbers of the nodes of all walls, each shared one once
     plane_rows: np.ndarray  # int (n_plane,), numbers of the nodes on the outlines of planes that walls end on
     planes: tuple[PlaneNormal, ...] | None  # normals of these planes, as functions of those nodes; None where they stay
+    images: WallImages | None = None  # walls beyond periodic sides, which the layer's wall has behind those nodes
 
     def at(
         self,
@@ -38,8 +40,22 @@ class WallFollowing:
         """Move the points with the walls."""
         # `MovementError` if the surroundings of a node of a wall are turned inside out
         plane_points = grid[self.plane_rows]
-        wall, normals = grid[self.rows], self.normals(plane_points)
-        return Followed(self, self.layer.at(initial, mapped, grid_initial[self.rows], wall, normals), plane_points)
+        walls = self._walls(grid_initial), self._walls(grid)
+        return Followed(self, self.layer.at(initial, mapped, *walls, self.normals(plane_points)), plane_points)
+
+    def _walls(self, grid: np.ndarray) -> np.ndarray:
+        """Nodes of walls, shape (wall.n_points, 3), of a grid, shape (n_nodes, 3)."""
+        nodes = grid[self.rows]
+        return nodes if self.images is None else self.images.beyond(nodes, self.layer.wall.tree.points[: len(nodes)])
+
+    def changes(self, change: np.ndarray) -> np.ndarray:
+        """Changes of the nodes of walls with those of a grid."""
+        nodes = change[self.rows]
+        return nodes if self.images is None else self.images.changes(nodes)
+
+    def add_changes_vjp(self, bar: np.ndarray, grid_bar: np.ndarray) -> None:
+        """Transpose of `changes`."""
+        grid_bar[self.rows] += bar if self.images is None else self.images.changes_vjp(bar)
 
     def normals(self, plane_points: np.ndarray) -> np.ndarray | None:
         """Normals, shape (n_planes, 3), of the planes that walls end on, from the points on their outlines."""
@@ -68,8 +84,8 @@ class Followed:
         if of.planes is not None:
             d_plane_points = d_grid[of.plane_rows]
             d_normals = np.reshape([plane.normal_jvp(at, d_plane_points) for plane in of.planes], (-1, 3))
-        d_before = None if d_initial is None else d_initial[of.rows]
-        self.layered.jvp(d_initial, change, d_before, d_grid[of.rows], d_normals)
+        d_before = None if d_initial is None else of.changes(d_initial)
+        self.layered.jvp(d_initial, change, d_before, of.changes(d_grid), d_normals)
 
     def add_vjp(
         self,
@@ -84,8 +100,8 @@ class Followed:
         planes_bar = np.zeros_like(self.plane_points)
         for plane, normal_bar in zip(self.of.planes or (), bars["normals"]):
             plane.add_normal_vjp(self.plane_points, normal_bar, planes_bar)
-        grid_bar[self.of.rows] += bars["wall_moved"]
+        self.of.add_changes_vjp(bars["wall_moved"], grid_bar)
         grid_bar[self.of.plane_rows] += planes_bar
         if initial_bar is not None:
             initial_bar += bars["initial"]
-            initial_bar[self.of.rows] += bars["wall_initial"]
+            self.of.add_changes_vjp(bars["wall_initial"], initial_bar)

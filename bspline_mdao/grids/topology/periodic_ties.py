@@ -20,9 +20,9 @@ from .block_layout import BlockLayout
 from .index_space import Section
 from .node_numbering import NodeNumbering, node_copies, rows_of_places, source_rows
 from .periodic_pair import Motion
-from .topology import PeriodicLinks, Topology, describe, link_pairs
+from .topology import Link, PeriodicLinks, Topology, describe, link_pairs
 
-__all__ = ["NodeTies", "Ties", "control_ties", "gap_between", "row_ties", "sides_of"]
+__all__ = ["NodeTies", "Ties", "control_ties", "gap_between", "row_ties", "rows_of_sides", "sides_of", "tied_sides"]
 
 SAME = 1e-9
 """Entries of rotations closer than this are equal: a smaller angle about an axis is none between periodic sides."""
@@ -151,6 +151,28 @@ def row_ties(topology: Topology) -> Ties | None:
     return _ties(topology, _nodes(topology), lambda places: source_rows(copies, rows_of_places(topology, places)))
 
 
+def tied_sides(topology: Topology) -> frozenset[tuple[int, int]]:
+    """Sides of segments that are tied to others: numbers of the segment, and of its face."""
+    ends = (end for tied in topology.periodic for link in tied.links for end in _ends(link))
+    return frozenset(
+        (segment, 2 * d + (end == -1)) for segment, section in ends for d, end in enumerate(section) if end is not None
+    )
+
+
+def _ends(link: Link) -> tuple[tuple[int, Section], ...]:
+    return (link.a, link.a_section), (link.b, link.b_section)
+
+
+def rows_of_sides(topology: Topology) -> list[tuple[Motion, np.ndarray, np.ndarray]]:
+    """Motions, and rows of the nodes of one side, of those that are one the first, and of those that they go to."""
+    copies, layout = node_copies(topology), _nodes(topology)
+    found = []
+    for tied in topology.periodic:
+        rows = [source_rows(copies, rows_of_places(topology, side)) for side in _linked(layout, tied)]
+        found.append((tied.motion, *np.unique(np.stack(rows), axis=1)))
+    return found
+
+
 def gap_between(topology: Topology, tied: PeriodicLinks, nodes: np.ndarray) -> float:
     """Largest distance of nodes of one side, moved, from those of the other (m), of all nodes of a grid, (n, 3)."""
     a, b = (nodes[rows_of_places(topology, side)] for side in _linked(_nodes(topology), tied))
@@ -159,7 +181,7 @@ def gap_between(topology: Topology, tied: PeriodicLinks, nodes: np.ndarray) -> f
 
 def sides_of(topology: Topology, tied: PeriodicLinks) -> tuple[str, str]:
     """Name the faces of both sides for a message."""
-    ends = zip(*(((link.a, link.a_section), (link.b, link.b_section)) for link in tied.links))
+    ends = zip(*(_ends(link) for link in tied.links))
     first, second = (", ".join(dict.fromkeys(_name(topology, *end) for end in side)) for side in ends)
     return first, second
 
