@@ -17,9 +17,10 @@ The whole map to the grid (`LiveGrid`) has the residual and the wall layer of th
     y = A(x0) b + T(b, b0) r,    r = x0 - A(x0) b0,         x = layer(y; x0)
 
 with b0 the control points fitted to it; see `bspline_mdao.core.walls.grid_map`. Without a residual r is nothing, and
-the layer is that of A(x0) b0. Nodes that slide on fixed surfaces stay as high above these as x0 has them, and what
-that takes fades over the blocks before the layer follows (`bspline_mdao.core.walls.sliding_correction`). What is near
-which wall, how much it follows, and where in its span a node is, stays that of the model.
+the layer is that of A(x0) b0. Of periodic sides that are tied, control points are laid onto each other after the fit,
+and nodes move alike from the baseline. Nodes that slide on fixed surfaces stay as high above these as x0 has them, and
+what that takes fades over the blocks before the layer follows (`bspline_mdao.core.walls.sliding_correction`). What is
+near which wall, how much it follows, and where in its span a node is, stays that of the model.
 
 Theory: ``docs/theory/fit.rst``, ``docs/theory/sliding.rst``.
 """
@@ -86,7 +87,8 @@ class LiveFit:
     @property
     def control_points(self) -> np.ndarray:
         """The fitted control points (m), shape (n_control_points, 3)."""
-        return self.mixture.forward(self.least_squares, self.nodes)
+        points, ties = self.mixture.forward(self.least_squares, self.nodes), self.mapping.problem.ties
+        return points if ties is None else ties.lay(points.copy())
 
     @property
     def nodes(self) -> np.ndarray:
@@ -100,10 +102,14 @@ class LiveFit:
             for step in self.steps:
                 if step.factor is not None:
                     self._step_jvp(step, change, d_nodes, d_control)
-        return self.mixture.forward(d_control, d_nodes)
+        d_points, ties = self.mixture.forward(d_control, d_nodes), self.mapping.problem.ties
+        return d_points if ties is None else ties.lay_jvp(d_points)
 
     def vjp(self, control_bar: np.ndarray) -> np.ndarray:
         """Transpose of `jvp`: cotangent of the nodes, shape (n_nodes, 3)."""
+        ties = self.mapping.problem.ties
+        if ties is not None:
+            control_bar = ties.lay_vjp(control_bar.copy())
         control_bar, nodes_bar = self.mixture.adjoint(control_bar, len(self.nodes))
         bars = self.mapping.no_change()
         with threadpool_limits(1, "blas"):
@@ -315,7 +321,8 @@ class LiveGrid:
     @property
     def needs_initial(self) -> bool:
         """Whether the grid depends on the control points of the baseline."""
-        return self.has_residual or self.grid_map.following is not None or self.grid_map.sliding is not None
+        of = self.grid_map
+        return self.has_residual or any(part is not None for part in (of.following, of.sliding, of.ties))
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -342,10 +349,14 @@ class LiveGrid:
                 rotation = grid_map.rotation_map.at(control_points, initial)
                 vectors = grid_map.rotation_map.vectors(residual)
                 nodes += rotation.evaluate(np.zeros_like(control_points), vectors)
+        if grid_map.ties is not None:
+            grid_map.ties.move_alike(nodes, start)
         if self.sliding is not None:
             slid = self.sliding.apply(nodes, start)
         if grid_map.following is not None:
             followed = grid_map.following.at(start, nodes, start, nodes)
+        if grid_map.ties is not None and not (slid is None and followed is None):
+            grid_map.ties.move_alike(nodes, start)
         return LiveGridState(self, initial, control_points, nodes, rotation, vectors, followed, slid)
 
 
@@ -391,20 +402,29 @@ class LiveGridState:
                 d_rotation = self.rotation.change(d_control, d_initial)
                 d_vectors = self.rotation.of.vectors(d_residual)
                 change += self.rotation.jvp(none, d_rotation, self.vectors, d_vectors)
+        ties = of.grid_map.ties
+        if ties is not None:
+            ties.move_alike(change, d_start)
         if self.slid is not None and of.sliding is not None:
             of.sliding.jvp(self.slid, change, d_start)
         if self.followed is not None:
             self.followed.jvp(change, change, d_start)
+        if ties is not None and not (self.slid is None and self.followed is None):
+            ties.move_alike(change, d_start)
         return change
 
     def vjp(self, bar: np.ndarray, wrt: Collection[str] | None = None) -> dict[str, np.ndarray]:
         """Transpose of `jvp`: derivatives in the inputs that are named, in all by default."""
         of, wrt = self.of, require_inputs(wrt, self.inputs)
-        bar, start_bar = bar.copy(), np.zeros_like(bar)
+        bar, start_bar, ties = bar.copy(), np.zeros_like(bar), of.grid_map.ties
+        if ties is not None and not (self.slid is None and self.followed is None):
+            ties.move_alike_vjp(bar, start_bar)
         if self.followed is not None:
             self.followed.add_vjp(bar, bar, start_bar)
         if self.slid is not None and of.sliding is not None:
             of.sliding.vjp(self.slid, bar, start_bar)
+        if ties is not None:
+            ties.move_alike_vjp(bar, start_bar)
         bars = dict(zip((GRID_INITIAL, CONTROL_POINTS), of.mapping.vjp(self.control_points, bar)))
         if of.needs_initial:
             bars[CONTROL_POINTS_INITIAL] = np.zeros_like(self.initial)

@@ -97,6 +97,17 @@ class Ties(OneLine):
         points[self.copies] = np.einsum("nij,nj->ni", self.turns, points[self.originals]) + self.shifts
         return points
 
+    def lay_jvp(self, change: np.ndarray) -> np.ndarray:
+        """Change of what `lay` gives, in place."""
+        change[self.copies] = np.einsum("nij,nj->ni", self.turns, change[self.originals])
+        return change
+
+    def lay_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `lay_jvp`, in place."""
+        np.add.at(bar, self.originals, np.einsum("nji,nj->ni", self.turns, bar[self.copies]))
+        bar[self.copies] = 0.0
+        return bar
+
     def raise_alike(self, values: np.ndarray) -> None:
         """Raise values of points, shape (n_points,), in place, to the largest of their groups."""
         np.maximum.at(values, self.originals, values[self.copies])
@@ -240,6 +251,12 @@ class NodeTies(OneLine):
         change = self.alike(nodes - at_rest)
         rows = np.union1d(self.ties.ids, self.copies[:, 0])
         nodes[rows] = at_rest[rows] + change[rows]
+
+    def move_alike_vjp(self, bar: np.ndarray, at_rest_bar: np.ndarray) -> None:
+        """Transpose of `move_alike`, which is linear: in place for the moved nodes, and added for those at rest."""
+        at_rest_bar += bar
+        self.alike_vjp(bar)
+        at_rest_bar -= bar
 
     def alike_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `alike`, in place."""
