@@ -23,3 +23,10 @@ def test_every_mover_moves_control_points_alike_everywhere(n):
     assert [text.splitlines()[-1] for text in printed] == [f"done {rank}" for rank in range(n)]
     assert "the control mesh tangles" in printed[0]
     assert not any("the control mesh tangles" in text for text in printed[1:])
+
+
+@needs_petsc
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [2, 3])
+def test_rows_of_tied_points_are_shared(n):
+    assert run_ranks("cases/tied_sides_move.py", n, timeout=100.0) == [f"done {rank}\n" for rank in range(n)]

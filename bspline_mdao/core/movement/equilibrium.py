@@ -31,7 +31,7 @@ from ...base.display import OneLine
 from ...base.numerics.processes import ONE, together
 from ...base.sparse.blocks import BlockMatrix, BlockPattern, slots
 from ...base.sparse.distributed import DistributedPattern
-from ...errors import InputError, MovementError
+from ...errors import MovementError
 from ...grids.topology.periodic_ties import Ties
 from ..mesh.moving_mesh import MovingMesh
 from .increments import IncrementalMovement, IncrementalMover, in_increments
@@ -304,6 +304,17 @@ class Balance:
 
 
 @dataclass(frozen=True, eq=False)
+class _Assembly:
+    """Where the elements of a process add to, before any points share a row, and how these share them."""
+
+    pattern: BlockPattern
+    element_ids: np.ndarray | slice  # elements to assemble
+    element_rows: np.ndarray  # int32 (n_elements, 8), row in the pattern of each of their corners, -1 where none is
+    points: np.ndarray  # int (pattern.n,), place of every row among the points that may move
+    sharing: RowSharing | None  # None where none share a row
+
+
+@dataclass(frozen=True, eq=False)
 class Unknowns:
     """Numbering of the points that may move, and the matrix of those that this process owns."""
 
@@ -339,36 +350,51 @@ class Unknowns:
         return rows
 
     @cached_property
-    def _assembly(self) -> tuple[BlockPattern, np.ndarray | slice, np.ndarray]:
-        """Pattern, elements to assemble, and the row here of each of their corners, -1 where there is none."""
-        element_rows, n = self._places[self.mesh.elements], len(self.point_ids)
-        if self.comm.size > 1:
-            if self.ties is not None:
-                raise InputError("movement: periodic sides are tied by one process alone; give processes='first'")
-            return DistributedPattern.of_local_elements(element_rows, n, self.comm)
-        return BlockPattern.of_elements(element_rows, n), ALL, element_rows
+    def _shared_rows(self) -> np.ndarray:
+        """Row of every point that may move: that of its original where points share it."""
+        if self.ties is None:
+            return np.arange(len(self.point_ids), dtype=np.int32)
+        rows = np.empty(len(self.point_ids), dtype=np.int32)
+        is_original = np.ones(len(rows), dtype=bool)
+        is_original[self.ties.copies] = False
+        rows[is_original] = np.arange(np.count_nonzero(is_original))
+        rows[self.ties.copies] = rows[self.ties.originals]
+        return rows
 
     @cached_property
-    def _sharing(self) -> RowSharing | None:
-        """How points share rows; None where none do."""
+    def _assembly(self) -> _Assembly:
+        element_points, rows = self._places[self.mesh.elements], self._shared_rows
+        n_points, n = len(self.point_ids), int(rows.max(initial=-1)) + 1
+        element_rows = np.where(element_points >= 0, rows[element_points], -1) if len(rows) else element_points
+        if self.comm.size == 1:
+            pattern, here = BlockPattern.of_elements(element_points, n_points), np.arange(n_points)
+            if self.ties is None:
+                return _Assembly(pattern, ALL, element_points, here, None)
+            shared = BlockPattern.of_elements(element_rows, n)
+            return _Assembly(pattern, ALL, element_points, here, RowSharing.of(pattern, shared, rows))
+        shared, element_ids, element_rows = DistributedPattern.of_local_elements(element_rows, n, self.comm)
         if self.ties is None:
-            return None
-        shared = np.empty(len(self.point_ids), dtype=np.int32)
-        is_original = np.ones(len(shared), dtype=bool)
-        is_original[self.ties.copies] = False
-        shared[is_original] = np.arange(np.count_nonzero(is_original))
-        shared[self.ties.copies] = shared[self.ties.originals]
-        return RowSharing.of(self._assembly[0], self._assembly[2], shared)
+            return _Assembly(shared, element_ids, element_rows, shared.rows, None)
+        # elements at a row that is owned are those at all points that share it
+        element_points = element_points[element_ids]
+        here, places = np.unique(element_points[element_points >= 0]), np.full(n_points + 1, -1, dtype=np.int32)
+        places[here] = np.arange(len(here))
+        row_here = np.full(n, -1, dtype=np.int32)
+        row_here[shared.rows] = np.arange(shared.n)
+        pattern = BlockPattern.of_elements(places[element_points], len(here))
+        sharing = RowSharing.of(pattern, shared, row_here[rows[here]])
+        return _Assembly(pattern, element_ids, places[element_points], here, sharing)
 
     @property
     def pattern(self) -> BlockPattern:
         """Pattern of the stiffness; a `DistributedPattern` where there are several processes."""
-        return self._assembly[0] if self._sharing is None else self._sharing.pattern
+        of = self._assembly
+        return of.pattern if of.sharing is None else of.sharing.pattern
 
     @property
     def element_rows(self) -> np.ndarray:
         """Block row of every corner of the elements before any are shared, -1 where there is none, (n_elements, 8)."""
-        return self._assembly[2]
+        return self._assembly.element_rows
 
     @property
     def rows(self) -> np.ndarray | slice:
@@ -378,14 +404,14 @@ class Unknowns:
     @cached_property
     def slots(self) -> np.ndarray:
         """Place of every pair of corners before any rows are shared, see `bspline_mdao.base.sparse.blocks.slots`."""
-        return slots(self._assembly[0], self.element_rows)
+        return slots(self._assembly.pattern, self.element_rows)
 
     def assembled(self, add_stiffness: Callable[..., None]) -> BlockMatrix:
         """Stiffness of the points before any share a row, in space."""
-        pattern, element_ids, element_rows = self._assembly
-        data = np.zeros((pattern.n_blocks, 3, 3))
-        add_stiffness(element_rows, self.slots, data, element_ids)
-        return BlockMatrix(pattern, data)
+        of = self._assembly
+        data = np.zeros((of.pattern.n_blocks, 3, 3))
+        add_stiffness(of.element_rows, self.slots, data, of.element_ids)
+        return BlockMatrix(of.pattern, data)
 
     def matrix(
         self,
@@ -396,17 +422,22 @@ class Unknowns:
         """Stiffness of the unknowns."""
         whole = self.assembled(add_stiffness)
         self._restrain(whole.data)
-        return whole if self._sharing is None else BlockMatrix(self.pattern, self._sharing.added(whole.data))
+        sharing = self._assembly.sharing
+        return whole if sharing is None else BlockMatrix(self.pattern, sharing.added(whole.data))
 
     def gather(self, force: np.ndarray) -> np.ndarray:
         """Components of a force, shape (n_points, 3), along the free directions: shape (n_rows, 3)."""
         in_frames = self._turned(force[self.point_ids]) * self._is_free
-        return in_frames if self._sharing is None else self._sharing.gather(in_frames)
+        if self.ties is None:
+            return in_frames
+        total = np.zeros((len(self.row_ids), 3), dtype=in_frames.dtype)
+        np.add.at(total, self._shared_rows, in_frames)
+        return total
 
     def scatter(self, unknowns: np.ndarray) -> np.ndarray:
         """Transpose of `gather`."""
         displacement = np.zeros((self.mesh.n_points, 3), dtype=unknowns.dtype)
-        in_frames = (unknowns if self._sharing is None else unknowns[self._sharing.rows]) * self._is_free
+        in_frames = unknowns[self._shared_rows] * self._is_free
         if self._frames is not None:
             in_frames = np.einsum("nij,ni->nj", self._frames, in_frames)
         displacement[self.point_ids] = in_frames
@@ -434,10 +465,10 @@ class Unknowns:
     @cached_property
     def _restrained(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Entries, with rows and columns, that meet a point with a frame of its own or a fixed direction."""
-        pattern = self._assembly[0]
-        is_special: Any = ~self._is_free[self.rows].all(axis=1)
+        pattern, points = self._assembly.pattern, self._assembly.points
+        is_special: Any = ~self._is_free[points].all(axis=1)
         if self._frames is not None:
-            is_special |= (self._frames[self.rows] != np.eye(3)).any(axis=(1, 2))
+            is_special |= (self._frames[points] != np.eye(3)).any(axis=(1, 2))
         rows = np.repeat(np.arange(pattern.n, dtype=np.int32), np.diff(pattern.indptr))
         entries = np.flatnonzero(is_special[rows] | is_special[pattern.indices])
         return entries, rows[entries], pattern.indices[entries]
@@ -445,9 +476,10 @@ class Unknowns:
     def _restrain(self, data: np.ndarray) -> None:
         """Turn blocks into the frames of their points, and put the identity where a direction is fixed."""
         entries, rows, columns = self._restrained
-        blocks, is_free = data[entries], self._is_free[self.rows]
+        blocks, points = data[entries], self._assembly.points
+        is_free = self._is_free[points]
         if self._frames is not None:
-            frames = self._frames[self.rows]
+            frames = self._frames[points]
             blocks = frames[rows] @ blocks @ frames[columns].transpose(0, 2, 1)
         blocks *= is_free[rows][:, :, None] & is_free[columns][:, None, :]
         is_diagonal = rows == columns

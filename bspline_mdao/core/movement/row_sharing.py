@@ -20,16 +20,14 @@ class RowSharing:
     """Points that share rows of a matrix with others, and the blocks of the matrix that are added up for that."""
 
     rows: np.ndarray  # (n_points,) of int, row of each point
-    pattern: BlockPattern  # of the rows
+    pattern: BlockPattern  # of the rows; a `DistributedPattern` where they are those of one of several processes
     # (n_blocks, n_blocks of the points), which blocks of the points are added as they are, and which transposed
     as_they_are: csr_array
     transposed: csr_array
 
     @classmethod
-    def of(cls, pattern: BlockPattern, element_points: np.ndarray, rows: np.ndarray) -> RowSharing:
-        """Add up the blocks of a pattern of points, by the row of each point."""
-        element_rows = np.where(element_points >= 0, rows[element_points], -1)
-        shared = BlockPattern.of_elements(element_rows, int(rows.max()) + 1)
+    def of(cls, pattern: BlockPattern, shared: BlockPattern, rows: np.ndarray) -> RowSharing:
+        """Add up the blocks of a pattern of points, by the row of each point in the pattern of the same elements."""
         points = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr)), pattern.indices
         pairs = np.stack([rows[points[0]], rows[points[1]]], axis=1).astype(np.int32)
         # pairs of corners (1, 0); those that become one row are both as they are and transposed
@@ -47,9 +45,3 @@ class RowSharing:
         """Blocks of the rows, shape (n_blocks, 3, 3), of those of the points."""
         turned = np.ascontiguousarray(data.transpose(0, 2, 1)).reshape(-1, 9)
         return (self.as_they_are @ data.reshape(-1, 9) + self.transposed @ turned).reshape(-1, 3, 3)
-
-    def gather(self, values: np.ndarray) -> np.ndarray:
-        """Sum of the values of the points of each row, shape (n_rows, 3)."""
-        total = np.zeros((self.pattern.n, *values.shape[1:]), dtype=values.dtype)
-        np.add.at(total, self.rows, values)
-        return total

@@ -1,5 +1,7 @@
 """Moves of passages: both sides move alike, as in the whole wheel, by every mover, with exact derivatives."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mover_cases import (
@@ -18,7 +20,6 @@ from bspline_mdao.core.design.displacement import Local
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.mesh.boundary import moving_grid, moving_mesh
 from bspline_mdao.core.movement.equilibrium import Unknowns
-from bspline_mdao.errors import InputError
 from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.grids.topology.periodic_ties import gap_between
 from bspline_mdao.measures import SurfaceGrid
@@ -175,12 +176,27 @@ def test_design_variables_move_walls_on_both_sides_alike(motion):
     assert np.abs(turned_there).min() > 0.0
 
 
-def test_several_processes_do_not_share_the_rows_of_tied_points():
-    class Comm:
-        size, rank = 2, 0
+@pytest.mark.parametrize("options", [{"motion": "translation"}, {"motion": "rotation"}, {"hub": 0.0}])
+def test_every_process_has_its_rows_of_the_matrix_that_tied_points_share(options):
+    mesh = mesh_of(passage(5, 6, 4, **options))
+    elements = LinearElasticity(mesh)._elements(mesh.points, mesh.points)
+    one = Unknowns(mesh)
 
-    with pytest.raises(InputError, match="processes='first'"):
-        Unknowns(mesh_of(passage(5, 6, 4)), Comm()).matrix(None)
+    def full(matrix):
+        lower = np.tril(matrix.to_scipy().toarray())
+        return lower + np.tril(lower, -1).T
+
+    whole, n = full(one.matrix(elements.add_stiffness)), 0
+    for rank in range(3):
+        part = Unknowns(mesh, SimpleNamespace(size=3, rank=rank))
+        matrix, rows = part.matrix(elements.add_stiffness), part.pattern.rows
+        columns = (3 * rows[:, None] + np.arange(3)).ravel()
+        expected = whole[3 * n : 3 * (n + part.pattern.n_owned)]
+        found = full(matrix)[: len(expected)]
+        np.testing.assert_allclose(found, expected[:, columns], atol=1e-13 * np.abs(whole).max())
+        assert not np.delete(expected, columns, axis=1).any()
+        n += part.pattern.n_owned
+    assert n == len(one.row_ids) == len(one.point_ids) - len(one.ties.copies)
 
 
 def test_a_frame_that_goes_along_leaves_tied_sides_to_the_mover():
