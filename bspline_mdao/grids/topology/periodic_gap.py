@@ -16,19 +16,23 @@ from .grid import Grid
 from .index_space import Window
 from .periodic import find_periodic
 from .periodic_pair import PeriodicPair
+from .periodic_ties import tied_sides
 from .rotation_fit import CLOSE
+from .sharing import boundary_sides
 from .topology import Topology, describe
 
-__all__ = ["PeriodicGap", "periodic_gaps"]
+__all__ = ["PeriodicGap", "pair_gaps", "periodic_gaps"]
 
 
 @dataclass(frozen=True)
 class PeriodicGap:
-    """Sides of a pair of which some nodes no longer lie on each other."""
+    """Sides of a pair that nothing ties, and how far some of their nodes are from lying on each other."""
 
     pair: PeriodicPair  # both sides, and the motion between them
     gap: float  # largest distance of a node, moved by it, from its partner (m)
-    node: Window  # the node of the first side where it is largest
+    before: float  # that in the grid at rest (m)
+    node: Window  # the node of the first side where the distance has grown most
+    has_grown: bool  # whether nodes are further apart there than pairs may be, and than they were
 
     def __str__(self) -> str:
         unit = self.pair.motion.unit
@@ -49,19 +53,27 @@ def periodic_gaps(
     moved: Grid,
 ) -> tuple[PeriodicGap, ...]:  # those of which nodes are further apart than pairs may be, and than they were
     """Find the periodic pairs of a grid whose sides have drifted apart."""
-    windows = [face.window for face in topology.boundary if face.kind in (None, "other")]
-    return tuple(found for pair in find_periodic(baseline, windows) for found in _drifted(pair, baseline, moved))
+    return tuple(found for found in pair_gaps(topology, baseline, moved) if found.has_grown)
 
 
-def _drifted(pair: PeriodicPair, baseline: Grid, moved: Grid) -> Iterable[PeriodicGap]:
-    """Yield the gap of a pair where there is one."""
+def pair_gaps(topology: Topology, baseline: Grid, moved: Grid) -> tuple[PeriodicGap, ...]:
+    """Find all periodic pairs of a grid but those that are tied; arguments as of `periodic_gaps`."""
+    of_ties = tied_sides(topology)
+    tied = {face.window for face, *side in boundary_sides(topology) if tuple(side) in of_ties} if of_ties else set()
+    windows = [f.window for f in topology.boundary if f.kind in (None, "other") and f.window not in tied]
+    return tuple(_gap(pair, baseline, moved) for pair in find_periodic(baseline, windows))
+
+
+def _gap(pair: PeriodicPair, baseline: Grid, moved: Grid) -> PeriodicGap:
+    """Measure the gap of a pair."""
     initial, others = _nodes(baseline, pair.windows), _nodes(baseline, pair.others)
     before, partners = cKDTree(others).query(pair.motion.move(initial))
     gaps = lengths(pair.motion.move(_nodes(moved, pair.windows)) - _nodes(moved, pair.others)[partners])
     size = np.ptp(np.concatenate([initial, others]), axis=0).max()
     worst = int(np.argmax(gaps - before))
-    if gaps[worst] > before[worst] + CLOSE * size:
-        yield PeriodicGap(pair, float(gaps[worst]), _node(pair.windows, worst))
+    has_grown = bool(gaps[worst] > before[worst] + CLOSE * size)
+    gap = gaps[worst] if has_grown else gaps.max()
+    return PeriodicGap(pair, float(gap), float(before.max()), _node(pair.windows, worst), has_grown)
 
 
 def _nodes(grid: Grid, windows: Iterable[Window]) -> np.ndarray:

@@ -9,10 +9,12 @@ import numpy as np
 
 from ...core.background.periodic_sides import PeriodicSides
 from ...grids.cells.mixed_cells import MixedMesh
+from ...grids.topology.grid import Grid
+from ...grids.topology.periodic_gap import pair_gaps
 from ...grids.topology.periodic_ties import gap_between, sides_of
-from ...grids.topology.topology import Topology
+from ...grids.topology.topology import Topology, describe
 
-__all__ = ["gap_lines", "side_numbers", "split_lines", "tied_numbers"]
+__all__ = ["block_numbers", "gap_lines", "side_numbers", "split_lines"]
 
 SPLIT = 1e-9
 """Part of the size of a mesh by which a deformation may differ on copies of nodes: round-off."""
@@ -27,16 +29,26 @@ def side_numbers(
     return [_pair_numbers(each.markers, each.motion, each.gap, mesh.points, points) for each in sides]
 
 
-def tied_numbers(
+def block_numbers(
     topology: Topology,
-    baseline: np.ndarray,  # (n_nodes, 3), the nodes on the baseline (m)
-    nodes: np.ndarray | None = None,  # (n_nodes, 3), the nodes where the grid was moved
+    baseline: Grid,  # the grid on the baseline
+    grid: Grid | None = None,  # the grid where it was moved
 ) -> list[dict]:
-    """Collect the same of the sides of blocks that are tied."""
-    return [
-        _pair_numbers(sides_of(topology, tied), tied.motion, partial(gap_between, topology, tied), baseline, nodes)
+    """Collect the same of all periodic pairs of the sides of blocks: those that are tied, and those that are found."""
+    before, after = (None if each is None else each.to_vector().reshape(-1, 3) for each in (baseline, grid))
+    assert before is not None
+    numbers = [
+        _pair_numbers(sides_of(topology, tied), tied.motion, partial(gap_between, topology, tied), before, after)
         for tied in topology.periodic
     ]
+    for found in pair_gaps(topology, baseline, grid or baseline):
+        sides = [
+            ", ".join(describe(window, topology.shapes[window.block]) for window in windows)
+            for windows in (found.pair.windows, found.pair.others)
+        ]
+        numbers.append({"markers": sides, "motion": str(found.pair.motion), "gap": found.gap})
+        numbers[-1] |= {} if grid is None else {"gap_before": found.before}
+    return numbers
 
 
 def _pair_numbers(

@@ -42,7 +42,7 @@ from ...grids.topology.sharing import node_sharing
 from ...grids.topology.topology import Topology, describe
 from .cad import show_cad
 from .cures import Trial, try_cures, verdict
-from .mesh_periodic import gap_lines, split_lines, tied_numbers
+from .mesh_periodic import block_numbers, gap_lines, split_lines
 from .movers import MoverOptions
 from .output import (
     MEANING_OF_INVALID,
@@ -107,7 +107,7 @@ class Moved:
     certificate: Certificate
     gaps: tuple[PeriodicGap, ...]
     slid_off: float | None  # how far nodes that slide have left their surfaces, at most (m); None where none slide
-    periodic: list[dict]  # sides that are tied, before and after
+    periodic: list[dict]  # periodic sides, before and after
     split: tuple[float, str]  # how differently the deformation moves walls on both sides of these, and where
     notes: tuple[str, ...]  # what deformations say of themselves
 
@@ -194,7 +194,7 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
     gaps = periodic_gaps(model.topology, baseline, grid)
     before, after = (each.to_vector().reshape(-1, 3) for each in (baseline, grid))
     off = SlidingNodes.of(model.topology, before, mesh.slides).off(after) if mesh.curved_slides else None
-    periodic = tied_numbers(model.topology, before, after), split
+    periodic = block_numbers(model.topology, baseline, grid), split
     compared, notes = _compared(baseline, grid), deformation.notes
     return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, *periodic, notes)
 

@@ -29,7 +29,9 @@ from ...grids.topology.grid import Grid
 from ...grids.topology.index_space import Window
 from ...grids.topology.partition import Partition
 from ...grids.topology.stored_grid import StoredBlock, StoredGrid
+from ...grids.topology.topology import Topology
 from .curved import measure_curved
+from .mesh_periodic import block_numbers, gap_lines
 from .meshes import measure_mesh
 from .output import (
     certificate_numbers,
@@ -91,10 +93,12 @@ def measure_quality(
         quality = GridQuality.of_pieces(before.pieces, before.nodes)
         report = report_quality(quality, grid.nodes, bins)
         certificate = Certificate(certify_cells(quality, grid.nodes))
+        periodic = _periodic(before, None if baseline is None else grid)
         newly = () if baseline is None else inverted_cells(quality, quality.cells(grid.nodes), newly=True)
-    with written_json(json, _numbers(grid_name, baseline, report, certificate, newly), comm):
+    with written_json(json, _numbers(grid_name, baseline, report, certificate, newly) | {"periodic": periodic}, comm):
         pass
     _show(grid_name, baseline, report, certificate, newly, grid.header.length_unit)
+    print_lines(gap_lines(periodic or [], grid.header.length_unit))
     print_warnings(grid.warnings)
     if baseline is not None:
         print_warnings(height_warnings(report.heights))
@@ -125,6 +129,7 @@ class _Read(NamedTuple):
     nodes: np.ndarray
     warnings: tuple[str, ...]
     comm: Any
+    topology: Topology | None = None  # where one process has all nodes
 
     @property
     def pieces(self) -> Pieces:
@@ -149,7 +154,8 @@ def _read(grid_name: str, patches: Path | None, comm: Any, units: str | None = N
     else:
         grid = load_grid(grid_name, patches, is_lifted=patches is not None, units=units)
         topology = find_topology(grid)
-    return _Read(grid, Pieces.of_grid(grid).partition, grid.to_vector().reshape(-1, 3), topology.warnings, comm)
+    nodes = grid.to_vector().reshape(-1, 3)
+    return _Read(grid, Pieces.of_grid(grid).partition, nodes, topology.warnings, comm, topology)
 
 
 def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
@@ -187,6 +193,13 @@ def _baseline_of(name: str, moved: _Read, grid_name: str, comm: Any) -> _Read:
             f"{_shapes_text(header)}; give the grid that was moved"
         )
     return baseline._replace(header=merge_patches(header, grid.patches, grid_name))
+
+
+def _periodic(before: _Read, after: _Read | None) -> list[dict] | None:
+    """Numbers of the periodic sides of a grid, and of that before it was moved; None where processes have parts."""
+    if before.topology is None:
+        return None
+    return block_numbers(before.topology, before.header, None if after is None else after.header)
 
 
 def _shapes_text(grid: Grid | StoredGrid) -> str:

@@ -13,8 +13,8 @@ from ...core.model.fitted_model import FittedModel
 from ...grids.cells.first_cells import FirstCells
 from ...grids.cells.grid_quality import GridQuality
 from ...grids.cells.report import WorstCell, report_quality
-from ...grids.topology.grid import Grid
-from ...grids.topology.periodic_gap import PeriodicGap, periodic_gaps
+from ...grids.topology.periodic_gap import PeriodicGap, pair_gaps
+from ...grids.topology.periodic_ties import gap_between, sides_of
 from ...grids.topology.sharing import boundary_sections
 from ...grids.topology.topology import describe
 from .charts import Chart, quality_chart
@@ -140,19 +140,17 @@ class BlockSubject(Subject):
             tables.append(worst_table(shapes[-1], last.worst, self.unit))
         return Judgement(card, marks, [quality_chart(shapes, reports)], tables)
 
-    def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float | None]]]:
-        """Of periodic faces that have drifted apart; which patches slide is a matter of the move."""
+    def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float]]]:
+        """Of all periodic sides, tied or not; which patches slide is a matter of the move."""
         model, baseline = self.model, self.model.regenerate()
-        gaps = [
-            {_sides(gap): gap.gap for gap in periodic_gaps(model.topology, baseline, self._grid(shape))}
-            for shape in shapes
-        ]
-        pairs = dict.fromkeys(pair for of_shape in gaps for pair in of_shape)
-        return [(*pair, [of_shape.get(pair) for of_shape in gaps]) for pair in pairs]
-
-    def _grid(self, shape: Shape) -> Grid:
-        """Grid of a shape."""
-        return self.model.header.grid(self.model.topology.shapes, shape.nodes)
+        topology, found = model.topology, []
+        for tied in topology.periodic:
+            gaps = [gap_between(topology, tied, shape.nodes) for shape in shapes]
+            found.append((" and ".join(sides_of(topology, tied)), f"a {tied.motion}", gaps))
+        grids = (model.header.grid(topology.shapes, shape.nodes) for shape in shapes)
+        for of_shapes in zip(*(pair_gaps(topology, baseline, grid) for grid in grids)):
+            found.append((*_sides(of_shapes[0]), [gap.gap for gap in of_shapes]))
+        return found
 
     def section_charts(self, shapes: Sequence[Shape], walls: Walls, axes: Axes) -> list[Chart]:
         """None: cells are drawn as lines on planes of symmetry."""

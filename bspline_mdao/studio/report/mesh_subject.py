@@ -166,16 +166,16 @@ class MeshSubject(Subject):
         """Faces as ``checkMesh`` judges them, cells by their pyramids, and what is proved of the lattice."""
         return judge(self.model, self.quality, shapes)
 
-    def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float | None]]]:
+    def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float]]]:
         """Of periodic sides of the lattice, and of all nodes that slide on surfaces."""
         model = self.model
-        found: list[tuple[str, str, list[float | None]]] = []
+        found: list[tuple[str, str, list[float]]] = []
         for sides in model.periodic:
-            gaps: list[float | None] = [sides.gap(shape.nodes) for shape in shapes]
+            gaps = [sides.gap(shape.nodes) for shape in shapes]
             found.append((" and ".join(sides.markers), f"a {sides.motion}", gaps))
         if model.sliding_nodes is not None:
             surfaces = ", ".join(dict.fromkeys(str(slide.surface) for slide in model.slides.values()))
-            off: list[float | None] = [model.sliding_nodes.off(shape.nodes) for shape in shapes]
+            off = [model.sliding_nodes.off(shape.nodes) for shape in shapes]
             found.append((f"nodes of {', '.join(model.slides)}", f"sliding on {surfaces}", off))
         return found
 

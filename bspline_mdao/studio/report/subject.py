@@ -107,7 +107,7 @@ class Subject(ABC):
         """Judge the cells."""
 
     @abstractmethod
-    def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float | None]]]:
+    def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float]]]:
         """By how much periodic sides, and nodes that slide, are off, see `interface_table`."""
 
     @abstractmethod

@@ -50,7 +50,7 @@ class Table:
     note: str = ""  # A line below
 
 
-def number(value: float | None, digits: int = 4) -> str:
+def number(value: float, digits: int = 4) -> str:
     """Write a number, or a dash where there is none."""
     if value is None or not np.isfinite(value):
         return "–"
@@ -107,14 +107,14 @@ def height_table(shapes: Sequence[Shape], cells: WallHeights, unit: str) -> Tabl
 
 def interface_table(
     shapes: Sequence[Shape],
-    # what meets what, how, and by how much it misses with each shape (m); None where by no more than on the baseline
-    misses: Sequence[tuple[str, str, Sequence[float | None]]],
+    # what meets what, how, and by how much it misses with each shape (m)
+    misses: Sequence[tuple[str, str, Sequence[float]]],
     unit: str,
 ) -> Table | None:  # None where there is nothing of that kind
     """Largest gaps of periodic sides, and distances of nodes from surfaces that they slide on."""
     if not misses:
         return None
-    rows = [(what, how, *("as before" if miss is None else number(miss, 3) for miss in of)) for what, how, of in misses]
+    rows = [(what, how, *(number(miss, 3) for miss in of)) for what, how, of in misses]
     columns = ("sides or nodes", "meet by", *(f"{shape.label.lower()}, off by ({unit})" for shape in shapes))
     note = "The largest distance of a node from its partner, or from its place over the surface."
     return Table("Periodic sides and fixed surfaces", columns, rows, note)

@@ -502,6 +502,11 @@ def test_periodic_sides_move_alike_and_a_deformation_that_differs_there_is_named
     assert all(gap[end] < 1e-14 * size for end in ends)
     assert f"copies of nodes of {sides}, a rotation about x by 17.1887 deg, are off by up to" in told
     assert re.search(r"the deformation differs there by up to [\d.e-]+ m, at block 1 \(\d, 8, 1\): the mean is", told)
+    assert run(["quality", "passage.h5", "--json", "q.json"]) == 0
+    assert numbers("q.json")["periodic"] == [{**pair, "gap": gap["gap_before"]}]
+    assert run(["quality", "m.xyz", "--patches", "patches.toml", "--baseline", "passage.h5", "--json", "q.json"]) == 0
+    assert numbers("q.json")["periodic"] == [gap]
+    assert f"copies of nodes of {sides}" in " ".join(capsys.readouterr().out.split())
     assert run([*BUMPS[:3], "stretch=1.1", *BUMPS[4:]]) == 0
     assert "the deformation differs there" not in capsys.readouterr().out
 
@@ -520,6 +525,9 @@ def test_periodic_sides_that_are_not_tied_and_that_a_move_takes_apart_are_named_
     assert f"are {apart:.3g} m apart" in told
     assert run(["move", "passage.h5", "--deform", "twist=0deg", "-o", "n.xyz", "--json", "n.json"]) == 0
     assert numbers("n.json")["periodic_gaps"] == []
+    (pair,) = numbers("n.json")["periodic"]
+    assert pair["markers"] == ["block 1 jmin", "block 1 jmax"]
+    assert max(pair["gap"], pair["gap_before"]) < 1e-12
 
 
 def test_nodes_of_a_curved_patch_that_is_to_slide_stay_on_its_surface(workplace, capsys):

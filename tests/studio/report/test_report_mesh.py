@@ -1,10 +1,13 @@
 """Pages on meshes without structure: what they say, what is drawn, and how few triangles draw a large wall."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import openmdao.api as om
 import pytest
-from mesh_cases import body_model, mesh_around_a_body, nozzle_wedge, section_model, sector_mesh
+from mesh_cases import body_model, mesh_around_a_body, section_model, sector_mesh
+from periodic_cases import passage, untied
 from test_report_page import Page
 
 from bspline_mdao import DesignSurface, fit_grid, write_report
@@ -16,7 +19,7 @@ from bspline_mdao.design import Twist
 from bspline_mdao.grids.cells.mesh_quality import mesh_quality
 from bspline_mdao.grids.topology.periodic_gap import periodic_gaps
 from bspline_mdao.studio.cli.main import run
-from bspline_mdao.studio.cli.mesh_periodic import side_numbers
+from bspline_mdao.studio.cli.mesh_periodic import block_numbers, side_numbers
 from bspline_mdao.studio.plotting.mesh_slices import mesh_slice
 from bspline_mdao.studio.plotting.thinned_surface import thinned
 from bspline_mdao.studio.report import openmdao_report
@@ -104,19 +107,23 @@ def test_gaps_of_periodic_sides_and_distances_of_nodes_that_slide_are_those_of_m
         assert words in page.text
 
 
-def test_periodic_faces_of_blocks_that_drift_apart_are_told_and_others_are_not():
-    model = fit_grid(nozzle_wedge(0.2))
-    grid = model.regenerate()
-    nodes = grid.to_vector().reshape(-1, 3)
+@pytest.mark.parametrize("is_tied", [True, False])
+def test_all_periodic_pairs_of_blocks_are_listed_with_their_gaps_before_and_after(is_tied):
+    model = fit_grid(passage())
+    model = model if is_tied else replace(model, topology=untied(model.topology))
+    nodes = model.regenerate().to_vector().reshape(-1, 3)
     moved = nodes.copy()
-    moved[np.ravel_multi_index((7, 5, 3), grid.blocks[0].shape)] += [0.0, 0.02, 0.0]
-    shapes = Shape("Before", nodes, None), Shape("After", moved, None)
+    moved[np.ravel_multi_index((5, 0, 3), (9, 8, 7))] += [0.0, 0.012, 0.016]
+    shapes = Shape("Before", nodes, None), Shape("After", moved, None), Shape("Again", nodes, None)
     ((sides, how, misses),) = subject_of(model).misses(shapes)
     assert sides.count("block 1") == 2
-    assert "rotation" in how
-    (gap,) = periodic_gaps(model.topology, grid, model.header.grid(model.topology.shapes, moved))
-    assert misses == [None, gap.gap]
-    assert subject_of(model).misses(shapes[:1]) == []
+    assert how == "a rotation about x by 17.1887 deg"
+    assert max(misses[0], misses[2]) < 1e-12
+    assert misses[1] == pytest.approx(0.02, rel=1e-9)
+    grids = [model.header.grid(model.topology.shapes, of) for of in (nodes, moved)]
+    (numbers,) = block_numbers(model.topology, *grids)
+    assert (numbers["gap_before"], numbers["gap"]) == (misses[0], misses[1])
+    assert len(periodic_gaps(model.topology, *grids)) == (0 if is_tied else 1)
 
 
 @pytest.mark.slow
