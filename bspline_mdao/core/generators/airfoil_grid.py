@@ -1,4 +1,4 @@
-"""O-grids about airfoils by their names, without or with layers of flat cells at the wall."""
+"""O- and C-grids about airfoils by their names, without or with layers of flat cells at the wall."""
 
 from __future__ import annotations
 
@@ -12,9 +12,13 @@ from ...grids.cells.wall_spacing import flat_plate_y_plus
 from ...grids.topology.grid import Block, Grid
 from .airfoil import Airfoil
 from .airfoil_file import airfoil
+from .section_c_grid import section_c_grid
 from .section_o_grid import section_o_grid
 
-__all__ = ["airfoil_grid", "first_cell_of", "unit_of"]
+__all__ = ["TOPOLOGIES", "airfoil_grid", "first_cell_of", "unit_of"]
+
+TOPOLOGIES = "O", "C"
+"""Around the airfoil, or around it and along its wake."""
 
 GROWTH = 1.15
 """Of the heights of cells from the wall outward, where first cells are low and their number is left out."""
@@ -43,8 +47,10 @@ def airfoil_grid(
     first_cell: float | None = None,
     y_plus: float | None = None,
     reynolds: float | None = None,
+    topology: str = "O",
+    n_wake: int | None = None,
 ) -> Grid:
-    """Make the O-grid about an airfoil, one cell deep between two planes of symmetry.
+    """Make the O- or C-grid about an airfoil, one cell deep between two planes of symmetry.
 
     Parameters
     ----------
@@ -57,7 +63,8 @@ def airfoil_grid(
         Cells from the airfoil to the outer boundary; 48 by default, and with a height of the first cells as many as
         grow by 15 % from it.
     far : float
-        Radius of the outer boundary in chords.
+        Radius of the outer boundary in chords; of a C-grid its distance upstream and along the wake, above and below it
+        is twice as far.
     chord : float
         Length of the chord (m): what is 1 in a file of unit chord. Other files are scaled, and moved to have the nose
         at (0, 0); none is turned.
@@ -68,13 +75,19 @@ def airfoil_grid(
         flat plate of that chord (F. M. White, *Fluid Mechanics*, 7th ed., 2011, section 7.4).
     reynolds : float, optional
         Reynolds number of the chord, for `y_plus`.
+    topology : str
+        ``"O"``: around the airfoil; ``"C"``: around it and along a cut behind it, which leaves the trailing edge along
+        the bisector of its corner. First cells at the cut become higher behind the trailing edge.
+    n_wake : int, optional
+        Cells along the cut of a C-grid; by default as many as grow by 15 % from those of the wall.
 
     Returns
     -------
     Grid
-        One right-handed block of ``n_around + 1``, ``n_away + 1`` and 2 nodes, a chord deep, with the patches
-        ``airfoil``, ``farfield`` and ``symmetry``. The airfoil is in the plane of x and y; i runs from the trailing
-        edge along the lower side to the nose and back along the upper side.
+        Right-handed blocks a chord deep, with the patches ``airfoil``, ``farfield`` and ``symmetry``. The airfoil is in
+        the plane of x and y. An O-grid is one block of ``n_around + 1``, ``n_away + 1`` and 2 nodes; i runs from the
+        trailing edge along the lower side to the nose and back along the upper side. A C-grid has such a block between
+        one below and one above the cut, whose i runs to and from the trailing edge.
 
     Raises
     ------
@@ -88,23 +101,34 @@ def airfoil_grid(
     ((33, 49, 2),)
     >>> airfoil_grid("naca2412", 32, far=20.0, y_plus=1.0, reynolds=6e6).shapes
     ((33, 98, 2),)
+    >>> airfoil_grid("naca2412", 32, far=20.0, topology="C", n_wake=24).shapes
+    ((25, 49, 2), (33, 49, 2), (25, 49, 2))
     """
     section = of if isinstance(of, Airfoil) else airfoil(of)
     if not chord > 0.0:
         raise InputError(f"airfoil grid: a chord of {chord:g} m; give a positive length")
+    if topology not in TOPOLOGIES:
+        raise InputError(f"airfoil grid: topology '{topology}'; give one of {', '.join(TOPOLOGIES)}")
+    if n_wake is not None and topology != "C":
+        raise InputError(f"airfoil grid: {n_wake} cells along a wake, which a C-grid has; give topology 'C' as well")
     height = first_cell_of(chord, first_cell, y_plus, reynolds)
     rows = n_away or (N_AWAY if height is None else _rows(height / chord, far))
+    off_wall = SQUARE / max(n_around, 1) if height is None else height / chord
     try:
-        off_wall = SQUARE / max(n_around, 1) if height is None else height / chord
-        grid = section_o_grid(section.section, n_around, far, rows, off_wall)
+        if topology == "C":
+            grid = section_c_grid(section.section, n_around, far, rows, off_wall, n_wake)
+        else:
+            grid = section_o_grid(section.section, n_around, far, rows, off_wall)
     except InputError as error:
         raise InputError(f"airfoil '{section.name}': {error}") from error
-    (block,) = grid.blocks
     unit, origin = unit_of(section)
-    plane = (section.place(block.nodes[..., :2]) - origin) * (chord / unit)
-    nodes = np.concatenate([plane, chord * block.nodes[..., 2:]], axis=-1)
+    blocks = []
+    for block in grid.blocks:
+        plane = (section.place(block.nodes[..., :2]) - origin) * (chord / unit)
+        nodes = np.concatenate([plane, chord * block.nodes[..., 2:]], axis=-1)
+        blocks.append(Block(nodes, block.name.replace("section", "airfoil")))
     patches = tuple(replace(patch, name="airfoil" if patch.kind == "wall" else patch.name) for patch in grid.patches)
-    return Grid((Block(nodes, "around the airfoil"),), patches, source=f"O-grid about {section.name}")
+    return Grid(tuple(blocks), patches, source=f"{topology}-grid about {section.name}")
 
 
 def unit_of(section: Airfoil) -> tuple[float, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The command ``airfoil``: an O-grid about an airfoil, fitted or alone."""
+"""The command ``airfoil``: an O- or C-grid about an airfoil, fitted or alone."""
 
 from __future__ import annotations
 
@@ -36,6 +36,8 @@ class AirfoilOptions:
     first_cell: float | None
     y_plus: float | None
     reynolds: float | None
+    topology: str
+    wake: int | None
     symmetric: bool  # the file has one side of a symmetric section
 
 
@@ -83,7 +85,7 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
         lines.append(closed)
     return MadeGrid(
         grid,
-        f"{section.name}: O-grid of {counts_text(grid.shapes[0])} nodes, far field at {options.far:g} chords",
+        f"{section.name}: {options.topology}-grid of {_nodes_text(grid)} nodes, far field at {options.far:g} chords",
         lines,
         numbers,
         options.reynolds and options.reynolds / options.chord,
@@ -93,7 +95,7 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
 
 
 def _grid(section: Airfoil, options: AirfoilOptions) -> Grid:
-    """The O-grid."""
+    """The grid."""
     return airfoil_grid(
         section,
         options.around,
@@ -103,11 +105,31 @@ def _grid(section: Airfoil, options: AirfoilOptions) -> Grid:
         first_cell=options.first_cell,
         y_plus=options.y_plus,
         reynolds=options.reynolds,
+        topology=options.topology,
+        n_wake=options.wake,
     )
+
+
+def _nodes_text(grid: Grid) -> str:
+    """Nodes of each block."""
+    return ", ".join(counts_text(shape) for shape in grid.shapes)
 
 
 def _fitted(grid: Grid) -> FittedModel:
     """Fit the grid with as many control points as keep the nose."""
-    along, away, _ = grid.shapes[0]
-    around = max((along - 1) // CELLS + 2, min(int((along - 1) / DENSE) + 2, ENOUGH))
-    return fit_grid(grid, n_control=[(around, max((away - 1) // CELLS + 2, 4), 2)], order=(4, 4, 2))
+    walls = {window.block for patch in grid.patches if patch.kind == "wall" for window in patch.windows}
+    counts = [
+        (_around(along) if block in walls else _others(along), _others(away), 2)
+        for block, (along, away, _) in enumerate(grid.shapes)
+    ]
+    return fit_grid(grid, n_control=counts, order=(4, 4, 2))
+
+
+def _around(nodes: int) -> int:
+    """Control points around the airfoil."""
+    return max((nodes - 1) // CELLS + 2, min(int((nodes - 1) / DENSE) + 2, ENOUGH))
+
+
+def _others(nodes: int) -> int:
+    """Control points along the wake, and from the airfoil outward."""
+    return max((nodes - 1) // CELLS + 2, 4)

@@ -25,7 +25,7 @@ output_option = click.option(
 @command(
     "airfoil naca2412 -o foil.h5",
     "airfoil rae2822.dat -o foil.cgns --around 256 --y-plus 1 --reynolds 6.5e6",
-    "airfoil cst:0.17,0.16,0.15/-0.17,-0.1,-0.15 -o foil.h5",
+    "airfoil cst:0.17,0.16,0.15/-0.17,-0.1,-0.15 -o foil.h5 --topology C",
 )
 @click.argument("name", metavar="AIRFOIL")
 @output_option
@@ -49,7 +49,7 @@ output_option = click.option(
     default=50.0,
     show_default=True,
     metavar="R",
-    help="Radius of the outer boundary in chords.",
+    help="Radius of the outer boundary in chords; of a C-grid its distance upstream and behind; above it is twice.",
 )
 @click.option(
     "--chord",
@@ -72,10 +72,23 @@ output_option = click.option(
     help="Height of the first cells in viscous units, by a flat plate; give --reynolds as well.",
 )
 @click.option("--reynolds", type=POSITIVE, metavar="RE", help="Reynolds number of the chord.")
+@click.option(
+    "--topology",
+    type=click.Choice(["O", "C"], case_sensitive=False),
+    default="O",
+    show_default=True,
+    help="Around it, or around it and along its wake.",
+)
+@click.option(
+    "--wake",
+    type=click.IntRange(4, 10_000),
+    metavar="N",
+    help="Cells along the wake of a C-grid; by default as many as grow by 15 % from the trailing edge.",
+)
 @click.option("--symmetric", is_flag=True, help="The file has one side of a symmetric section.")
 @json_option
 def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
-    """Make an O-grid about an airfoil, and fit it where the output is a model.
+    """Make an O- or C-grid about an airfoil, and fit it where the output is a model.
 
     AIRFOIL is NACA digits, such as naca2412 or naca23012; coefficients of class and shape functions from the nose to
     the trailing edge, cst:UPPER/LOWER, with commas between them, and /BASE behind them for the height of a blunt

@@ -8,6 +8,8 @@ import pytest
 
 from bspline_mdao import FittedModel, read_grid
 from bspline_mdao.generators import airfoil_grid, naca_airfoil
+from bspline_mdao.grids.cells.grid_quality import GridQuality
+from bspline_mdao.grids.cells.report import report_quality
 from bspline_mdao.studio.cli.main import run
 
 
@@ -43,6 +45,17 @@ def test_a_model_has_the_wall_of_the_airfoil_and_no_invalid_element(said):
     assert numbers["n_inverted"] == numbers["fit"]["n_invalid_control_elements"] == 0
     assert numbers["fit"]["worst_on_walls"]["error"] < 2e-3
     assert (numbers["base"], numbers["unit"]) == (0.0, 1.0)
+
+
+def test_a_c_grid_is_fitted_and_moved(said, capsys):
+    assert "C-grid of 21 x 13 x 2, 33 x 13 x 2, 21 x 13 x 2 nodes" in said(
+        "naca4412", "-o", "foil.h5", "--topology", "c", "--around", "32", "--away", "12", "--wake", "20"
+    )
+    assert run(["move", "foil.h5", "--deform", "pitch=3deg", "-o", "pitched.xyz"]) == 0
+    assert "surface moved" in capsys.readouterr().out
+    moved = read_grid("pitched.xyz")
+    assert report_quality(GridQuality.of_baseline(moved), moved.to_vector().reshape(-1, 3)).n_inverted == 0
+    np.testing.assert_allclose(moved.blocks[0].nodes[::-1, 0], moved.blocks[2].nodes[:, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["foil.xyz", "foil.cgns"])

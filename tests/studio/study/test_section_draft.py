@@ -61,6 +61,12 @@ def test_an_h_grid_about_a_section_is_an_airfoil_as_well(tmp_path):
     assert study.objective["of"] == "CD"
 
 
+def test_a_c_grid_is_an_airfoil_as_well(tmp_path):
+    study, _ = draft(tmp_path, airfoil_grid("naca0012", 32, 12, far=10.0, topology="C", n_wake=12))
+    assert (study.objective["of"], study.flow["kind"], study.flow["trim"]) == ("CD", "euler", True)
+    assert {table["kind"] for table in study.variables.values()} == {"class_shape"}
+
+
 def test_where_no_flow_can_be_had_the_draft_says_why_and_nothing_untrue(tmp_path):
     study, text = draft(tmp_path, o_grid(far="other"))
     assert study.flow is None

@@ -1,0 +1,174 @@
+r"""C-grids about sections by conformal mapping: around the section, and along a cut behind it.
+
+The circle of `circle_mapping` is mapped to a slit from -2 to 2, the trailing edge at 2, and the plane outside the slit
+and behind it to the upper half of another one by the square root: wall and cut are its real axis, and the grid lines of
+equal height are confocal parabolas, which all lines from the wall cross at right angles::
+
+           ____________
+          / 1   | 2            three blocks: along the cut below it to the trailing edge, around the section, and along
+         |  C=> +--------      the cut above it; j away from wall and cut, i clockwise
+          \_____| 0____
+
+The cut leaves the trailing edge along the bisector of its corner, and goes on as a stream line without lift.
+
+References
+----------
+J. F. Thompson, Z. U. A. Warsi and C. W. Mastin, *Numerical Grid Generation* (1985), chapter X: conformal mappings to
+C-grids.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import InputError
+from ...grids.topology.grid import Grid
+from .circle_mapping import TRAILING_EDGE, CircleMapping
+from .section_plane import at_distances, mapping_of, one_deep
+from .stretching import stretch_from
+from .wing import Section
+
+__all__ = ["section_c_grid"]
+
+GROWTH = 1.15
+"""Of the cells from the trailing edge along the cut, where their number is left out."""
+
+_WIDER = 0.01
+"""Height of the first cells at the cut by the distance behind the trailing edge, far from it."""
+
+_TURN = 2.0
+"""Height in the half plane, where the chord is 4 long, over which lines leave the intervals of the wall: those at the
+trailing edge would be as close far away."""
+
+_NEAREST, _ALONG = 1e-9, 300
+"""The nearest of the points by which lengths of lines are measured, and their number."""
+
+
+def section_c_grid(
+    section: Section,
+    n_around: int = 64,
+    far: float = 50.0,
+    n_away: int = 48,
+    off_wall: float | None = None,
+    n_wake: int | None = None,
+) -> Grid:
+    """Make the C-grid about a section of unit chord, one cell deep between two planes of symmetry.
+
+    Parameters
+    ----------
+    section : Section
+        With a blunt nose and a closed trailing edge; points (x, y) in chords.
+    n_around : int
+        Cells around the section, an even number of 8 or more.
+    far : float
+        Distance of the outer boundary in chords, upstream and along the cut; above and below it is twice as far.
+    n_away : int
+        Cells from the section to the outer boundary.
+    off_wall : float, optional
+        Height of the first cells in chords; half of a chord over the cells around by default. At the cut they become
+        higher behind the trailing edge.
+    n_wake : int, optional
+        Cells along the cut, 4 or more; by default as many as grow by 15 % from those of the wall at the trailing edge.
+
+    Returns
+    -------
+    Grid
+        Three right-handed blocks, below the cut, around the section and above the cut, with the patches ``wing``,
+        ``farfield`` and ``symmetry``, from z = 0 to z = 1.
+
+    Raises
+    ------
+    InputError
+        If the nose is sharp, the counts are too small, the outer boundary is too near, or cells of that height cannot
+        grow to it.
+
+    Examples
+    --------
+    >>> from bspline_mdao.generators import naca_section, section_c_grid
+    >>> section_c_grid(naca_section(0.12), n_around=16, far=20.0, n_away=12, n_wake=10).shapes
+    ((11, 13, 2), (17, 13, 2), (11, 13, 2))
+    """
+    mapping = mapping_of(section, "C-grid", n_around, n_away, far)
+    if n_wake is not None and n_wake < 4:
+        raise InputError(f"C-grid about a section: {n_wake} cells along the cut; give 4 or more")
+    half_plane = _HalfPlane(mapping, far)
+    wall = -2.0 * np.cos(np.pi * np.arange(n_around + 1) / n_around)  # equal angles of the circle
+    cut, behind = _cut(half_plane, wall, n_wake)
+    feet = np.concatenate([-cut[:0:-1], wall, cut[1:]])
+    even = _even(half_plane.end, n_around, len(cut) - 1)
+    behind = np.concatenate([behind[:0:-1], np.zeros_like(wall), behind[1:]])
+    points = _lines(half_plane, feet, even, _heights(off_wall or 0.5 / n_around, behind), n_away)
+    edges = [len(cut) - 1, len(cut) - 1 + n_around]
+    points[edges, 0] = TRAILING_EDGE
+    points[-len(cut) :, 0] = points[len(cut) - 1 :: -1, 0]  # both come by the cut on different ways
+    parts = np.split(np.insert(points, edges, points[edges], axis=0), np.add(edges, [1, 2]))
+    names = "below the wake", "around the section", "above the wake"
+    faces = {"wing": [(1, 2)], "farfield": [(0, 3), (1, 3), (2, 3), (0, 0), (2, 1)]}
+    return one_deep(dict(zip(names, parts)), faces, "C-grid about a section")
+
+
+class _HalfPlane:
+    """The outside of a section, cut behind it, by a half plane whose real axis is wall and cut."""
+
+    def __init__(self, mapping: CircleMapping, far: float):
+        self._mapping = mapping
+        # where the outer boundary cuts the axes
+        self.end, self.height = np.sqrt(far / mapping.radius + 2.0), np.sqrt(far / mapping.radius - 2.0)
+
+    def points(self, plane: np.ndarray) -> np.ndarray:
+        """Points about the section of complex ones of the half plane, the trailing edge at 2 and at -2."""
+        outside = (0.5 * (plane + np.sqrt(plane - 2.0) * np.sqrt(plane + 2.0))) ** 2
+        return self._mapping.points(outside)
+
+
+def _cut(
+    half_plane: _HalfPlane,
+    wall: np.ndarray,  # (n_around + 1,), nodes of the wall in the half plane
+    n: int | None,  # cells
+) -> tuple[np.ndarray, np.ndarray]:  # (n + 1,), nodes of the cut in the half plane; distances from the trailing edge
+    """Divide the cut, from intervals like those of the wall at the trailing edge on."""
+    steps = np.append(0.0, np.geomspace(_NEAREST, half_plane.end - 2.0, _ALONG))
+    line, at_edge = half_plane.points(steps + 2.0 + 0.0j), half_plane.points(wall[[1, -2]] + 0.0j)
+    line[0] = TRAILING_EDGE
+    length, first = np.abs(np.diff(line)).sum(), np.abs(at_edge - TRAILING_EDGE).mean()
+    n = n or int(np.ceil(np.log1p((GROWTH - 1.0) * length / first) / np.log(GROWTH)))
+    distances = length * stretch_from(n + 1, first / length)
+    inner = at_distances(line, steps, distances[1:-1])
+    return np.concatenate([[2.0], 2.0 + inner, [half_plane.end]]), distances
+
+
+def _even(end: float, n_around: int, n_wake: int) -> np.ndarray:
+    """Places of all lines far away, where those at the trailing edge are no closer than others."""
+    around = np.linspace(-2.0, 2.0, n_around + 1)
+    first = min(4.0 / n_around / (end - 2.0), 1.0 / n_wake)
+    behind = 2.0 + (end - 2.0) * stretch_from(n_wake + 1, first)[1:]
+    return np.concatenate([-behind[::-1], around, behind])
+
+
+def _heights(off_wall: float, behind: np.ndarray) -> np.ndarray:
+    """Heights of the first cells (chords) by their distances behind the trailing edge, 0 on the wall."""
+    # in its logarithm: layers many orders lower than the chord leave the wall's within about a chord, and slowly
+    return off_wall * np.hypot(1.0, _WIDER * behind / off_wall) ** (behind**2 / (behind**2 + 1.0))
+
+
+def _lines(
+    half_plane: _HalfPlane,
+    # (m,), places of the lines at the real axis and far away, and heights of their first cells (chords)
+    feet: np.ndarray,
+    even: np.ndarray,
+    heights: np.ndarray,
+    n_away: int,
+) -> np.ndarray:
+    """Nodes (m, n_away + 1) about the section on lines that leave wall and cut."""
+
+    def bent(up: np.ndarray) -> np.ndarray:
+        return feet[:, None] + (even - feet)[:, None] * up**2 / (up**2 + _TURN**2) + 1j * up
+
+    up = np.append(0.0, np.geomspace(_NEAREST, half_plane.height, _ALONG))
+    lines = half_plane.points(bent(up))
+    lines[np.abs(feet) == 2.0, 0] = TRAILING_EDGE
+    lengths = np.abs(np.diff(lines, axis=1)).sum(axis=1)
+    asked = [length * stretch_from(n_away + 1, first / length) for length, first in zip(lengths, heights)]
+    inner = [at_distances(line, up, distances[1:-1]) for line, distances in zip(lines, asked)]
+    ends = np.broadcast_to([0.0, half_plane.height], (len(feet), 2))
+    return half_plane.points(bent(np.concatenate([ends[:, :1], inner, ends[:, 1:]], axis=1)))
