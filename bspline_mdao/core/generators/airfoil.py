@@ -131,6 +131,12 @@ class Airfoil(OneLine):
             side[[0, -1]] = [[0.0, 0.0], [1.0, 0.0]]
         return Section(upper, lower, nose_radius=self.nose_radius)
 
+    @property
+    def base_of_section(self) -> complex:
+        """What the wedge takes off `section` at the trailing edge: from the lower to the upper corner, in chords."""
+        upper, lower = self._in_chords(self.points[[0, -1]])
+        return complex(*(upper - lower))
+
     def place(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 2) of the plane of `section` as those of the outline."""
         along = self.tail - self.nose

@@ -31,7 +31,7 @@ _BASE, _STRAIGHT = 0.01, np.sqrt(0.75)
 """Longest step on half of a base, by the length of all, and cosine of the angle by which sides turn at most."""
 
 
-def airfoil(name: str | PathLike) -> Airfoil:
+def airfoil(name: str | PathLike, blunt: bool = False) -> Airfoil:
     """Make the airfoil of a name: NACA digits, coefficients of class and shape functions, or a file.
 
     Parameters
@@ -40,6 +40,8 @@ def airfoil(name: str | PathLike) -> Airfoil:
         ``naca2412`` or ``naca23012``; ``cst:0.17,0.16,0.15/-0.17,-0.1,-0.15``, the coefficients of the upper and of the
         lower side from the nose on, and ``/0.002`` behind them for a blunt trailing edge of that height; or a file, see
         `read_airfoil`.
+    blunt : bool
+        Leave the trailing edge of NACA sections open as in their definition; others are as they are given.
 
     Returns
     -------
@@ -62,7 +64,7 @@ def airfoil(name: str | PathLike) -> Airfoil:
         return _of_coefficients(text)
     digits = _NACA.fullmatch(text)
     if digits and not Path(text).is_file():
-        return naca_airfoil(digits[1])
+        return naca_airfoil(digits[1], blunt)
     return read_airfoil(text)
 
 

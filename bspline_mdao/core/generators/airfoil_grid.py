@@ -15,10 +15,13 @@ from .airfoil_file import airfoil
 from .section_c_grid import section_c_grid
 from .section_o_grid import section_o_grid
 
-__all__ = ["TOPOLOGIES", "airfoil_grid", "first_cell_of", "unit_of"]
+__all__ = ["BASES", "TOPOLOGIES", "airfoil_grid", "first_cell_of", "unit_of"]
 
 TOPOLOGIES = "O", "C"
 """Around the airfoil, or around it and along its wake."""
+
+BASES = "wall", "closed"
+"""What a blunt trailing edge becomes."""
 
 GROWTH = 1.15
 """Of the heights of cells from the wall outward, where first cells are low and their number is left out."""
@@ -49,14 +52,14 @@ def airfoil_grid(
     reynolds: float | None = None,
     topology: str = "O",
     n_wake: int | None = None,
+    base: str | None = None,
 ) -> Grid:
     """Make the O- or C-grid about an airfoil, one cell deep between two planes of symmetry.
 
     Parameters
     ----------
     of : str, path-like or Airfoil
-        The airfoil, or its name for `airfoil`: NACA digits, coefficients or a file. A blunt trailing edge is closed by
-        taking a wedge off the thickness, see `Airfoil.section`.
+        The airfoil, or its name for `airfoil`: NACA digits, coefficients or a file.
     n_around : int
         Cells around the airfoil, an even number of 8 or more.
     n_away : int, optional
@@ -80,6 +83,10 @@ def airfoil_grid(
         the bisector of its corner. First cells at the cut become higher behind the trailing edge.
     n_wake : int, optional
         Cells along the cut of a C-grid; by default as many as grow by 15 % from those of the wall.
+    base : str, optional
+        Of a blunt trailing edge: ``"wall"`` keeps its base as a wall with a block behind it, which C-grids do by
+        default, also of NACA sections, whose definition is blunt, when it is asked for; ``"closed"`` takes a wedge off
+        the thickness, see `Airfoil.section`, which O-grids do.
 
     Returns
     -------
@@ -87,7 +94,8 @@ def airfoil_grid(
         Right-handed blocks a chord deep, with the patches ``airfoil``, ``farfield`` and ``symmetry``. The airfoil is in
         the plane of x and y. An O-grid is one block of ``n_around + 1``, ``n_away + 1`` and 2 nodes; i runs from the
         trailing edge along the lower side to the nose and back along the upper side. A C-grid has such a block between
-        one below and one above the cut, whose i runs to and from the trailing edge.
+        one below and one above the cut, whose i runs to and from the trailing edge, and behind a base a fourth one; the
+        base is a patch of its own, ``base``.
 
     Raises
     ------
@@ -104,19 +112,24 @@ def airfoil_grid(
     >>> airfoil_grid("naca2412", 32, far=20.0, topology="C", n_wake=24).shapes
     ((25, 49, 2), (33, 49, 2), (25, 49, 2))
     """
-    section = of if isinstance(of, Airfoil) else airfoil(of)
+    section = of if isinstance(of, Airfoil) else airfoil(of, blunt=base == "wall")
     if not chord > 0.0:
         raise InputError(f"airfoil grid: a chord of {chord:g} m; give a positive length")
     if topology not in TOPOLOGIES:
         raise InputError(f"airfoil grid: topology '{topology}'; give one of {', '.join(TOPOLOGIES)}")
     if n_wake is not None and topology != "C":
         raise InputError(f"airfoil grid: {n_wake} cells along a wake, which a C-grid has; give topology 'C' as well")
+    if base not in (None, *BASES) or (base == "wall" and topology != "C"):
+        raise InputError(f"airfoil grid: base '{base}' of {topology}-grids; give 'closed', or 'wall' and topology 'C'")
+    if base == "wall" and not section.base:
+        raise InputError(f"airfoil '{section.name}': its trailing edge is sharp, and has no base that is a wall")
     height = first_cell_of(chord, first_cell, y_plus, reynolds)
     rows = n_away or (N_AWAY if height is None else _rows(height / chord, far))
     off_wall = SQUARE / max(n_around, 1) if height is None else height / chord
     try:
         if topology == "C":
-            grid = section_c_grid(section.section, n_around, far, rows, off_wall, n_wake)
+            kept = 0.0 if base == "closed" else section.base_of_section
+            grid = section_c_grid(section.section, n_around, far, rows, off_wall, n_wake, kept)
         else:
             grid = section_o_grid(section.section, n_around, far, rows, off_wall)
     except InputError as error:
@@ -127,7 +140,7 @@ def airfoil_grid(
         plane = (section.place(block.nodes[..., :2]) - origin) * (chord / unit)
         nodes = np.concatenate([plane, chord * block.nodes[..., 2:]], axis=-1)
         blocks.append(Block(nodes, block.name.replace("section", "airfoil")))
-    patches = tuple(replace(patch, name="airfoil" if patch.kind == "wall" else patch.name) for patch in grid.patches)
+    patches = tuple(replace(patch, name=patch.name.replace("wing", "airfoil")) for patch in grid.patches)
     return Grid(tuple(blocks), patches, source=f"{topology}-grid about {section.name}")
 
 

@@ -24,8 +24,9 @@ import numpy as np
 from ...errors import InputError
 from ...grids.topology.grid import Grid
 from .circle_mapping import TRAILING_EDGE, CircleMapping
+from .section_base import behind_base, grown, opening
 from .section_plane import at_distances, mapping_of, one_deep
-from .stretching import stretch_from
+from .stretching import stretch, stretch_from
 from .wing import Section
 
 __all__ = ["section_c_grid"]
@@ -36,11 +37,11 @@ GROWTH = 1.15
 _WIDER = 0.01
 """Height of the first cells at the cut by the distance behind the trailing edge, far from it."""
 
-_TURN = 2.0
+_TURN = 4.0
 """Height in the half plane, where the chord is 4 long, over which lines leave the intervals of the wall: those at the
 trailing edge would be as close far away."""
 
-_NEAREST, _ALONG = 1e-9, 300
+_NEAREST, _ALONG = 1e-9, 120
 """The nearest of the points by which lengths of lines are measured, and their number."""
 
 
@@ -51,6 +52,7 @@ def section_c_grid(
     n_away: int = 48,
     off_wall: float | None = None,
     n_wake: int | None = None,
+    base: complex = 0.0,
 ) -> Grid:
     """Make the C-grid about a section of unit chord, one cell deep between two planes of symmetry.
 
@@ -69,12 +71,16 @@ def section_c_grid(
         higher behind the trailing edge.
     n_wake : int, optional
         Cells along the cut, 4 or more; by default as many as grow by 15 % from those of the wall at the trailing edge.
+    base : complex
+        Base of a blunt trailing edge, from its lower to its upper corner in chords: a wedge as thick, and nothing at
+        the nose, is added to the section, and the cut opens to a block behind it.
 
     Returns
     -------
     Grid
         Three right-handed blocks, below the cut, around the section and above the cut, with the patches ``wing``,
-        ``farfield`` and ``symmetry``, from z = 0 to z = 1.
+        ``farfield`` and ``symmetry``, from z = 0 to z = 1. With a base there is a fourth one behind it, and a patch
+        ``base``; first cells at the base are as high as at the section, if these are lower than the last ones are long.
 
     Raises
     ------
@@ -91,20 +97,31 @@ def section_c_grid(
     mapping = mapping_of(section, "C-grid", n_around, n_away, far)
     if n_wake is not None and n_wake < 4:
         raise InputError(f"C-grid about a section: {n_wake} cells along the cut; give 4 or more")
-    half_plane = _HalfPlane(mapping, far)
+    half_plane, height = _HalfPlane(mapping, far), off_wall or 0.5 / n_around
     wall = -2.0 * np.cos(np.pi * np.arange(n_around + 1) / n_around)  # equal angles of the circle
-    cut, behind = _cut(half_plane, wall, n_wake)
+    at_edge = half_plane.points(wall[[1, -2]] + 0.0j)
+    first = np.abs(at_edge - TRAILING_EDGE).mean()
+    if base and height < first:  # of the cells at the base, too
+        first, wall = height, _towards_base(half_plane, wall, height)
+    cut, behind = _cut(half_plane, first, n_wake)
     feet = np.concatenate([-cut[:0:-1], wall, cut[1:]])
     even = _even(half_plane.end, n_around, len(cut) - 1)
     behind = np.concatenate([behind[:0:-1], np.zeros_like(wall), behind[1:]])
-    points = _lines(half_plane, feet, even, _heights(off_wall or 0.5 / n_around, behind), n_away)
-    edges = [len(cut) - 1, len(cut) - 1 + n_around]
+    heights = grown(height, _WIDER, behind)
+    points, up = _lines(half_plane, feet, even, heights, n_away)
+    n_cut = len(cut) - 1
+    edges = [n_cut, n_cut + n_around]
     points[edges, 0] = TRAILING_EDGE
-    points[-len(cut) :, 0] = points[len(cut) - 1 :: -1, 0]  # both come by the cut on different ways
-    parts = np.split(np.insert(points, edges, points[edges], axis=0), np.add(edges, [1, 2]))
-    names = "below the wake", "around the section", "above the wake"
+    points[-n_cut - 1 :, 0] = points[n_cut::-1, 0]  # both come by the cut on different ways
     faces = {"wing": [(1, 2)], "farfield": [(0, 3), (1, 3), (2, 3), (0, 0), (2, 1)]}
-    return one_deep(dict(zip(names, parts)), faces, "C-grid about a section")
+    if base:
+        points += opening(points[:, 0], feet, up, behind, base)
+    parts = np.split(np.insert(points, edges, points[edges], axis=0), np.add(edges, [1, 2]))
+    planes = dict(zip(("below the wake", "around the section", "above the wake"), parts))
+    if base:
+        planes["behind the base"] = behind_base(parts[0][::-1, 0], parts[2][:, 0], heights[-n_cut - 1 :])
+        faces = {**faces, "farfield": [*faces["farfield"], (3, 1)], "base": [(3, 0)]}
+    return one_deep(planes, faces, "C-grid about a section")
 
 
 class _HalfPlane:
@@ -121,16 +138,31 @@ class _HalfPlane:
         return self._mapping.points(outside)
 
 
+def _towards_base(half_plane: _HalfPlane, wall: np.ndarray, height: float) -> np.ndarray:
+    """Nodes of the wall in the half plane, (n_around + 1,), whose last intervals (chords) are those at the base."""
+    middle = len(wall) // 2
+    steps = np.append(0.0, np.geomspace(_NEAREST, 2.0, _ALONG))
+    at_nose = np.abs(np.diff(half_plane.points(wall[[middle - 1, middle + 1]] + 0.0j)))[0] / 2.0
+    sides = []
+    for sign in (-1.0, 1.0):
+        line = half_plane.points(sign * (2.0 - steps) + 0.0j)
+        line[0] = TRAILING_EDGE
+        length = np.abs(np.diff(line)).sum()
+        distances = length * stretch(middle + 1, height / length, at_nose / length)
+        sides.append(sign * np.append(2.0, 2.0 - at_distances(line, steps, distances[1:-1])))
+    return np.concatenate([sides[0], [0.0], sides[1][::-1]])
+
+
 def _cut(
     half_plane: _HalfPlane,
-    wall: np.ndarray,  # (n_around + 1,), nodes of the wall in the half plane
+    first: float,  # interval at the trailing edge (chords)
     n: int | None,  # cells
 ) -> tuple[np.ndarray, np.ndarray]:  # (n + 1,), nodes of the cut in the half plane; distances from the trailing edge
-    """Divide the cut, from intervals like those of the wall at the trailing edge on."""
+    """Divide the cut."""
     steps = np.append(0.0, np.geomspace(_NEAREST, half_plane.end - 2.0, _ALONG))
-    line, at_edge = half_plane.points(steps + 2.0 + 0.0j), half_plane.points(wall[[1, -2]] + 0.0j)
+    line = half_plane.points(steps + 2.0 + 0.0j)
     line[0] = TRAILING_EDGE
-    length, first = np.abs(np.diff(line)).sum(), np.abs(at_edge - TRAILING_EDGE).mean()
+    length = np.abs(np.diff(line)).sum()
     n = n or int(np.ceil(np.log1p((GROWTH - 1.0) * length / first) / np.log(GROWTH)))
     distances = length * stretch_from(n + 1, first / length)
     inner = at_distances(line, steps, distances[1:-1])
@@ -145,12 +177,6 @@ def _even(end: float, n_around: int, n_wake: int) -> np.ndarray:
     return np.concatenate([-behind[::-1], around, behind])
 
 
-def _heights(off_wall: float, behind: np.ndarray) -> np.ndarray:
-    """Heights of the first cells (chords) by their distances behind the trailing edge, 0 on the wall."""
-    # in its logarithm: layers many orders lower than the chord leave the wall's within about a chord, and slowly
-    return off_wall * np.hypot(1.0, _WIDER * behind / off_wall) ** (behind**2 / (behind**2 + 1.0))
-
-
 def _lines(
     half_plane: _HalfPlane,
     # (m,), places of the lines at the real axis and far away, and heights of their first cells (chords)
@@ -158,8 +184,8 @@ def _lines(
     even: np.ndarray,
     heights: np.ndarray,
     n_away: int,
-) -> np.ndarray:
-    """Nodes (m, n_away + 1) about the section on lines that leave wall and cut."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (m, n_away + 1) about the section on lines that leave wall and cut, and their heights in the half plane."""
 
     def bent(up: np.ndarray) -> np.ndarray:
         return feet[:, None] + (even - feet)[:, None] * up**2 / (up**2 + _TURN**2) + 1j * up
@@ -171,4 +197,5 @@ def _lines(
     asked = [length * stretch_from(n_away + 1, first / length) for length, first in zip(lengths, heights)]
     inner = [at_distances(line, up, distances[1:-1]) for line, distances in zip(lines, asked)]
     ends = np.broadcast_to([0.0, half_plane.height], (len(feet), 2))
-    return half_plane.points(bent(np.concatenate([ends[:, :1], inner, ends[:, 1:]], axis=1)))
+    up = np.concatenate([ends[:, :1], inner, ends[:, 1:]], axis=1)
+    return half_plane.points(bent(up)), up

@@ -13,7 +13,7 @@ from ...grids.topology.index_space import Window
 from .circle_mapping import CircleMapping
 from .wing import Section
 
-_KINDS = {"wing": "wall", "farfield": "farfield", "symmetry": "symmetry"}
+_KINDS = {"wing": "wall", "base": "wall", "farfield": "farfield", "symmetry": "symmetry"}
 
 
 def mapping_of(
@@ -50,7 +50,7 @@ def at_distances(
 
 def one_deep(
     planes: Mapping[str, np.ndarray],  # complex nodes (ni, nj) of each block by its name
-    faces: Mapping[str, Sequence[tuple[int, int]]],  # block and face of wing and farfield
+    faces: Mapping[str, Sequence[tuple[int, int]]],  # block and face of each patch, but the planes
     source: str,
 ) -> Grid:
     """Make the grid of blocks from z = 0 to z = 1."""
@@ -60,6 +60,7 @@ def one_deep(
     patches = tuple(
         Patch(name, kind, tuple(windows[number].face(face) for number, face in faces[name]))
         for name, kind in _KINDS.items()
+        if name in faces
     )
     return Grid(blocks, patches, source=source)
 

@@ -38,6 +38,7 @@ class AirfoilOptions:
     reynolds: float | None
     topology: str
     wake: int | None
+    base: str | None
     symmetric: bool  # the file has one side of a symmetric section
 
 
@@ -54,7 +55,7 @@ def make_airfoil(
         raise InputError(f"{name}: is no file, of which --symmetric says that it has one side; leave it out")
 
     def outline() -> Airfoil:
-        return read_airfoil(name, options.symmetric) if file else airfoil(name)
+        return read_airfoil(name, options.symmetric) if file else airfoil(name, blunt=options.base == "wall")
 
     write_made_grid(lambda: _made(name, outline, options), output, json, _fitted)
 
@@ -77,12 +78,8 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
     ]
     if unit != 1.0 or origin.any():
         lines.append(f"the chord is {unit:.6g} long there: scaled to {options.chord:g} m, with the nose at the origin")
-    closed = (
-        f"the trailing edge is {100.0 * base:.3g} % thick: it is closed by a wedge off both sides, which moves no "
-        f"point by more than {50.0 * base:.3g} % of the chord"
-    )
-    if 0.0 < base < THICK_BASE:
-        lines.append(closed)
+    is_warned, said = _of_base(base, options)
+    lines += [] if is_warned else said
     return MadeGrid(
         grid,
         f"{section.name}: {options.topology}-grid of {_nodes_text(grid)} nodes, far field at {options.far:g} chords",
@@ -90,8 +87,20 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
         numbers,
         options.reynolds and options.reynolds / options.chord,
         "give more cells --around",
-        [f"{closed}; that changes the flow behind it"] if base >= THICK_BASE else [],
+        said if is_warned else [],
     )
+
+
+def _of_base(base: float, options: AirfoilOptions) -> tuple[bool, list[str]]:
+    """What becomes of a blunt trailing edge, and whether to warn of it."""
+    if not base:
+        return False, []
+    thick = f"the trailing edge is {100.0 * base:.3g} % thick: it is"
+    if options.topology == "C" and options.base != "closed":
+        return False, [f"{thick} kept, a wall with a block behind it; --base closed closes it"]
+    closed = f"closed by a wedge off both sides, which moves no point by more than {50.0 * base:.3g} % of the chord"
+    changed = "; that changes the flow behind it" if base >= THICK_BASE else ""
+    return bool(changed), [f"{thick} {closed}{changed}{'' if options.base else '; --topology C keeps it'}"]
 
 
 def _grid(section: Airfoil, options: AirfoilOptions) -> Grid:
@@ -107,6 +116,7 @@ def _grid(section: Airfoil, options: AirfoilOptions) -> Grid:
         reynolds=options.reynolds,
         topology=options.topology,
         n_wake=options.wake,
+        base=options.base,
     )
 
 
@@ -117,7 +127,7 @@ def _nodes_text(grid: Grid) -> str:
 
 def _fitted(grid: Grid) -> FittedModel:
     """Fit the grid with as many control points as keep the nose."""
-    walls = {window.block for patch in grid.patches if patch.kind == "wall" for window in patch.windows}
+    walls = {window.block for patch in grid.patches if patch.name == "airfoil" for window in patch.windows}
     counts = [
         (_around(along) if block in walls else _others(along), _others(away), 2)
         for block, (along, away, _) in enumerate(grid.shapes)

@@ -85,6 +85,12 @@ output_option = click.option(
     metavar="N",
     help="Cells along the wake of a C-grid; by default as many as grow by 15 % from the trailing edge.",
 )
+@click.option(
+    "--base",
+    type=click.Choice(["wall", "closed"], case_sensitive=False),
+    help="What a blunt trailing edge becomes: a wall with a block behind it, as in C-grids by default, or closed by a "
+    "wedge, as in O-grids; 'wall' makes NACA sections blunt, as their definition is.",
+)
 @click.option("--symmetric", is_flag=True, help="The file has one side of a symmetric section.")
 @json_option
 def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
@@ -92,8 +98,8 @@ def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
 
     AIRFOIL is NACA digits, such as naca2412 or naca23012; coefficients of class and shape functions from the nose to
     the trailing edge, cst:UPPER/LOWER, with commas between them, and /BASE behind them for the height of a blunt
-    trailing edge; or a file of points in the order of Selig or Lednicer, or of two plain columns, in any unit. A blunt
-    trailing edge is closed by a wedge. The name of GRID gives the format: {written}.
+    trailing edge; or a file of points in the order of Selig or Lednicer, or of two plain columns, in any unit. The
+    name of GRID gives the format: {written}.
     """
     from .airfoil import AirfoilOptions, make_airfoil
 

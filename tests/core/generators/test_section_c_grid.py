@@ -3,11 +3,21 @@
 import numpy as np
 import openmdao.api as om
 import pytest
+from scipy.spatial import cKDTree
 
 from bspline_mdao import EulerFlow, find_topology, fit_grid
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow import run_flow
-from bspline_mdao.generators import airfoil, airfoil_grid, cambered_section, flat_section, naca_section, section_c_grid
+from bspline_mdao.generators import (
+    Airfoil,
+    airfoil,
+    airfoil_grid,
+    cambered_section,
+    flat_section,
+    naca_airfoil,
+    naca_section,
+    section_c_grid,
+)
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import report_quality
 
@@ -119,3 +129,54 @@ def test_lift_and_drag_are_those_on_the_o_grid_within_what_both_are_off_by():
         flows.append(run_flow(problem_of(fit_grid(airfoil_grid("naca0012", 64, 32, **options)))))
     assert flows[1]["CL"] == pytest.approx(flows[0]["CL"], rel=0.01)
     assert flows[1]["CD"] == pytest.approx(flows[0]["CD"], abs=1e-4)
+
+
+BLUNT = {
+    "NACA 0012": naca_airfoil("0012", blunt=True),
+    "NACA 23012": naca_airfoil("23012", blunt=True),
+    "flat back": airfoil("cst:0.2,0.2,0.2/-0.2,-0.2,-0.2/0.1"),
+    "slanted": Airfoil(naca_airfoil("4412", blunt=True).points[3:]),
+}
+"""The last one has three points less on its upper side, and a base that is not across."""
+
+blunt = pytest.mark.parametrize("section", BLUNT.values(), ids=BLUNT)
+
+
+@blunt
+@pytest.mark.parametrize("layers", [{}, {"first_cell": 2e-6}], ids=["inviscid", "layers"])
+def test_a_blunt_base_is_a_wall_with_a_block_behind_it_and_first_cells_as_high(section, layers):
+    grid = airfoil_grid(section, 64, topology="C", **layers)
+    topology = find_topology(grid)
+    cells = report_quality(GridQuality.of_baseline(grid), grid.to_vector().reshape(-1, 3))
+    assert [block.name for block in grid.blocks][-1] == "behind the base"
+    assert (len(topology.interfaces), topology.near_misses) == (4, ())
+    assert {face.patch for face in topology.boundary} == {"airfoil", "base", "farfield", "symmetry"}
+    assert cells.n_inverted == 0
+    assert cells.min_corner > (0.1 if layers else 0.5)
+    _, around, _, behind = planes(grid)
+    corners = section.points[[-1, 0]] @ [1.0, 1.0j]
+    np.testing.assert_allclose(behind[0, [0, -1]], corners, atol=1e-9)
+    np.testing.assert_allclose(around[[0, -1], 0], corners, atol=1e-9)
+    if layers:
+        heights = np.concatenate([np.abs(around[:, 1] - around[:, 0]), np.abs(behind[1] - behind[0])])
+        np.testing.assert_allclose(heights, 2e-6, rtol=0.01)
+
+
+@blunt
+def test_wall_nodes_are_on_the_blunt_outline(section):
+    wall = airfoil_grid(section, 96, 12, topology="C").blocks[1].nodes[:, 0, 0, :2]
+    outline = section._curve(np.linspace(0.0, section._curve.x[-1], 200_001))
+    gaps = cKDTree(outline).query(wall)[0]
+    assert gaps.max() < 1e-5
+
+
+def test_a_base_is_closed_when_asked_and_sections_of_nacas_are_blunt_when_asked():
+    shapes = [len(airfoil_grid("naca0012", 32, 8, topology="C", base=base).blocks) for base in (None, "wall", "closed")]
+    assert shapes == [3, 4, 3]
+    section = BLUNT["NACA 0012"]
+    shapes = [len(airfoil_grid(section, 32, 8, topology="C", base=base).blocks) for base in (None, "wall", "closed")]
+    assert shapes == [4, 4, 3]
+    with pytest.raises(InputError, match="base 'wall' of O-grids; give 'closed', or 'wall' and topology 'C'"):
+        airfoil_grid(section, 32, base="wall")
+    with pytest.raises(InputError, match="its trailing edge is sharp"):
+        airfoil_grid(naca_airfoil("0012"), 32, topology="C", base="wall")

@@ -86,6 +86,21 @@ def test_what_is_done_to_a_blunt_file_in_percent_is_said(said):
     assert "warning: the trailing edge is 3 % thick" in thick
 
 
+def test_a_c_grid_keeps_the_base_and_says_so(said):
+    small = ("--topology", "C", "--around", "32", "--away", "8", "--wake", "20")
+    words = said("cst:0.2,0.2/-0.2,-0.2/0.03", "-o", "foil.h5", *small)
+    assert "the trailing edge is 3 % thick: it is kept, a wall with a block behind it; --base closed closes it" in words
+    assert [patch.name for patch in FittedModel.load("foil.h5").regenerate().patches] == [
+        "airfoil", "base", "farfield", "symmetry"
+    ]  # fmt: skip
+    assert "0.252 % thick: it is kept" in said("naca0012", "-o", "foil.xyz", *small, "--base", "wall")
+    words = said("cst:0.2,0.2/-0.2,-0.2/0.003", "-o", "foil.xyz", *small, "--base", "closed")
+    assert "no point by more than 0.15 % of the chord\n" in words
+    words = said("cst:0.2,0.2/-0.2,-0.2/0.003", "-o", "foil.xyz", *small[2:6])
+    assert "no point by more than 0.15 % of the chord; --topology C keeps it" in words
+    assert "its trailing edge is sharp" in said("cst:0.2/-0.2", "-o", "foil.xyz", *small, "--base", "wall", status=2)
+
+
 def test_one_side_of_a_file_is_mirrored_by_an_option(said):
     Path("half.txt").write_text(lines(naca_airfoil("0012").points[200::-4]))
     assert "--symmetric" in said("half.txt", "-o", "foil.xyz", status=2)
