@@ -18,6 +18,7 @@ from .core.generators.extrusion.extrude import extrude_surface as extrude_surfac
 from .core.generators.extrusion.marching import Marching as Marching
 from .core.generators.hh_wing import hh_wing_grid as hh_wing_grid
 from .core.generators.hh_wing import infinite_wing_grid as infinite_wing_grid
+from .core.generators.kinked_planform import KinkedPlanform as KinkedPlanform
 from .core.generators.section_c_grid import section_c_grid as section_c_grid
 from .core.generators.section_o_grid import section_o_grid as section_o_grid
 from .core.generators.shell import ball_grid as ball_grid

@@ -38,6 +38,9 @@ _OF_SECTION = 401
 _NOSE = 0.03
 """Part of the chord that tells the radius of the nose."""
 
+_SHARP = 1e-9
+"""Height of a trailing edge in chords that is rounding."""
+
 _CAMBER = {
     # of designations whose second and third digit are these: place r of the end of the curved part, and factor k1, at a
     # design lift of 0.3; of reflexed lines also k2 / k1
@@ -100,7 +103,8 @@ class Airfoil(OneLine):
     @property
     def base(self) -> float:
         """Height of the trailing edge in chords; 0 for a sharp one."""
-        return float(np.linalg.norm(self.points[0] - self.points[-1])) / self.chord
+        base = float(np.linalg.norm(self.points[0] - self.points[-1])) / self.chord
+        return base if base > _SHARP else 0.0
 
     @cached_property
     def nose_radius(self) -> float:
@@ -135,7 +139,7 @@ class Airfoil(OneLine):
     def base_of_section(self) -> complex:
         """What the wedge takes off `section` at the trailing edge: from the lower to the upper corner, in chords."""
         upper, lower = self._in_chords(self.points[[0, -1]])
-        return complex(*(upper - lower))
+        return complex(*(upper - lower)) if self.base else 0.0
 
     def place(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 2) of the plane of `section` as those of the outline."""

@@ -31,19 +31,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
 from ...errors import InputError
 from ...grids.topology.grid import Block, Grid, Patch
 from ...grids.topology.index_space import Window
-from .stretching import geometric_last, stretch_from, stretch_lines
+from .stretching import geometric_last, stretch, stretch_from, stretch_lines
 from .wing import Planform, Section, Wing, flat_section, surface_grid
 from .wing_spacing import FarField, Spacing, default_spacing
 
 _INBOARD = 6
 """Blocks of the wing's grid inboard of the tip."""
+
+_PANEL = 3
+"""Cells along the span of each panel at least: splines of order four have as many intervals of control points."""
 
 _TURN = 0.05
 """Distance outboard of the tip, in tip chords, over which the lines of the wing turn out of its sweep."""
@@ -72,7 +75,7 @@ def hh_wing_grid(
     spacing: Spacing | None = None,
     far_field: FarField | None = None,
 ) -> Grid:
-    """Make the canonical twelve-block H-H grid about a wing.
+    """Make the canonical H-H grid about a wing, of twelve blocks where it has no kink.
 
     Parameters
     ----------
@@ -90,6 +93,7 @@ def hh_wing_grid(
     Returns
     -------
     Grid
+        Twelve blocks, and six more for each kink of the planform, at which nodes and the edges of blocks are exactly.
         Patches ``wing_upper`` and ``wing_lower`` (wall), ``symmetry`` and ``farfield``. All blocks are right-handed.
 
     Raises
@@ -107,15 +111,19 @@ def hh_wing_grid(
     n_stream, n_normal, n_span = _counts(shape)
     chord = wing.planform.root_chord
     spacing = spacing or default_spacing(chord, shape)
-    layout = _Layout(wing, n_stream, n_normal, n_span, spacing, far_field or FarField(10.0 * chord, 0.05 * chord))
+    far_field = far_field or FarField(10.0 * chord, 0.05 * chord)
+    layout = _Layout(wing, n_stream, n_normal, n_span, spacing, far_field, _kink_nodes(wing, n_span[0], spacing))
     rows = {side: _base_patches(layout, side) for side in (-1, 1)}
     nodes = [
         _extrude(rows[side][n + 3 * outboard], side, layout.n_normal[side > 0], layout)
         for outboard, side, n in product(range(2), (-1, 1), range(3))
     ]
     _join(nodes)
-    names = [f"{along} {side} {across}" for across, side, along in product(*_ROWS[::-1])]
-    blocks = tuple(Block(np.ascontiguousarray(x), name) for x, name in zip(nodes, names))
+    ends = [0, *layout.kink_nodes, n_span[0] - 1]
+    panels = [x[:, :, a : b + 1] for a, b in pairwise(ends) for x in nodes[:_INBOARD]]
+    across = [f"panel {number}" for number in range(1, len(ends))] if layout.kink_nodes else ["inboard"]
+    names = [f"{along} {side} {row}" for row, side, along in product([*across, "outboard"], *_ROWS[1::-1])]
+    blocks = tuple(Block(np.ascontiguousarray(x), name) for x, name in zip([*panels, *nodes[_INBOARD:]], names))
     return Grid(blocks, _patches([block.shape for block in blocks]), source="H-H wing grid")
 
 
@@ -174,6 +182,30 @@ def _counts(shape: Sequence[int | Sequence[int]]) -> list[tuple[int, ...]]:
     return counts
 
 
+def _root_interval(wing: Wing, n_span: int, spacing: Spacing) -> float:
+    """Interval along the span at the symmetry plane."""
+    return spacing.root or 2.0 * wing.planform.semi_span / (n_span - 1)
+
+
+def _kink_nodes(wing: Wing, n_span: int, spacing: Spacing) -> tuple[int, ...]:
+    """Numbers along the span of the nodes at the kinks: those that would be nearest, each panel with some cells."""
+    planform = wing.planform
+    if not planform.kinks:
+        return ()
+    n_panels = len(planform.kinks) + 1
+    if n_span - 1 < _PANEL * n_panels:
+        raise InputError(
+            f"H-H wing grid: {n_span} nodes along {n_panels} panels; give {_PANEL * n_panels + 1} at least"
+        )
+    ends = np.array([_root_interval(wing, n_span, spacing), spacing.tip]) / planform.semi_span
+    natural = stretch(n_span, *ends) * planform.semi_span
+    numbers = np.rint(np.interp(planform.kinks, natural, np.arange(n_span))).astype(int)
+    shift = _PANEL * np.arange(1, n_panels)
+    numbers = np.maximum.accumulate(np.maximum(numbers - shift, 0)) + shift
+    room = n_span - 1 - _PANEL * n_panels
+    return tuple(np.minimum(numbers, room + shift).tolist())
+
+
 def _join(nodes: list[np.ndarray]) -> None:
     """Copy what blocks share, in place, from the block of lower number: they come by it on different ways."""
     # Along the stream, then outboard, then upwards: what is copied before stays equal. The two sides of the wing share
@@ -190,13 +222,17 @@ def _join(nodes: list[np.ndarray]) -> None:
 
 def _patches(shapes: Sequence[tuple[int, ...]]) -> tuple[Patch, ...]:
     """Declare the wall, the symmetry plane and the far field."""
-    faces = {"wing_upper": [(4, 2)], "wing_lower": [(1, 3)], "symmetry": [], "farfield": []}
-    for block in range(12):
-        stream, above, outboard = block % 3, (block // 3) % 2, block // 6
+    faces: dict[str, list[tuple[int, int]]] = {"wing_upper": [], "wing_lower": [], "symmetry": [], "farfield": []}
+    outboard = len(shapes) - _INBOARD
+    for block in range(len(shapes)):
+        stream, above = block % 3, (block // 3) % 2
         if stream != 1:
             faces["farfield"].append((block, 0 if stream == 0 else 1))
+        elif block < outboard:
+            faces["wing_upper" if above else "wing_lower"].append((block, 3 - above))
         faces["farfield"].append((block, 2 + above))
-        faces["farfield" if outboard else "symmetry"].append((block, 5 if outboard else 4))
+        if block < _INBOARD or block >= outboard:
+            faces["farfield" if block >= outboard else "symmetry"].append((block, 5 if block >= outboard else 4))
     kinds = {"symmetry": "symmetry", "farfield": "farfield"}
     return tuple(
         Patch(name, kinds.get(name, "wall"), tuple(Window.whole(b, shapes[b]).face(face) for b, face in where))
@@ -230,22 +266,27 @@ class _Layout:
     n_span: tuple[int, ...]
     spacing: Spacing
     far: FarField
+    kink_nodes: tuple[int, ...]  # numbers along the span of the nodes at the kinks of the planform
 
     @property
     def root_interval(self) -> float:
         """Interval along the span at the symmetry plane."""
-        return self.spacing.root or 2.0 * self.wing.planform.semi_span / (self.n_span[0] - 1)
+        return _root_interval(self.wing, self.n_span[0], self.spacing)
 
     @property
     def inlet(self) -> float:
         """Coordinate x of the upstream boundary."""
-        return min(0.0, self.wing.planform.x(0.0, self.wing.planform.semi_span)) - self.far.distance
+        return min(self.wing.planform.x(0.0, z) for z in self.ends) - self.far.distance
 
     @property
     def outlet(self) -> float:
         """Coordinate x of the downstream boundary."""
-        planform = self.wing.planform
-        return max(planform.root_chord, planform.x(1.0, planform.semi_span)) + self.far.distance
+        return max(self.wing.planform.x(1.0, z) for z in self.ends) + self.far.distance
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Span positions of the ends of panels."""
+        return (0.0, *self.wing.planform.kinks, self.wing.planform.semi_span)
 
     @property
     def side(self) -> float:
@@ -289,7 +330,7 @@ def _plane_patches(layout: _Layout, plate: Wing, side: int) -> list[np.ndarray]:
 
 def _surface(layout: _Layout, wing: Wing, side: int) -> np.ndarray:
     s, counts = layout.spacing, (layout.n_stream[1], layout.n_span[0])
-    return surface_grid(wing, side, counts, s.leading, s.trailing, layout.root_interval, s.tip)
+    return surface_grid(wing, side, counts, s.leading, s.trailing, layout.root_interval, s.tip, layout.kink_nodes)
 
 
 def _outboard_patch(layout: _Layout, tip: np.ndarray) -> np.ndarray:
@@ -297,7 +338,7 @@ def _outboard_patch(layout: _Layout, tip: np.ndarray) -> np.ndarray:
     planform, far = layout.wing.planform, layout.far.distance
     out = far * stretch_from(layout.n_span[1], layout.spacing.tip / far)
     fraction = (tip[:, 0] - tip[0, 0]) / planform.tip_chord
-    slope = planform.x(fraction, 1.0) - planform.x(fraction, 0.0)
+    slope = planform.slope_at_tip(fraction)
     turn = _TURN * planform.tip_chord
     x = tip[:, :1] + slope[:, None] * turn * (1.0 - np.exp(-out / turn))
     return np.stack([x, np.zeros_like(x), np.broadcast_to(planform.semi_span + out, x.shape)], axis=-1)
@@ -377,15 +418,17 @@ def _lean(base: _BasePatch, height: np.ndarray, wing: Wing) -> tuple[np.ndarray,
     inside = (1.0 - _outer(base.away_x, base.away_z))[:, None]
     inboard = np.minimum(base.points[:, None, :, 2] / wing.planform.semi_span, 1.0) ** 2
     radii = wing.nose_radius, wing.tip_radius
-    x, z = (_fade(_distance_from(base.points, edge), radius, height) for edge, radius in zip((leading, tip), radii))
+    distances = [np.min([_distance_from(base.points, part) for part in edge], axis=0) for edge in (leading, tip)]
+    x, z = (_fade(distance, radius, height) for distance, radius in zip(distances, radii))
     return -inside * x, inside * inboard * z
 
 
 def _edges(wing: Wing) -> tuple[np.ndarray, ...]:
-    """Leading edge and tip as segments of the plane y = 0: ends (x, z), shape (2, 2) each."""
+    """Leading edge and tip as segments of the plane y = 0: ends (x, z), shape (n, 2, 2) each."""
     planform, span = wing.planform, wing.planform.semi_span
-    leading = np.array([[planform.x(0.0, z), z] for z in (0.0, span)])
-    return leading, np.array([[planform.x(f, span), span] for f in (0.0, 1.0)])
+    leading = np.array([[planform.x(0.0, z), z] for z in (0.0, *planform.kinks, span)])
+    tip = np.array([[[planform.x(f, span), span] for f in (0.0, 1.0)]])
+    return np.stack([leading[:-1], leading[1:]], axis=1), tip
 
 
 def _distance_from(points: np.ndarray, segment: np.ndarray) -> np.ndarray:

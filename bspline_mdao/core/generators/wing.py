@@ -5,6 +5,7 @@ Theory: ``docs/theory/generators.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,6 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from ...base.display import OneLine
 from ...errors import InputError
+from .kinked_planform import KinkedPlanform
 from .stretching import stretch_lines
 
 _SAMPLES = 1000
@@ -79,16 +81,21 @@ class Planform(OneLine):
         return 4.0 * self.semi_span / (self.root_chord + self.tip_chord)
 
     @property
+    def kinks(self) -> tuple[float, ...]:
+        """Span positions of kinks (m): none."""
+        return ()
+
+    @property
     def trailing_edge_sweep(self) -> float:
         """Sweep of the trailing edge (deg)."""
-        return float(np.degrees(np.arctan(self._slope(1.0))))
+        return float(np.degrees(np.arctan(self.slope_at_tip(1.0))))
 
     def x(self, fraction: np.ndarray | float, z: np.ndarray | float) -> Any:
         """Coordinate x (m) of a chord fraction, 0 the leading and 1 the trailing edge, at span position z."""
-        return fraction * self.root_chord + self._slope(fraction) * z
+        return fraction * self.root_chord + self.slope_at_tip(fraction) * z
 
-    def _slope(self, fraction: np.ndarray | float) -> Any:
-        """dx/dz of a line of constant chord fraction."""
+    def slope_at_tip(self, fraction: np.ndarray | float) -> Any:
+        """dx/dz of a line of constant chord fraction, which is the same everywhere."""
         narrowing = (1.0 - self.taper) * self.root_chord / self.semi_span
         return np.tan(np.radians(self.leading_edge_sweep)) - fraction * narrowing
 
@@ -306,7 +313,7 @@ class Wing(OneLine):
 
     Parameters
     ----------
-    planform : Planform
+    planform : Planform or KinkedPlanform
         Chords, span and sweep.
     section : Section
         Section at the root, and everywhere if there is no other.
@@ -328,7 +335,7 @@ class Wing(OneLine):
     0.5
     """
 
-    planform: Planform
+    planform: Planform | KinkedPlanform
     section: Section
     tip_section: Section | None = None
     tip_length: float | None = None
@@ -353,8 +360,10 @@ class Wing(OneLine):
 
     @property
     def stations(self) -> np.ndarray:
-        """Span positions (m), dense towards the tip, where the thickness goes as the root of the distance."""
-        return self.planform.semi_span * tip_clustered(_STATIONS)
+        """Span positions (m), at kinks too, dense towards the tip: the thickness goes as the root of the distance."""
+        places, kinks = self.planform.semi_span * tip_clustered(_STATIONS), np.array(self.planform.kinks)
+        is_near = np.abs(places[:, None] - kinks).min(axis=1, initial=np.inf) < 1e-3 * self.planform.semi_span
+        return np.sort(np.concatenate([places[~is_near], kinks]))
 
     def sections(self, side: int, fractions: np.ndarray) -> np.ndarray:
         """Points of all sections in their planes.
@@ -399,13 +408,17 @@ def surface_grid(
     trailing: float,
     root: float,
     tip: float,
+    kink_nodes: tuple[int, ...] = (),  # numbers along the span of the nodes at the kinks
 ) -> np.ndarray:
     """Divide one side of a wing into a surface grid."""
     # returns (n_chord, n_span, 3), nodes. Those of the leading edge, the trailing edge and the tip have y = 0, those of
     # the root z = 0, exactly
     n_chord, n_span = counts
     samples = _chordwise_lines(wing, side, n_chord, leading, trailing)
-    nodes = np.stack([_divide(line, n_span, root, tip) for line in samples])
+    panels = zip([0, *kink_nodes], [*kink_nodes, n_span - 1]) if kink_nodes else []
+    ends = np.searchsorted(wing.stations, [0.0, *wing.planform.kinks, wing.planform.semi_span])
+    cells = [last - first for first, last in panels]
+    nodes = np.stack([_divide_panels(line, n_span, root, tip, ends, cells) for line in samples])
     nodes[:, 0, 2], nodes[:, -1, 2] = 0.0, wing.planform.semi_span
     nodes[[0, -1], :, 1] = 0.0
     if wing.rounded_length > 0.0:
@@ -420,6 +433,26 @@ def _chordwise_lines(wing: Wing, side: int, n_chord: int, leading: float, traili
     length = chord * wing.section.length(side, wing.thickness_factor(stations))
     fractions = stretch_lines(length, n_chord, leading, trailing)
     return wing.place(wing.sections(side, fractions)).swapaxes(0, 1)
+
+
+def _divide_panels(
+    line: np.ndarray, n: int, root: float, tip: float, ends: np.ndarray, cells: Sequence[int]
+) -> np.ndarray:
+    """Divide a sampled line (m, 3), whose panels end at some samples and have some cells, by arc length."""
+    if len(cells) < 2:
+        return _divide(line, n, root, tip)
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    whole = arc[-1] * stretch_lines(arc[-1:], n, root, tip)[0]
+    middles = 0.5 * (whole[1:] + whole[:-1])
+    # intervals on both sides of a kink are what they would be there without it, and no ends wider than the mean
+    means = np.diff(arc[ends]) / cells
+    at_kinks = np.minimum(np.interp(arc[ends[1:-1]], middles, np.diff(whole)), np.minimum(means[1:], means[:-1]))
+    first, last = [min(root, means[0]), *at_kinks], [*at_kinks, min(tip, means[-1])]
+    parts = [
+        _divide(line[start : stop + 1], count + 1, a, b)
+        for start, stop, count, a, b in zip(ends[:-1], ends[1:], cells, first, last)
+    ]
+    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
 
 
 def _divide(line: np.ndarray, n: int, first: float, last: float) -> np.ndarray:

@@ -111,13 +111,14 @@ def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
 @output_option
 @json_option
 def wing(**options: Any) -> None:
-    r"""Make an H-H grid of twelve blocks about a wing, and fit it where the output is a model.
+    r"""Make an H-H grid of twelve blocks or more about a wing, and fit it where the output is a model.
 
-    PLANFORM.toml describes one half of a trapezoidal wing, and the grid about it:
+    PLANFORM.toml describes one half of a wing, and the grid about it:
 
     \b
       [planform]
-      semi_span = 4.0         # m; also root_chord, taper, sweep (deg), tip_length
+      semi_span = 4.0         # m; also root_chord, taper, sweep (deg), tip_length; or, with kinks,
+      # stations = [[0, 0, 1.6], [1.2, 0.9, 1.0], [4, 1.9, 0.5]]  # span, leading edge, chord (m)
       [sections]
       root = "naca2414"       # whatever the command airfoil takes; files lie beside this one
       tip = "naca0010"

@@ -12,11 +12,12 @@ from ...core.generators.airfoil import Airfoil
 from ...core.generators.airfoil_file import airfoil
 from ...core.generators.airfoil_grid import first_cell_of
 from ...core.generators.hh_wing import hh_wing_grid
+from ...core.generators.kinked_planform import KinkedPlanform
 from ...core.generators.wing import Planform, Wing
 from ...core.generators.wing_spacing import FarField, Spacing, default_spacing
 from ...errors import InputError
 from ...grids.topology.grid import Grid
-from ..study.kinds import POSITIVE, TEXT, TRIPLE, Key, number
+from ..study.kinds import POINT, POSITIVE, TEXT, TRIPLE, Key, list_of, number
 from ..study.tables import Table, Tables
 
 __all__ = ["GRID", "PLANFORM", "SECTIONS", "read_wing"]
@@ -25,9 +26,14 @@ _SWEEP = number("a number of degrees from -79 to 79", -79.0, 79.0)
 
 PLANFORM = {
     "root_chord": Key(POSITIVE, "chord in the plane of symmetry (m)", 1.0),
-    "semi_span": Key(POSITIVE, "from the plane of symmetry to the tip (m)", is_required=True),
+    "semi_span": Key(POSITIVE, "from the plane of symmetry to the tip (m)", otherwise="see stations"),
     "taper": Key(POSITIVE, "tip chord over root chord", 1.0),
     "sweep": Key(_SWEEP, "sweep of the leading edge (deg)", 0.0),
+    "stations": Key(
+        list_of(POINT, "a list of lists of three numbers"),
+        "span, leading edge and chord (m) at root, kinks and tip, in the place of those above",
+        otherwise="a trapezoid",
+    ),
     "tip_length": Key(
         POSITIVE, "length of span over which the tip is rounded (m)", otherwise="twice the thickness there"
     ),
@@ -63,7 +69,7 @@ def read_wing(
     tables = Tables.read(path, "a planform", "give a file as 'bspline-mdao wing --help' shows one")
     tables.known(tables.document, _TABLES, (), "table")
     planform, sections, grid = (tables.table(name, keys) for name, keys in _TABLES.items())
-    form = Planform(planform["root_chord"], planform["semi_span"], planform["taper"], planform["sweep"])
+    form = _form(tables, planform)
     root = _section(tables, sections, "root")
     tip = _section(tables, sections, "tip") if sections["tip"] else root
     wing = Wing(form, root.section, None if tip is root else tip.section, planform["tip_length"])
@@ -74,6 +80,21 @@ def read_wing(
     except InputError as error:
         raise tables.refuse(("grid",), str(error)) from error
     return wing, made, grid["reynolds"] and grid["reynolds"] / form.root_chord
+
+
+def _form(tables: Tables, planform: Table) -> Planform | KinkedPlanform:
+    """The planform, of stations or a trapezoid."""
+    given = [name for name in ("root_chord", "semi_span", "taper", "sweep") if name in tables.document["planform"]]
+    try:
+        if planform["stations"] and given:
+            raise InputError(f"stations, and {', '.join(given)} as well; give one of both")
+        if planform["stations"]:
+            return KinkedPlanform(planform["stations"])
+        if planform["semi_span"] is None:
+            raise InputError("needs 'semi_span', from the plane of symmetry to the tip (m), or 'stations'")
+        return Planform(planform["root_chord"], planform["semi_span"], planform["taper"], planform["sweep"])
+    except InputError as error:
+        raise tables.refuse(("planform",), str(error)) from error
 
 
 def _section(tables: Tables, sections: Table, where: str) -> Airfoil:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...base.text import counted
 from .made_grid import MadeGrid, write_made_grid
 from .output import check_outputs, counts_text
 from .planform import read_wing
@@ -30,6 +31,7 @@ def _made(file: Path) -> MadeGrid:
         "tip_chord": planform.tip_chord,
         "aspect_ratio": planform.aspect_ratio,
         "trailing_edge_sweep": planform.trailing_edge_sweep,
+        "kinks": planform.kinks,
         "thickness": thickness,
     }
     lines = [
@@ -37,6 +39,10 @@ def _made(file: Path) -> MadeGrid:
         f"aspect ratio {planform.aspect_ratio:.3g}, the trailing edge swept by {planform.trailing_edge_sweep:.3g} deg",
         f"sections: {100.0 * thickness[0]:.4g} % thick at the root, {100.0 * thickness[1]:.4g} % at the tip",
     ]
-    title = f"{file}: {len(grid.blocks)} blocks of {counts_text(grid.shapes[0])} nodes"
+    if planform.kinks:
+        places = ", ".join(f"{place:g}" for place in planform.kinks)
+        lines.append(f"{counted(len(planform.kinks), 'kink')} at {places} m, where nodes and edges of blocks are")
+    shapes = sorted(set(grid.shapes), key=grid.shapes.index)
+    title = f"{file}: {len(grid.blocks)} blocks of {' and '.join(map(counts_text, shapes))} nodes"
     cure = "give more nodes, or wider first cells"
     return MadeGrid(grid, title, lines, {"planform": str(file), **shape}, reynolds, cure)

@@ -59,6 +59,45 @@ def test_a_model_regenerates_the_grid_of_planform_and_sections(said):
     assert numbers["aspect_ratio"] == pytest.approx(6.0 / 0.9)
 
 
+KINKED = """[planform]
+stations = [[0, 0, 1.6], [1.2, 0.9, 1.0], [4.0, 1.9, 0.5]]
+{more}
+[sections]
+root = "naca2412"
+[grid]
+nodes = [7, 8, {n_span}]
+"""
+
+
+def test_a_wing_with_a_kink_has_blocks_that_end_there_and_a_model_with_its_corner(said):
+    Path("wing.toml").write_text(KINKED.format(more="", n_span=13))
+    words = said("-o", "wing.h5", "--json", "wing.json")
+    model, numbers = FittedModel.load("wing.h5"), json.loads(Path("wing.json").read_text())
+    assert "1 kink at 1.2 m" in words
+    assert "18 blocks of 7 x 8 x 4 and 7 x 8 x 10 and 7 x 8 x 13 nodes" in words
+    assert (numbers["n_inverted"], numbers["fit"]["n_invalid_control_elements"], numbers["kinks"]) == (0, 0, [1.2])
+    assert numbers["aspect_ratio"] == pytest.approx(2.0 * 16.0 / (1.3 * 1.2 + 0.75 * 2.8))
+    blocks = {block.name: block.nodes for block in model.regenerate().blocks}
+    for panel, k in (("panel 1", -1), ("panel 2", 0)):
+        kink = blocks[f"wing above {panel}"][:, 0, k]
+        np.testing.assert_allclose(kink[[0, -1]], [[0.9, 0.0, 1.2], [1.9, 0.0, 1.2]], atol=1e-12)
+        np.testing.assert_allclose(kink[:, 2], 1.2, atol=1e-12)
+    assert run(["init", "wing.h5", "-o", "study.toml"]) == 0
+    assert "twist" in Path("study.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("more", "n_span", "complaint"),
+    [
+        ("taper = 0.5", 13, "[planform] stations, and taper as well; give one of both"),
+        ("", 6, "6 nodes along 2 panels; give 7 at least"),
+    ],
+)
+def test_stations_that_do_not_fit_are_refused(said, more, n_span, complaint):
+    Path("wing.toml").write_text(KINKED.format(more=more, n_span=n_span))
+    assert complaint in said("-o", "wing.h5", status=2).replace("'planform'", "[planform]")
+
+
 def test_spacings_of_the_file_are_those_of_the_grid(said):
     written(grid="y_plus = 30.0\nreynolds = 3e5\nleading = 0.05\nfar = 7.5")
     words = said("-o", "wing.cgns", "--json", "wing.json")
