@@ -51,3 +51,4 @@ from .studio.plotting.wings import draw_twist as draw_twist
 from .studio.plotting.wings import span_load_edges as span_load_edges
 from .studio.plotting.wings import wing_section as wing_section
 from .studio.plotting.wings import wing_sides as wing_sides
+from .studio.report.section_picture import plot_section as plot_section

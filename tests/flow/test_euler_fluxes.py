@@ -7,7 +7,7 @@ from topology_cases import box, grid_of, smooth_box
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.flux import ROUNDING, face_flux
-from bspline_mdao.flow.euler.gas import GAMMA
+from bspline_mdao.flow.euler.gas import GAMMA, critical_pressure, mach_numbers
 from bspline_mdao.flow.euler.reconstruction import FARFIELD, Stencil, shock_sensor, shock_sensor_vjp
 
 STEP = 1e-30
@@ -167,3 +167,11 @@ def test_the_sensor_is_open_where_fast_flow_comes_to_rest():
     states = np.tile([1.0, 1.4, 0.0, 0.0, 1.0 / 1.4], (4, 1))
     states[2:, [1, 4]] = 0.0, 2.0 / 1.4
     assert shock_sensor(states, np.arange(4), 0.05) > 0.9
+
+
+@pytest.mark.parametrize("mach", [0.3, 0.75, 0.97])
+def test_at_the_critical_pressure_the_flow_of_the_free_stream_s_entropy_and_enthalpy_is_sonic(mach):
+    p = (1.0 + 0.5 * GAMMA * mach**2 * critical_pressure(mach)) / GAMMA
+    rho = (GAMMA * p) ** (1.0 / GAMMA)
+    speed = np.sqrt(mach**2 + 2.0 / (GAMMA - 1.0) * (1.0 - GAMMA * p / rho))
+    np.testing.assert_allclose(mach_numbers(np.array([[rho, 0.6 * speed, 0.8 * speed, 0.0, p]])), 1.0, rtol=1e-12)

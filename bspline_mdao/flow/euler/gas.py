@@ -38,3 +38,11 @@ def free_stream_partials(mach: float, alpha: float, axes: np.ndarray) -> tuple[n
 def mach_numbers(states: np.ndarray) -> np.ndarray:
     """Local Mach numbers, shape (n,), of states, shape (n, 5)."""
     return np.sqrt(np.sum(states[:, 1:4] ** 2, axis=1) * states[:, 0] / (GAMMA * states[:, 4]))
+
+
+def critical_pressure(
+    mach: float,  # of the free stream
+) -> float:
+    """Pressure coefficient where flow without losses has the speed of sound: above it, it is supersonic."""
+    ratio = (2.0 + (GAMMA - 1.0) * mach**2) / (GAMMA + 1.0)
+    return float(2.0 / (GAMMA * mach**2) * (ratio ** (GAMMA / (GAMMA - 1.0)) - 1.0))

@@ -36,7 +36,8 @@ STOPPED = (
 )
 """What is said of a feasible design at which the driver did not converge."""
 
-REPORT_ADVICE = INSTALL.format(extra="report")
+NEEDED = {"report": ("report", ("plotly", "jinja2")), "picture": ("pictures", ("matplotlib",))}
+"""Keys of ``[output]`` for what needs packages: their extra, and the packages."""
 
 
 def optimize_study(
@@ -56,7 +57,7 @@ def optimize_study(
     found = on_first(comm, lambda: read_study(study))
     if max_iterations is not None:
         found = replace(found, driver=found.driver | {"max_iterations": max_iterations})
-    found = replace(found, output=found.output | {"report": _is_reported(found)})
+    found = replace(found, output=found.output | {name: _is_made(found, name) for name in NEEDED})
     folder = RunFolder(output)
     with lasting_stdout():
         run = on_first(comm, lambda: _prepared(found, folder, json, overwrite, restart))
@@ -123,14 +124,18 @@ def _parts(gain: InducedGain) -> dict[str, float]:
     return {"gain": gain.gain, "finer": gain.finer, "doubt": gain.doubt}
 
 
-def _is_reported(study: Study) -> bool:
-    """Whether a report is written: where the packages for it are there, unless the study says otherwise."""
-    missing = [name for name in ("plotly", "jinja2") if find_spec(name) is None]
-    if missing and study.output["report"]:
-        raise InputError(f"{study.source}: the report needs {missing[0]}; {REPORT_ADVICE}, or leave report out")
-    if missing and study.output["report"] is None:
-        print_lines([f"no report will be written: {REPORT_ADVICE} for one"])
-    return not missing if study.output["report"] is None else study.output["report"]
+def _is_made(study: Study, name: str) -> bool:
+    """Whether a page or a picture is made: where the packages for it are there, unless the study says otherwise."""
+    if name == "picture" and not study.has_pressures:
+        return False
+    asked, (extra, packages) = study.output[name], NEEDED[name]
+    missing = [package for package in packages if find_spec(package) is None]
+    advice = INSTALL.format(extra=extra)
+    if missing and asked:
+        raise InputError(f"{study.source}: the {name} needs {missing[0]}; {advice}, or leave {name} out")
+    if missing and asked is None:
+        print_lines([f"no {name} will be written: {advice} for one"])
+    return not missing if asked is None else asked
 
 
 def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Problem, dict[str, Any]]:

@@ -302,6 +302,11 @@ OUTPUT = {
     "report": Key(
         FLAG, "whether the report page is written; it needs plotly and jinja2", otherwise="if they are there"
     ),
+    "picture": Key(
+        FLAG,
+        "whether pressures and section before and after are drawn, of a section in Euler flow; it needs matplotlib",
+        otherwise="if it is there",
+    ),
     "estimate_errors": Key(
         FLAG,
         "whether lift and drag in Euler flow, at the end, come with estimates for a grid of half as many cells again "

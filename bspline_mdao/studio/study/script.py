@@ -21,7 +21,7 @@ from .layout import python_text
 from .options import settings_of
 from .responses import Response, constraint_responses, flat_name, objective_response
 from .script_shape import changed, shape_part
-from .study import CASES, Study
+from .study import CASES, PICTURE, Study
 from .syntax import call, expression, statement
 from .tables import Table
 from .variable_kinds import VARIABLES
@@ -207,8 +207,9 @@ class _Script:
         yield statement("outputs = names", names=self._outputs())
         made = call("bm.CaseRecorder", expression("HERE / file", file=CASES), keep="*", **self.earlier)
         yield statement("driver.add_recorder(made)", made=made)
-        if study.output["report"]:
+        if study.output["report"] or self._is_drawn:
             yield statement('driver.recording_options["includes"] = names', names=self._recorded())
+        if study.output["report"]:
             yield statement('driver.recording_options["record_derivatives"] = True')
         mode = self._mode()
         yield _done(call("problem.setup", **({"mode": mode} if mode else {})))
@@ -233,14 +234,25 @@ class _Script:
             estimates = both if self._is_estimated else ""
             results = 'HERE / "report.html", HERE / "cases.sql"'
             report = f"\n        bm.write_report({results}, model, title=STUDY{estimates})"
+        picture = ""
+        if self._is_drawn:
+            picture = (
+                "\n        if wing.surface.is_section:"
+                f'\n            bm.plotting.plot_section(HERE / "{PICTURE}", HERE / "{CASES}", model)'
+            )
         yield statement(
             "with together(problem.comm):\n"
             "    if IS_FIRST:\n"
             "        written\n"
             '        after.write_csv(HERE / "summary.csv", before)\n'
-            f"        print(after.table(before)){report}",
+            f"        print(after.table(before)){report}{picture}",
             written=self._written("after"),
         )
+
+    @property
+    def _is_drawn(self) -> bool:
+        """Whether pressures are drawn, if the walls are a section."""
+        return self.study.has_pressures and bool(self.study.output["picture"])
 
     def _written(self, when: str) -> ast.expr:
         """Write the grid before or after."""
@@ -255,13 +267,12 @@ class _Script:
     @property
     def _is_estimated(self) -> bool:
         """Whether the errors of lift and drag are estimated."""
-        flow = self.study.flow
-        return flow is not None and flow["kind"] == "euler" and self.study.output["estimate_errors"]
+        return self.study.has_pressures and self.study.output["estimate_errors"]
 
     def _mode(self) -> str:
         """How totals are taken, where each takes a linear solve of a flow: forward for few variables, or reverse."""
         study = self.study
-        if not study.flow or study.flow["kind"] != "euler":
+        if not study.has_pressures:
             return ""
         n_depend = sum(response.of_flow for response in self._responses)
         return "rev" if study.n_values > n_depend / max(1, len(study.conditions)) else "fwd"

@@ -12,12 +12,12 @@ from .grid_kinds import GridKind, kind_of
 from .tables import Table
 from .variable_kinds import VARIABLES
 
-__all__ = ["CASES", "Study", "count_values"]
+__all__ = ["CASES", "PICTURE", "Study", "count_values"]
 
 _STATES = "before", "after"
 
-CASES = "cases.sql"
-"""File of the recorded cases among the results."""
+CASES, PICTURE = "cases.sql", "section.png"
+"""Files of the recorded cases and of the picture of a section among the results."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +55,15 @@ class Study:
 
     @property
     def results(self) -> list[str]:
-        """Files that its script writes; the page as well, unless it is left out."""
+        """Files that its script may write; page and picture as well, unless they are left out."""
         page = ["report.html"] if self.output["report"] is not False else []
-        return ["model.h5", *map(self.written, _STATES), CASES, "summary.csv", *page]
+        picture = [PICTURE] if self.has_pressures and self.output["picture"] is not False else []
+        return ["model.h5", *map(self.written, _STATES), CASES, "summary.csv", *page, *picture]
+
+    @property
+    def has_pressures(self) -> bool:
+        """Whether the flow has pressures on the walls, which are drawn where these are a section."""
+        return self.flow is not None and self.flow["kind"] == "euler"
 
     @property
     def folders(self) -> list[str]:
