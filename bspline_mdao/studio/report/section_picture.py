@@ -98,6 +98,7 @@ def plot_section(
                 draw_pressures(panels[name], quads, shape.pressures[name], place, label=label, **style, **marks)
         for name in flows:
             _finish(panels[name], history, name)
+        panels["section"].locator_params(axis="y", nbins=4)
         letters = ["xyz"[axis] for axis in order]
         panels["section"].set(
             aspect="equal", xlabel=f"${letters[0]}$ ({axes.unit})", ylabel=f"${letters[1]}$ ({axes.unit})"

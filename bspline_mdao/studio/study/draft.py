@@ -15,11 +15,16 @@ __all__ = ["study_draft"]
 CORNER = 0.05
 """What the worst cell keeps where the grid has as much."""
 
+MET = 1e-4
+"""Part of area and thickness by which a design may miss them: as much as counts as met in tables. With 1e-6 all designs
+but the last ones are infeasible on the way."""
+
 SHAPE = 0.1
 """Bound of the weights of a section's shape (chords): half of what the sides of the NACA 0012 have."""
 
-MOST_OF_SECTION = 25
-"""Iterations for a section: about a minute for some thousand cells."""
+LITTLE = 2e-4
+"""Change of the drag of a section, in units of the driver (hundredths), at which the search ends: 0.02 counts. Without
+a shock the drag is nearly none, and no part of it is small; at 0.1 counts the search ends in the middle of its way."""
 
 
 def study_draft(
@@ -46,7 +51,8 @@ def study_draft(
         "[driver]",
         'optimizer = "LD_SLSQP"  # of NLopt; SLSQP is that of SciPy',
         f"tolerance = {1e-6 if has_flow else 1e-8:g}",  # a skin changes by thousandths, drag by percents
-        f"max_iterations = {MOST_OF_SECTION if body.is_section and has_flow else 50}",
+        "max_iterations = 50",
+        *(_end() if body.is_section and has_flow else ()),
     ]
     return "\n".join(lines) + "\n"
 
@@ -97,7 +103,10 @@ def _section(body: Body, free_form: list[str]) -> Iterator[str]:
     yield 'of = "CD"  # cd; at one lift the least of it is the most of CL / CD'
     yield ""
     yield "[constraints.section_area]  # by that of the baseline"
-    yield "lower = 1.0"
+    yield "equals = 1.0  # without friction thicker sections have no more drag: with lower = 1.0 they grow"
+    yield ""
+    yield "[constraints.section_thickness]  # a smooth bound of the largest thickness over chord"
+    yield f"equals = {body.thickness:.8f}  # that of the baseline"
     yield ""
     yield "[constraints.thickness]  # at parts of the chord, by those of the baseline"
     yield "lower = 0.8"
@@ -106,6 +115,14 @@ def _section(body: Body, free_form: list[str]) -> Iterator[str]:
     yield 'kind = "thickness_at"'
     yield "parts = [0.02, 0.1, 0.25, 0.4, 0.6, 0.75, 0.9, 0.97]"
     yield ""
+
+
+def _end() -> Iterator[str]:
+    """When the search for a section ends."""
+    yield ""
+    yield "[driver.options]"
+    yield f"ftol_abs = {LITTLE:g}  # of drag in hundredths: it ends where a step changes it by 0.02 counts"
+    yield f"constraint_tolerance = {MET:g}  # of what is kept, so that a run that is stopped earlier has a design"
 
 
 def _wing(body: Body, free_form: list[str]) -> Iterator[str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core.background.mesh_model import MeshModel
 from ...core.measures.area import ProjectedArea
+from ...core.measures.section_thickness import SectionThickness
 from ...core.measures.volume import EnclosedVolume
 from ...core.mesh.boundary import wall_patches
 from ...core.mesh.frame import Frame, surface_frame
@@ -129,6 +130,11 @@ class Body(ABC):
     def area(self) -> float:
         """Planform area (m^2)."""
         return float(ProjectedArea.of(self.surface).evaluate(self.surface.points)[0])
+
+    @cached_property
+    def thickness(self) -> float:
+        """Smooth bound of the largest thickness of a section over its chord."""
+        return float(SectionThickness.at(self.surface).evaluate(self.surface.points)[0])
 
     @cached_property
     def elliptical_lift(self) -> float:
