@@ -263,7 +263,18 @@ class EulerFlow(Copied, om.Group):
         InputError
             If it is missing, damaged, no file of states, or of another grid.
         """
-        states, alpha = load_states(path, self.comm, self.options["model"].topology, self._partition)
+        self.start_from(*load_states(path, self.comm, self.options["model"].topology, self._partition))
+
+    def start_from(self, states: np.ndarray, alpha: float) -> None:
+        """Start the next run from states, after ``setup``.
+
+        Parameters
+        ----------
+        states : ndarray, shape (n_cells, 5)
+            See `EulerState`; of the cells of this process.
+        alpha : float
+            Their angle of attack (deg).
+        """
         self.state.start_from(states, alpha)
         self.state.set_val("states", states.ravel())
         if self.options["trim"]:

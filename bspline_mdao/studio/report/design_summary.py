@@ -18,6 +18,7 @@ from ...flow.euler.error_estimate import ErrorEstimate
 from ...flow.functionals import OF_SECTION, numbers
 from ...flow.om.error_estimate import error_estimate
 from ...flow.om.euler_flow import EulerFlow
+from ...flow.om.finer_flow import solved_on_finer_grid
 from ...flow.om.induced_gain import induced_gains
 from ...flow.om.spurious_drag import induced_and_least, warn_below_the_ellipse
 from ...grids.io.disk import replaced_file
@@ -64,6 +65,8 @@ class DesignSummary(OneLine):
         asked for.
     notes : tuple of str
         What there is to know of the entries: whether coefficients are those of a section.
+    solved : mapping of str to float
+        By the names of entries, what flows on a finer member gave, where that was asked for.
 
     Examples
     --------
@@ -86,6 +89,7 @@ class DesignSummary(OneLine):
     entries: tuple[SummaryEntry, ...]
     estimates: Mapping[str, ErrorEstimate] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    solved: Mapping[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """Write the table of its values."""
@@ -102,9 +106,10 @@ class DesignSummary(OneLine):
     def table(self, before: DesignSummary | None = None) -> str:
         """Write a table of the values, beside those of another summary of the problem.
 
-        Where errors are estimated, the value on the finer member comes last, with the uncertainty of that. Where they
-        are in both summaries, a line for each induced drag says what was gained on either grid. Below stands whether a
-        design is infeasible, by what, and by how much.
+        Where errors are estimated, the value on the finer member comes last, with the uncertainty of that; where flows
+        were solved on one, what they gave follows. Where errors are estimated in both summaries, a line for each
+        induced drag says what was gained on either grid. Below stands whether a design is infeasible, by what, and by
+        how much.
 
         Parameters
         ----------
@@ -116,7 +121,7 @@ class DesignSummary(OneLine):
         str
             Lines of text.
         """
-        heads = ("", *self._heads(before, "finer grid", "+-"))
+        heads = ("", *self._heads(before, ("finer grid", "+-"), ("solved finer",), ("finer before", "finer after")))
         rows: list[tuple[str, ...]] = []
         for role, label, columns in self._rows(before, _MOST_VALUES):
             if not rows or rows[-1][0] != role:
@@ -137,7 +142,8 @@ class DesignSummary(OneLine):
     def write_csv(self, path: str | os.PathLike, before: DesignSummary | None = None) -> None:
         """Write all values to a CSV file: role, name of the value such as ``twist[2]``, values and bounds.
 
-        Where errors are estimated, ``finer`` and ``remaining`` come next, see `ErrorEstimate`. Last comes
+        Where errors are estimated, ``finer`` and ``remaining`` come next, see `ErrorEstimate`; where flows were solved
+        on a finer member, ``solved_finer``, of two designs ``finer_before`` and ``finer_after``. Last comes
         ``infeasible``, of two designs ``infeasible_before`` and ``infeasible_after``: by how much a value is beyond its
         bound, where it is.
 
@@ -156,7 +162,8 @@ class DesignSummary(OneLine):
         designs = (before, self) if before else (self,)
         beyond = [{v.name: v.excess for entry in each.entries for v in entry.violations} for each in designs]
         last = ("infeasible_before", "infeasible_after") if before else ("infeasible",)
-        heads = ("role", "name", *self._heads(before, "finer", "remaining"), *last)
+        solved = ("solved_finer",), ("finer_before", "finer_after")
+        heads = ("role", "name", *self._heads(before, ("finer", "remaining"), *solved), *last)
         names = [name for entry in self.entries for name in entry.value_names]
         rows = zip(self._rows(before, None), names)
         with replaced_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
@@ -185,12 +192,21 @@ class DesignSummary(OneLine):
         }
         for name, estimate in self.estimates.items():
             found[name] |= {"finer": estimate.finer, "remaining": estimate.remaining}
+        for name, value in self.solved.items():
+            found[name] |= {"solved_finer": value}
         return found
 
-    def _heads(self, before: DesignSummary | None, *of_estimates: str) -> tuple[str, ...]:
-        """Heads of the columns of values, bounds and estimates."""
+    def _heads(
+        self,
+        before: DesignSummary | None,
+        of_estimates: tuple[str, ...],
+        of_solved: tuple[str, ...],
+        of_both: tuple[str, ...],
+    ) -> tuple[str, ...]:
+        """Heads of the columns of values, bounds, estimates, and what was solved on a finer grid, of one or of both."""
         values = ("before", "after") if before else ("value",)
-        return (*values, "lower", "upper", *(of_estimates if self.estimates else ()))
+        solved = (of_both if before else of_solved) if self.solved else ()
+        return (*values, "lower", "upper", *(of_estimates if self.estimates else ()), *solved)
 
     def _rows(self, before: DesignSummary | None, most: int | None) -> Iterator[tuple[str, str, list[float]]]:
         """Role, label and numbers of every row; of entries with more values than ``most``, the extremes."""
@@ -205,6 +221,9 @@ class DesignSummary(OneLine):
                 estimate = self.estimates.get(entry.name)
                 numbers = (estimate.finer, estimate.remaining) if estimate else (np.nan, np.nan)
                 columns += [np.full(len(entry.values), number) for number in numbers]
+            if self.solved:
+                designs = (before, self) if before else (self,)
+                columns += [np.full(len(entry.values), each.solved.get(entry.name, np.nan)) for each in designs]
             units, n = f" ({entry.units})" if entry.units else "", len(entry.values)
             if most is not None and n > most:
                 for word, extreme in (("smallest", np.min), ("largest", np.max)):
@@ -214,7 +233,9 @@ class DesignSummary(OneLine):
                 yield entry.role, f"{label}{units}", [float(x[number]) for x in columns]
 
 
-def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: float | None = None) -> DesignSummary:
+def design_summary(
+    problem: om.Problem, outputs: Sequence[str] = (), finer: float | None = None, solved_on: float | None = None
+) -> DesignSummary:
     """Take down objective, design variables and constraints of a problem as it is, in their own units.
 
     Parameters
@@ -228,6 +249,9 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
         Cells per direction of a finer member of the grid's family, relative to those of the grid: what the numbers of
         every `EulerFlow` among them would be there, such as lift and drag, is estimated, see `error_estimate`. Where
         that cannot be done, the reason is a warning; so is an induced drag below that of the ellipse.
+    solved_on : float, optional
+        The same of a member on which the flow of every `EulerFlow` among them is solved: at its lift where that is
+        trimmed, else at its angle of attack.
 
     Returns
     -------
@@ -253,8 +277,9 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
     variables     value  lower  upper
       x               1     -5      5
     """
-    if finer is not None and not finer > 1.0:
-        raise InputError(f"summary: finer is {finer!r}; give a number above 1, such as 1.5, or leave it out")
+    for name, factor in (("finer", finer), ("solved_on", solved_on)):
+        if factor is not None and not factor > 1.0:
+            raise InputError(f"summary: {name} is {factor!r}; give a number above 1, such as 1.5, or leave it out")
     problem.final_setup()
     driver = problem.driver
     found = (
@@ -285,13 +310,32 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
         sources[name] = source
     has_section = any(_is_of(flow, source) for flow in sections for source in sources.values())
     estimates = _estimates(problem, sources, finer) if finer is not None else {}
-    return DesignSummary(tuple(entries), estimates, (OF_SECTION,) if has_section else ())
+    solved = _solved(problem, sources, solved_on) if solved_on is not None else {}
+    notes = [OF_SECTION] if has_section else []
+    notes += [f"finer: flows solved on a grid of {solved_on:g} times the cells per direction"] if solved else []
+    return DesignSummary(tuple(entries), estimates, tuple(notes), solved)
 
 
-def _is_of(flow: EulerFlow, source: str) -> bool:
-    """Whether an output, by its absolute name, is a number of a flow."""
+def _is_of(flow: EulerFlow, source: str, *others: str) -> bool:
+    """Whether an output, by its absolute name, is a number of a flow, or one of other names of it."""
     inside = f"{flow.pathname}." if flow.pathname else ""
-    return source.startswith(inside) and source.rpartition(".")[2] in numbers("euler")
+    return source.startswith(inside) and source.rpartition(".")[2] in (*numbers("euler"), *others)
+
+
+def _solved(problem: om.Problem, sources: Mapping[str, str], factor: float) -> dict[str, float]:
+    """Numbers of flows among outputs, given by name with their absolute names, in flows on a finer member."""
+    solved: dict[str, float] = {}
+    for flow in problem.model.system_iter(include_self=True, recurse=True, typ=EulerFlow):
+        of = {name: source.rpartition(".")[2] for name, source in sources.items() if _is_of(flow, source, "alpha")}
+        if not of:
+            continue
+        try:
+            found = solved_on_finer_grid(flow, factor)
+        except (InputError, om.AnalysisError) as error:  # as with estimates
+            om.issue_warning(f"summary: {', '.join(of)} are not solved for on a finer grid: {error}")
+            continue
+        solved |= {name: found[number] for name, number in of.items() if number in found}
+    return solved
 
 
 def _estimates(problem: om.Problem, sources: Mapping[str, str], factor: float) -> dict[str, ErrorEstimate]:

@@ -19,6 +19,9 @@ MET = 1e-4
 """Part of area and thickness by which a design may miss them: as much as counts as met in tables. With 1e-6 all designs
 but the last ones are infeasible on the way."""
 
+CONFIRMED = 2
+"""Cells per direction of the finer grid that a section is flown on: two flows there are a third of the time."""
+
 SHAPE = 0.1
 """Bound of the weights of a section's shape (chords): half of what the sides of the NACA 0012 have."""
 
@@ -118,11 +121,15 @@ def _section(body: Body, free_form: list[str]) -> Iterator[str]:
 
 
 def _end() -> Iterator[str]:
-    """When the search for a section ends."""
+    """When the search for a section ends, and how it is confirmed."""
     yield ""
     yield "[driver.options]"
     yield f"ftol_abs = {LITTLE:g}  # of drag in hundredths: it ends where a step changes it by 0.02 counts"
     yield f"constraint_tolerance = {MET:g}  # of what is kept, so that a run that is stopped earlier has a design"
+    yield ""
+    yield "[output]"
+    yield f"solved_on = {CONFIRMED}  # times the cells per direction: flows before and after on a finer grid"
+    yield "estimate_errors = false  # of these numbers, which are solved for instead"
 
 
 def _wing(body: Body, free_form: list[str]) -> Iterator[str]:

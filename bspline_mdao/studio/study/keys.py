@@ -13,6 +13,7 @@ from ...grids.cells.aggregates import AGGREGATES
 from .kinds import (
     AXES,
     BETWEEN,
+    FINER,
     FLAG,
     FRACTIONS,
     NAMES,
@@ -312,6 +313,12 @@ OUTPUT = {
         "whether lift and drag in Euler flow, at the end, come with estimates for a grid of half as many cells again "
         "per direction; on one process",
         True,
+    ),
+    "solved_on": Key(
+        FINER,
+        "cells per direction, relative to the grid, of a finer one on which the Euler flow is solved again, before and "
+        "after, so that the gain is confirmed; on one process",
+        otherwise="none",
     ),
 }
 """Table ``[output]``."""

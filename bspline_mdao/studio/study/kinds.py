@@ -92,6 +92,7 @@ def _is_rising(value: list[float]) -> bool:
 
 NUMBER = number("a number up to 1e20 in size")
 POSITIVE = number("a positive number from 1e-20 to 1e20", 1e-20)
+FINER = number("a number from 1.1 to 8", 1.1, 8.0)
 _WEIGHT = number("", 1e-6, 1e6)
 WEIGHT = Kind(
     "0 or a positive number from 1e-6 to 1e6",

@@ -259,10 +259,15 @@ class _Script:
         return self.study.kind.write(when, self.study.written(when), bool(self.study.grid["sliding"]))
 
     def _summary(self) -> ast.Call:
-        """Summary of the design as it is, with what lift and drag would be on a finer grid."""
-        finer = {"finer": expression("finer if problem.comm.size == 1 else None", finer=FINER)}
-        outputs, finer = (expression("problem"), expression("outputs")), finer if self._is_estimated else {}
-        return call("bm.design_summary", *outputs, **finer)
+        """Summary of the design as it is, with what lift and drag would be, or are, on finer grids."""
+        solved_on = self.study.output["solved_on"] if self.study.has_pressures else None
+        factors = {"finer": FINER if self._is_estimated else None, "solved_on": solved_on}
+        finer = {
+            name: expression("factor if problem.comm.size == 1 else None", factor=factor)
+            for name, factor in factors.items()
+            if factor is not None
+        }
+        return call("bm.design_summary", expression("problem"), expression("outputs"), **finer)
 
     @property
     def _is_estimated(self) -> bool:
