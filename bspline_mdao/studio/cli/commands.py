@@ -254,22 +254,42 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: An
     ride_along(model, mesh, output, json, RideOptions(mover=mover, **options))
 
 
-@command("init wing.xyz --patches wing.toml -o study.toml", "optimize study.toml -o out")
+@command(
+    "init wing.xyz --patches wing.toml -o study.toml",
+    "init foil.h5 --mach 0.73 --mach 0.75 --lift 0.5 -o study.toml",
+    "optimize study.toml -o out",
+)
 @grid_argument
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="STUDY.toml", required=True, help="Study to write."
 )
 @patches_option
 @click.option("--overwrite", is_flag=True, help="Replace a study that is there.")
-def init(**options: Any) -> None:
+@click.option(
+    "--mach",
+    type=click.FloatRange(1e-3, 0.99),
+    multiple=True,
+    metavar="M",
+    help="Of an airfoil: its Mach number; several times for the mean of drags there. By the thickness otherwise.",
+)
+@click.option(
+    "--lift",
+    type=click.FloatRange(-5.0, 5.0),
+    multiple=True,
+    metavar="CL",
+    help="Of an airfoil: lift coefficient, one or as many as Mach numbers; 0.5 otherwise.",
+)
+@click.option("--lift-to-drag", is_flag=True, help="Of an airfoil: the most lift by drag, at any lift.")
+def init(mach: tuple[float, ...], lift: tuple[float, ...], lift_to_drag: bool, **options: Any) -> None:
     """Draft a study of a grid for the command optimize, with what was guessed in comments.
 
     GRID is a {read} file, a mesh without structure, {meshes}, a model MODEL.h5 of either, or a built-in grid:
     {built_in}.
     """
+    from ..study.draft import Aim
     from .init import draft_study
 
-    draft_study(**options)
+    draft_study(**options, aim=Aim(mach, lift, lift_to_drag) if mach or lift or lift_to_drag else None)
 
 
 @command("optimize study.toml -o out", "optimize study.toml -o out --restart")

@@ -16,7 +16,7 @@ from ...grids.io.formats import MODEL
 from ...grids.io.meshes.ffd_boxes import read_ffd_boxes
 from ...grids.io.meshes.files import is_mesh
 from ...grids.topology.detection import find_topology
-from ..study.draft import study_draft
+from ..study.draft import Aim, study_draft
 from ..study.draft_body import GridBody, MeshBody
 from .output import check_outputs, print_lines
 from .sources import file_of, load_grid
@@ -27,6 +27,7 @@ def draft_study(
     output: Path,  # study to write
     patches: Path | None = None,  # declared patches
     overwrite: bool = False,  # replace a file that is there
+    aim: Aim | None = None,  # flight conditions and objective of a section
 ) -> None:
     """Draft a study of a grid and say what to do next."""
     file = file_of(grid_name)
@@ -46,7 +47,7 @@ def draft_study(
         boxes = read_ffd_boxes(mesh_file) if mesh_file.lower().endswith(".su2") else ()
         names = [_relative_to(each, output) or "" for each in (file, mesh_file)]
         text = study_draft(
-            names[0] or grid_name, _relative_to(patches, output), body, names[1], [box.name for box in boxes]
+            names[0] or grid_name, _relative_to(patches, output), body, names[1], [box.name for box in boxes], aim
         )
     with replaced_file(output) as part:
         part.write_text(text, encoding="utf-8")

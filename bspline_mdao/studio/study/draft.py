@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...errors import InputError
 from ...flow.om.mach_range import EULER, LATTICE
 from .draft_body import ALPHA, MACH, SECTION_LIFT, Body
 
-__all__ = ["study_draft"]
+__all__ = ["Aim", "study_draft"]
 
 CORNER = 0.05
 """What the worst cell keeps where the grid has as much."""
@@ -30,14 +32,66 @@ LITTLE = 2e-4
 a shock the drag is nearly none, and no part of it is small; at 0.1 counts the search ends in the middle of its way."""
 
 
+FRICTION = 0.006
+"""Drag of friction in a ratio of lift and drag, which in Euler flow has no bound without a shock: of both sides of a
+plate with a turbulent layer at a Reynolds number of 1e7, each 0.455 / log10(Re)^2.58 (Schlichting)."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What the draft of a section aims at."""
+
+    machs: tuple[float, ...] = ()  # Mach numbers; one that is guessed where there is none
+    lifts: tuple[float, ...] = ()  # lift coefficients: one, or one for each Mach number, or several at one
+    is_ratio: bool = False  # whether lift by drag is the objective, at any lift
+
+    def __post_init__(self) -> None:
+        numbers = len(self.machs), len(self.lifts)
+        if min(numbers) > 1 and numbers[0] != numbers[1]:
+            raise InputError(f"--mach is given {numbers[0]} times and --lift {numbers[1]} times; give one for each")
+        if self.is_ratio and self.lifts:
+            raise InputError(
+                "--lift does not go with --lift-to-drag, at which the lift is what comes out; leave it out"
+            )
+        if len(set(zip(*self._both(0.0)))) < max(numbers):
+            raise InputError("--mach and --lift: a flight condition is given twice; give each once")
+
+    def _both(self, guess: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        machs, lifts = self.machs or (guess,), self.lifts or (SECTION_LIFT,)
+        n = max(len(machs), len(lifts))
+        return (machs if len(machs) == n else machs * n), (lifts if len(lifts) == n else lifts * n)
+
+    def points(self, guess: float) -> dict[str, tuple[float, float]]:
+        """Mach numbers and lifts by names of conditions, such as ``mach_073``; with their lifts where these tell."""
+        found = list(zip(*self._both(guess)))
+        has_lifts = len({mach for mach, _ in found}) < len(found)
+        return {
+            f"mach_{_digits(mach)}{f'_lift_{_digits(lift)}' if has_lifts else ''}": (mach, lift) for mach, lift in found
+        }
+
+
+def _digits(number: float) -> str:
+    """A number as a part of a name: with two digits behind the point, or those that it has."""
+    text = f"{number:.2f}" if round(number, 2) == number else f"{number:g}"
+    return text.replace(".", "").replace("-", "minus_")
+
+
 def study_draft(
     name: str,  # name of the grid, or of the model, as the study is to have it
     patches: str | None,  # patches file as the study is to have it
     body: Body,  # its walls
     box_file: str = "",  # file with free-form boxes as the study is to have it; empty where there is none
     boxes: Sequence[str] = (),  # names of the boxes in it
+    aim: Aim | None = None,  # flight conditions and objective of a section; guessed by default
 ) -> str:  # TOML
     """Write the draft of a study."""
+    if aim is not None and not _is_flown(body):
+        reason = f": {_line(body.why_no_euler)}" if body.is_section else ""
+        raise InputError(
+            f"{name}: is no section in Euler flow{reason}; --mach, --lift and --lift-to-drag are of airfoils: leave "
+            f"them out, and set what you want in the draft"
+        )
+    aim = aim or Aim()
     free_form = list(_free_form(body, box_file, boxes))
     has_flow = body.is_wing or _is_flown(body)
     lines = [
@@ -49,13 +103,14 @@ def study_draft(
         *([f"patches = {json.dumps(patches)}"] if patches else []),
         *_walls(body),
         "",
-        *_design(body, free_form),
+        *_design(body, free_form, aim),
         *_cells(body),
         "[driver]",
         'optimizer = "LD_SLSQP"  # of NLopt; SLSQP is that of SciPy',
-        f"tolerance = {1e-6 if has_flow else 1e-8:g}",  # a skin changes by thousandths, drag by percents
+        # a skin changes by thousandths, drag by percents, and of lift by drag hundredths of 1 are enough
+        f"tolerance = {1e-4 if aim.is_ratio else 1e-6 if has_flow else 1e-8:g}",
         "max_iterations = 50",
-        *(_end() if body.is_section and has_flow else ()),
+        *(_end(aim) if body.is_section and has_flow else ()),
     ]
     return "\n".join(lines) + "\n"
 
@@ -74,14 +129,14 @@ def _is_flown(body: Body) -> bool:
     return body.is_section and not body.why_no_euler
 
 
-def _design(body: Body, free_form: list[str]) -> Iterator[str]:
+def _design(body: Body, free_form: list[str], aim: Aim) -> Iterator[str]:
     """Variables, flow, objective and constraints."""
     if body.is_wing:
         return _wing(body, free_form)
-    return _section(body, free_form) if _is_flown(body) else _shape(body, free_form)
+    return _section(body, free_form, aim) if _is_flown(body) else _shape(body, free_form)
 
 
-def _section(body: Body, free_form: list[str]) -> Iterator[str]:
+def _section(body: Body, free_form: list[str], aim: Aim) -> Iterator[str]:
     """Variables, flow, objective, area and thickness of a section."""
     yield "[variables.shape]  # of the section as one curve; hicks_henne, camber_modes, thickness_modes are there too"
     yield 'kind = "class_shape"  # weights in chords: of the nose, of the upper side, of the lower side'
@@ -90,21 +145,7 @@ def _section(body: Body, free_form: list[str]) -> Iterator[str]:
     yield f"upper = {SHAPE}"
     yield ""
     yield from free_form
-    yield "[flow]"
-    yield 'kind = "euler"'
-    yield "trim = true  # the angle of attack is solved for, so that all designs have one lift"
-    yield f"CL_target = {SECTION_LIFT}  # set yours; by the chord, per unit of span: cl"
-    yield f"Mach_number = {body.drag_rise}  # set yours: guessed of the thickness, so that there is a shock to lose"
-    yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
-    yield f"# reference_area = {body.area:.6g}  # chord by depth of the grid, taken by default"
-    yield ""
-    yield "# [conditions.faster]  # one such table for each of several flight conditions; the objective is their mean"
-    yield f"# Mach_number = {body.drag_rise + 0.02:.2f}"
-    yield "# weight = 0.5"
-    yield ""
-    yield "[objective]"
-    yield 'of = "CD"  # cd; at one lift the least of it is the most of CL / CD'
-    yield ""
+    yield from _ratio(body, aim) if aim.is_ratio else _least_drag(body, aim)
     yield "[constraints.section_area]  # by that of the baseline"
     yield "equals = 1.0  # without friction thicker sections have no more drag: with lower = 1.0 they grow"
     yield ""
@@ -120,11 +161,75 @@ def _section(body: Body, free_form: list[str]) -> Iterator[str]:
     yield ""
 
 
-def _end() -> Iterator[str]:
+def _least_drag(body: Body, aim: Aim) -> Iterator[str]:
+    """Flow and objective: drag at a lift, or the mean of several."""
+    points = aim.points(body.drag_rise)
+    (mach, lift), *others = points.values()
+    yield "[flow]"
+    yield 'kind = "euler"'
+    yield "trim = true  # the angle of attack is solved for, so that all designs have one lift"
+    yield f"CL_target = {lift:g}  # set yours; by the chord, per unit of span: cl"
+    guessed = "" if aim.machs else "  # set yours: guessed of the thickness, so that there is a shock to lose"
+    yield f"Mach_number = {mach:g}{guessed}"
+    yield from _frame(body)
+    if others:
+        for name, (mach, lift) in points.items():
+            yield f"[conditions.{name}]"
+            yield f"Mach_number = {mach:g}"
+            yield f"CL_target = {lift:g}"
+            yield "weight = 1.0  # in the mean of drags that the objective is"
+            yield ""
+    else:
+        yield "# [conditions.faster]  # one such table for each of several flight conditions, see init --mach"
+        yield f"# Mach_number = {mach + 0.02:.2f}"
+        yield "# weight = 0.5"
+        yield ""
+    yield "[objective]"
+    yield 'of = "CD"  # cd; at one lift the least of it is the most of CL / CD'
+    yield ""
+
+
+def _ratio(body: Body, aim: Aim) -> Iterator[str]:
+    """Flow and objective: lift by drag at any angle, or the mean of several."""
+    points = aim.points(body.drag_rise)
+    yield "[variables.alpha]  # angle of attack, degrees: the lift is what comes out"
+    yield f"lower = {ALPHA - 5.0}"
+    yield f"upper = {ALPHA + 3.0}"
+    yield ""
+    yield "[flow]"
+    yield 'kind = "euler"'
+    yield f"alpha = {ALPHA - 1.0}  # of the baseline, degrees"
+    (mach, _), *others = points.values()
+    guessed = "" if aim.machs else "  # set yours: guessed of the thickness, so that there is a shock to lose"
+    yield f"Mach_number = {mach:g}{guessed}"
+    yield from _frame(body)
+    if others:
+        for name, (mach, _) in points.items():
+            yield f"[conditions.{name}]"
+            yield f"Mach_number = {mach:g}"
+            yield "weight = 1.0  # in the mean of ratios that the objective is"
+            yield ""
+    ratios = [f"{name}.CL / ({name}.CD + {FRICTION})" for name in points] if others else [f"CL / (CD + {FRICTION})"]
+    yield "[objective]"
+    yield f'of = "{" + ".join(ratios)}"  # {FRICTION}: drag of friction, which this flow has not; set yours'
+    yield "maximize = true"
+    yield f"ref = {10.0 * len(ratios):g}"
+    yield ""
+
+
+def _frame(body: Body) -> Iterator[str]:
+    """Axes and references of a section."""
+    yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
+    yield f"# reference_area = {body.area:.6g}  # chord by depth of the grid, taken by default"
+    yield ""
+
+
+def _end(aim: Aim) -> Iterator[str]:
     """When the search for a section ends, and how it is confirmed."""
     yield ""
     yield "[driver.options]"
-    yield f"ftol_abs = {LITTLE:g}  # of drag in hundredths: it ends where a step changes it by 0.02 counts"
+    if not aim.is_ratio:
+        yield f"ftol_abs = {LITTLE:g}  # of drag in hundredths: it ends where a step changes it by 0.02 counts"
     yield f"constraint_tolerance = {MET:g}  # of what is kept, so that a run that is stopped earlier has a design"
     yield ""
     yield "[output]"

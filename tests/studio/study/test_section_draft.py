@@ -90,3 +90,68 @@ def test_what_is_drafted_of_an_airfoil_runs_and_loses_drag(tmp_path, monkeypatch
         np.testing.assert_allclose(new.nodes[:, :, 0, :2], new.nodes[:, :, 1, :2], atol=1e-12)
     (line,) = (line for line in (tmp_path / "out" / "summary.csv").read_text().splitlines() if "objective" in line)
     assert "CD" in line
+
+
+def drafted(folder, *arguments):
+    """The study that ``init`` drafts of an airfoil with these arguments."""
+    write_grid(folder / "foil.cgns", o_grid())
+    assert run(["init", "foil.cgns", "-o", "study.toml", *arguments]) == 0
+    return study_of(folder, (folder / "study.toml").read_text())
+
+
+def test_several_mach_numbers_are_conditions_whose_drags_have_one_mean(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    study = drafted(tmp_path, "--mach", "0.7", "--mach", "0.725", "--lift", "0.6", "--lift", "0.4")
+    found = {name: (table["Mach_number"], table["CL_target"]) for name, table in study.conditions.items()}
+    assert found == {"mach_070": (0.7, 0.6), "mach_0725": (0.725, 0.4)}
+    assert study.objective["of"] == "CD"
+    assert all(table["trim"] for table in study.conditions.values())
+
+
+def test_several_lifts_are_conditions_at_one_mach_number(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    study = drafted(tmp_path, "--mach", "0.7", "--lift", "0.3", "--lift", "0.6")
+    assert list(study.conditions) == ["mach_070_lift_030", "mach_070_lift_060"]
+
+
+def test_one_mach_number_and_lift_are_those_of_the_flow(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    study = drafted(tmp_path, "--mach", "0.6", "--lift", "0.7")
+    assert (study.flow["Mach_number"], study.flow["CL_target"], study.conditions) == (0.6, 0.7, {})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machs", [("0.7",), ("0.7", "0.74")])
+def test_lift_by_drag_is_the_largest_at_an_angle_that_is_free_and_has_friction(tmp_path, monkeypatch, machs):
+    monkeypatch.chdir(tmp_path)
+    study = drafted(tmp_path, "--lift-to-drag", *(word for mach in machs for word in ("--mach", mach)))
+    assert study.objective["maximize"]
+    assert study.objective["of"].count("0.006") == len(machs)
+    assert "alpha" in study.variables
+    assert run(["optimize", "study.toml", "-o", "out", "--max-iterations", "1"]) == 0
+    rows = [row.split(",") for row in (tmp_path / "out" / "summary.csv").read_text().splitlines()]
+    before = {row[1].rpartition(".")[0] + row[1].rpartition(".")[2]: float(row[2]) for row in rows[1:]}
+    names = list(study.conditions) or [""]
+    ratios = [before[f"{name}CL"] / (before[f"{name}CD"] + 0.006) for name in names]
+    assert float(rows[1][2]) == pytest.approx(sum(ratios), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--mach", "0.7", "--mach", "0.7"], "a flight condition is given twice"),
+        (["--mach", "0.7", "--mach", "0.72", *["--lift", "0.3"] * 3], "--mach is given 2 times and --lift 3 times"),
+        (["--lift-to-drag", "--lift", "0.3"], "--lift does not go with --lift-to-drag"),
+    ],
+)
+def test_conditions_that_do_not_go_together_are_refused(tmp_path, monkeypatch, capsys, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    write_grid(tmp_path / "foil.cgns", o_grid())
+    assert run(["init", "foil.cgns", "-o", "study.toml", *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_mach_numbers_of_what_is_no_airfoil_are_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run(["init", "@onera_m6:7x7x5", "-o", "study.toml", "--mach", "0.7"]) == 2
+    assert "is no section in Euler flow; --mach, --lift and --lift-to-drag are of airfoils" in capsys.readouterr().err
