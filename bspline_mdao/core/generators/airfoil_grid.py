@@ -8,14 +8,14 @@ from os import PathLike
 import numpy as np
 
 from ...errors import InputError
-from ...grids.cells.wall_spacing import flat_plate_y_plus
 from ...grids.topology.grid import Block, Grid
 from .airfoil import Airfoil
 from .airfoil_file import airfoil
+from .first_cell import first_cell_of
 from .section_c_grid import section_c_grid
 from .section_o_grid import section_o_grid
 
-__all__ = ["BASES", "TOPOLOGIES", "airfoil_grid", "first_cell_of", "unit_of"]
+__all__ = ["BASES", "TOPOLOGIES", "airfoil_grid", "unit_of"]
 
 TOPOLOGIES = "O", "C"
 """Around the airfoil, or around it and along its wake."""
@@ -148,26 +148,6 @@ def unit_of(section: Airfoil) -> tuple[float, np.ndarray]:
     """Length that is a chord in the coordinates of an outline, and where their origin is then, shape (2,)."""
     off = np.abs([section.nose, section.tail - [1.0, 0.0]]).max()
     return (1.0, np.zeros(2)) if off < _AS_IT_IS else (section.chord, section.nose)
-
-
-def first_cell_of(
-    chord: float,  # length of the chord (m)
-    first_cell: float | None,  # height of the first cells (m)
-    y_plus: float | None,  # the same in viscous units
-    reynolds: float | None,  # reynolds number of the chord
-) -> float | None:  # height of the first cells (m); None where they are to be square
-    """Find the height of first cells that is asked for."""
-    given = {"first_cell": first_cell, "y_plus": y_plus, "reynolds": reynolds}
-    for name, value in given.items():
-        if value is not None and not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"first cells: {name} of {value}; give a positive number")
-    if first_cell is not None and (y_plus is not None or reynolds is not None):
-        raise InputError("first cells: a height, and y+ or a Reynolds number as well; give one of both")
-    if (y_plus is None) != (reynolds is None):
-        raise InputError("first cells: y+ and the Reynolds number of the chord go together; give both")
-    if y_plus is None or reynolds is None:
-        return first_cell
-    return y_plus / flat_plate_y_plus(1.0, reynolds / chord, chord)
 
 
 def _rows(

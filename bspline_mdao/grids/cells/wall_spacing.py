@@ -37,9 +37,10 @@ class WallSpacing:
 
 def wall_spacings(
     grid: Grid,  # the grid. Its walls are its patches of kind ``"wall"``
+    cells: FirstCells | None = None,  # its first cells, where they are known
 ) -> tuple[WallSpacing, ...]:  # one for each wall that has heights
     """Measure the spacings at the walls of a grid."""
-    cells, nodes = FirstCells.of_baseline(grid), grid.to_vector().reshape(-1, 3)
+    cells, nodes = cells or FirstCells.of_baseline(grid), grid.to_vector().reshape(-1, 3)
     growth, aspect = _growth(cells, nodes), _longest_edges(cells, nodes) / cells.baseline
     wall = nodes[cells.rows[cells.at]]
     spacings = []

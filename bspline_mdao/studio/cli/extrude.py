@@ -6,19 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...base.text import counted
-from ...core.generators.extrusion.extrude import extrude_surface
+from ...core.generators.extrusion.extrude import extrude_surface, plate_length
 from ...core.generators.extrusion.rims import Plane
+from ...core.generators.first_cell import first_cell_of
 from ...errors import InputError
-from ...grids.cells.first_cells import FirstCells
 from .made_grid import MadeGrid, write_made_grid
 from .output import check_outputs
 from .sources import load_grid
-
-NEAR = 0.01
-"""Relative difference of heights from what was asked that is named."""
 
 
 def extrude_file(
@@ -36,36 +31,38 @@ def extrude_file(
 def _made(
     surface: Path,
     units: str | None,
-    first_cell: float,
+    first_cell: float | None,
+    y_plus: float | None,
+    reynolds: float | None,
+    length: float | None,
     symmetry: Sequence[str],
     constant: Sequence[str],
     **options: Any,  # see `extrude_surface`
 ) -> MadeGrid:
     """The grid, and what it has become of the surface."""
+    sheet = load_grid(str(surface), is_lifted=False, units=units)
+    plate = plate_length(sheet, length, reynolds)
+    height = first_cell_of(plate, first_cell, y_plus, reynolds)
     grid = extrude_surface(
-        load_grid(str(surface), is_lifted=False, units=units),
-        first_cell,
+        sheet,
+        height,
         symmetry=None if not symmetry else [_plane(text) for text in symmetry if text != "none"],
         constant=[_plane(text) for text in constant],
         **options,
     )
-    heights = FirstCells.of_baseline(grid).baseline
-    off = float(np.mean(np.abs(heights / first_cell - 1.0) > NEAR))
     numbers = {
         "surface": str(surface),
         "blocks": grid.shapes,
         "n_nodes": grid.n_nodes,
         "patches": {patch.name: patch.kind for patch in grid.patches},
-        "heights": {"lowest": float(heights.min()), "highest": float(heights.max()), "off": off},
     }
     patches = ", ".join(f"{patch.name} ({patch.kind})" for patch in grid.patches)
-    lines = [
-        f"patches: {patches}",
-        f"first cells {heights.min():.4g} to {heights.max():.4g} {grid.length_unit} high, {100.0 * (1.0 - off):.1f} % "
-        f"of them within 1 % of what was asked",
-    ]
+    lines = [f"patches: {patches}"]
+    if reynolds:
+        lines.append(f"y+ {y_plus:g} of a plate of {plate:.4g} {grid.length_unit} at a Reynolds number of {reynolds:g}")
     title = f"{surface}: {counted(len(grid.blocks), 'block')}, {counted(grid.n_nodes, 'node')}"
-    return MadeGrid(grid, title, lines, numbers, None, "see the page on extrusion for what helps")
+    cure = "see the page on extrusion for what helps"
+    return MadeGrid(grid, title, lines, numbers, reynolds and reynolds / plate, cure, first_cell=height)
 
 
 def _plane(text: str) -> Plane:

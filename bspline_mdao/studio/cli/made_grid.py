@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.fit.fitting import fit_grid
 from ...core.model.fitted_model import FittedModel
 from ...errors import FitWarning
+from ...grids.cells.first_cells import FirstCells
 from ...grids.cells.grid_quality import GridQuality
 from ...grids.cells.report import QualityReport, report_quality
 from ...grids.cells.wall_spacing import WallSpacing, wall_spacings
@@ -24,6 +27,9 @@ from .fit import fit_numbers, show_fit, splines_certificate
 from .output import print_lines, print_title, print_warnings, show_spacings, spacing_numbers, written_json
 
 __all__ = ["MadeGrid", "write_made_grid"]
+
+NEAR = 0.01
+"""Relative difference of heights from what was asked that is named."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,7 @@ class MadeGrid:
     reynolds: float | None  # Reynolds number per unit of length, for y+
     cure: str  # what may help where cells are inverted
     warnings: Sequence[str] = ()
+    first_cell: float | None = None  # height of the first cells that was asked for, to hold those there are against
 
 
 def write_made_grid(
@@ -53,12 +60,13 @@ def write_made_grid(
         grid, is_model = made.grid, output.suffix == MODEL
         if not is_model:
             check_grid_name(output, grid)
-        cells = report_quality(GridQuality.of_baseline(grid), grid.to_vector().reshape(-1, 3))
-        spacings = wall_spacings(grid)
+        quality = GridQuality.of_baseline(grid)
+        cells = report_quality(quality, grid.to_vector().reshape(-1, 3))
+        heights, spacings = _heights(quality.first_cells, made), wall_spacings(grid, quality.first_cells)
         model = fit(grid) if is_model else None
         progress(0.8, "validity" if model else "writing")
         certificate = splines_certificate(model) if model else None
-        numbers = made.numbers | {"output": str(output)} | _numbers(cells, spacings, made.reynolds)
+        numbers = made.numbers | heights | {"output": str(output)} | _numbers(cells, spacings, made.reynolds)
         with written_json(json, numbers | ({"fit": fit_numbers(model, certificate)} if model else {})):
             if model:
                 model.save(output)
@@ -68,6 +76,7 @@ def write_made_grid(
     print_lines(
         [
             *made.lines,
+            *_heights_lines(heights, grid.length_unit),
             f"cells: {cells.n_cells:,}, {cells.n_inverted:,} inverted; smallest corner {cells.min_corner:.3g}, "
             f"smallest Q {cells.q_min:.3g}, mean {cells.q_mean:.3g}",
         ]
@@ -79,6 +88,31 @@ def write_made_grid(
         show_fit(model, output, certificate)
     else:
         print_lines([f"{output} written"])
+
+
+def _heights(cells: FirstCells, made: MadeGrid) -> dict[str, Any]:
+    """Numbers of the heights of first cells, where one was asked for."""
+    heights = cells.baseline
+    if made.first_cell is None or not len(heights):
+        return {}
+    off = float(np.mean(np.abs(heights / made.first_cell - 1.0) > NEAR))
+    return {
+        "heights": {
+            "asked": made.first_cell,
+            "lowest": float(heights.min()),
+            "highest": float(heights.max()),
+            "off": off,
+        }
+    }
+
+
+def _heights_lines(numbers: dict[str, Any], unit: str) -> list[str]:
+    """The same for a reader."""
+    return [
+        f"first cells {found['lowest']:.4g} to {found['highest']:.4g} {unit} high, {100.0 * (1.0 - found['off']):.1f} "
+        f"% of them within 1 % of the {found['asked']:.4g} {unit} asked for"
+        for found in numbers.values()
+    ]
 
 
 def _numbers(

@@ -21,6 +21,13 @@ output_option = click.option(
     help="Fitted model, or grid alone.",
 )
 
+y_plus_option = click.option(
+    "--y-plus",
+    type=POSITIVE,
+    metavar="Y",
+    help="Height of the first cells in viscous units, by a flat plate; give --reynolds as well.",
+)
+
 
 @command(
     "airfoil naca2412 -o foil.h5",
@@ -65,12 +72,7 @@ output_option = click.option(
     metavar="H",
     help="Height of the first cells (m), for boundary layers.",
 )
-@click.option(
-    "--y-plus",
-    type=POSITIVE,
-    metavar="Y",
-    help="Height of the first cells in viscous units, by a flat plate; give --reynolds as well.",
-)
+@y_plus_option
 @click.option("--reynolds", type=POSITIVE, metavar="RE", help="Reynolds number of the chord.")
 @click.option(
     "--topology",
@@ -137,11 +139,20 @@ def wing(**options: Any) -> None:
 
 @command(
     "extrude surface.xyz -o wing.cgns --first-cell 1e-5 --layers 64",
+    "extrude surface.xyz -o wing.cgns --y-plus 1 --reynolds 6e6 --length 0.8",
     "extrude surface.xyz -o wing.h5 --first-cell 1e-3 --growth 1.2 --outer 50 --symmetry z",
 )
 @click.argument("surface", metavar="SURFACE", type=click.Path(path_type=Path))
 @output_option
-@click.option("--first-cell", type=float, required=True, metavar="H", help="Height of the first cells at the surface.")
+@click.option("--first-cell", type=POSITIVE, metavar="H", help="Height of the first cells at the surface.")
+@y_plus_option
+@click.option("--reynolds", type=POSITIVE, metavar="RE", help="Reynolds number of the length.")
+@click.option(
+    "--length",
+    type=POSITIVE,
+    metavar="L",
+    help="What the Reynolds number is of; the middle side of the surface's box by default, the chord of most wings.",
+)
 @click.option("--layers", type=int, metavar="N", help="Layers of cells; 64 by default, unless --growth is given.")
 @click.option(
     "--growth",

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ...core.generators.airfoil import Airfoil
 from ...core.generators.airfoil_file import airfoil
-from ...core.generators.airfoil_grid import first_cell_of
+from ...core.generators.first_cell import first_cell_of
 from ...core.generators.hh_wing import hh_wing_grid
 from ...core.generators.kinked_planform import KinkedPlanform
 from ...core.generators.wing import Planform, Wing

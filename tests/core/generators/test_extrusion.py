@@ -10,6 +10,7 @@ from bspline_mdao import Grid, InputError, find_topology, fit_grid, read_grid
 from bspline_mdao.core.generators.extrusion.surface import SurfaceMesh
 from bspline_mdao.generators import ball_grid, brick_grid, extrude_surface
 from bspline_mdao.grids import Block, GridQuality
+from bspline_mdao.grids.cells.wall_spacing import flat_plate_y_plus
 
 FIRST = 2e-3
 
@@ -188,6 +189,15 @@ def test_growth_gives_as_many_layers_as_reach_the_distance():
     assert steps[0] == pytest.approx(0.01, rel=0.01)
 
 
+@pytest.mark.parametrize("length", [None, 0.7])
+def test_first_cells_have_the_height_of_y_plus_at_a_length(length):
+    plate = sheet(plane(np.zeros(3), (1.3, 0, 0), (0, 2.0, 0), (6, 7)))
+    grid = extrude_surface(plate, layers=30, outer=1.0, y_plus=3.0, reynolds=2e5, length=length)
+    of = length or 1.3  # the middle one of 0, 1.3 and 2
+    for height in (heights_of(grid).min(), heights_of(grid).max()):
+        assert flat_plate_y_plus(height, 2e5 / of, of) == pytest.approx(3.0, rel=0.01)
+
+
 def test_inward_fills_the_body():
     grid = extrude_surface(ball(), 0.01, layers=8, outer=0.4, inward=True)
     assert np.linalg.norm(grid.blocks[0].nodes[:, :, -1], axis=-1).max() < 0.7
@@ -195,8 +205,13 @@ def test_inward_fills_the_body():
 
 
 BAD = {
-    "nothing": ({"first_cell": 0.0}, "first cell 0.0"),
-    "nan": ({"first_cell": float("nan")}, "first cell nan"),
+    "nothing": ({}, "first cells of no height"),
+    "zero": ({"first_cell": 0.0}, "first_cell of 0.0"),
+    "nan": ({"first_cell": float("nan")}, "first_cell of nan"),
+    "y+ alone": ({"y_plus": 1.0}, "go together"),
+    "both": ({"first_cell": 0.1, "y_plus": 1.0, "reynolds": 1e6}, "give one of both"),
+    "length alone": ({"first_cell": 0.1, "length": 1.0}, "no Reynolds number"),
+    "no length": ({"y_plus": 1.0, "reynolds": 1e6, "length": 0.0}, "a length of 0.0"),
     "layers": ({"first_cell": 0.1, "layers": 0}, "0 layers"),
     "far": ({"first_cell": 0.1, "layers": 30, "outer": 1.0}, "reach farther"),
     "few": ({"first_cell": 1e-6, "layers": 3, "outer": 10.0}, "give more layers"),

@@ -5,6 +5,7 @@ import pytest
 from test_cli import fails_as_expected, numbers
 
 from bspline_mdao import FittedModel, Grid, find_topology, read_grid, write_grid
+from bspline_mdao.core.generators.first_cell import first_cell_of
 from bspline_mdao.generators import ball_grid, brick_grid
 from bspline_mdao.grids import Block
 from bspline_mdao.studio.cli.main import run
@@ -44,10 +45,24 @@ def test_extrude_takes_planes_by_their_normals(workplace):
     assert numbers("n.json")["patches"]["edges"] == "farfield"
 
 
+def test_extrude_takes_y_plus_and_tells_the_height_it_is(workplace, capsys):
+    argv = ["extrude", "ball.xyz", "-o", "out.xyz", "--layers", "12", "--outer", "3", "--json", "n.json"]
+    assert run([*argv, "--y-plus", "30", "--reynolds", "1e5", "--length", "0.5"]) == 0
+    asked = numbers("n.json")["heights"]["asked"]
+    assert asked == first_cell_of(0.5, None, 30.0, 1e5)
+    assert numbers("n.json")["walls"][0]["height_median"] == pytest.approx(asked, rel=0.01)
+    told = capsys.readouterr().out
+    for words in ("y+ 30 of a plate of 0.5", f"of the {asked:.4g}"):
+        assert words in told
+    assert run([*argv, "--y-plus", "30", "--reynolds", "1e5"]) == 0  # of the middle side of the box, as the table is
+    assert numbers("n.json")["walls"][0]["y_plus"] == pytest.approx(30.0, rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--first-cell", "0"], "positive"),
+        ([], "first cells of no height"),
+        (["--y-plus", "1"], "go together"),
         (["--first-cell", "0.01", "--symmetry", "1,a,2"], "no normal of a plane"),
         (["--first-cell", "0.01", "--layers", "2"], "give more layers"),
     ],

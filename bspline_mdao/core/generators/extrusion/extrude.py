@@ -14,6 +14,7 @@ from ....base.numerics.progress import Progress, progress_bar
 from ....errors import InputError
 from ....grids.topology.grid import Block, Grid, Patch, require_grid
 from ....grids.topology.index_space import Window
+from ..first_cell import first_cell_of
 from .layers import layer_heights
 from .marching import Conditions, March, Marching, march
 from .rims import KINDS, Plane, Rim
@@ -29,7 +30,7 @@ LAYERS = 64
 
 def extrude_surface(
     surface: Grid,
-    first_cell: float,
+    first_cell: float | None = None,
     layers: int | None = None,
     growth: float | None = None,
     outer: float | None = None,
@@ -37,6 +38,10 @@ def extrude_surface(
     constant: Sequence[Plane] = (),
     splay: float = 15.0,
     inward: bool = False,
+    *,
+    y_plus: float | None = None,
+    reynolds: float | None = None,
+    length: float | None = None,
     settings: Marching | None = None,
     allow_invalid: bool = False,
     progress: Progress | bool | None = None,
@@ -50,8 +55,8 @@ def extrude_surface(
     ----------
     surface : Grid
         Blocks with one node in one direction.
-    first_cell : float
-        Height of the first cells at the surface (m).
+    first_cell : float, optional
+        Height of the first cells at the surface (m); or give `y_plus` and `reynolds`.
     layers : int, optional
         Layers of cells; 64 by default, unless ``growth`` is given.
     growth : float, optional
@@ -68,6 +73,14 @@ def extrude_surface(
         Angle (degrees) by which free edges lean outwards, far from the surface.
     inward : bool
         Extrude to the inside of a closed surface, or below an open one.
+    y_plus : float, optional
+        Height of the first cells in viscous units instead, estimated by the turbulent boundary layer at the end of a
+        flat plate (F. M. White, *Fluid Mechanics*, 7th ed., 2011, section 7.4).
+    reynolds : float, optional
+        Reynolds number of `length`, for `y_plus`.
+    length : float, optional
+        Length that the Reynolds number is of, and that of the plate (m); the middle one of the sides of the surface's
+        box by default, the chord of most wings.
     settings : Marching, optional
         How the front marches.
     allow_invalid : bool
@@ -109,7 +122,10 @@ def extrude_surface(
         layers = LAYERS
     if outer is None:
         outer = FAR * float(np.ptp(mesh.points, axis=0).max())
-    steps = layer_heights(first_cell, layers, growth, outer)
+    height = first_cell_of(plate_length(surface, length, reynolds), first_cell, y_plus, reynolds)
+    if height is None:
+        raise InputError("extrusion: first cells of no height; give one, or y+ and a Reynolds number")
+    steps = layer_heights(height, layers, growth, outer)
     fans = fans_of(mesh)
     rim = Rim.of(mesh, fans, symmetry, constant)
     constraint, projectors = rim.constraints(len(mesh.points))
@@ -119,6 +135,18 @@ def extrude_surface(
         found = march(mesh, conditions, steps, settings or Marching(), allow_invalid, report_progress)
     _require_valid(mesh, found, surface.length_unit, allow_invalid)
     return _volume(surface, mesh, rim, found)
+
+
+def plate_length(surface: Grid, length: float | None, reynolds: float | None) -> float:
+    """Length of the plate that y+ is of (m): that given, or the middle one of the sides of the surface's box."""
+    if length is None:
+        ends = [[edge(block.nodes.reshape(-1, 3), axis=0) for block in surface.blocks] for edge in (np.min, np.max)]
+        return float(np.sort(np.max(ends[1], axis=0) - np.min(ends[0], axis=0))[1])
+    if not (np.isfinite(length) and length > 0.0):
+        raise InputError(f"extrusion: a length of {length} for the Reynolds number; give a positive one")
+    if reynolds is None:
+        raise InputError("extrusion: a length, but no Reynolds number that it is of; give both or none")
+    return length
 
 
 def _require_valid(mesh: SurfaceMesh, found: March, unit: str, allow_invalid: bool) -> None:

@@ -23,9 +23,8 @@ def layer_heights(
     outer: float | None,  # height of all (m)
 ) -> np.ndarray:  # (layers,), heights (m)
     """Heights of layers from two of the number of layers, their growth and the outer distance."""
-    for name, value in (("first cell", first_cell), ("outer distance", outer)):
-        if value is not None and not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"extrusion: {name} {value!r}; give a length that is positive")
+    if outer is not None and not (np.isfinite(outer) and outer > 0.0):
+        raise InputError(f"extrusion: outer distance {outer!r}; give a length that is positive")
     if layers is not None and layers < 1:
         raise InputError(f"extrusion: {layers} layers; give 1 or more")
     if growth is not None and not 1.0 <= growth <= LARGEST_GROWTH:
