@@ -171,6 +171,36 @@ def test_ring_with_poles_in_one_block_is_an_o_grid_with_collapsed_lines():
     assert np.ptp(grid.blocks[0].nodes[0], axis=0).max() < 1e-12
 
 
+def c_surface(sweep: float) -> tuple[np.ndarray, int]:
+    """A wing between two planes with its wake, below and above it, as one block; nodes of the wake."""
+    x, wake = 0.5 * (1.0 + np.cos(np.linspace(0.0, np.pi, 25))), np.geomspace(1.0, 8.0, 17)
+    side = 0.6 * (0.2969 * np.sqrt(x) - 0.126 * x - 0.3516 * x**2 + 0.2843 * x**3 - 0.1036 * x**4)
+    x = np.concatenate([wake[:0:-1], x, x[-2::-1], wake[1:]])
+    y = np.concatenate([0.0 * wake[1:], -side, side[-2::-1], 0.0 * wake[1:]])
+    z = np.linspace(0.0, 1.5, 6)
+    return np.stack([x[:, None] + sweep * z, y[:, None] + 0.0 * z, 0.0 * x[:, None] + z], axis=-1), len(wake)
+
+
+@pytest.mark.parametrize("n_blocks", [1, 4])
+@pytest.mark.parametrize("turned", [(), (0,), (0, 1, 2, 3)])
+def test_wake_sheet_that_comes_twice_makes_a_c_grid(n_blocks, turned):
+    nodes, n = c_surface(0.0)
+    cuts = {1: [0, len(nodes) - 1], 4: [0, n - 1, n + 23, len(nodes) - n, len(nodes) - 1]}[n_blocks]
+    faces = [nodes[lo : hi + 1] for lo, hi in zip(cuts, cuts[1:])]
+    faces = [np.ascontiguousarray(face[:, ::-1]) if number in turned else face for number, face in enumerate(faces)]
+    grid = extrude_surface(sheet(*faces), 1e-3, layers=25, outer=6.0, symmetry=("z",), constant=("x",))
+    assert corners_of(grid).min() > 0.7
+    off = np.abs(heights_of(grid) / 1e-3 - 1.0)
+    assert np.quantile(off, 0.9) < 0.01
+    assert off.max() < 0.08  # the nose has few nodes
+    topology = find_topology(grid)
+    assert len(topology.interfaces) == {1: 1, 4: 4}[n_blocks]  # both sides of the wake are one of them
+    assert not topology.warnings
+    walls = np.concatenate([grid.blocks[w.block].nodes[w.slices].reshape(-1, 3) for w in grid.patches[0].windows])
+    assert walls[:, 0].max() == pytest.approx(1.0)
+    assert fit_grid(grid, progress=False).n_nodes == grid.n_nodes
+
+
 def test_swept_edges_stay_in_the_plane_that_is_given():
     phi, span = np.meshgrid(np.linspace(0, 2 * np.pi, 33), np.linspace(0, 1, 9), indexing="ij")
     tube = np.stack([np.cos(phi) + 0.6 * span, np.sin(phi), 2.0 * span], axis=-1)
@@ -251,7 +281,13 @@ def _touching() -> Grid:
     return sheet(plane(np.zeros(3), (1, 0, 0), (0, 1, 0), (4, 5)), plane(np.zeros(3), (-1, 0, 0), (0, -1, 0), (4, 5)))
 
 
+def _folded() -> Grid:
+    face = plane(np.zeros(3), (1, 0, 0), (0, 1, 0), (4, 5))
+    return sheet(face, face[::-1].copy())
+
+
 SURFACES = {
+    "folded": (_folded, "lies on itself"),
     "branch": (_branch, "more than two cells meet"),
     "moebius": (_moebius, "turns over"),
     "flat": (_flat_cell, "has no area"),

@@ -12,6 +12,7 @@ import numpy as np
 
 from ....base.numerics.progress import Progress, progress_bar
 from ....errors import InputError
+from ....grids.topology.faces import decompose
 from ....grids.topology.grid import Block, Grid, Patch, require_grid
 from ....grids.topology.index_space import Window
 from ..first_cell import first_cell_of
@@ -174,12 +175,20 @@ def _volume(surface: Grid, mesh: SurfaceMesh, rim: Rim, found: March) -> Grid:
         for label, window in _rim_windows(number, ids, rim, len(found.fronts)):
             sides.setdefault(label, []).append(window)
     whole = [Window.whole(number, block.shape) for number, block in enumerate(blocks)]
+    walls = [window for number, ids in enumerate(mesh.ids) for window in _walls(mesh, number, ids.shape)]
     patches = [
-        Patch("wall", "wall", tuple(window.face(4) for window in whole)),
+        Patch("wall", "wall", tuple(walls)),
         Patch("farfield", "farfield", tuple(window.face(5) for window in whole)),
         *(Patch(*_patch_name(rim, label), tuple(sides[label])) for label in sorted(sides)),
     ]
     return Grid(tuple(blocks), tuple(patches), source=f"{mesh.source}, extruded", unit=surface.unit)
+
+
+def _walls(mesh: SurfaceMesh, number: int, shape: tuple[int, ...]) -> list[Window]:
+    """Windows of the first layer of a block's nodes that are no wake sheet."""
+    mask = ~mesh.is_sheet[mesh.blocks == number].reshape([n - 1 for n in shape])
+    mask = mask.T if mesh.is_turned[number] else mask
+    return [Window(number, (*part.lo, 0), (*(n + 1 for n in part.hi), 0)) for part in decompose(mask)]
 
 
 def _rim_windows(number: int, ids: np.ndarray, rim: Rim, n_fronts: int) -> list[tuple[int, Window]]:

@@ -17,6 +17,7 @@ from ....grids.topology.block_layout import BlockLayout
 from ....grids.topology.coincidence import find_coincidence
 from ....grids.topology.grid import Grid, find_fault
 from ....grids.topology.shell import Shell
+from .sheets import lie_on, sides_apart
 
 SMALLEST_AREA = 1e-12
 """Area of a quad relative to its longest edge squared below which it has none: round-off of 8-byte reals is below."""
@@ -35,11 +36,15 @@ class SurfaceMesh:
     is_turned: np.ndarray  # bool (n_blocks,), blocks whose i x j points inwards
     quads: np.ndarray  # int (n_quads, 4), nodes around the outward normal; a node may come twice in a row
     blocks: np.ndarray  # int (n_quads,), block of each quad
+    is_sheet: np.ndarray  # bool (n_quads,), quads of wake sheets, which lie on each other
 
     @property
     def is_side(self) -> np.ndarray:
-        """Whether nodes are at sides of blocks, bool (n,)."""
-        found = np.zeros(len(self.points), bool)
+        """Whether nodes are at sides of blocks, or where a wake sheet begins, bool (n,)."""
+        found, of_wall = np.zeros((2, len(self.points)), bool)
+        found[self.quads[self.is_sheet]] = True
+        of_wall[self.quads[~self.is_sheet]] = True
+        found &= of_wall
         for ids in self.ids:
             found[np.concatenate([ids[0], ids[-1], ids[:, 0], ids[:, -1]])] = True
         return found
@@ -55,16 +60,25 @@ class SurfaceMesh:
         numbers = np.concatenate([ids.dense().ravel() for ids in coincidence.ids])
         inner = numbers < 0  # only nodes at the sides of blocks are shared
         numbers[inner] = np.arange(np.count_nonzero(inner)) + numbers.max(initial=0) + 1
+        layout, places = BlockLayout.of([nodes.shape[:2] for nodes in surfaces]), np.arange(len(numbers))
+        nodes = np.concatenate([nodes.reshape(-1, 3) for nodes in surfaces])
+        corners = np.concatenate([_quads(part) for part in layout.split(places)])
+        on = lie_on(nodes[corners], (~inner)[corners].any(axis=1))
+        if (on >= 0).all():
+            raise InputError(f"{grid.source}: all of the surface lies on itself; give it once, or a thickness")
+        if (on >= 0).any():
+            numbers = sides_apart(numbers, corners, on)
         _, first, flat = np.unique(numbers, return_index=True, return_inverse=True)
-        ids = tuple(BlockLayout.of([nodes.shape[:2] for nodes in surfaces]).split(flat.astype(np.int64)))
-        points = np.concatenate([nodes.reshape(-1, 3) for nodes in surfaces])[first]
+        ids = tuple(layout.split(flat.astype(np.int64)))
+        points = nodes[first]
         parts = [_quads(part) for part in ids]
         blocks = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
         quads = np.concatenate(parts)
         _require_areas(grid, points, quads, blocks, ids)
         turned = _turned_blocks(grid, quads, blocks, points)
         turned ^= _points_inwards(points, np.where(turned[blocks, None], quads[:, ::-1], quads)) != inward
-        return cls(grid.source, points, ids, turned, np.where(turned[blocks, None], quads[:, ::-1], quads), blocks)
+        quads = np.where(turned[blocks, None], quads[:, ::-1], quads)
+        return cls(grid.source, points, ids, turned, quads, blocks, on >= 0)
 
 
 def _flat_block(grid: Grid, number: int) -> np.ndarray:
