@@ -37,6 +37,7 @@ def _made(
     length: float | None,
     symmetry: Sequence[str],
     constant: Sequence[str],
+    periodic: Sequence[str],
     **options: Any,  # see `extrude_surface`
 ) -> MadeGrid:
     """The grid, and what it has become of the surface."""
@@ -48,6 +49,7 @@ def _made(
         height,
         symmetry=None if not symmetry else [_plane(text) for text in symmetry if text != "none"],
         constant=[_plane(text) for text in constant],
+        periodic=[_plane(text) for text in periodic],
         **options,
     )
     numbers = {

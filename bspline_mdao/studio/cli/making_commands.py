@@ -180,6 +180,12 @@ def wing(**options: Any) -> None:
     help="Normal of a plane that edges of the rim stay in, though the surface is oblique to it; as for --symmetry.",
 )
 @click.option(
+    "--periodic",
+    multiple=True,
+    metavar="PLANE",
+    help="Normal of the planes that periodic edges lie in at both ends: the same but for a translation.",
+)
+@click.option(
     "--splay",
     type=click.FloatRange(0.0, 80.0),
     default=15.0,

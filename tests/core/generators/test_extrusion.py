@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from bspline_mdao import Grid, InputError, find_topology, fit_grid, read_grid
 from bspline_mdao.core.generators.extrusion.surface import SurfaceMesh
-from bspline_mdao.generators import ball_grid, brick_grid, extrude_surface
+from bspline_mdao.generators import Marching, ball_grid, brick_grid, extrude_surface
 from bspline_mdao.grids import Block, GridQuality
 from bspline_mdao.grids.cells.wall_spacing import flat_plate_y_plus
 
@@ -201,6 +201,62 @@ def test_wake_sheet_that_comes_twice_makes_a_c_grid(n_blocks, turned):
     assert fit_grid(grid, progress=False).n_nodes == grid.n_nodes
 
 
+def bumpy_tube(n_along: int, shift: np.ndarray) -> np.ndarray:
+    """A tube that repeats by a shift, which is oblique to it."""
+    phi, along = np.meshgrid(np.linspace(0, 2 * np.pi, 29), np.linspace(0, 1, n_along), indexing="ij")
+    radius = 1.0 + 0.1 * np.sin(2 * np.pi * along + phi)
+    nodes = np.stack([radius * np.cos(phi), 0.7 * radius * np.sin(phi), 0.0 * phi], axis=-1)
+    nodes[-1], nodes[:, -1] = nodes[0], nodes[:, 0]
+    return nodes + along[..., None] * shift
+
+
+@pytest.mark.parametrize("n_along", [2, 3, 9])
+def test_periodic_edges_are_the_same_but_for_their_translation(n_along):
+    shift = np.array([0.6, 0.2, 2.0])
+    grid = extrude_surface(sheet(bumpy_tube(n_along, shift)), FIRST, layers=15, outer=3.0, symmetry=(), periodic=("z",))
+    nodes, along = grid.blocks[0].nodes, grid.shapes[0].index(n_along)
+    ends = nodes.take(0, along), nodes.take(-1, along)
+    np.testing.assert_allclose(ends[1] - ends[0], np.broadcast_to(shift, ends[0].shape), atol=1e-14)
+    assert corners_of(grid).min() > 0.7
+    assert np.abs(heights_of(grid) / FIRST - 1.0).max() < 0.04  # a side ends within curved cells
+    assert [(patch.name, patch.kind) for patch in grid.patches][2:] == [("periodic", "other")]
+    assert len(find_topology(grid).periodic) == 1
+
+
+def test_two_periods_are_extruded_as_one():
+    shift = np.array([0.6, 0.2, 2.0])
+    once = bumpy_tube(9, shift)
+    twice = np.concatenate([once, once[:, 1:] + shift], axis=1)
+    options = {"layers": 15, "outer": 3.0, "symmetry": (), "periodic": ("z",), "settings": Marching(tolerance=1e-8)}
+    a, b = (extrude_surface(sheet(nodes), FIRST, **options).blocks[0].nodes for nodes in (once, twice))
+    np.testing.assert_allclose(b[:, :9], a, atol=1e-4)
+
+
+def test_surfaces_repeat_in_two_directions():
+    x, y = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 2, 8), indexing="ij")
+    waves = np.stack([x, y, 0.08 * np.sin(2 * np.pi * x) * np.cos(np.pi * y + 0.4)], axis=-1)
+    grid = extrude_surface(sheet(waves), FIRST, layers=12, outer=1.0, symmetry=(), periodic=("x", "y"))
+    nodes = grid.blocks[0].nodes
+    for direction, size in ((0, 1.0), (1, 2.0)):
+        gap = nodes.take(-1, direction) - nodes.take(0, direction)
+        np.testing.assert_allclose(gap, np.broadcast_to(size * np.eye(3)[direction], gap.shape), atol=1e-13)
+    assert corners_of(grid).min() > 0.9
+    assert [patch.name for patch in grid.patches][2:] == ["periodic", "periodic_2"]
+
+
+def test_periodic_edge_may_end_at_a_plane_of_symmetry():
+    wall = sheet(np.ascontiguousarray(bumpy_tube(9, np.array([0.0, 0.0, 2.0]))[:15]))
+    with pytest.raises(InputError, match="no edge"):
+        extrude_surface(wall, FIRST, layers=8, outer=1.0, symmetry=("x",), periodic=("z",))
+    x, y = np.meshgrid(np.linspace(0, 1, 7), np.linspace(0, 2, 8), indexing="ij")
+    waves = np.stack([x, y, 0.1 * np.cos(np.pi * x) * np.sin(np.pi * y)], axis=-1)
+    grid = extrude_surface(sheet(waves), FIRST, layers=12, outer=1.0, symmetry=("x",), periodic=("y",))
+    nodes = grid.blocks[0].nodes
+    assert np.abs(np.ptp(nodes[..., 0], axis=(1, 2))[[0, -1]]).max() < 1e-14
+    np.testing.assert_allclose(nodes[:, -1] - nodes[:, 0], np.broadcast_to([0, 2, 0], nodes[:, 0].shape), atol=1e-13)
+    assert corners_of(grid).min() > 0.9
+
+
 def test_swept_edges_stay_in_the_plane_that_is_given():
     phi, span = np.meshgrid(np.linspace(0, 2 * np.pi, 33), np.linspace(0, 1, 9), indexing="ij")
     tube = np.stack([np.cos(phi) + 0.6 * span, np.sin(phi), 2.0 * span], axis=-1)
@@ -301,6 +357,13 @@ def test_surfaces_that_have_no_sides_are_refused(case):
     make, message = SURFACES[case]
     with pytest.raises(InputError, match=message):
         extrude_surface(make(), 0.01, layers=4, outer=0.1)
+
+
+def test_periodic_edges_of_other_nodes_are_refused():
+    nodes = bumpy_tube(9, np.array([0.0, 0.0, 2.0]))
+    nodes[3:20, -1, :2] *= 1.01
+    with pytest.raises(InputError, match="not the same but for a translation"):
+        extrude_surface(sheet(nodes), FIRST, layers=8, outer=1.0, symmetry=(), periodic=("z",))
 
 
 def test_inverted_cells_are_refused_and_placed_unless_they_are_allowed():

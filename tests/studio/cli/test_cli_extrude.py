@@ -58,6 +58,14 @@ def test_extrude_takes_y_plus_and_tells_the_height_it_is(workplace, capsys):
     assert numbers("n.json")["walls"][0]["y_plus"] == pytest.approx(30.0, rel=0.01)
 
 
+def test_extrude_takes_periodic_planes(workplace):
+    argv = ["extrude", "octant.xyz", "-o", "out.xyz", "--first-cell", "0.01", "--layers", "9", "--outer", "4"]
+    x, y = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 2, 6), indexing="ij")
+    write_grid("octant.xyz", Grid((Block(np.stack([x, y, 0.1 * np.sin(np.pi * y)], axis=-1)[:, :, None], "waves"),)))
+    assert run([*argv, "--symmetry", "x", "--periodic", "0,2,0", "--json", "n.json"]) == 0
+    assert numbers("n.json")["patches"]["periodic"] == "other"
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

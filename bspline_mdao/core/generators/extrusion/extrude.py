@@ -21,6 +21,7 @@ from .marching import Conditions, March, Marching, march
 from .rims import KINDS, Plane, Rim
 from .rings import fans_of
 from .surface import SurfaceMesh
+from .ties import Ties
 
 FAR = 20.0
 """Outer distance by default, relative to the longest extent of the surface."""
@@ -37,6 +38,7 @@ def extrude_surface(
     outer: float | None = None,
     symmetry: Sequence[Plane] | None = None,
     constant: Sequence[Plane] = (),
+    periodic: Sequence[Plane] = (),
     splay: float = 15.0,
     inward: bool = False,
     *,
@@ -70,6 +72,9 @@ def extrude_surface(
         straight edges lie in many planes, so that theirs have to be given.
     constant : sequence of the same, optional
         Planes that edges of the rim stay in, though the surface may not be normal to them.
+    periodic : sequence of the same, optional
+        Planes that edges of the rim lie in at both ends of the surface, which are the same but for a translation from
+        end to end, along the normal or oblique to it: their nodes go alike.
     splay : float
         Angle (degrees) by which free edges lean outwards, far from the surface.
     inward : bool
@@ -94,8 +99,8 @@ def extrude_surface(
     -------
     Grid
         A right-handed block for each of the surface, k away from it. Patches ``wall``, ``farfield``, ``symmetry``
-        (``symmetry_2``, ... of further planes), ``constant`` and ``edges``, the sides of free edges, which count as far
-        field.
+        (``symmetry_2``, ... of further planes), ``constant``, ``periodic`` and ``edges``, the sides of free edges,
+        which count as far field.
 
     Raises
     ------
@@ -127,11 +132,12 @@ def extrude_surface(
     if height is None:
         raise InputError("extrusion: first cells of no height; give one, or y+ and a Reynolds number")
     steps = layer_heights(height, layers, growth, outer)
-    fans = fans_of(mesh)
-    rim = Rim.of(mesh, fans, symmetry, constant)
-    constraint, projectors = rim.constraints(len(mesh.points))
-    leaning = rim.splay(mesh, fans, np.deg2rad(splay))
-    conditions = Conditions(rim.rings(fans), constraint, projectors, leaning, mesh.is_side)
+    fans = fans_of(mesh, Ties.none(len(mesh.points)))
+    rim = Rim.of(mesh, fans, symmetry, constant, periodic)
+    ties = rim.ties(mesh)
+    rings = rim.rings(fans_of(mesh, ties), ties)
+    leaning = rim.splay(mesh, fans, ties, np.deg2rad(splay))
+    conditions = Conditions(ties, rings, *rim.constraints(ties), leaning, mesh.is_side[ties.first])
     with progress_bar("extruding", progress) as report_progress:
         found = march(mesh, conditions, steps, settings or Marching(), allow_invalid, report_progress)
     _require_valid(mesh, found, surface.length_unit, allow_invalid)

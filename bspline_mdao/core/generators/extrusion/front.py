@@ -19,7 +19,7 @@ LARGEST_MITRE = 2.0
 
 
 @njit(cache=True)
-def differences(x, starts, nodes, image, maps):
+def differences(x, starts, nodes, image, maps, shifts):
     """Differences of all nodes to their neighbours, and lengths of these: (n_neighbours, 3), (n_neighbours,)."""
     d = np.empty((len(nodes), 3))
     length = np.empty(len(nodes))
@@ -29,9 +29,9 @@ def differences(x, starts, nodes, image, maps):
             u, v, w = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
             if m:
                 u, v, w = (
-                    maps[m, 0, 0] * u + maps[m, 0, 1] * v + maps[m, 0, 2] * w,
-                    maps[m, 1, 0] * u + maps[m, 1, 1] * v + maps[m, 1, 2] * w,
-                    maps[m, 2, 0] * u + maps[m, 2, 1] * v + maps[m, 2, 2] * w,
+                    maps[m, 0, 0] * u + maps[m, 0, 1] * v + maps[m, 0, 2] * w + shifts[m, 0],
+                    maps[m, 1, 0] * u + maps[m, 1, 1] * v + maps[m, 1, 2] * w + shifts[m, 1],
+                    maps[m, 2, 0] * u + maps[m, 2, 1] * v + maps[m, 2, 2] * w + shifts[m, 2],
                 )
             d[k, 0], d[k, 1], d[k, 2] = u, v, w
             length[k] = math.sqrt(u * u + v * v + w * w)

@@ -18,6 +18,7 @@ from .rings import Rings
 from .solver import solve
 from .step_system import FREE, assemble
 from .surface import SurfaceMesh
+from .ties import Ties
 
 LARGEST_STRETCH = 2.0
 """How much a step is lengthened at most, so that layers have their heights in the mean."""
@@ -70,6 +71,8 @@ class Marching(OneLine):
 class Conditions:
     """What nodes may do, see `bspline_mdao.core.generators.extrusion.rims`."""
 
+    # arrays are of the n nodes that march
+    ties: Ties
     rings: Rings
     constraint: np.ndarray  # int (n,)
     projectors: np.ndarray  # (n_projectors, 3, 3)
@@ -95,18 +98,18 @@ def march(
     progress: Progress,
 ) -> March:
     """March over layers, all of them or up to the first with inverted cells."""
-    fronts, corners = [mesh.points], []
+    ties, front, fronts, corners = conditions.ties, mesh.points[conditions.ties.first], [mesh.points], []
     previous = np.zeros(0)
     for number, step in enumerate(steps):
         level = math.sqrt(number / max(1, len(steps) - 1))
         tries = []
         for retry in range(settings.retries + 1):
-            front, lengths = _layer(fronts[-1], previous, conditions, step, level, settings, 2.0**retry)
-            tries.append((*smallest_corner(fronts[-1], front, mesh.quads), front, lengths))
+            after, lengths = _layer(front, previous, conditions, step, level, settings, 2.0**retry)
+            tries.append((*smallest_corner(fronts[-1], ties.all(after), mesh.quads), after, lengths))
             if tries[-1][0] > 0.0:
                 break
         corner, quad, front, previous = max(tries, key=lambda each: np.nan_to_num(each[0], nan=-np.inf))
-        fronts.append(front)
+        fronts.append(ties.all(front))
         corners.append((corner, quad))
         if not (corner > 0.0 or through) or not np.isfinite(front).all():
             break
@@ -136,7 +139,8 @@ def _layer(
         part = left / max(1, math.ceil(left * ratio * effort / settings.ratio)) if last and np.isfinite(ratio) else left
         before = previous if len(previous) else lengths
         system = assemble(
-            d, lengths, before, *rings, normals, part * step * rates, max(level, 1e-3), effort * settings.dissipation,
+            d, lengths, before, *rings[:4], normals,
+            part * step * rates, max(level, 1e-3), effort * settings.dissipation,
             conditions.projectors, conditions.constraint, level * conditions.splay,
         )  # fmt: skip
         move = system[2].copy()

@@ -17,6 +17,7 @@ from ....errors import InputError
 from .rings import Fans, Rings, complete_rings
 from .step_system import FREE
 from .surface import SurfaceMesh, half_edges
+from .ties import Ties
 
 FLATNESS = 1e-5
 """Distance of nodes from a plane, relative to the extent of the rim, within which they are in it."""
@@ -27,7 +28,7 @@ NORMALITY = 0.9
 Plane = str | Sequence[float]
 """A coordinate direction ``"x"``, ``"y"`` or ``"z"``, or the normal of a plane."""
 
-KINDS = ("free", "symmetry", "constant")
+KINDS = ("free", "symmetry", "constant", "periodic")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +42,21 @@ class Rim:
     normals: np.ndarray  # (n_planes, 3), unit normals
 
     @classmethod
-    def of(cls, mesh: SurfaceMesh, fans: Fans, symmetry: Sequence[Plane] | None, constant: Sequence[Plane]) -> Rim:
+    def of(
+        cls,
+        mesh: SurfaceMesh,
+        fans: Fans,  # of all nodes
+        symmetry: Sequence[Plane] | None,
+        constant: Sequence[Plane],
+        periodic: Sequence[Plane],
+    ) -> Rim:
         """Find the rim; planes of symmetry are guessed where none are given: it ends normally there."""
         start, end, quad = half_edges(mesh.quads)
         both = np.sort(np.stack([start, end], axis=1), axis=1)
         pairs, first, counts = np.unique(both, axis=0, return_index=True, return_counts=True)
         edges, quads = pairs[counts == 1], mesh.quads[quad[first[counts == 1]]]
         found = cls(edges, quads, np.zeros(len(edges), int), np.full(len(edges), -1), np.zeros((0, 3)))
-        for kind, planes in (("symmetry", symmetry or ()), ("constant", constant)):
+        for kind, planes in (("symmetry", symmetry or ()), ("constant", constant), ("periodic", periodic)):
             for plane in planes:
                 found = found._with_plane(mesh, kind, plane)
         return found._with_guesses(mesh, fans) if symmetry is None else found
@@ -101,16 +109,27 @@ class Rim:
         labels = connected_components(graph, directed=False)[1][:n]
         return [numbers[labels == label] for label in np.unique(labels)]
 
-    def rings(self, fans: Fans) -> Rings:
-        """Neighbours of all nodes, completed at the rim."""
+    def ties(self, mesh: SurfaceMesh) -> Ties:
+        """Nodes of periodic edges, as one where a translation puts them onto each other."""
+        ties = Ties.none(len(mesh.points))
+        for plane in np.unique(self.planes[self.kinds == KINDS.index("periodic")]):
+            ties = ties.joined(mesh, np.unique(self.edges[self.planes == plane]), self.normals[plane])
+        return ties
+
+    def rings(self, fans: Fans, ties: Ties) -> Rings:
+        """Neighbours of the nodes that march, completed at the rim."""
         mirrors = np.eye(3) - 2.0 * self.normals[:, :, None] * self.normals[:, None, :]
         maps = np.concatenate([np.eye(3)[None], -np.eye(3)[None], mirrors])
         of_edges = np.where(self.kinds == KINDS.index("symmetry"), self.planes + 2, 1)
         kinds = np.zeros((len(fans.is_open), 2), np.int64)
         rim = np.flatnonzero(fans.is_open)
-        for side, neighbour in enumerate((fans.nodes[fans.starts[rim]], fans.nodes[fans.starts[rim + 1] - 1])):
-            kinds[rim, side] = of_edges[self._find(np.stack([rim, neighbour], axis=1))]
-        return complete_rings(fans, kinds, maps)
+        ends = np.concatenate([self.edges, self.edges[:, ::-1]])
+        directed = ties.directed(*ends.T)
+        order = np.argsort(directed)
+        for side, at in enumerate((fans.starts[rim], fans.starts[rim + 1] - 1)):
+            wanted = (rim * len(ties.first) + fans.nodes[at]) * ties.n_shifts + fans.shift[at]
+            kinds[rim, side] = np.tile(of_edges, 2)[order[np.searchsorted(directed[order], wanted)]]
+        return complete_rings(fans, kinds, maps, ties.shifts)
 
     def _find(self, pairs: np.ndarray) -> np.ndarray:
         """Numbers of the edges between pairs of nodes; -1 where there is none."""
@@ -122,29 +141,34 @@ class Rim:
         at = order[np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)]
         return np.where((keys[at] == wanted) & (pairs.max(axis=1) < n), at, -1)
 
-    def constraints(self, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """Constraint of each node, (n,), see `FREE`, and projectors, (n_projectors, 3, 3)."""
-        on_plane = np.zeros((n, max(1, len(self.normals))), bool)
-        bound = self.planes >= 0
-        on_plane[self.edges[bound].ravel(), np.repeat(self.planes[bound], 2)] = True
+    @property
+    def _is_bound(self) -> np.ndarray:
+        """Whether edges stay in a plane, bool (n_edges,)."""
+        return np.isin(self.kinds, [KINDS.index("symmetry"), KINDS.index("constant")])
+
+    def constraints(self, ties: Ties) -> tuple[np.ndarray, np.ndarray]:
+        """Constraint of each node that marches, (n,), see `FREE`, and projectors, (n_projectors, 3, 3)."""
+        on_plane = np.zeros((len(ties.first), max(1, len(self.normals))), bool)
+        bound = self._is_bound
+        on_plane[ties.unknown[self.edges[bound]].ravel(), np.repeat(self.planes[bound], 2)] = True
         sets, constraint = np.unique(np.vstack([np.zeros_like(on_plane[:1]), on_plane]), axis=0, return_inverse=True)
         projectors = [_projector(self.normals[row[: len(self.normals)]]) for row in sets]
         constraint = constraint.ravel()[1:].astype(np.int64)
-        constraint[self.edges[~bound].ravel()] = FREE
+        constraint[ties.unknown[self.edges[self.kinds == 0]].ravel()] = FREE
         return constraint, np.array(projectors)
 
-    def splay(self, mesh: SurfaceMesh, fans: Fans, angle: float) -> np.ndarray:
-        """Part of a step that nodes at free edges go outwards, (n, 3)."""
-        outwards = np.zeros_like(mesh.points)
-        nodes = np.unique(self.edges[self.kinds == 0])
+    def splay(self, mesh: SurfaceMesh, fans: Fans, ties: Ties, angle: float) -> np.ndarray:
+        """Part of a step that nodes at free edges go outwards, (n, 3) of those that march; fans are of all nodes."""
+        outwards = np.zeros((len(ties.first), 3))
+        nodes = np.unique(ties.unknown[self.edges[self.kinds == 0]])
         counts = np.diff(fans.starts)
         owner = np.repeat(np.arange(len(counts)), counts)
         vectors = unit_vectors(mesh.points[owner] - mesh.points[fans.nodes], np.zeros(3), 1e-300)
-        np.add.at(outwards, owner, vectors)
-        shift = np.zeros_like(mesh.points)
+        np.add.at(outwards, ties.unknown[owner], vectors)
+        shift = np.zeros_like(outwards)
         shift[nodes] = np.tan(angle) * unit_vectors(outwards[nodes], np.zeros(3), 1e-6)
-        for normal, number in zip(self.normals, range(len(self.normals))):
-            there = np.unique(self.edges[self.planes == number])
+        for number in np.unique(self.planes[self._is_bound]):
+            normal, there = self.normals[number], np.unique(ties.unknown[self.edges[self.planes == number]])
             shift[there] -= dots(shift[there], normal)[:, None] * normal
         return shift
 

@@ -12,16 +12,18 @@ from numba import njit
 
 from ....errors import InputError
 from .surface import SurfaceMesh
+from .ties import Ties
 
 
 class Rings(NamedTuple):
     """Neighbours of every node, counterclockwise around the outward normal, and images of them beyond rims."""
 
-    # The difference to neighbour k of node i is ``maps[image[k]] @ (x[nodes[k]] - x[i])``
+    # The difference to neighbour k of node i is ``maps[image[k]] @ (x[nodes[k]] - x[i]) + shifts[image[k]]``
     starts: np.ndarray  # int (n + 1,)
     nodes: np.ndarray  # int (n_neighbours,)
     image: np.ndarray  # int (n_neighbours,), 0 for a neighbour as it is
     maps: np.ndarray  # (n_maps, 3, 3)
+    shifts: np.ndarray  # (n_maps, 3) (m)
 
 
 class Fans(NamedTuple):
@@ -29,11 +31,12 @@ class Fans(NamedTuple):
 
     starts: np.ndarray  # int (n + 1,)
     nodes: np.ndarray  # int (n_neighbours,)
+    shift: np.ndarray  # int (n_neighbours,), translation of each, see `Ties`
     is_open: np.ndarray  # bool (n,), nodes at the rim
 
 
-def fans_of(mesh: SurfaceMesh) -> Fans:
-    """Sort the neighbours of all nodes; refuse nodes at which parts of the surface touch in a point."""
+def fans_of(mesh: SurfaceMesh, ties: Ties) -> Fans:
+    """Sort the neighbours of the nodes that march; refuse nodes at which parts of the surface touch in a point."""
     # around the corner of a quad, the neighbour after it is followed by the one before it
     quads = mesh.quads
     previous = np.roll(quads, 1, axis=1)
@@ -41,18 +44,20 @@ def fans_of(mesh: SurfaceMesh) -> Fans:
     following = np.roll(quads, -1, axis=1)
     real = following != quads  # of a node that comes twice in a row, the second stands for both
     here, after, before = quads[real], following[real], previous[real]
+    here, after, before = ties.unknown[here], ties.keys(here, after), ties.keys(here, before)
     order = np.lexsort((after, here))
     here, after, before = here[order], after[order], before[order]
-    n = len(mesh.points)
+    n = len(ties.first)
     corner_starts = np.searchsorted(here, np.arange(n + 1))
     nodes, starts, is_open, bad = _chain(n, corner_starts, after, before)
     if bad >= 0:
-        x, y, z = mesh.points[bad]
+        x, y, z = mesh.points[ties.first[bad]]
         raise InputError(
             f"{mesh.source}: parts of the surface touch in the point ({x:.6g}, {y:.6g}, {z:.6g}) alone; give a surface "
             f"without such points"
         )
-    return Fans(starts, nodes[: starts[-1]], is_open)
+    nodes, shift = np.divmod(nodes[: starts[-1]], ties.n_shifts)
+    return Fans(starts, nodes, shift, is_open)
 
 
 @njit(cache=True)
@@ -98,15 +103,17 @@ def complete_rings(
     fans: Fans,
     kinds: np.ndarray,  # int (n, 2), of nodes at the rim: map of the rim's edge first and last in the fan
     maps: np.ndarray,  # (n_maps, 3, 3): 0 the identity, 1 the inversion, others mirrors at planes
+    shifts: np.ndarray,  # (n_shifts, 3), translations of neighbours (m)
 ) -> Rings:
     """Add images of the fans of nodes at the rim, so that neighbours surround every node."""
-    starts, nodes, image = _complete(fans.starts, fans.nodes, fans.is_open, kinds)
-    return Rings(starts, nodes[: starts[-1]], image[: starts[-1]], maps)
+    starts, nodes, image = _complete(fans.starts, fans.nodes, fans.shift, fans.is_open, kinds, len(shifts))
+    of_both = np.repeat(maps, len(shifts), axis=0), np.einsum("mij,sj->msi", maps, shifts).reshape(-1, 3)
+    return Rings(starts, nodes[: starts[-1]], image[: starts[-1]], *of_both)
 
 
 @njit(cache=True)
-def _complete(fan_starts, fan_nodes, is_open, kinds):
-    """Fill the rings."""
+def _complete(fan_starts, fan_nodes, fan_shift, is_open, kinds, n_shifts):
+    """Fill the rings; the image of a neighbour is its map times ``n_shifts``, and its translation."""
     n = len(is_open)
     starts = np.zeros(n + 1, np.int64)
     nodes = np.empty(2 * len(fan_nodes), np.int64)
@@ -115,25 +122,25 @@ def _complete(fan_starts, fan_nodes, is_open, kinds):
     for i in range(n):
         lo, hi = fan_starts[i], fan_starts[i + 1]
         for k in range(lo, hi):
-            nodes[at] = fan_nodes[k]
+            nodes[at], image[at] = fan_nodes[k], fan_shift[k]
             at += 1
         if is_open[i]:
             a, b = kinds[i, 0], kinds[i, 1]
             if a != b and hi - lo == 2:  # a corner: both edges are seen in the other's mirror
-                nodes[at], image[at] = fan_nodes[lo], b
-                nodes[at + 1], image[at + 1] = fan_nodes[hi - 1], a
+                nodes[at], image[at] = fan_nodes[lo], b * n_shifts + fan_shift[lo]
+                nodes[at + 1], image[at + 1] = fan_nodes[hi - 1], a * n_shifts + fan_shift[hi - 1]
                 at += 2
             elif a != b or hi - lo == 2:  # a corner of more cells, or without a mirror
                 for k in range(lo, hi):
-                    nodes[at], image[at] = fan_nodes[k], 1
+                    nodes[at], image[at] = fan_nodes[k], n_shifts + fan_shift[k]
                     at += 1
             elif a == 1:  # continued to the other side
                 for k in range(lo + 1, hi - 1):
-                    nodes[at], image[at] = fan_nodes[k], 1
+                    nodes[at], image[at] = fan_nodes[k], n_shifts + fan_shift[k]
                     at += 1
             else:
                 for k in range(hi - 2, lo, -1):
-                    nodes[at], image[at] = fan_nodes[k], a
+                    nodes[at], image[at] = fan_nodes[k], a * n_shifts + fan_shift[k]
                     at += 1
         starts[i + 1] = at
     return starts, nodes, image

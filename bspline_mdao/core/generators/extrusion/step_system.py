@@ -35,7 +35,7 @@ def assemble(
     for i in range(n):
         diagonal[i, 0] = diagonal[i, 4] = diagonal[i, 8] = 1.0
         if constraint[i] == FREE:
-            _follow(i, starts, nodes, image, constraint, blocks)
+            _follow(i, starts, nodes, image, maps, constraint, blocks)
             for r in range(3):
                 right[i, r] = splay[i, r] * steps[i]
             continue
@@ -72,14 +72,20 @@ def assemble(
 
 
 @njit(cache=True)
-def _follow(i, starts, nodes, image, constraint, blocks):
+def _follow(i, starts, nodes, image, maps, constraint, blocks):
     """Let a node at a free edge go as its neighbours off the edge go, or as those on it where it has no other."""
     inside = 0
     for k in range(starts[i], starts[i + 1]):
-        inside += image[k] == 0 and constraint[nodes[k]] != FREE
+        inside += _is_there(maps[image[k]]) and constraint[nodes[k]] != FREE
     for k in range(starts[i], starts[i + 1]):
-        if image[k] == 0 and (constraint[nodes[k]] != FREE or inside == 0):
+        if _is_there(maps[image[k]]) and (constraint[nodes[k]] != FREE or inside == 0):
             blocks[k, 0] = blocks[k, 4] = blocks[k, 8] = -1.0 / inside if inside else -0.5
+
+
+@njit(cache=True)
+def _is_there(image_map):
+    """Whether a neighbour is no mirror image, whose map has a trace of 1, and no continuation, of -3."""
+    return image_map[0, 0] + image_map[1, 1] + image_map[2, 2] > 2.0
 
 
 @njit(cache=True)
