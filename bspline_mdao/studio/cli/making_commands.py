@@ -193,6 +193,12 @@ def wing(**options: Any) -> None:
     metavar="DEG",
     help="Angle by which free edges lean outwards, far from the surface.",
 )
+@click.option(
+    "--background",
+    type=POSITIVE,
+    metavar="D",
+    help="Distance of the sides of a box of cells around the grid, which ends in it: an overset grid.",
+)
 @click.option("--inward", is_flag=True, help="Extrude to the other side: inside a closed surface.")
 @click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
 @units_option

@@ -7,10 +7,12 @@ import pytest
 from scipy.spatial import cKDTree
 
 from bspline_mdao import Grid, InputError, find_topology, fit_grid, read_grid
+from bspline_mdao.core.generators.extrusion import background
 from bspline_mdao.core.generators.extrusion.surface import SurfaceMesh
 from bspline_mdao.generators import Marching, ball_grid, brick_grid, extrude_surface
 from bspline_mdao.grids import Block, GridQuality
 from bspline_mdao.grids.cells.wall_spacing import flat_plate_y_plus
+from bspline_mdao.grids.topology.overset import component_numbers, donors_of_others
 
 FIRST = 2e-3
 
@@ -334,6 +336,42 @@ def test_inward_fills_the_body():
     grid = extrude_surface(ball(), 0.01, layers=8, outer=0.4, inward=True)
     assert np.linalg.norm(grid.blocks[0].nodes[:, :, -1], axis=-1).max() < 0.7
     assert corners_of(grid).min() > 0.5
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_grid_ends_in_a_background_box_which_ends_at_planes_of_symmetry(turned):
+    turn = rotation(np.random.default_rng(8)) if turned else np.eye(3)
+    half = Grid(tuple(Block(block.nodes @ turn.T, block.name) for block in tapered_wing(0.01).blocks))
+    grid = extrude_surface(half, 1e-3, layers=20, outer=0.8, symmetry=(turn[:, 2],), background=12.0)
+    box = grid.blocks[-1]
+    assert box.name == "background"
+    kinds = {patch.name: patch.kind for patch in grid.patches}
+    assert [kinds[name] for name in ("wall", "overset", "farfield")] == ["wall", "overset", "farfield"]
+    assert list(kinds.values()).count("symmetry") == 2
+    whole, local = grid.to_vector().reshape(-1, 3) @ turn, box.nodes.reshape(-1, 3) @ turn
+    assert abs(local[:, 2].min()) < 1e-9  # it ends at the plane, where the wing does
+    assert whole[:, 2].min() > -1e-9
+    assert min(np.ptp(local, axis=0)) > 12.0
+    topology = find_topology(grid)
+    assert not topology.warnings
+    components = component_numbers(topology)
+    assert len(np.unique(components)) == 2
+    fringe = np.concatenate([grid.blocks[w.block].nodes[w.slices].reshape(-1, 3) for w in grid.patches[2].windows])
+    donors = donors_of_others([block.nodes for block in grid.blocks], components, components[0], fringe)
+    # a cell's rounding at the plane of symmetry aside, all nodes that end in the box have a cell there
+    assert np.mean(donors.block == len(grid.blocks) - 1) > 0.9
+    assert corners_of(grid).min() > 0.0
+
+
+def test_background_is_refused_where_it_ends_inside_repeats_or_is_too_fine(monkeypatch):
+    with pytest.raises(InputError, match="ends inside"):
+        extrude_surface(ball((5, 5, 5, 3)), 0.01, layers=8, outer=2.0, background=1.0)
+    tube = sheet(bumpy_tube(5, np.array([0.0, 0.0, 2.0])))
+    with pytest.raises(InputError, match="periodic"):
+        extrude_surface(tube, 0.01, layers=8, outer=1.0, symmetry=(), periodic=("z",), background=9.0)
+    monkeypatch.setattr(background, "MOST_NODES", 1000)
+    with pytest.raises(InputError, match="nodes; give a smaller outer distance"):
+        extrude_surface(ball((5, 5, 5, 3)), 0.01, layers=8, outer=1.0, background=9.0)
 
 
 BAD = {

@@ -66,6 +66,18 @@ def test_extrude_takes_periodic_planes(workplace):
     assert numbers("n.json")["patches"]["periodic"] == "other"
 
 
+def test_extrude_joins_a_background_that_inspect_and_fit_see(workplace, capsys):
+    argv = ["extrude", "ball.xyz", "-o", "out.cgns", "--first-cell", "0.01", "--layers", "8", "--background", "6"]
+    assert run([*argv, "--json", "n.json"]) == 0
+    assert numbers("n.json")["patches"]["overset"] == "overset"
+    capsys.readouterr()
+    assert run(["inspect", "out.cgns"]) == 0
+    assert "patches declared as overset: overset" in capsys.readouterr().out
+    assert run(["fit", "out.cgns", "-o", "out.h5"]) == 0
+    assert run(["move", "out.h5", "--design", "wall", "--deform", "pitch=5deg", "-o", "moved.cgns"]) == 0
+    assert read_grid("moved.cgns").shapes == read_grid("out.cgns").shapes
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -16,6 +16,7 @@ from ....grids.topology.faces import decompose
 from ....grids.topology.grid import Block, Grid, Patch, require_grid
 from ....grids.topology.index_space import Window
 from ..first_cell import first_cell_of
+from .background import with_background
 from .layers import layer_heights
 from .marching import Conditions, March, Marching, march
 from .rims import KINDS, Plane, Rim
@@ -25,6 +26,9 @@ from .ties import Ties
 
 FAR = 20.0
 """Outer distance by default, relative to the longest extent of the surface."""
+
+NEAR = 0.5
+"""The same of a grid that ends in a background."""
 
 LAYERS = 64
 """Number of layers by default."""
@@ -45,6 +49,7 @@ def extrude_surface(
     y_plus: float | None = None,
     reynolds: float | None = None,
     length: float | None = None,
+    background: float | None = None,
     settings: Marching | None = None,
     allow_invalid: bool = False,
     progress: Progress | bool | None = None,
@@ -66,7 +71,8 @@ def extrude_surface(
         Height of a layer by that of the one below it. With ``layers``, the grid ends where they do; without, as many
         layers are made as it takes.
     outer : float, optional
-        Height of all layers (m), about; 20 times the longest extent of the surface by default.
+        Height of all layers (m), about; 20 times the longest extent of the surface by default, half of it with a
+        background.
     symmetry : sequence of ``"x"``, ``"y"``, ``"z"`` or normals of shape (3,), optional
         Planes of symmetry at the rim, by their normals. By default those planes in which the surface ends normally;
         straight edges lie in many planes, so that theirs have to be given.
@@ -87,6 +93,10 @@ def extrude_surface(
     length : float, optional
         Length that the Reynolds number is of, and that of the plate (m); the middle one of the sides of the surface's
         box by default, the chord of most wings.
+    background : float, optional
+        Distance from the surface (m) of the sides of a box of cells that is added as the last block: an overset grid,
+        of which the far field is at the box. Its cells are as wide as those it meets at the outer boundary of the
+        others, and grow from there. It ends at planes of symmetry.
     settings : Marching, optional
         How the front marches.
     allow_invalid : bool
@@ -100,7 +110,7 @@ def extrude_surface(
     Grid
         A right-handed block for each of the surface, k away from it. Patches ``wall``, ``farfield``, ``symmetry``
         (``symmetry_2``, ... of further planes), ``constant``, ``periodic`` and ``edges``, the sides of free edges,
-        which count as far field.
+        which count as far field. With a background, ``overset`` takes the place of all but walls and symmetry.
 
     Raises
     ------
@@ -127,7 +137,7 @@ def extrude_surface(
     if growth is None and layers is None:
         layers = LAYERS
     if outer is None:
-        outer = FAR * float(np.ptp(mesh.points, axis=0).max())
+        outer = (FAR if background is None else NEAR) * float(np.ptp(mesh.points, axis=0).max())
     height = first_cell_of(plate_length(surface, length, reynolds), first_cell, y_plus, reynolds)
     if height is None:
         raise InputError("extrusion: first cells of no height; give one, or y+ and a Reynolds number")
@@ -141,7 +151,8 @@ def extrude_surface(
     with progress_bar("extruding", progress) as report_progress:
         found = march(mesh, conditions, steps, settings or Marching(), allow_invalid, report_progress)
     _require_valid(mesh, found, surface.length_unit, allow_invalid)
-    return _volume(surface, mesh, rim, found)
+    grid = _volume(surface, mesh, rim, found)
+    return grid if background is None else with_background(grid, mesh, rim, background)
 
 
 def plate_length(surface: Grid, length: float | None, reynolds: float | None) -> float:
