@@ -4,6 +4,7 @@ from .core.cad.tied_surface import TiedSurface as TiedSurface
 from .core.design.axisymmetric import RadiusFactor as RadiusFactor
 from .core.design.cad_variables import CadPoints as CadPoints
 from .core.design.cad_variables import CadShapes as CadShapes
+from .core.design.cad_variables import moved_body as moved_body
 from .core.design.coarse_net import CoarseNet as CoarseNet
 from .core.design.curve_points import CurvePoints as CurvePoints
 from .core.design.displacement import Local as Local

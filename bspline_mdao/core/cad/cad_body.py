@@ -27,6 +27,7 @@ from ...base.checks import as_finite_points
 from ...base.display import OneLine
 from ...base.text import counted
 from ...errors import InputError
+from ..mesh.boundary import matching_names
 from .trimmed_face import TrimmedFace
 
 __all__ = ["CadBody", "CadTie"]
@@ -71,6 +72,8 @@ class CadBody(OneLine):
         Its faces, in the order of the file: names, knots, weights and control points (m), and edges in (u, v).
     scale : float
         Lengths here by metres of the file.
+    units : str
+        Unit of length of the file: ``"m"``, ``"mm"``, ``"in"`` or ``"ft"``; metres where it has another one.
     origin : TopoDS_Shape, optional
         OpenCascade's own object, of B-splines, in millimetres, as the file has it.
 
@@ -86,6 +89,7 @@ class CadBody(OneLine):
     source: str
     faces: tuple[TrimmedFace, ...]
     scale: float = 1.0
+    units: str = "m"
     origin: Any = None
 
     @property
@@ -140,6 +144,40 @@ class CadBody(OneLine):
     def control_points(self) -> np.ndarray:
         """The control points (m), each once, shape (n, 3)."""
         return self._net[self._firsts]
+
+    def within(
+        self,
+        faces: str | Sequence[str] | None = None,
+        low: Sequence[float | None] = (None, None, None),
+        high: Sequence[float | None] = (None, None, None),
+    ) -> np.ndarray:
+        """Choose control points by the faces that they are of, and by a box.
+
+        Parameters
+        ----------
+        faces : str or sequence of str, optional
+            Names or patterns of faces (``"wing*"``); all by default. Points shared with others are chosen, too.
+        low, high : sequence of three floats, optional
+            Corners of the box (m), None where there is no limit.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            Whether each of ``control_points`` is chosen.
+
+        Raises
+        ------
+        InputError
+            If no face has such a name.
+        """
+        chosen = np.zeros(len(self._firsts), dtype=bool)
+        named = matching_names(self.names, "*" if faces is None else faces, self.source, ("face", "faces"))
+        for face, start, end in zip(self.faces, self._starts, self._starts[1:]):
+            chosen[self.ids[start:end]] |= face.name in named
+        for axis, (above, below) in enumerate(zip(low, high)):
+            values = self.control_points[:, axis]
+            chosen &= (above is None or values >= above) & (below is None or values <= below)
+        return chosen
 
     def at(self, control_points: np.ndarray) -> CadBody:
         """Move the control points.

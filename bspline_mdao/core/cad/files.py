@@ -25,6 +25,9 @@ SUFFIXES = {".step": "STEP", ".stp": "STEP", ".iges": "IGES", ".igs": "IGES"}
 UNITS = {"m": "M", "mm": "MM", "in": "INCH", "ft": "FT"}
 """Units of length of files, with the names that OpenCascade has for them."""
 
+UNIT_WORDS = {"metre": "m", "millimetre": "mm", "inch": "in", "foot": "ft"} | {unit: unit for unit in UNITS}
+"""Units by the words that files of either format have for them."""
+
 FACES_WITH_EDGES = 1
 """IGES: faces with the edges that they share (entities 186 and 514), not each with curves of its own (144)."""
 
@@ -79,7 +82,7 @@ class CadShape(OneLine):
         """The faces as B-spline surfaces of our own, to tie nodes to; other surfaces are converted by OpenCascade."""
         converted, faces = spline_faces(self.shape)
         trimmed = tuple(trimmed_face(face, name) for face, name in zip(faces, self.face_names))
-        return CadBody(self.source, trimmed, origin=converted)
+        return CadBody(self.source, trimmed, units=UNIT_WORDS.get(self.unit.lower(), "m"), origin=converted)
 
     @property
     def is_closed(self) -> bool:

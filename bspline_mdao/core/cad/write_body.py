@@ -32,7 +32,7 @@ SAME = 1e-6
 """Distance, relative to the size of the body, of these points from it at most: edges are made anew to 1e-5 mm."""
 
 
-def write_cad_body(path: str | os.PathLike, body: CadBody, units: str = "m") -> CadShape:
+def write_cad_body(path: str | os.PathLike, body: CadBody, units: str | None = None) -> CadShape:
     """Write the faces of a CAD file that were moved, with their names, edges and topology, to another file.
 
     Parameters
@@ -41,8 +41,8 @@ def write_cad_body(path: str | os.PathLike, body: CadBody, units: str = "m") -> 
         File to make or replace: ``.step`` or ``.stp``, ``.iges`` or ``.igs``.
     body : CadBody
         The faces, of `CadShape.body`, moved by `CadBody.at`, or by the values of a variable: `CadPoints.body_at`.
-    units : {"m", "mm", "in", "ft"}
-        Unit of length of the file.
+    units : {"m", "mm", "in", "ft"}, optional
+        Unit of length of the file; that of the file that was read by default.
 
     Returns
     -------
@@ -63,6 +63,7 @@ def write_cad_body(path: str | os.PathLike, body: CadBody, units: str = "m") -> 
     >>> shape.names, shape.is_valid  # doctest: +SKIP
     (('wing_lower', 'wing_upper'), True)
     """
+    units = body.units if units is None else units
     form = check_cad_name(path, units)
     require_opencascade()
     if body.origin is None:

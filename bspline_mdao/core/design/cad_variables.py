@@ -7,7 +7,7 @@ wherever nodes are given. Theory: ``docs/theory/cad.rst``.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -23,7 +23,7 @@ from ..fit.surface_fit import follower_of
 from .displacement import Direction, Displacement, directions_of
 from .variable import AuxiliaryPoints, Layout
 
-__all__ = ["CadPoints", "CadShapes", "CadVariable"]
+__all__ = ["CadPoints", "CadShapes", "CadVariable", "moved_body", "require_one_tie"]
 
 IDLE = 1e-9
 """Largest weight in any node below which a control point gets no value: an optimiser could move it by any amount
@@ -210,3 +210,45 @@ class CadShapes(CadVariable):
         for value, shape in zip(np.asarray(values), self.shapes):
             points = points + value * (body.control_points_of(shape) - body.control_points)
         return body.at(points)
+
+
+def moved_body(variables: Sequence[CadVariable], values: Mapping[str, Any]) -> CadBody:
+    """Move the faces of a CAD file by several variables.
+
+    Parameters
+    ----------
+    variables : sequence of CadVariable
+        `CadPoints` and `CadShapes` of one `TiedSurface`. Their moves add up.
+    values : mapping of str to array_like
+        Values of each by its name.
+
+    Returns
+    -------
+    CadBody
+        What `write_cad_body` writes to a file.
+
+    Raises
+    ------
+    InputError
+        If there is no variable, they are of different walls, or files have other knots, which no sum of them has.
+
+    Examples
+    --------
+    >>> from bspline_mdao.design import moved_body
+    >>> from bspline_mdao.files import write_cad_body
+    >>> moved = moved_body([bumps, twist], {"bumps": problem["bumps"], "twist": 0.5})  # doctest: +SKIP
+    >>> shape = write_cad_body("optimum.step", moved)  # doctest: +SKIP
+    """
+    require_one_tie(variables, "moved faces")
+    body = variables[0].tied.body
+    points = body.control_points
+    moves = [v.body_at(np.atleast_1d(values[v.name])).control_points - points for v in variables]
+    return body.at(points + np.sum(moves, axis=0))
+
+
+def require_one_tie(variables: Sequence[CadVariable], what: str) -> None:
+    """Refuse variables of different walls, and none."""
+    if not variables:
+        raise InputError(f"{what}: no variable moves the walls; give one at least")
+    if any(variable.tied is not variables[0].tied for variable in variables):
+        raise InputError(f"{what}: variables are of different walls; make all with one TiedSurface")

@@ -427,14 +427,19 @@ def matching_patches(topology: Topology, patterns: str | Sequence[str]) -> froze
     return matching_names(names, patterns, topology.source)
 
 
-def matching_names(names: Iterable[str], patterns: str | Sequence[str], what: str) -> frozenset[str]:
-    """Names of patches that match any of the patterns (``"wing*"``); ``what`` has the patches, for messages."""
+def matching_names(
+    names: Iterable[str],  # names that there are
+    patterns: str | Sequence[str],  # names or patterns (``"wing*"``)
+    what: str,  # what has them, for messages
+    called: tuple[str, str] = ("patch", "patches"),  # what one of them is called, and several are
+) -> frozenset[str]:
+    """Names, of patches as a rule, that match any of the patterns."""
     found: set[str] = set()
     for pattern in (patterns,) if isinstance(patterns, str) else patterns:
-        matches = {name for name in names if fnmatchcase(name, pattern)}
+        matches = {name for name in names if name == pattern or fnmatchcase(name, pattern)}
         if not matches:
             existing = ", ".join(sorted(names)) or "none"
-            raise InputError(f"{what}: no patch is called '{pattern}'; the patches are {existing}")
+            raise InputError(f"{what}: no {called[0]} is called '{pattern}'; the {called[1]} are {existing}")
         found |= matches
     return frozenset(found)
 

@@ -11,7 +11,7 @@ from openmdao.vectors.vector import Vector
 from ...base.checks import require_list
 from ...errors import InputError
 from ...names import ALL_NAMES, SURFACE
-from ..design.cad_variables import CadVariable
+from ..design.cad_variables import CadVariable, require_one_tie
 from .check_directions import check_along_directions
 from .component import LINEAR_STEP, SparseComponent, fails_together, finite_values
 
@@ -72,15 +72,12 @@ class CadWalls(SparseComponent):
         """Declare the variables."""
         members = ("name", "units", "tied", "of_nodes", "initial")
         self._variables = require_list(self.options["variables"], "variable of a CAD file", members, self.msginfo)
-        if not self._variables:
-            raise InputError(f"{self.msginfo}: no variable moves the walls; give one at least")
+        require_one_tie(self._variables, self.msginfo)
         names = [variable.name for variable in self._variables]
         taken = [name for n, name in enumerate(names) if name in (*ALL_NAMES, *names[:n])]
         if taken:
             raise InputError(f"{self.msginfo}: a variable is called '{taken[0]}', which is taken; choose another name")
         tied = self._variables[0].tied
-        if any(variable.tied is not tied for variable in self._variables):
-            raise InputError(f"{self.msginfo}: variables are of different walls; make all with one TiedSurface")
         self._at_rest = tied.surface.points.ravel()
         self.add_output(SURFACE, val=self._at_rest, units="m")
         for variable in self._variables:

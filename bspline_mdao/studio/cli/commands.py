@@ -264,6 +264,12 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: An
     "-o", "--output", type=click.Path(path_type=Path), metavar="STUDY.toml", required=True, help="Study to write."
 )
 @patches_option
+@click.option(
+    "--cad",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="STEP or IGES file of the walls: control points of its faces are drafted as variables.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace a study that is there.")
 @click.option(
     "--mach",

@@ -9,6 +9,7 @@ from ...base.numerics.progress import Progress, progress_bar
 from ...core.background.fit_mesh import fit_mesh
 from ...core.background.mesh_file import is_mesh_model, mesh_file_in
 from ...core.background.mesh_model import MeshModel
+from ...core.cad.files import read_cad
 from ...core.model.fitted_model import FittedModel
 from ...errors import InputError
 from ...grids.io.disk import replaced_file
@@ -28,16 +29,18 @@ def draft_study(
     patches: Path | None = None,  # declared patches
     overwrite: bool = False,  # replace a file that is there
     aim: Aim | None = None,  # flight conditions and objective of a section
+    cad: Path | None = None,  # STEP or IGES file of the walls
 ) -> None:
     """Draft a study of a grid and say what to do next."""
     file = file_of(grid_name)
-    check_outputs([output], [file, patches])
+    check_outputs([output], [file, patches, cad])
     if output.suffix != ".toml":
         raise InputError(f"{output}: a study is a TOML file; name it .toml")
     if output.exists() and not overwrite:
         raise InputError(f"{output}: is there already; give --overwrite, or another name")
     if file is not None and Path(file).suffix == MODEL and patches:
         raise InputError(f"{patches}: a fitted model has its patches; leave --patches out")
+    faces = read_cad(cad).face_names if cad else ()
     with progress_bar() as progress:
         progress(0.0, "reading")
         is_of_mesh = file is not None and (is_mesh_model(file) or is_mesh(file))
@@ -47,7 +50,14 @@ def draft_study(
         boxes = read_ffd_boxes(mesh_file) if mesh_file.lower().endswith(".su2") else ()
         names = [_relative_to(each, output) or "" for each in (file, mesh_file)]
         text = study_draft(
-            names[0] or grid_name, _relative_to(patches, output), body, names[1], [box.name for box in boxes], aim
+            names[0] or grid_name,
+            _relative_to(patches, output),
+            body,
+            names[1],
+            [box.name for box in boxes],
+            aim,
+            _relative_to(cad, output) or "",
+            faces,
         )
     with replaced_file(output) as part:
         part.write_text(text, encoding="utf-8")

@@ -25,10 +25,11 @@ from ..report.design_summary import DesignSummary
 from ..study.reader import read_study
 from ..study.same_problem import problem_of
 from ..study.script import SCRIPT, study_script
-from ..study.study import CASES, Study
+from ..study.study import CAD_KINDS, CASES, Study
+from ..study.variable_kinds import VARIABLES
 from .earlier_run import earlier_cases, killed_cases
 from .lasting_stdout import lasting_stdout
-from .optimum import optimum_of
+from .optimum import cad_optima, optimum_of
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
 
 STOPPED = (
@@ -59,6 +60,7 @@ def optimize_study(
         found = replace(found, driver=found.driver | {"max_iterations": max_iterations})
     found = replace(found, output=found.output | {name: _is_made(found, name) for name in NEEDED})
     folder = RunFolder(output)
+    _say_of_cad(found)
     with lasting_stdout():
         run = on_first(comm, lambda: _prepared(found, folder, json, overwrite, restart))
         start = time.perf_counter()
@@ -68,10 +70,13 @@ def optimize_study(
         numbers |= {"gains": {gain.name: _parts(gain) for gain in _gains(names)}}
         optimum = on_first(comm, lambda: optimum_of(names["model"], problem))
         numbers |= optimum.numbers()
+        cad = on_first(comm, lambda: cad_optima(found, names))
+        numbers |= {"cad": [vars(each) for each in cad]} if cad else {}
         with written_json(json, {"study": str(study), "folder": str(output), **numbers}, comm):
             pass
         optimum.show()
-        print_warnings(optimum.warnings())
+        print_lines(list(map(str, cad)))
+        print_warnings([*optimum.warnings(), *(each.warning for each in cad if each.warning)])
         print_warnings([gain.warning for gain in _gains(names) if gain.warning])
         _print_outcome(folder, problem, numbers, names["after"].infeasible)
 
@@ -136,6 +141,19 @@ def _is_made(study: Study, name: str) -> bool:
     if missing and asked is None:
         print_lines([f"no {name} will be written: {advice} for one"])
     return not missing if asked is None else asked
+
+
+def _say_of_cad(study: Study) -> None:
+    """Say where no CAD file can be written with the optimum."""
+    kinds = {name: table["kind"] for name, table in study.variables.items() if VARIABLES[table["kind"]].made_by}
+    if not study.cad_results and CAD_KINDS & set(kinds.values()):
+        others = ", ".join(name for name, kind in kinds.items() if kind != "cad_points")
+        print_lines(
+            [
+                f"no CAD file will be written with the optimum: {others} moves walls as well, which no control points "
+                f"of faces do; write_cad of the moved control points has the walls themselves"
+            ]
+        )
 
 
 def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Problem, dict[str, Any]]:

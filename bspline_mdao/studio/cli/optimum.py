@@ -4,18 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import singledispatch
-from typing import Protocol
+from typing import Any, Protocol
 
 import openmdao.api as om
 
+from ...base.numerics.vectors import lengths
 from ...core.background.mesh_model import MeshModel
+from ...core.design.cad_variables import moved_body
+from ...core.mesh.surface_map import SurfaceMap
 from ...core.model.fitted_model import FittedModel
 from ...core.model.movable import Movable
 from ...grids.topology.periodic_gap import periodic_gaps
-from ...names import CONTROL_POINTS
+from ...names import CONTROL_POINTS, SURFACE_CONTROL_POINTS
+from ..study.study import Study
 from .moved_mesh import MovedMesh
 
-__all__ = ["Optimum", "optimum_of"]
+__all__ = ["CadOptimum", "Optimum", "cad_optima", "optimum_of"]
+
+MOST_MISSED = 0.1
+"""Part of the moves of faces that walls of the grid may miss them by before a warning."""
 
 
 class Optimum(Protocol):
@@ -68,3 +75,45 @@ def _of_blocks(model: FittedModel, problem: om.Problem) -> Optimum:
 def _of_mesh(model: MeshModel, problem: om.Problem) -> Optimum:
     points = problem.get_val(CONTROL_POINTS).reshape(-1, 3)
     return MovedMesh.of(model, points, model.node_map.at(points).nodes)  # nodes of all processes
+
+
+@dataclass(frozen=True)
+class CadOptimum:
+    """A CAD file of the optimum, and how far walls of the grid are from where its faces moved them."""
+
+    result: str  # name of the file
+    moved: float  # largest move of a wall node that its faces ask for (m)
+    missed: float  # largest distance of a wall node from there (m)
+
+    def __str__(self) -> str:
+        return (
+            f"{self.result}: faces move walls by up to {self.moved:.2g} m, and walls of the grid are within "
+            f"{self.missed:.2g} m of that"
+        )
+
+    @property
+    def warning(self) -> str:
+        """Why file and grid are not one shape; empty where they are."""
+        if self.missed <= MOST_MISSED * self.moved:
+            return ""
+        return (
+            f"{self.result}: is {self.missed:.2g} m off walls of the grid, which it moves by up to {self.moved:.2g} m: "
+            f"the grid has too few control points for such moves; fit it with more, or let fewer points of faces move"
+        )
+
+
+def cad_optima(
+    study: Study,  # the study
+    names: dict[str, Any],  # what its script gave, at the design that was found
+) -> list[CadOptimum]:
+    """Compare CAD files of the optimum with the grid."""
+    found, problem = [], names["problem"]
+    for file, result in study.cad_results.items():
+        tied, cad = names["tied"][file], names["cad"]
+        variables = [cad[name] for name, table in study.variables.items() if table.get("file") == file]
+        body = moved_body(variables, {variable.name: problem.get_val(variable.name) for variable in variables})
+        points = problem.get_val(SURFACE_CONTROL_POINTS).reshape(-1, 3)
+        nodes, asked = SurfaceMap.of(tied.model, names["wing"].mesh, tied.surface).at(points).nodes, tied.nodes(body)
+        moved, missed = (float(lengths(there - asked).max()) for there in (tied.surface.points, nodes))
+        found.append(CadOptimum(result, moved, missed))
+    return found

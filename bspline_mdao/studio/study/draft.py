@@ -83,6 +83,8 @@ def study_draft(
     box_file: str = "",  # file with free-form boxes as the study is to have it; empty where there is none
     boxes: Sequence[str] = (),  # names of the boxes in it
     aim: Aim | None = None,  # flight conditions and objective of a section; guessed by default
+    cad_file: str = "",  # CAD file of the walls as the study is to have it; empty where there is none
+    cad_faces: Sequence[str] = (),  # names of the faces in it
 ) -> str:  # TOML
     """Write the draft of a study."""
     if aim is not None and not _is_flown(body):
@@ -103,7 +105,7 @@ def study_draft(
         *([f"patches = {json.dumps(patches)}"] if patches else []),
         *_walls(body),
         "",
-        *_design(body, free_form, aim),
+        *_design(body, free_form, aim, list(_cad(body, cad_file, cad_faces)) if cad_file else []),
         *_cells(body),
         "[driver]",
         'optimizer = "LD_SLSQP"  # of NLopt; SLSQP is that of SciPy',
@@ -129,22 +131,40 @@ def _is_flown(body: Body) -> bool:
     return body.is_section and not body.why_no_euler
 
 
-def _design(body: Body, free_form: list[str], aim: Aim) -> Iterator[str]:
-    """Variables, flow, objective and constraints."""
+def _design(body: Body, free_form: list[str], aim: Aim, cad: list[str]) -> Iterator[str]:
+    """Variables, flow, objective and constraints; with control points of a CAD file in the place of other variables."""
     if body.is_wing:
-        return _wing(body, free_form)
-    return _section(body, free_form, aim) if _is_flown(body) else _shape(body, free_form)
+        return _wing(body, cad or list(_twist()), [] if cad else [*_planform(body), *free_form])
+    if _is_flown(body):
+        return _section(body, cad or [*_curve(), *free_form], aim)
+    return _shape(body, cad or [*(_points(body) if body.moves_points else _box(body)), *free_form])
 
 
-def _section(body: Body, free_form: list[str], aim: Aim) -> Iterator[str]:
-    """Variables, flow, objective, area and thickness of a section."""
+def _cad(body: Body, file: str, faces: Sequence[str]) -> Iterator[str]:
+    """Control points of the faces of a CAD file."""
+    yield "[variables.shape]"
+    yield 'kind = "cad_points"  # control points of faces; the optimum is written as such a file, with the same names'
+    yield f"file = {json.dumps(file)}"
+    yield f"faces = {json.dumps(list(dict.fromkeys(faces)))}  # all there are: name those that move, and check them"
+    yield f'direction = "{"xyz"[np.abs(body.frame.axes[1]).argmax()]}"  # up: guessed; or several of x, y and z'
+    yield "# low = [-inf, -inf, -inf]  # corners of a box whose points alone move"
+    yield "# high = [inf, inf, inf]"
+    yield from _bounds(body.frame.chord, "the chord")
+
+
+def _curve() -> Iterator[str]:
+    """The section as one curve."""
     yield "[variables.shape]  # of the section as one curve; hicks_henne, camber_modes, thickness_modes are there too"
     yield 'kind = "class_shape"  # weights in chords: of the nose, of the upper side, of the lower side'
     yield "degree = 5"
     yield f"lower = {-SHAPE}"
     yield f"upper = {SHAPE}"
     yield ""
-    yield from free_form
+
+
+def _section(body: Body, variables: list[str], aim: Aim) -> Iterator[str]:
+    """Variables, flow, objective, area and thickness of a section."""
+    yield from variables
     yield from _ratio(body, aim) if aim.is_ratio else _least_drag(body, aim)
     yield "[constraints.section_area]  # by that of the baseline"
     yield "equals = 1.0  # without friction thicker sections have no more drag: with lower = 1.0 they grow"
@@ -237,19 +257,18 @@ def _end(aim: Aim) -> Iterator[str]:
     yield "estimate_errors = false  # of these numbers, which are solved for instead"
 
 
-def _wing(body: Body, free_form: list[str]) -> Iterator[str]:
-    """Variables, flow, objective and lift of a wing."""
+def _twist() -> Iterator[str]:
+    """Twist of a wing."""
     yield "[variables.twist]  # degrees at stations from root to tip, nose up"
     yield "stations = 3  # few: with more the twist waves, for gains that are not there in another flow model"
     yield "values = [2, 3]  # the root stays: turning all of the wing is what the angle of attack does"
     yield "lower = -6.0"
     yield "upper = 6.0"
     yield ""
-    if not body.why_no_lattice:
-        yield "[variables.alpha]  # angle of attack, degrees: it keeps the lift"
-        yield f"lower = {ALPHA - 6.0}"
-        yield f"upper = {ALPHA + 6.0}"
-        yield ""
+
+
+def _planform(body: Body) -> Iterator[str]:
+    """What else a wing has, as comments."""
     yield "# [variables.chord]  # factors; sweep, dihedral, span, taper, camber, thickness are there too"
     yield "# stations = 3"
     yield "# lower = 0.7"
@@ -263,7 +282,17 @@ def _wing(body: Body, free_form: list[str]) -> Iterator[str]:
     yield "# lower = -10.0"
     yield "# upper = 10.0"
     yield ""
-    yield from free_form
+
+
+def _wing(body: Body, variables: list[str], others: list[str]) -> Iterator[str]:
+    """Variables, flow, objective and lift of a wing."""
+    yield from variables
+    if not body.why_no_lattice:
+        yield "[variables.alpha]  # angle of attack, degrees: it keeps the lift"
+        yield f"lower = {ALPHA - 6.0}"
+        yield f"upper = {ALPHA + 6.0}"
+        yield ""
+    yield from others
     yield "[flow]"
     if body.why_no_lattice:
         yield f'kind = "euler"  # guessed: no vortex lattice, for {_line(body.why_no_lattice)}'
@@ -306,14 +335,13 @@ def _lattice(body: Body) -> Iterator[str]:
         yield f'kind = "lattice"  # guessed: one half of a wing; {_line(body.why_no_euler)}'
 
 
-def _shape(body: Body, free_form: list[str]) -> Iterator[str]:
+def _shape(body: Body, variables: list[str]) -> Iterator[str]:
     """Variables, objective and volume of a body about which there is no flow."""
     lack = body.why_no_lattice if body.is_thin or body.is_section else "the walls are no wing"
     yield f"# No [flow] was drafted: {_line(lack)};"
     yield f"# {_line(body.why_no_euler) or 'lift and drag of wings and sections alone are drafted'}."
     yield "# The wetted area is the objective: put yours in its place, or connect that of your own solver in Python."
-    yield from _points(body) if body.moves_points else _box(body)
-    yield from free_form
+    yield from variables
     yield "[objective]"
     yield 'of = "surface_area"'
     yield "ref = 0.01  # of 1 on the baseline, so that the optimizer sees what small changes do"

@@ -123,6 +123,7 @@ _PARTS = list_of(PART, "", 2)
 PARTS = Kind("a list of two rising numbers from 0 to 1", lambda value: _PARTS.accepts(value) and _is_rising(value))
 _TEXTS = list_of(TEXT, "")
 NAMES = Kind("a name or pattern such as 'wing*', or a list of them", lambda v: _is_text(v) or _TEXTS.accepts(v))
+FILES = Kind("a file, or a list of them", NAMES.accepts)
 OF_VARIABLES = Kind("the name of a variable, or a list of them", NAMES.accepts)
 _BETWEEN = list_of(number("", 1e-6, 1.0 - 1e-6), "")
 PLACES = Kind(

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from ...core.cad.files import SUFFIXES
 from ...core.generators.built_in import generator_of
 from ...core.om.drivers.nlopt_algorithms import ALGORITHMS
 from ...errors import InputError
@@ -35,7 +36,7 @@ from .kinds import NAMES, slices_of
 from .names import choices, fault_of_name, shortened
 from .options import fault_of_option, fault_of_options, options_of
 from .responses import constraint_responses, objective_response
-from .study import Study, count_values
+from .study import CAD_KINDS, Study, count_values
 from .tables import Table, Tables
 from .variable_kinds import VARIABLES
 
@@ -136,9 +137,8 @@ class _Reader(Tables):
                 except InputError as error:
                     said = f"is '{shortened(name)}', which {str(error).partition(': ')[2]}"
                     raise self.refuse(("grid", key), said) from None
-            elif name and not _is_file(self.path.parent / name):
-                complaint = f"names '{shortened(name)}', and there is no such file beside {self.path.name}"
-                raise self.refuse(("grid", key), complaint)
+            elif name:
+                self._require_file(("grid", key), name)
 
     def _flow(self) -> Table | None:
         if "flow" not in self.document:
@@ -215,6 +215,8 @@ class _Reader(Tables):
             free = [condition for condition, values in conditions.items() if not values["trim"]]
             self._check_bounds(name, table, len(free) if conditions else 1)
             self._check_points(name, table, found)
+            if kind in CAD_KINDS:
+                self._check_cad(name, table, found)
             if kind in ("rotation", "hinge"):
                 self._check_hinge(name, table, found)
             if kind == "alpha" and name != "alpha":
@@ -232,9 +234,8 @@ class _Reader(Tables):
     def _check_points(self, name: str, table: Table, above: Mapping[str, Table]) -> None:
         """Refuse files and parents that are not there, and slices and boxes that choose no point of a lattice."""
         file, parent = table.get("file"), table.get("parent")
-        if file and not _is_file(self.path.parent / file):
-            said = f"names '{shortened(file)}', and there is no such file beside {self.path.name}"
-            raise self.refuse(("variables", name, "file"), said)
+        if file:
+            self._require_file(("variables", name, "file"), file)
         if parent and above.get(parent, {}).get("kind") != "ffd":
             boxes = [other for other, each in above.items() if each["kind"] == "ffd"]
             advice = choices(parent, boxes, "there are") if boxes else "write the table of the outer box first"
@@ -249,6 +250,32 @@ class _Reader(Tables):
             if part not in range(-n, n) if isinstance(part, int) else not range(n)[part]:
                 said = f"is '{table['where']}', which is no point of a lattice of {table['n']}"
                 raise self.refuse(("variables", name, "where"), said)
+
+    def _check_cad(self, name: str, table: Table, above: Mapping[str, Table]) -> None:
+        """Refuse files that are no CAD files or not there, and two ways to tie walls to one file."""
+        if "to" in table:
+            table["to"] = [table["to"]] if isinstance(table["to"], str) else table["to"]
+            for file in table["to"]:
+                self._require_file(("variables", name, "to"), file)
+        for key, files in (("file", [table["file"]]), ("to", table.get("to", ()))):
+            for file in files:
+                if Path(file).suffix.lower() not in SUFFIXES:
+                    said = f"is '{shortened(file)}', no CAD file by its name; end it in {', '.join(SUFFIXES)}"
+                    raise self.refuse(("variables", name, key), said)
+        for other, each in ((o, e) for o, e in above.items() if e["kind"] in CAD_KINDS):
+            for key in ("scale", "patches") if each["file"] == table["file"] else ():
+                if each[key] != table[key]:
+                    said = f"is of '{table['file']}', to which [variables.{other}] ties walls with another {key}"
+                    raise self.refuse(("variables", name), f"{said}; give both the same")
+            if each["file"] != table["file"] and Path(each["file"]).name == Path(table["file"]).name:
+                said = f"has the name of another file in [variables.{other}], and results would overwrite each other"
+                raise self.refuse(("variables", name, "file"), f"{said}; rename one of them")
+
+    def _require_file(self, path: tuple[str, ...], name: str) -> None:
+        """Refuse a file that is not there."""
+        if not _is_file(self.path.parent / name):
+            complaint = f"names '{shortened(name)}', and there is no such file beside {self.path.name}"
+            raise self.refuse(path, complaint)
 
     def _check_hinge(self, name: str, table: Table, above: Mapping[str, Table]) -> None:
         """Refuse rotations about no axis or several, and those of nothing."""

@@ -17,7 +17,7 @@ __all__ = ["check_same_problem", "problem_of"]
 _LIMITS = ("lower", "upper", "start", "equals", "ref")
 """Keys of variables, objective and constraints that may change: values of the model at a design stay."""
 
-_FILES = ("grid", "file"), ("grid", "patches"), ("variables", "file")
+_FILES = ("grid", "file"), ("grid", "patches"), ("variables", "file"), ("variables", "to")
 """Tables, and keys of theirs that name files."""
 
 
@@ -34,9 +34,10 @@ def problem_of(study: Study) -> dict[str, Any]:
         "movement": study.movement,
     }
     found |= {"junction": study.junction} if study.junction else {}
+    found = json.loads(json.dumps(found))  # a copy, down to lists of files
     for (*path, key), file in study.inputs.items():
         reduce(getitem, path, found)[key] = digest_of(file)
-    return json.loads(json.dumps(found))
+    return found
 
 
 def check_same_problem(

@@ -240,19 +240,29 @@ class _Script:
                 "\n        if wing.surface.is_section:"
                 f'\n            bm.plotting.plot_section(HERE / "{PICTURE}", HERE / "{CASES}", model)'
             )
+        written = [self._written("after"), *self._cad_written()]
+        names = {f"written_{number}": each for number, each in enumerate(written)}
         yield statement(
             "with together(problem.comm):\n"
             "    if IS_FIRST:\n"
-            "        written\n"
+            f"        {'; '.join(names)}\n"
             '        after.write_csv(HERE / "summary.csv", before)\n'
             f"        print(after.table(before)){report}{picture}",
-            written=self._written("after"),
+            **names,
         )
 
     @property
     def _is_drawn(self) -> bool:
         """Whether pressures are drawn, if the walls are a section."""
         return self.study.has_pressures and bool(self.study.output["picture"])
+
+    def _cad_written(self) -> Iterator[ast.expr]:
+        """Write CAD files with the faces of the optimum."""
+        for file, result in self.study.cad_results.items():
+            names = [name for name, table in self.study.variables.items() if table.get("file") == file]
+            values = {name: expression("problem.get_val(name)", name=name) for name in names}
+            moved = call("bm.design.moved_body", [expression("cad[name]", name=name) for name in names], values)
+            yield call("bm.files.write_cad_body", expression("HERE / result", result=result), moved)
 
     def _written(self, when: str) -> ast.expr:
         """Write the grid before or after."""

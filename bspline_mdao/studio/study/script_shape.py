@@ -9,7 +9,7 @@ from typing import Any
 
 from .keys import MEASURES, MOVEMENT, QUALITIES
 from .kinds import Key, slices_of
-from .study import Study
+from .study import CAD_KINDS, Study
 from .syntax import call, expression, statement
 from .tables import Table
 from .variable_kinds import VARIABLES
@@ -43,6 +43,12 @@ def shape_part(
     hinges = {name: made for name, table in _moving(study) if (made := _hinge(table)) is not None}
     if hinges:
         yield statement("hinges = made", made=hinges)
+    on_cad = {name: table for name, table in _moving(study) if table["kind"] in CAD_KINDS}
+    if on_cad:
+        yield "# each wall node is on the face of a CAD file that is nearest, and goes where that goes"
+        ties = {table["file"]: _tied(table, study.grid["design"], path_of) for table in on_cad.values()}
+        yield statement("tied = made", made=ties)
+        yield statement("cad = made", made={name: _on_cad(name, table, path_of) for name, table in on_cad.items()})
     yield statement("variables = made", made=[_variable(name, table) for name, table in _moving(study)])
     if study.measures:
         measured = {_names(part): part for table in study.measures.values() if (part := _measured(table))}
@@ -100,6 +106,8 @@ def _made_variable(name: str, table: Table) -> ast.expr:
         patches = [table["patches"]] if table["patches"] else []
         where = [call("bm.design.OnPatch", expression("model"), names) for names in patches]
         return call(made_by, name, *where, direction=table["direction"])
+    if table["kind"] in CAD_KINDS:
+        return expression("cad[name]", name=name)
     if table["kind"] == "radius":
         settings = {"stations": table["stations"]} | changed(table, kind.keys, ("order",))
         return call(made_by, name, [tuple(point) for point in table["axis"]], **settings)
@@ -139,6 +147,28 @@ def _made_variable(name: str, table: Table) -> ast.expr:
     settings = {"stations": table["stations"]} if "stations" in table else {}
     settings |= changed(table, kind.keys, ("order", "scales_thickness"))
     return call(made_by, name, axis, **settings)
+
+
+def _tied(table: Table, design: str | list[str] | None, path_of: Callable[[str], ast.expr]) -> ast.expr:
+    """Walls that are tied to the faces of a CAD file."""
+    patches = [names] if (names := table["patches"] or design) else []
+    scale = {"scale": table["scale"]} if table["scale"] else {}
+    return call("bm.design.TiedSurface.of", expression("model"), path_of(table["file"]), *patches, **scale)
+
+
+def _on_cad(name: str, table: Table, path_of: Callable[[str], ast.expr]) -> ast.expr:
+    """Variable of the faces that walls are tied to."""
+    made_by, file = f"bm.design.{VARIABLES[table['kind']].made_by}", table["file"]
+    tied = expression("tied[file]", file=file)
+    if table["kind"] == "cad_shapes":
+        way = f"tied[file].shape(to{', scale' if table['scale'] else ''})"
+        shapes = [expression(way, file=file, to=path_of(to), scale=table["scale"]) for to in table["to"]]
+        return call(made_by, name, tied, shapes)
+    chosen = {key: _limits(table[key]) for key in ("low", "high") if table[key]}
+    chosen |= {"faces": table["faces"]} if table["faces"] else {}
+    within = f"tied[file].body.within({', '.join(f'{key}={key}' for key in sorted(chosen))})"
+    where = {"where": expression(within, file=file, **chosen)} if chosen else {}
+    return call(made_by, name, tied, **where, direction=table["direction"])
 
 
 def _hinge(table: Table) -> ast.expr | None:

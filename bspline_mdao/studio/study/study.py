@@ -12,7 +12,10 @@ from .grid_kinds import GridKind, kind_of
 from .tables import Table
 from .variable_kinds import VARIABLES
 
-__all__ = ["CASES", "PICTURE", "Study", "count_values"]
+__all__ = ["CAD_KINDS", "CASES", "PICTURE", "Study", "count_values"]
+
+CAD_KINDS = frozenset({"cad_points", "cad_shapes"})
+"""Kinds of variables that move faces of CAD files."""
 
 _STATES = "before", "after"
 
@@ -51,6 +54,8 @@ class Study:
         """Files that it names, by the paths of their keys."""
         names: dict[tuple[str, ...], Any] = {("grid", key): self.grid[key] for key in ("file", "patches")}
         names |= {("variables", name, "file"): table.get("file") for name, table in self.variables.items()}
+        for variable, table in self.variables.items():
+            names |= {("variables", variable, "to", number): name for number, name in enumerate(table.get("to") or ())}
         return {path: self.source.parent / name for path, name in names.items() if name and not name.startswith("@")}
 
     @property
@@ -58,12 +63,25 @@ class Study:
         """Files that its script may write; page and picture as well, unless they are left out."""
         page = ["report.html"] if self.output["report"] is not False else []
         picture = [PICTURE] if self.has_pressures and self.output["picture"] is not False else []
-        return ["model.h5", *map(self.written, _STATES), CASES, "summary.csv", *page, *picture]
+        written = [*map(self.written, _STATES), *self.cad_results.values()]
+        return ["model.h5", *written, CASES, "summary.csv", *page, *picture]
 
     @property
     def has_pressures(self) -> bool:
         """Whether the flow has pressures on the walls, which are drawn where these are a section."""
         return self.flow is not None and self.flow["kind"] == "euler"
+
+    @property
+    def cad_results(self) -> dict[str, str]:
+        """CAD files that are written with the optimum, by those that walls are tied to.
+
+        There are none where other variables move the walls as well, or go to files, whose knots may be others.
+        """
+        moving = [table for table in self.variables.values() if VARIABLES[table["kind"]].made_by]
+        if any(table["kind"] != "cad_points" for table in moving):
+            return {}
+        files = dict.fromkeys(table["file"] for table in moving)
+        return {file: f"{Path(file).stem}_after{Path(file).suffix}" for file in files}
 
     @property
     def folders(self) -> list[str]:
@@ -90,6 +108,8 @@ def count_values(table: Table, n_alpha: int = 1) -> float:
     """Number of the values of a variable; infinite where it takes the grid to know."""
     n_axes = len(table.get("direction") or "")
     known = {"taper": 1, "rotation": 1, "alpha": n_alpha, "translation": n_axes, "hinge": 2 * n_axes}
+    if table["kind"] == "cad_shapes":
+        return len(table["to"])
     if table["kind"] in known:
         return known[table["kind"]]
     stations = table.get("values") or table.get("stations", math.inf)

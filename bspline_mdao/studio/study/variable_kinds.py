@@ -14,6 +14,7 @@ from .kinds import (
     COORDINATES,
     CORNER,
     DIRECTION,
+    FILES,
     FLAG,
     LATTICE,
     LINE,
@@ -71,6 +72,11 @@ _WHERE = {"where": Key(SLICES, "which points move, as slices in x, y and z from 
 _LIMITS = {
     "low": Key(CORNER, "lower corner of the box whose points move, with its sides (m)", otherwise="no limit"),
     "high": Key(CORNER, "upper corner of that box (m)", otherwise="no limit"),
+}
+_CAD = {
+    "file": Key(TEXT, "STEP or IGES file of the walls, to whose nearest face each node is tied", is_required=True),
+    "scale": Key(POSITIVE, "lengths of the grid by metres of that file", otherwise="by the unit of the grid"),
+    "patches": Key(NAMES, "patches that are tied to it", otherwise="all that are designed"),
 }
 _HINGE = {
     "axis": Key(LINE, "two points of the hinge (m); angles turn by the right hand about it", otherwise="see chord"),
@@ -236,6 +242,22 @@ VARIABLES = {
         },
         "FreeForm",
         "m",
+    ),
+    "cad_points": VariableKind(
+        "displacements (m) of the control points of faces of a CAD file, which is written anew with the optimum",
+        {
+            **_CAD,
+            "faces": Key(NAMES, "faces whose control points move; those of others are as they are", otherwise="all"),
+            **_COORDINATES,
+            **_LIMITS,
+        },
+        "CadPoints",
+        "m",
+    ),
+    "cad_shapes": VariableKind(
+        "parts of the way from a CAD file to others of the same faces: 0 as it is, 1 there",
+        {**_CAD, "to": Key(FILES, "files that have the same faces moved, with a value each", is_required=True)},
+        "CadShapes",
     ),
     "rotation": VariableKind(
         "angle (deg) by which a part of the design surface turns about a hinge: flaps, tails, blades, bodies",
