@@ -1,7 +1,7 @@
 """Tensor B-spline surfaces: with straight knots exactly a side of a volume, with curved ones as close as is asked for.
 
-1. Along its edges a side has constant knots. Their union over opposite edges is where the surface starts from, so that
-   all four edges are exact, by knot insertion, and neighbours meet.
+1. Along its edges a side has constant knots. Their union over opposite edges, and over those of neighbours, is where
+   the surface starts from, so that all four edges are exact, by knot insertion, and neighbours meet.
 2. The control points inside are those of least squares, on a lattice of parameters, with the edges held.
 3. Where the distance at other parameters is larger than the tolerance, spans are halved: in the direction in which
    a projection on the splines of that direction alone is too far off.
@@ -23,6 +23,7 @@ from ..splines.basis import basis, basis_gradients
 from ..splines.knot_insertion import insertion_matrix
 from ..splines.knots import ConstantKnots
 from ..splines.side import VolumeSide
+from .side_knots import SideKnots
 
 __all__ = ["MOST_CONTROL", "TensorSurface", "tensor_surface"]
 
@@ -31,6 +32,13 @@ SAME_KNOT = 1e-12
 
 MOST_CONTROL = 400
 """Control points in a direction at which a refit is given up by default."""
+
+CHECKED = 2, 12
+"""Parameters in a span, more than the order, at which the distance is looked at: on so few spans are halved, and on so
+many a surface is taken."""
+
+SURE = 0.95
+"""Part of the tolerance that the distance at these may be, so that what is between them keeps it."""
 
 MARGIN = 0.5
 """Part of the tolerance that the error in one direction may take, so that both together keep it."""
@@ -56,17 +64,22 @@ def tensor_surface(
     tolerance: float,  # largest distance (m) from it, where its knots are curved
     what: str,  # what the side is called in messages
     most: int = MOST_CONTROL,  # control points in a direction at which a refit is given up
+    known: SideKnots | None = None,  # knots to start from; without neighbours by default
 ) -> TensorSurface:
     """Make the surface of a side."""
+    known = SideKnots.of(side) if known is None else known
+    knots = known.start
     if side.is_straight:
-        exact = TensorSurface((side.edge_knots(0, 0), side.edge_knots(1, 0)), side.control_points)
-        return _measured(side, exact)
-    knots = _union(side, 0), _union(side, 1)
+        u, v = (insertion_matrix(known.edges[axis][0], knots[axis]) for axis in (0, 1))
+        return _measured(side, TensorSurface(knots, _on_lattice(u, side.control_points, v)))
     while True:
-        surface = _fitted(side, knots)
-        samples = _Samples.of(side, knots, 2)
-        distances = lengths(surface.lattice(samples.u, samples.v) - samples.points)
-        if distances.max() <= tolerance:
+        surface = _fitted(side, knots, known.edges)
+        for more in CHECKED:
+            samples = _Samples.of(side, knots, more)
+            distances = lengths(surface.lattice(samples.u, samples.v) - samples.points)
+            if distances.max() > SURE * tolerance:
+                break
+        else:
             return _measured(side, surface)
         marks = samples.too_coarse(knots, distances, tolerance)
         knots = _halved(knots[0], marks[0]), _halved(knots[1], marks[1])
@@ -75,19 +88,6 @@ def tensor_surface(
                 f"{what}: {distances.max():.2g} m off with {surface.knots[0].n_control} x "
                 f"{surface.knots[1].n_control} control points, more than the tolerance of {tolerance:.2g} m; raise it"
             )
-
-
-def _union(side: VolumeSide, axis: int) -> ConstantKnots:
-    """Knots of both edges along an axis, each as often as in the one that has it more often."""
-    first, second = (side.edge_knots(axis, end).knots for end in (0, 1))
-    order = side.orders[axis]
-    inner = [k[order : len(k) - order] for k in (first, second)]
-    values = np.sort(np.concatenate(inner))
-    merged = values[np.diff(values, prepend=-1.0) > SAME_KNOT]
-    counts = np.max([[np.count_nonzero(np.abs(k - value) <= SAME_KNOT) for value in merged] for k in inner], axis=0)
-    return ConstantKnots(
-        np.concatenate([np.zeros(order), np.repeat(merged, counts.astype(int)), np.ones(order)]), order
-    )
 
 
 def _breaks(knots: ConstantKnots) -> np.ndarray:
@@ -160,20 +160,24 @@ class _Samples:
             missed = lengths((lines - q @ (q.T @ lines)).reshape(len(x), -1, 3)).max(axis=1)
             marks.append(self._any(axis, missed > MARGIN * tolerance))
         if not any(mark.any() for mark in marks):  # both directions together: halve where the distance is
-            marks = [self._any(axis, distances.max(axis=1 - axis) > tolerance) for axis in (0, 1)]
+            marks = [self._any(axis, distances.max(axis=1 - axis) > SURE * tolerance) for axis in (0, 1)]
         return marks
 
     def _any(self, axis: int, is_bad: np.ndarray) -> np.ndarray:
         return np.bincount(self.spans[axis], is_bad) > 0
 
 
-def _fitted(side: VolumeSide, knots: tuple[ConstantKnots, ConstantKnots]) -> TensorSurface:
+def _fitted(
+    side: VolumeSide,
+    knots: tuple[ConstantKnots, ConstantKnots],
+    edges: tuple[tuple[ConstantKnots, ConstantKnots], tuple[ConstantKnots, ConstantKnots]],
+) -> TensorSurface:
     """Insert knots along the edges, and find the control points inside by least squares, steps 1 and 2."""
     samples, net = _Samples.of(side, knots, 1), side.control_points
     control = np.zeros((knots[0].n_control, knots[1].n_control, 3))
     for end in (0, -1):
-        control[:, end] = insertion_matrix(side.edge_knots(0, -end), knots[0]) @ net[:, end]
-        control[end] = insertion_matrix(side.edge_knots(1, -end), knots[1]) @ net[end]
+        control[:, end] = insertion_matrix(edges[0][-end], knots[0]) @ net[:, end]
+        control[end] = insertion_matrix(edges[1][-end], knots[1]) @ net[end]
     u, v = _design(knots[0], samples.u), _design(knots[1], samples.v)
     if min(control.shape[:2]) > 2:
         rest = samples.points - _on_lattice(u, control, v)

@@ -21,8 +21,10 @@ from ...grids.topology.length_unit import metres_of
 from ..mesh.spline_sides import SplineSide, spline_sides
 from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
+from .common_knots import with_common_knots
 from .files import check_cad_name, read_shape, write_shape
 from .opencascade import SEWING, require_opencascade, sewn_shape, to_face
+from .side_knots import starting_knots
 from .tensor_surface import tensor_surface
 
 __all__ = ["TOLERANCE", "CadFace", "CadReport", "write_cad"]
@@ -180,7 +182,11 @@ def write_cad(
     wanted = TOLERANCE * size if tolerance is None else float(tolerance)
     if not wanted > 0.0:
         raise InputError(f"{path}: tolerance {wanted:g} m; give a positive length in metres")
-    surfaces = [tensor_surface(side.surface, wanted, f"{path}: {side.name}") for side in sides]
+    surfaces = [
+        tensor_surface(side.surface, wanted, f"{path}: {side.name}", known=known)
+        for side, known in zip(sides, starting_knots(sides, wanted / size))
+    ]
+    surfaces = with_common_knots(sides, surfaces)
     made = [to_face(surface, size) for surface in surfaces]
     shape, faces = sewn_shape(made, min(SEWING * size, wanted))
     title = Path(model.header.source).stem

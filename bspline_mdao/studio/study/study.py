@@ -50,9 +50,9 @@ class Study:
         return kind_of(self.grid["file"], self.source.parent)
 
     @property
-    def inputs(self) -> dict[tuple[str, ...], Path]:
+    def inputs(self) -> dict[tuple[Any, ...], Path]:
         """Files that it names, by the paths of their keys."""
-        names: dict[tuple[str, ...], Any] = {("grid", key): self.grid[key] for key in ("file", "patches")}
+        names: dict[tuple[Any, ...], Any] = {("grid", key): self.grid[key] for key in ("file", "patches")}
         names |= {("variables", name, "file"): table.get("file") for name, table in self.variables.items()}
         for variable, table in self.variables.items():
             names |= {("variables", variable, "to", number): name for number, name in enumerate(table.get("to") or ())}
