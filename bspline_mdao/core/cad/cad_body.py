@@ -46,6 +46,17 @@ GAP = 1e-3
 topology; refits, to a tolerance each, leave far less."""
 
 
+CUT = (
+    "one is cut there, and the cut has moved on it. Nodes keep their (u, v): cuts that stay where they are on both "
+    "faces are supported, as where these move together; write faces untrimmed, or leave patches at this edge out of "
+    "the design"
+)
+"""Why faces come apart where an edge trims one of them, and what to do."""
+
+OTHERWISE = "their parameters run otherwise; write both files in the same way, with the same options"
+"""Why they do elsewhere."""
+
+
 @dataclass(frozen=True, eq=False)
 class CadTie(OneLine):
     """Where points are tied to the faces of a body. Made by `CadBody.tie`."""
@@ -392,10 +403,10 @@ class CadBody(OneLine):
             worst = int(np.argmax(gaps))
             if gaps[worst] > GAP * largest + 2.0 * (self._joined + found._joined):
                 pair = self.faces[first.faces[worst]].name, self.faces[second.faces[worst]].name
+                is_cut = any(self.faces[tie.faces[worst]].is_trimmed for tie in (first, second))
                 raise InputError(
                     f"{what}, and its faces '{pair[0]}' and '{pair[1]}' come apart by {gaps[worst]:.3g} m along their "
-                    f"edge: their parameters run otherwise, or the edge has moved on one of them; write both files in "
-                    f"the same way, with edges that move with their faces"
+                    f"edge: {CUT if is_cut else OTHERWISE}"
                 )
         return found
 

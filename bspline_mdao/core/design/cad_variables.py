@@ -132,8 +132,9 @@ class CadPoints(CadVariable):
         if not len(ids):
             n, fixed = np.count_nonzero(asked), np.count_nonzero(asked & body.is_fixed)
             raise InputError(
-                f"'{self.name}': of {n} control points asked for, {fixed} are fixed, since the faces at an edge have "
-                f"other splines there, and {n - fixed} move no node; choose others with 'where'"
+                f"'{self.name}': of {n} control points asked for, {fixed} are fixed, since they reach an edge that "
+                f"cuts a face or whose faces have other splines, and {n - fixed} move no node; choose others with "
+                f"'where', write faces untrimmed, or move them by a second file"
             )
         return ids
 
