@@ -115,7 +115,8 @@ class _BlasLimit:
     # The limit is the process's: the first one in sets it, the last one out restores what was. Were each to restore
     # what it found, one that leaves would take the limit from those still inside, whose sums would then be split
     # otherwise. threadpoolctl lets only the thread change a limit that changed it first, as long as that thread lives;
-    # so it is done in threads that end at once. A limit that the user holds stays.
+    # so it is done in threads that end at once. A limit that the user holds stays; where it is one thread, as
+    # workers of tests have it, nothing is to be done, and no thread is started.
 
     def __init__(self) -> None:
         self._lock, self._n_inside = threading.Lock(), 0
@@ -123,15 +124,16 @@ class _BlasLimit:
 
     def __enter__(self) -> None:
         with self._lock:
-            if self._n_inside == 0:
-                self._restore = _in_a_thread(lambda: _libraries().limit(limits=1, user_api="blas"))
+            if self._n_inside == 0 and any(blas.num_threads != 1 for blas in _libraries().lib_controllers):
+                self._restore = _in_a_thread(lambda: _libraries().limit(limits=1))
             self._n_inside += 1
 
     def __exit__(self, *exception: object) -> None:
         with self._lock:
             self._n_inside -= 1
-            if self._n_inside == 0:
+            if self._n_inside == 0 and self._restore is not None:
                 _in_a_thread(self._restore.restore_original_limits)
+                self._restore = None
 
 
 one_blas_thread = _BlasLimit()
@@ -139,8 +141,8 @@ one_blas_thread = _BlasLimit()
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """Libraries with threads; looking for them takes a millisecond, as long as a small solution."""
-    return ThreadpoolController()
+    """Libraries of BLAS; looking for them takes a millisecond, as long as a small solution."""
+    return ThreadpoolController().select(user_api="blas")
 
 
 def _in_a_thread(task: Callable) -> Any:

@@ -20,12 +20,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs, dpotrf, dpotrs
 from scipy.sparse import coo_array, csr_array, kron
-from threadpoolctl import threadpool_limits
 
+from ...base.numerics.threads import one_blas_thread
 from ...base.numerics.transfinite import boolean_sum, inner_of
 from ...errors import InputError
 from ...grids.topology.index_space import whole_slices
@@ -110,7 +111,7 @@ class FitStep:
         """Points of the spline at the entity's nodes, shape (n, 3)."""
         return self.matrix.apply(self.entity.net(control_points))
 
-    @property
+    @cached_property
     def _places(self) -> np.ndarray:
         """First place of each column in the section."""
         columns = self.entity.columns
@@ -143,7 +144,7 @@ class FitOperator:
     def forward(self, nodes: np.ndarray) -> np.ndarray:
         """Control points, shape (n_control_points, 3), fitted to the nodes, shape (n_nodes, 3)."""
         control_points = np.zeros((self.n_control_points, 3))
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread:
             for step in self.steps:
                 step.solve(nodes, control_points)
         return self.mixture.forward(control_points, nodes)
@@ -151,7 +152,7 @@ class FitOperator:
     def adjoint(self, control_bar: np.ndarray) -> np.ndarray:
         """Transpose of `forward`: shape (n_nodes, 3), of shape (n_control_points, 3)."""
         control_bar, nodes_bar = self.mixture.adjoint(control_bar, self.n_nodes)
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread:
             for step in reversed(self.steps):
                 step.solve_transpose(control_bar, nodes_bar)
         return nodes_bar

@@ -33,8 +33,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
+from ...base.numerics.threads import one_blas_thread
 from ...errors import InputError
 from ...names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID_INITIAL
 from ..evaluation.node_map import require_inputs
@@ -98,7 +98,7 @@ class LiveFit:
     def jvp(self, d_nodes: np.ndarray) -> np.ndarray:
         """Differentiate the control points, shape (n_control_points, 3), along ``d_nodes``, shape (n_nodes, 3)."""
         change, d_control = self.mapping.change(d_nodes), np.zeros_like(self.least_squares)
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread:
             for step in self.steps:
                 if step.factor is not None:
                     self._step_jvp(step, change, d_nodes, d_control)
@@ -112,7 +112,7 @@ class LiveFit:
             control_bar = ties.lay_vjp(control_bar.copy())
         control_bar, nodes_bar = self.mixture.adjoint(control_bar, len(self.nodes))
         bars = self.mapping.no_change()
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread:
             for step in reversed(self.steps):
                 if step.factor is not None:
                     self._step_vjp(step, control_bar, nodes_bar, bars)

@@ -11,11 +11,10 @@ from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ...base.numerics.processes import together
 from ...base.numerics.progress import Progress, no_progress
-from ...base.numerics.threads import map_tasks, thread_count
+from ...base.numerics.threads import map_tasks, one_blas_thread, thread_count
 from ...grids.topology.periodic_ties import Ties, control_ties
 from ...grids.topology.topology import Topology
 from ..splines.mesh import BSplineMesh
@@ -81,7 +80,7 @@ class FitProblem:
         mixture, steps = self.mixture(parameters, weights), ()
         if mixture.has_least_squares:
             entities = self.entities if entities is None else entities
-            with threadpool_limits(1, "blas"):
+            with one_blas_thread:
                 steps = tuple(map_tasks(partial(self.step, parameters), entities, self.n_threads))
         return FitOperator(steps, self.sharing.n_rows, self.mesh.n_control_points, mixture)
 
@@ -135,7 +134,7 @@ def solve_fit(
         is_fitted[entity.rows] = True
         return step.factor is not None and step.factor.is_singular
 
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread:
         for number, entities in enumerate(rounds):
             local = [place for place, entity in enumerate(entities) if entity.segment in here]
             with together(sharing.comm):

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ...base.numerics.processes import summed, together
-from ...base.numerics.threads import map_tasks
+from ...base.numerics.threads import map_tasks, one_blas_thread
 from .fit_nodes import FitNodes
 from .least_squares import FitStep
 from .problem import FitProblem
@@ -47,7 +46,7 @@ class SharedFitOperator:
         """Factor all least squares of this process; all processes call this."""
         mixture, here = problem.mixture(parameters, weights), set(problem.sharing.here)
         ids, steps = [], []
-        with together(problem.sharing.comm), threadpool_limits(1, "blas"):
+        with together(problem.sharing.comm), one_blas_thread:
             for entities in problem.rounds() if mixture.has_least_squares else ():
                 local = [entity for entity in entities if entity.segment in here]
                 ids.append(np.concatenate([entity.unknown_ids for entity in entities]))
@@ -58,7 +57,7 @@ class SharedFitOperator:
         """Control points, shape (n_control_points, 3), on all processes, of the nodes of each, shape (n_owned, 3)."""
         nodes = self.sharing.fetch(self.sharing.with_places(nodes))
         control_points = np.zeros((self.n_control_points, 3))
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread:
             for steps in self.steps:
                 for step in steps:
                     step.solve(nodes, control_points)
@@ -70,7 +69,7 @@ class SharedFitOperator:
         """Transpose of `forward`, shape (n_owned, 3), of a ``control_bar`` that is the same on all processes."""
         seed, nodes_bar = self.mixture.adjoint(control_bar, self.sharing.n_rows)
         wanted = np.zeros_like(seed)
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread:
             for ids, steps in zip(reversed(self.unknown_ids), reversed(self.steps)):
                 wanted[ids] = seed[ids] + summed(self.sharing.comm, wanted[ids])
                 for step in steps:

@@ -1,10 +1,14 @@
 """Tasks on several threads."""
 
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+import scipy.linalg.lapack  # noqa: F401 - a BLAS to limit
+from threadpoolctl import ThreadpoolController
 
-from bspline_mdao.base.numerics.threads import map_tasks, run_tasks
+from bspline_mdao.base.numerics.threads import map_tasks, one_blas_thread, run_tasks
 from bspline_mdao.errors import InputError
 
 
@@ -45,3 +49,31 @@ def test_threads_that_stay_give_results_in_the_order_of_what_they_work_on(n_thre
 
     numbers = [7 * k % 50 for k in range(50)]
     assert run_tasks(halved, numbers, n_threads) == [number / 2 for number in numbers]
+
+
+def test_blas_has_one_thread_inside_and_its_own_number_outside():
+    blas = ThreadpoolController().select(user_api="blas")
+
+    def n_threads():
+        return [library.num_threads for library in blas.lib_controllers]
+
+    with ThreadPoolExecutor(1) as another:  # a limit of this thread would be the user's, and stay
+        limit = another.submit(lambda: blas.limit(limits=2)).result()
+    try:
+        with one_blas_thread, one_blas_thread:
+            assert n_threads() == [1] * len(n_threads())
+        assert n_threads() == [2] * len(n_threads())
+    finally:
+        with ThreadPoolExecutor(1) as another:
+            another.submit(limit.restore_original_limits).result()
+
+
+def test_no_thread_is_started_to_limit_a_blas_that_has_one(monkeypatch):
+    started, start = [], threading.Thread.start
+    with ThreadpoolController().limit(limits=1, user_api="blas"):
+        with one_blas_thread:
+            pass  # looks for the libraries
+        monkeypatch.setattr(threading.Thread, "start", lambda thread: started.append(thread) or start(thread))
+        with one_blas_thread:
+            pass
+    assert not started
