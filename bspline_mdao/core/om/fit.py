@@ -125,7 +125,7 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
             baseline = model.regenerate() if comm.size == 1 else model.local_model(subdomain).regenerate()
             self._whole = WholeNodes.of(comm, partition)
         nodes = baseline.to_vector().reshape(-1, 3) if comm.size == 1 else baseline
-        is_live = self.options["live"]
+        is_live, self._last = self.options["live"], LastState()
         if is_live:
             self._live = LastState()
             whole = self._whole.gather(nodes)
@@ -156,8 +156,7 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
         """Solve the least squares."""
         with failures_as_analysis_errors(self):
             nodes = finite_points(inputs[GRID_INITIAL], GRID_INITIAL, self.msginfo)
-        is_live = self.options["live"]
-        control_points = self._live_at(nodes).control_points if is_live else by_parts(self._frozen.forward, nodes)
+        control_points = self._live_at(nodes).control_points if self.options["live"] else self._frozen_at(nodes)
         outputs[CONTROL_POINTS_INITIAL] = control_points.ravel()
 
     def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
@@ -173,8 +172,16 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
 
             products: dict[str, Callable[[np.ndarray], np.ndarray]] = {"jvp": jvp, "vjp": vjp}
         else:
+            if mode == "fwd" and self.comm.size == 1 and GRID_INITIAL in d_inputs and not d_inputs[GRID_INITIAL].any():
+                return  # a grid that stays, under products of a whole problem
             products = {"jvp": self._frozen.forward, "vjp": self._frozen.adjoint}
         add_product(inputs, d_inputs, d_outputs, mode, **products, of=CONTROL_POINTS_INITIAL, wrt=GRID_INITIAL)
+
+    def _frozen_at(self, nodes: np.ndarray) -> np.ndarray:
+        """Control points of the frozen fit: of a design loop over one grid, which is fitted once."""
+        if self.comm.size > 1:  # whose operator all processes call, or none
+            return by_parts(self._frozen.forward, nodes)
+        return self._last.at([nodes], lambda nodes: by_parts(self._frozen.forward, nodes))
 
     def _fit(self, nodes: np.ndarray) -> LiveFit:
         return live_fit(self.options["model"], nodes)

@@ -18,6 +18,7 @@ from bspline_mdao.core.design.cad_variables import CadPoints
 from bspline_mdao.core.design.interior_points import InteriorPoints
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.fit.fitting import fit_grid
+from bspline_mdao.core.fit.least_squares import FitOperator
 from bspline_mdao.core.measures.seam_smoothness import SeamSmoothness
 from bspline_mdao.core.mesh.boundary import moving_mesh
 from bspline_mdao.core.mesh.surface import SurfaceGrid
@@ -466,6 +467,29 @@ def test_a_vector_of_the_wrong_size_is_refused(model, component, options, of, wr
 def test_a_model_of_another_type_is_refused(component):
     with pytest.raises(TypeError, match="model"):
         component(model="wing.h5")
+
+
+def test_a_grid_that_stays_is_fitted_once(model, monkeypatch):
+    fitted, forward = [], FitOperator.forward
+
+    def counted(operator, nodes):
+        fitted.append(nodes)
+        return forward(operator, nodes)
+
+    monkeypatch.setattr(FitOperator, "forward", counted)
+    problem = run_problem(Fit, model)
+    first = problem.get_val("control_points_initial").copy()
+    for _ in range(2):
+        problem.run_model()
+    still = problem.compute_jacvec_product(
+        ["control_points_initial"], ["grid_initial"], "fwd", {"grid_initial": np.zeros(model.n_nodes * 3)}
+    )
+    assert len(fitted) == 1
+    assert not still["control_points_initial"].any()
+    problem.set_val("grid_initial", 2.0 * problem.get_val("grid_initial"))
+    problem.run_model()
+    np.testing.assert_allclose(problem.get_val("control_points_initial"), 2.0 * first, rtol=1e-12, atol=1e-12)
+    assert len(fitted) == 2
 
 
 def test_live_grid_evaluate_regenerates_the_baseline_it_is_given(model):
