@@ -14,6 +14,7 @@ import click
 
 from ...core.fit.options import EXPONENTS, METHODS
 from .counts import n_control_option
+from .imports import without_collector
 from .making_commands import airfoil, extrude, wing
 from .movers import MoverOptions, moving_options
 from .program import POSITIVE, bspline_mdao, command, grid_argument, json_option, patches_option
@@ -49,7 +50,8 @@ def inspect(**options: Any) -> None:
     {built_in}. Of a mesh without structure, {meshes}, cells and markers are shown, what these seem to be, and what has
     to be declared.
     """
-    from .inspect import inspect_grid
+    with without_collector():
+        from .inspect import inspect_grid
 
     inspect_grid(**options)
 
@@ -130,7 +132,8 @@ def fit(**options: Any) -> None:
     GRID is a {read} file, or a built-in grid: {built_in}. A mesh without structure is {meshes}; its walls are guessed
     from names and places of its markers, or declared by --patches.
     """
-    from .fit import fit_model
+    with without_collector():
+        from .fit import fit_model
 
     fit_model(**options)
 
@@ -160,7 +163,8 @@ def refine(**options: Any) -> None:
     The name of GRID gives the format: {written}. Curved hexahedra are written as {curved}. Folders that are missing are
     made.
     """
-    from .refine import refine_model
+    with without_collector():
+        from .refine import refine_model
 
     refine_model(**options)
 
@@ -199,9 +203,10 @@ def move(model: Path, output: Path, json: Path | None, **options: Any) -> None:
 
     {definitions}
     """
-    from ...core.background.mesh_file import is_mesh_model
-    from .mesh_move import move_mesh
-    from .move import MoveOptions, move_model
+    with without_collector():
+        from ...core.background.mesh_file import is_mesh_model
+        from .mesh_move import move_mesh
+        from .move import MoveOptions, move_model
 
     mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
     move_it = move_mesh if is_mesh_model(model) else move_model
@@ -248,7 +253,8 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: An
     where the deformation puts them, and nodes near them follow as a rigid body. A mesh of two dimensions (.su2, .cgns,
     .msh, .vtu) goes along with a section: a model of a grid between two planes of symmetry.
     """
-    from .ride import RideOptions, ride_along
+    with without_collector():
+        from .ride import RideOptions, ride_along
 
     mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
     ride_along(model, mesh, output, json, RideOptions(mover=mover, **options))
@@ -292,8 +298,9 @@ def init(mach: tuple[float, ...], lift: tuple[float, ...], lift_to_drag: bool, *
     GRID is a {read} file, a mesh without structure, {meshes}, a model MODEL.h5 of either, or a built-in grid:
     {built_in}.
     """
-    from ..study.draft import Aim
-    from .init import draft_study
+    with without_collector():
+        from ..study.draft import Aim
+        from .init import draft_study
 
     draft_study(**options, aim=Aim(mach, lift, lift_to_drag) if mach or lift or lift_to_drag else None)
 
@@ -323,7 +330,8 @@ def optimize(**options: Any) -> None:
     and the Python script optimize.py that is run: it gives the same optimum without this command. A mesh without
     structure is written in its own format, with all else in its file kept.
     """
-    from .optimize import optimize_study
+    with without_collector():
+        from .optimize import optimize_study
 
     optimize_study(**options)
 
@@ -372,8 +380,9 @@ def improve(grid_name: str, output: Path, json: Path | None, **options: Any) -> 
     format: {written}.
     The worst Q of no block falls and no cell is inverted; where that leaves nothing to gain, nothing is written.
     """
-    from .improve import ImproveOptions
-    from .improve import improve as improve_file
+    with without_collector():
+        from .improve import ImproveOptions
+        from .improve import improve as improve_file
 
     improve_file(grid_name, output, json, ImproveOptions(**options))
 
@@ -406,7 +415,8 @@ def quality(**options: Any) -> None:
 
     {definitions}
     """
-    from .quality import measure_quality
+    with without_collector():
+        from .quality import measure_quality
 
     measure_quality(**options)
 
@@ -442,7 +452,8 @@ def cad(**options: Any) -> None:
 
     Sides of blocks with straight knots are exact; others are refitted to the tolerance, their edges exactly.
     """
-    from .cad import write_cad_file
+    with without_collector():
+        from .cad import write_cad_file
 
     write_cad_file(**options)
 
@@ -471,7 +482,8 @@ def seams(**options: Any) -> None:
 
     Kinks are angles between the tangent planes of both sides, curvatures those across the seam; at 21 places of each.
     """
-    from .seams import measure_seams
+    with without_collector():
+        from .seams import measure_seams
 
     measure_seams(**options)
 
@@ -504,6 +516,7 @@ def report(**options: Any) -> None:
     and sections; of a case file of OpenMDAO's SqliteRecorder also histories, first-order optimality, variables with
     their bounds and the N2 diagram.
     """
-    from .report import report_on
+    with without_collector():
+        from .report import report_on
 
     report_on(**options)

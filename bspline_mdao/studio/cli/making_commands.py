@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from .imports import without_collector
 from .program import POSITIVE, command, json_option
 from .units import units_option
 
@@ -103,7 +104,8 @@ def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
     trailing edge; or a file of points in the order of Selig or Lednicer, or of two plain columns, in any unit. The
     name of GRID gives the format: {written}.
     """
-    from .airfoil import AirfoilOptions, make_airfoil
+    with without_collector():
+        from .airfoil import AirfoilOptions, make_airfoil
 
     make_airfoil(name, output, json, AirfoilOptions(**options))
 
@@ -132,7 +134,8 @@ def wing(**options: Any) -> None:
     Twist, dihedral and what else has a name come by 'move', and the moved grid is fitted again. The name of GRID gives
     the format: {written}.
     """
-    from .wing import make_wing
+    with without_collector():
+        from .wing import make_wing
 
     make_wing(**options)
 
@@ -209,6 +212,7 @@ def extrude(**options: Any) -> None:
     SURFACE is a {read} file whose blocks have one node in one direction. The name of GRID gives the format: {written};
     MODEL.h5 fits the grid as well. Patches wall, farfield and symmetry are in it where the format has them.
     """
-    from .extrude import extrude_file
+    with without_collector():
+        from .extrude import extrude_file
 
     extrude_file(**options)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +13,7 @@ from typing import Any
 
 import click
 import openmdao.api as om
+from openmdao.utils import reports_system
 
 from ...base.extras import INSTALL, library
 from ...base.numerics.processes import on_first, world
@@ -162,7 +165,7 @@ def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Proble
     names: dict[str, Any] = {"__name__": "__main__", "__file__": str(script)}
     try:
         print_title(title + run.words(comm))
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _without_report_plugins():
             warnings.showwarning = lambda message, *_: print_warnings([_as_seen(str(message), run, folder)])
             # the script counts linear solves of the flow, where OpenMDAO counts variables
             warnings.filterwarnings("ignore", "Inefficient choice of derivative mode")
@@ -175,6 +178,16 @@ def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Proble
     if failure is not None:
         raise _said(failure, run, folder, kept) from None
     return names["problem"], names
+
+
+@contextmanager
+def _without_report_plugins() -> Iterator[None]:
+    """Keep OpenMDAO from loading writers of reports, and Matplotlib with them: the script asks for none."""
+    loaded, reports_system._plugins_loaded = reports_system._plugins_loaded, True
+    try:
+        yield
+    finally:
+        reports_system._plugins_loaded = loaded
 
 
 def _kept(run: _Run, folder: RunFolder) -> str:
