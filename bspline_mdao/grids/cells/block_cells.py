@@ -9,7 +9,7 @@ Theory: ``docs/theory/quality.rst``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -218,69 +218,73 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Measures:
-    """Measures of the cells of a chunk, or changes or adjoints of them."""
+    """Measures of the cells of a chunk, or changes or adjoints of them; None of those that are not asked for."""
 
-    q: np.ndarray  # (n_cells,), orthogonality, Eq. (9)
     triples: np.ndarray  # (8, n_cells), corner triple products; 1 at degenerate corners
+    q: np.ndarray | None = None  # (n_cells,), orthogonality, Eq. (9)
     # corner Jacobians divided by the volume of the cell on the baseline; infinite at degenerate corners
-    jacobians: np.ndarray  # (8, n_cells)
-    volume: np.ndarray  # (n_cells,), volumes divided by those of the baseline; infinite where there was none
+    jacobians: np.ndarray | None = None  # (8, n_cells)
+    # volumes divided by those of the baseline; infinite where there was none
+    volume: np.ndarray | None = None  # (n_cells,)
     # Bernstein coefficients of the Jacobian divided by the volume of the cell on the baseline; infinite where they are
-    # zero by a collapsed edge. None where they are not asked for
-    coefficients: np.ndarray | None = None  # (27, n_cells), or None
-
-    @classmethod
-    def zeros_like(cls, other: Measures) -> Measures:
-        """Zeros of the shapes of another."""
-        q, triples, jacobians, volume = map(np.zeros_like, (other.q, other.triples, other.jacobians, other.volume))
-        coefficients = None if other.coefficients is None else np.zeros_like(other.coefficients)
-        return cls(q, triples, jacobians, volume, coefficients)
+    # zero by a collapsed edge
+    coefficients: np.ndarray | None = None  # (27, n_cells)
 
 
-def chunk_measures(chunk: Chunk, nodes: np.ndarray, with_coefficients: bool = False) -> Measures:
-    """Measure the cells of a chunk of a grid with nodes (n_nodes, 3)."""
+def chunk_measures(chunk: Chunk, nodes: np.ndarray, asked: Collection[str]) -> Measures:
+    """Measure the cells of a chunk of a grid with nodes (n_nodes, 3): what is ``asked``, fields of `Measures`."""
     triples, jacobians, volume = _empty(chunk)
     points = as_points(chunk.solid(nodes, chunk.block.normal))
     block_measures(points, chunk.degenerate_corners, chunk.block.sign, triples, jacobians, volume)
     coefficients = None
-    if with_coefficients:
+    if "coefficients" in asked:
         coefficients, bits = np.empty((N_COEFFICIENTS, volume.size)), chunk.solid_bits
         block_coefficients(points, bits, chunk.block.sign, chunk.block.shortest, coefficients)
         _scale(chunk, coefficients, np.inf)
-    _scale(chunk, jacobians, np.inf)
-    _scale(chunk, volume[None], np.inf)
-    return Measures(orthogonality(triples, axis=0), triples, jacobians, volume, coefficients)
+    q = orthogonality(triples, axis=0) if "q" in asked else None
+    return Measures(triples, q, *_scaled(chunk, jacobians, volume, np.inf, asked), coefficients)
 
 
-def chunk_jvp(chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray, measures: Measures) -> Measures:
+def chunk_jvp(
+    chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray, measures: Measures, asked: Collection[str]
+) -> Measures:
     """Change of the measures with the nodes."""
     d_triples, d_jacobians, d_volume = _empty(chunk)
     points, d_points = as_points(chunk.solid(nodes, chunk.block.normal)), as_points(chunk.solid(d_nodes))
     block_jvp(points, d_points, chunk.degenerate_corners, chunk.block.sign, d_triples, d_jacobians, d_volume)
-    _scale(chunk, d_jacobians, 0.0)
-    _scale(chunk, d_volume[None], 0.0)
     d_coefficients = None
     if measures.coefficients is not None:
         d_coefficients = np.empty_like(measures.coefficients)
         coefficients_jvp(points, d_points, chunk.degenerate_corners, chunk.block.sign, d_coefficients)
         _scale(chunk, d_coefficients, 0.0)
-    change = orthogonality_jvp(measures.triples, d_triples, axis=0)
-    return Measures(change, d_triples, d_jacobians, d_volume, d_coefficients)
+    d_q = orthogonality_jvp(measures.triples, d_triples, axis=0) if "q" in asked else None
+    return Measures(d_triples, d_q, *_scaled(chunk, d_jacobians, d_volume, 0.0, asked), d_coefficients)
 
 
-def chunk_vjp(chunk: Chunk, nodes: np.ndarray, measures: Measures, bar: Measures, nodes_bar: np.ndarray) -> None:
-    """Add the adjoint of the nodes, from that of the measures, to ``nodes_bar`` (n_nodes, 3)."""
-    triples_bar = bar.triples + orthogonality_vjp(measures.triples, bar.q, axis=0)
-    inverse = chunk.block.inverse_volume[chunk.in_block]
+def chunk_vjp(
+    chunk: Chunk,
+    nodes: np.ndarray,  # (n_nodes, 3)
+    measures: Measures,
+    bars: Mapping[str, np.ndarray],  # adjoints, by fields of `Measures`; zeros where there is none
+    nodes_bar: np.ndarray,  # (n_nodes, 3), added to
+) -> None:
+    """Add the adjoint of the nodes from that of the measures."""
+    n, inverse = chunk.degenerate_corners.size, chunk.block.inverse_volume[chunk.in_block]
+    triples_bar = bars.get("triples")
+    if "q" in bars:
+        of_q = orthogonality_vjp(measures.triples, bars["q"], axis=0)
+        triples_bar = of_q if triples_bar is None else triples_bar + of_q
     solid = chunk.solid(nodes, chunk.block.normal)
     solid_bar = np.zeros(solid.shape)
     block_vjp(
         as_points(solid), chunk.degenerate_corners, chunk.block.sign,
-        triples_bar, bar.jacobians * inverse, bar.volume * inverse, as_points(solid_bar),
+        np.zeros((8, n)) if triples_bar is None else triples_bar,
+        bars["jacobians"] * inverse if "jacobians" in bars else np.zeros((8, n)),
+        bars["volume"] * inverse if "volume" in bars else np.zeros(n), as_points(solid_bar),
     )  # fmt: skip
-    if bar.coefficients is not None:
+    if "coefficients" in bars:
         coefficients_vjp(
-            as_points(solid), chunk.degenerate_corners, chunk.block.sign, bar.coefficients * inverse,
+            as_points(solid), chunk.degenerate_corners, chunk.block.sign, bars["coefficients"] * inverse,
             as_points(solid_bar),
         )  # fmt: skip
     chunk.add(solid_bar, nodes_bar)
@@ -289,6 +293,16 @@ def chunk_vjp(chunk: Chunk, nodes: np.ndarray, measures: Measures, bar: Measures
 def _empty(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     n = chunk.degenerate_corners.size
     return np.empty((8, n)), np.empty((8, n)), np.empty(n)
+
+
+def _scaled(
+    chunk: Chunk, jacobians: np.ndarray, volume: np.ndarray, without: float, asked: Collection[str]
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Divide those of both that are asked for by the volumes of the baseline, see `_scale`."""
+    for name, rows in ("jacobians", jacobians), ("volume", volume[None]):
+        if name in asked:
+            _scale(chunk, rows, without)
+    return jacobians if "jacobians" in asked else None, volume if "volume" in asked else None
 
 
 def _scale(chunk: Chunk, rows: np.ndarray, without: float) -> None:

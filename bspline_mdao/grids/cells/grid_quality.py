@@ -163,10 +163,10 @@ class GridQuality(OneLine):
         names = self.aggregates if names is None else names
         self.require(names)
         q = np.empty(self.n_cells) if cells else None
-        of_cells, is_certified = _of_cells(names), _needs_coefficients(names)
+        of_cells, asked = _of_cells(names), _measures(names, cells)
 
         def work(chunk: Chunk) -> list:
-            measures = chunk_measures(chunk, nodes, is_certified)
+            measures = chunk_measures(chunk, nodes, asked)
             if q is not None:
                 q[chunk.in_grid] = measures.q
             return [self._rule(name).part(AGGREGATES[name].numbers(measures)) for name in of_cells]
@@ -186,11 +186,11 @@ class GridQuality(OneLine):
     ) -> GridValues:  # changes of what ``values`` holds
         """Change of the quality with the nodes."""
         d_q = np.empty(self.n_cells) if values.q is not None else None
-        of_cells, is_certified = _of_cells(values.aggregates), _needs_coefficients(values.aggregates)
+        of_cells, asked = _of_cells(values.aggregates), _measures(values.aggregates, values.q is not None)
 
         def work(chunk: Chunk) -> list:
-            measures = chunk_measures(chunk, nodes, is_certified)
-            change = chunk_jvp(chunk, nodes, d_nodes, measures)
+            measures = chunk_measures(chunk, nodes, asked)
+            change = chunk_jvp(chunk, nodes, d_nodes, measures, asked)
             if d_q is not None:
                 d_q[chunk.in_grid] = change.q
             return [_sum(self._weights(measures, values, name), AGGREGATES[name].numbers(change)) for name in of_cells]
@@ -212,16 +212,19 @@ class GridQuality(OneLine):
         nodes_bar = np.zeros((self.n_nodes, 3))
         seeds = {name: bar.aggregates[name] for name in _of_cells(bar.aggregates) if bar.aggregates[name] != 0.0}
 
-        is_certified = _needs_coefficients(seeds)
+        asked = _measures(seeds, bar.q is not None)
 
         def work(chunk: Chunk) -> None:
-            measures = chunk_measures(chunk, nodes, is_certified)
-            adjoint = Measures.zeros_like(measures)
+            measures = chunk_measures(chunk, nodes, asked)
+            bars = {} if bar.q is None else {"q": bar.q[chunk.in_grid].copy()}
             for name, seed in seeds.items():
-                AGGREGATES[name].numbers(adjoint)[...] += seed * self._weights(measures, values, name)
-            if bar.q is not None:
-                adjoint.q[...] += bar.q[chunk.in_grid]
-            chunk_vjp(chunk, nodes, measures, adjoint, nodes_bar)
+                weights, measure = self._weights(measures, values, name), AGGREGATES[name].measure
+                weights *= seed
+                if measure in bars:
+                    bars[measure] += weights
+                else:
+                    bars[measure] = weights
+            chunk_vjp(chunk, nodes, measures, bars, nodes_bar)
 
         if seeds or bar.q is not None:
             for parity in (0, 1):  # neighbouring chunks share a layer of nodes
@@ -294,9 +297,9 @@ def _of_cells(names: Iterable[str]) -> list[str]:
     return [name for name in names if not AGGREGATES[name].is_of_heights]
 
 
-def _needs_coefficients(names: Iterable[str]) -> bool:
-    """Whether one of the aggregates is of Bernstein coefficients, which take time of their own."""
-    return any(AGGREGATES[name].measure == "coefficients" for name in names)
+def _measures(names: Iterable[str], cells: bool) -> set[str]:
+    """Fields of `Measures` that aggregates are of, and Q where it is wanted of every cell."""
+    return {AGGREGATES[name].measure for name in _of_cells(names)} | ({"q"} if cells else set())
 
 
 def _height_signs(names: Iterable[str]) -> dict[str, float]:

@@ -72,7 +72,8 @@ def _products_of_others(triples: np.ndarray, axis: int) -> np.ndarray:
     """Products of all corners but one: Q divided by one triple product, which may be zero itself."""
     corners = np.moveaxis(triples, axis, 0)
     others = np.ones_like(corners)
-    np.cumprod(corners[:-1], axis=0, out=others[1:])
+    for corner in range(1, len(corners)):  # a row at a time, which NumPy's cumprod does not take
+        np.multiply(others[corner - 1], corners[corner - 1], out=others[corner])
     following = np.ones_like(corners[0])
     for corner in range(len(corners) - 2, -1, -1):
         following *= corners[corner + 1]
