@@ -14,6 +14,7 @@ from . import movers as movers
 from . import mphys as mphys
 from . import parallel as parallel
 from . import plotting as plotting
+from . import sampling as sampling
 from . import scripts as scripts
 from . import splines as splines
 from . import testing as testing
@@ -57,7 +58,6 @@ from .grids.io.files import read_grid as read_grid
 from .grids.io.files import write_grid as write_grid
 from .grids.topology.detection import find_topology as find_topology
 from .grids.topology.grid import Grid as Grid
-from .studio.report.design_summary import DesignSummary as DesignSummary
 from .studio.report.design_summary import design_summary as design_summary
 from .studio.report.page import write_report as write_report
 

@@ -10,3 +10,4 @@ from .core.om.drivers.recorded_run import recorded as recorded
 from .core.om.drivers.recorded_run import run_at as run_at
 from .core.om.drivers.recorded_run import scipy_slsqp as scipy_slsqp
 from .core.om.drivers.short_records import short_records as short_records
+from .studio.report.design_summary import DesignSummary as DesignSummary

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...base.display import OneLine
+from ...base.numerics.processes import from_all, together
 from ..topology.block_layout import BlockLayout
 from .grid_quality import GridQuality, GridValues
 from .report import QualityReport, inverted_cells, patches_of, report_quality
@@ -55,6 +56,9 @@ class CellJudge(Protocol):
 
     def report(self, nodes: np.ndarray, n_bins: int) -> Any:
         """Report for people."""
+
+    def summary(self, nodes: np.ndarray) -> dict[str, float]:
+        """Numbers to keep of many grids: those of a kind of cells, ``n_newly_inverted``, and ratios of heights."""
 
     def newly_inverted(self, nodes: np.ndarray) -> str:
         """Name the worst cell that is inverted and was not on the baseline, and what it is at; empty if none is."""
@@ -101,6 +105,31 @@ class BlocksJudge(OneLine):
     def report(self, nodes: np.ndarray, n_bins: int) -> QualityReport:
         """See `report_quality`."""
         return report_quality(self.quality, nodes, n_bins)
+
+    def summary(self, nodes: np.ndarray) -> dict[str, float]:
+        """Smallest Q, corner and volume, mean Q, inverted cells, and heights at walls by those of the baseline."""
+        n_inverted = n_new = 0
+        total, least = 0.0, np.full(3, np.inf)
+        with together(self.quality.pieces.comm):
+            for block, cells in zip(self.quality.blocks, self.quality.cells_in_turn(nodes)):
+                is_inverted = ~cells.is_valid.ravel()
+                n_inverted += int(np.count_nonzero(is_inverted))
+                n_new += int(np.count_nonzero(is_inverted)) - int(np.count_nonzero(is_inverted[block.was_invalid]))
+                total += float(cells.q.sum())
+                least = np.minimum(least, [values.min() for values in (cells.q, cells.min_corner, cells.volume)])
+            ratios = self.quality.first_cells.ratios(nodes)
+            low, high = float(ratios.min(initial=np.inf)), float(ratios.max(initial=0.0))
+        parts = from_all(self.quality.pieces.comm, (n_inverted, n_new, total, low, high, *least.tolist()))
+        counted, new, sums, lows, highs, q_min, min_corner, min_volume = zip(*parts)
+        found = {
+            "q_min": min(q_min),
+            "q_mean": sum(sums) / self.quality.pieces.n_cells_of_all,
+            "min_corner": min(min_corner),
+            "min_volume": min(min_volume),
+            "n_inverted": sum(counted),
+            "n_newly_inverted": sum(new),
+        }
+        return found | ({"height_min": min(lows), "height_max": max(highs)} if max(highs) else {})
 
     def newly_inverted(self, nodes: np.ndarray) -> str:
         """Name the worst cell, its corner, and the patches of such cells."""

@@ -100,6 +100,10 @@ class GatheredQuality(OneLine):
         """Report on the mesh with the nodes of this process, shape (n, 3)."""
         return MixedReport.joined(from_all(self.comm, self.part.report(self._gathered(nodes), n_bins)))
 
+    def summary(self, nodes: np.ndarray) -> dict[str, float]:
+        """Numbers to keep of many meshes, see `MixedReport.summary`."""
+        return self.report(nodes).summary
+
     def newly_inverted(self, nodes: np.ndarray) -> str:
         """Name the worst cell that is inverted and was not on the baseline, and the marker next to it."""
         return self.part.named(from_all(self.comm, self.part.worst_new(self._gathered(nodes))))

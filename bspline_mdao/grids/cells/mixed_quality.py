@@ -54,6 +54,13 @@ class MixedReport:
             heights=(min(part.heights[0] for part in parts), max(part.heights[1] for part in parts)),
         )
 
+    @property
+    def summary(self) -> dict[str, float]:
+        """Numbers to keep of many meshes: of heights only where there are walls."""
+        numbers = {name: getattr(self, name) for name in ("min_volume", "min_ratio", "n_inverted", "n_newly_inverted")}
+        low, high = self.heights
+        return numbers | ({"height_min": low, "height_max": high} if high else {})
+
 
 class NewlyInverted(NamedTuple):
     """Cells that are inverted and were not: how many, the worst of them, and its least pyramid by that before."""
@@ -201,6 +208,10 @@ class MixedQuality(OneLine):
             n_newly_inverted=int(np.count_nonzero(quality.is_inverted & ~self.was_inverted)),
             heights=(float(heights.min(initial=np.inf)), float(heights.max(initial=0.0))),
         )
+
+    def summary(self, nodes: np.ndarray) -> dict[str, float]:
+        """Numbers to keep of many meshes, see `MixedReport.summary`."""
+        return self.report(nodes).summary
 
     def cell_ratios(self, nodes: np.ndarray) -> np.ndarray:
         """Least of the pyramids of every cell by that before, shape (n,); infinite where none counts."""

@@ -21,6 +21,7 @@ from openmdao.core.group import Group
 from scipy.sparse import issparse
 
 from ....base.numerics.processes import together
+from ....base.text import value_names
 from ....errors import InputError
 from .nlopt_problem import AnalysisFailed, Limits
 
@@ -196,6 +197,33 @@ class ScaledModel:
 
         objective = of("objective", driver._objs)
         return of("design_var", self._designs), float(objective[0]), of("constraint", self._constraints)
+
+    def design_variables(self) -> dict[str, dict[str, Any]]:
+        """Names, units, bounds and present values of the design variables, not scaled, as generators of designs ask."""
+        found, driver = {}, self._driver
+        values = driver.get_design_var_values()
+        for limits in self.design_limits():
+            meta = self._designs[limits.name]
+            scaler, adder = _scaling(driver, "design_var", limits.name, meta)
+            ends = [(end / scaler) - adder for end in (limits.lower, limits.upper, values[limits.name])]
+            size, indices = len(limits.lower), meta.get("indices")
+            found[limits.name] = {
+                "size": size,
+                "names": value_names(limits.name, size, None if indices is None else indices.shaped_array(flat=True)),
+                "units": meta.get("units") or self._model.get_io_metadata()[meta["source"]]["units"],
+                "lower": np.where(scaler < 0, ends[1], ends[0]),
+                "upper": np.where(scaler < 0, ends[0], ends[1]),
+                "value": np.asarray(ends[2], dtype=float),
+            }
+        return found
+
+    def set_values(self, values: Mapping[str, np.ndarray]) -> None:
+        """Set design variables that are not scaled, by name, without a run."""
+        scaled = []
+        for name, meta in self._designs.items():
+            scaler, adder = _scaling(self._driver, "design_var", name, meta)
+            scaled.append((values[name] + adder) * scaler)
+        self.set(_flat(scaled))
 
     def set(self, x: np.ndarray) -> None:
         """Set the scaled design variables (n,), without a run."""

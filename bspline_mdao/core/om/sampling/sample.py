@@ -1,0 +1,288 @@
+"""Designs of a plan, one after the other or by several processes: run, judged, and written to one file.
+
+A design is refused, with the reason, where a component raises `openmdao.api.AnalysisError`, or where a cell of its grid
+is inverted that was not on the baseline. Nothing of a design depends on those before it, so that a run that was stopped
+goes on where it was, and several processes give what one gives.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numba
+import numpy as np
+import openmdao.api as om
+
+from .... import __version__
+from ....base.numerics.progress import Progress, no_progress, progress_bar
+from ....base.numerics.threads import thread_count
+from ....base.text import counted, reason_of
+from ....errors import InputError
+from ....grids.cells.cell_judge import CellJudge
+from ....names import CONTROL_POINTS, GRID
+from ...model.movable import Movable
+from ..drivers.scaled_model import ScaledModel
+from .designs import NODES, PENDING, Column, Designs, Rows, make_designs, opened
+
+__all__ = ["sample"]
+
+STORED = (NODES, "control_points", "")
+
+SAME = 1e-12
+"""Grids are the same up to this part of the size of the control mesh."""
+
+WAIT = 0.2
+"""Seconds between looks at how far other processes are."""
+
+
+def sample(
+    problem: om.Problem,
+    model: Movable,
+    plan: Any,
+    file: str | os.PathLike,
+    *,
+    outputs: Sequence[str] = (),
+    store: Literal["nodes", "control_points", ""] = "nodes",
+    single: bool = False,
+    restart: bool = False,
+    processes: int = 1,
+) -> Designs:
+    """Run a problem at many designs, and write grids, quality and outputs of all of them to one file.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        A problem that has been set up, with design variables that have bounds, and whose outputs ``control_points`` and
+        ``grid`` are promoted to the top, as those of `bspline_mdao.GridMovement` are. ``GridMovement(quality=False,
+        require_valid=False)`` leaves the judgement of cells to this function, which saves doing it twice.
+    model : FittedModel or MeshModel
+        The model whose grid moves.
+    plan : openmdao DOEGenerator
+        The designs: `LatinHypercube`, `Sobol` or `Table`, or any generator of OpenMDAO, which is given bounds in the
+        units of the design variables.
+    file : path-like
+        File to make (``.h5``), see `Designs`.
+    outputs : sequence of str
+        Outputs of the problem to write as well, besides objectives and constraints.
+    store : {"nodes", "control_points", ""}
+        What is stored of a grid: its nodes, 24 bytes each; the control points, of which `Designs.grid` makes them
+        again; or nothing.
+    single : bool
+        Store them with single precision.
+    restart : bool
+        Go on with a file of the same plan that is there, with what is missing in it.
+    processes : int
+        How many processes share the designs, each on its part of the threads.
+
+    Returns
+    -------
+    Designs
+        Those that were made.
+
+    Raises
+    ------
+    InputError
+        If the problem has no such variables and outputs, the file is there or is of another plan, the disk has no room,
+        or the control points alone do not give the grid.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.design import Twist
+    >>> from bspline_mdao.generators import flat_plate_grid
+    >>> from bspline_mdao.sampling import Sobol, sample
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
+    >>> twist = Twist("twist", wing.axis, stations=2)
+    >>> problem = om.Problem(wing.grid_movement([twist], quality=False, require_valid=False), reports=None)
+    >>> problem.model.add_design_var("twist", lower=-5.0, upper=5.0, units="deg")
+    >>> _ = problem.setup()
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     designs = sample(problem, wing.model, Sobol(4), f"{folder}/designs.h5")
+    ...     values, nodes = designs[2]
+    >>> len(designs), values.shape, nodes.shape
+    (4, (2,), (1500, 3))
+    """
+    if store not in STORED:
+        raise InputError(f"sample: store='{store}'; give one of {', '.join(map(repr, STORED))}")
+    if processes < 1:
+        raise InputError(f"sample: {processes} processes; give at least 1")
+    if problem.comm.size > 1:
+        raise InputError("sample: runs on one process of MPI; give the number of others by 'processes'")
+    problem.final_setup()
+    run = _Run.of(problem, model, outputs, store)
+    variables = run.scaled.design_variables()
+    values = _planned(plan, variables, problem)
+    about = {
+        "package": f"bspline_mdao {__version__}",
+        "plan": repr(plan),
+        "model": model.checksum,
+        "source": model.source,
+        "stored": store,
+        "variables": json.dumps({name: meta["units"] for name, meta in variables.items()}),
+    }
+    if restart and os.path.exists(file):
+        _check_same(file, values, about)
+    else:
+        make_designs(file, variables, values, run.columns(single), about)
+    _make_pending(run, values, file, processes)
+    return Designs(file)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A problem that is run at designs, and what is kept of each."""
+
+    problem: om.Problem
+    model: Movable
+    scaled: ScaledModel
+    judge: CellJudge
+    outputs: tuple[str, ...]  # besides objectives and constraints
+    store: str
+
+    @classmethod
+    def of(cls, problem: om.Problem, model: Movable, outputs: Sequence[str], store: str) -> _Run:
+        """Look at the problem, and run it at the start: what does not work there works nowhere."""
+        driver = problem.driver
+        for name in (CONTROL_POINTS, GRID, *outputs):
+            try:
+                problem.get_val(name)
+            except KeyError:
+                raise InputError(f"sample: the problem has no output '{name}' at its top; promote it") from None
+        problem.run_model()
+        judge = model.judge(None, problem.comm, rho=100.0, p=64, rho_height=1000.0)
+        return cls(problem, model, ScaledModel(driver), judge, tuple(outputs), store)
+
+    def columns(self, single: bool) -> list[Column]:
+        """What is kept of a design."""
+        units = self._units()
+        return [
+            Column(
+                name,
+                np.shape(value),
+                np.float32 if single and name == self.store else np.asarray(value).dtype,
+                "m" if name == self.store else units.get(name.partition("/")[2], ""),
+            )
+            for name, value in self.kept().items()
+        ]
+
+    def kept(self) -> dict[str, Any]:
+        """What is kept of the design that the problem is at, by the names of columns."""
+        nodes = self.problem.get_val(GRID).reshape(-1, 3)
+        numbers = self.judge.summary(nodes)
+        if numbers.pop("n_newly_inverted"):
+            raise om.AnalysisError(self.judge.newly_inverted(nodes))
+        found: dict[str, Any] = {f"quality/{name}": number for name, number in numbers.items()}
+        found |= {f"outputs/{name}": np.ravel(value) for name, value in self._responses().items()}
+        if self.store:
+            found[self.store] = nodes if self.store == NODES else self.problem.get_val(CONTROL_POINTS).reshape(-1, 3)
+        return found
+
+    def make(self, rows: np.ndarray, values: Mapping[str, np.ndarray], written: Rows, progress: Progress) -> None:
+        """Make designs, by their places in the plan."""
+        is_checked = self.store != CONTROL_POINTS
+        for number, row in enumerate(rows, start=1):
+            self.scaled.set_values({name: of[row] for name, of in values.items()})
+            try:
+                self.problem.run_model()
+                kept = self.kept()
+            except om.AnalysisError as error:
+                written.refuse(row, reason_of(error))
+            else:
+                if not is_checked:
+                    self._require_regenerated()
+                    is_checked = True
+                written.write(row, kept)
+            progress(number / len(rows), "")
+
+    def _require_regenerated(self) -> None:
+        """Refuse to store control points alone where more than these decides on the grid."""
+        nodes = self.model.node_map.at(self.problem.get_val(CONTROL_POINTS).reshape(-1, 3)).nodes
+        off = np.abs(nodes - self.problem.get_val(GRID).reshape(-1, 3)).max()
+        if off > SAME * np.ptp(self.model.control_points):
+            raise InputError(
+                f"sample: control points alone give a grid that is {off:.2g} m off: nodes of walls are given, or slide "
+                f"on surfaces; take store='nodes'"
+            )
+
+    def _responses(self) -> dict[str, np.ndarray]:
+        """Objectives, constraints and other outputs."""
+        driver = self.problem.driver
+        found = {
+            **driver.get_objective_values(driver_scaling=False),
+            **driver.get_constraint_values(driver_scaling=False),
+        }
+        return found | {name: self.problem.get_val(name) for name in self.outputs if name not in found}
+
+    def _units(self) -> dict[str, str]:
+        """Units of these, empty where they have none."""
+        model, driver = self.problem.model, self.problem.driver
+        of_sources = model.get_io_metadata(metadata_keys=("units",), get_remote=True)
+        asked = {name: meta.get("units") for metas in (driver._objs, driver._cons) for name, meta in metas.items()}
+        sources = {name: meta["source"] for metas in (driver._objs, driver._cons) for name, meta in metas.items()}
+        sources |= {name: model.get_source(name) for name in self.outputs}
+        return {name: asked.get(name) or of_sources[source]["units"] or "" for name, source in sources.items()}
+
+
+def _planned(plan: Any, variables: Mapping[str, Mapping[str, Any]], problem: om.Problem) -> dict[str, np.ndarray]:
+    """Values of all variables at all designs of a plan, each (n, size)."""
+    start = {name: np.ravel(meta["value"]) for name, meta in variables.items()}
+    cases = [{**start, **{name: np.ravel(value) for name, value in case}} for case in plan(variables, problem.model)]
+    if not cases:
+        raise InputError("sample: the plan has no design")
+    for number, case in enumerate(cases, start=1):
+        wrong = next((name for name in case if name not in start or case[name].shape != start[name].shape), None)
+        if wrong is not None:
+            raise InputError(f"sample: design {number} of the plan has no such values of '{wrong}' as the problem has")
+    return {name: np.array([case[name] for case in cases]) for name in start}
+
+
+def _check_same(file: str | os.PathLike, values: Mapping[str, np.ndarray], about: Mapping[str, Any]) -> None:
+    """Refuse to go on with a file of other designs."""
+    with opened(file) as found:
+        for name in ("model", "stored", "variables"):
+            if found.attrs[name] != about[name]:
+                raise InputError(f"{file}: is of another {name} than this run; name another file")
+        there = found["variables"]
+        if any(not np.array_equal(there[name][:], of) for name, of in values.items()):
+            raise InputError(f"{file}: is of another plan than this run; name another file")
+
+
+def _make_pending(run: _Run, values: Mapping[str, np.ndarray], file: str | os.PathLike, processes: int) -> None:
+    """Make what is pending, by several processes that are copies of this one."""
+    written = Rows(file)
+    pending = np.flatnonzero(np.asarray(written.states) == PENDING)
+    processes = max(1, min(processes, len(pending)))
+    with progress_bar(f"{counted(len(pending), 'design')}") as progress:
+        if processes == 1:
+            run.make(pending, values, written, progress)
+            return
+        if "fork" not in multiprocessing.get_all_start_methods():
+            raise InputError("sample: this system cannot copy a process; take processes=1")
+        context: Any = multiprocessing.get_context("fork")
+        n_threads = max(1, thread_count(None) // processes)
+
+        def work(part: int) -> None:
+            numba.config.NUMBA_NUM_THREADS = n_threads
+            run.make(pending[part::processes], values, written, no_progress)
+
+        others = [context.Process(target=work, args=(part,), daemon=True) for part in range(processes)]
+        for other in others:
+            other.start()
+        _wait(others, written, len(pending), progress)
+    if any(other.exitcode for other in others):
+        raise InputError(f"{file}: a process ended before its designs were made; restart goes on with those")
+
+
+def _wait(others: Sequence[Any], written: Rows, n_pending: int, progress: Progress) -> None:
+    """Wait for processes, and tell how far they are."""
+    while any(other.is_alive() for other in others):
+        for other in others:
+            other.join(WAIT)
+        left = int(np.count_nonzero(np.asarray(written.states) == PENDING))
+        progress(1.0 - left / n_pending, "")
