@@ -92,6 +92,16 @@ def test_surfaces_go_into_cad_as_the_page_says(folder, monkeypatch):
     np.testing.assert_allclose(moved.ravel(), asked, atol=1e-14)
 
 
+def test_many_designs_are_made_as_the_page_says(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    assert run_commands("howto/many_designs.rst") == ["init", "sample"]
+    assert {"designs.h5", "model.h5", "sample.py", "card.md"} == set(os.listdir("designs"))
+    contents = run_blocks("howto/many_designs.rst")
+    assert len(contents["designs"]) == 8
+    assert contents["nodes"].shape == (contents["wing"].model.n_nodes, 3)
+    assert np.ptp(contents["designs"].outputs["area"]) > 1e-6
+
+
 def test_points_of_other_meshes_follow_as_the_page_says(folder, monkeypatch):
     monkeypatch.chdir(folder)
     contents = run_blocks("howto/foreign_points.rst")

@@ -1,4 +1,4 @@
-"""The commands and their options; those that make grids are in `making_commands`.
+"""The commands and their options; those that make grids are in `making_commands`, those of studies in `study_commands`.
 
 To add a command, write its function here and its file beside this one. What a command needs is imported when it runs,
 and takes the options by their names, so that ``--help`` is quick and nothing is named twice.
@@ -18,9 +18,10 @@ from .imports import without_collector
 from .making_commands import airfoil, extrude, wing
 from .movers import MoverOptions, moving_options
 from .program import POSITIVE, bspline_mdao, command, grid_argument, json_option, patches_option
+from .study_commands import init, optimize, sample
 from .units import units_option
 
-__all__ = ["airfoil", "bspline_mdao", "extrude", "wing"]
+__all__ = ["airfoil", "bspline_mdao", "extrude", "init", "optimize", "sample", "wing"]
 
 DEFORM = (
     "Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
@@ -258,82 +259,6 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: An
 
     mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
     ride_along(model, mesh, output, json, RideOptions(mover=mover, **options))
-
-
-@command(
-    "init wing.xyz --patches wing.toml -o study.toml",
-    "init foil.h5 --mach 0.73 --mach 0.75 --lift 0.5 -o study.toml",
-    "optimize study.toml -o out",
-)
-@grid_argument
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), metavar="STUDY.toml", required=True, help="Study to write."
-)
-@patches_option
-@click.option(
-    "--cad",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="STEP or IGES file of the walls: control points of its faces are drafted as variables.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace a study that is there.")
-@click.option(
-    "--mach",
-    type=click.FloatRange(1e-3, 0.99),
-    multiple=True,
-    metavar="M",
-    help="Of an airfoil: its Mach number; several times for the mean of drags there. By the thickness otherwise.",
-)
-@click.option(
-    "--lift",
-    type=click.FloatRange(-5.0, 5.0),
-    multiple=True,
-    metavar="CL",
-    help="Of an airfoil: lift coefficient, one or as many as Mach numbers; 0.5 otherwise.",
-)
-@click.option("--lift-to-drag", is_flag=True, help="Of an airfoil: the most lift by drag, at any lift.")
-def init(mach: tuple[float, ...], lift: tuple[float, ...], lift_to_drag: bool, **options: Any) -> None:
-    """Draft a study of a grid for the command optimize, with what was guessed in comments.
-
-    GRID is a {read} file, a mesh without structure, {meshes}, a model MODEL.h5 of either, or a built-in grid:
-    {built_in}.
-    """
-    with without_collector():
-        from ..study.draft import Aim
-        from .init import draft_study
-
-    draft_study(**options, aim=Aim(mach, lift, lift_to_drag) if mach or lift or lift_to_drag else None)
-
-
-@command("optimize study.toml -o out", "optimize study.toml -o out --restart")
-@click.argument("study", metavar="STUDY.toml", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    metavar="FOLDER",
-    required=True,
-    help="Folder for the results, which is made.",
-)
-@click.option("--overwrite", is_flag=True, help="Use a folder that is not empty: what the last run wrote is replaced.")
-@click.option(
-    "--restart", is_flag=True, help="Go on from the best design recorded there, by a run that ended or was killed."
-)
-@click.option(
-    "--max-iterations", type=click.IntRange(min=1), metavar="N", help="Stop earlier than the study says, for a try."
-)
-@json_option
-def optimize(**options: Any) -> None:
-    """Optimize a shape as a study says, which names grid, variables, flow, objective, constraints and driver.
-
-    FOLDER gets the fitted model, the grids before and after, all cases (SQLite), the table of variables and responses,
-    and the Python script optimize.py that is run: it gives the same optimum without this command. A mesh without
-    structure is written in its own format, with all else in its file kept.
-    """
-    with without_collector():
-        from .optimize import optimize_study
-
-    optimize_study(**options)
 
 
 @command("improve wing.xyz --patches wing.toml -o better.xyz", "improve wing.h5 -o better.xyz")

@@ -67,6 +67,11 @@ class GridKind(ABC):
     def write(self, when: str, name: str, slides: bool) -> ast.expr:
         """Call that writes the grid ``"before"``, or ``"after"`` of the problem as it is."""
 
+    @property
+    @abstractmethod
+    def write_design(self) -> str:
+        """Call that writes the grid of a design, by its ``number``, to a ``file``."""
+
 
 class Blocks(GridKind):
     """Grids of blocks: files, built-in ones, and what was fitted."""
@@ -129,6 +134,8 @@ class Blocks(GridKind):
         moved = f'problem.get_val("control_points").reshape(-1, 3){", wing.mesh.slides" if slides else ""}'
         points = {"before": "", "after": moved}[when]
         return expression(f"bm.write_grid(HERE / file, model.regenerate({points}))", file=name)
+
+    write_design = "bm.write_grid(file, designs.grid(number, model), model.topology)"
 
 
 class Meshes(GridKind):
@@ -193,6 +200,8 @@ class Meshes(GridKind):
         moved = 'model.node_map.at(problem.get_val("control_points").reshape(-1, 3)).nodes'  # of all processes
         points = {"before": "mesh.mesh.points", "after": moved}[when]
         return expression(f"mesh.write(HERE / file, {points})", file=name)
+
+    write_design = "mesh.write(file, designs.grid(number, model).points)"
 
 
 BLOCKS, MESHES = Blocks(), Meshes()

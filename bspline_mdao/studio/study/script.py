@@ -26,7 +26,7 @@ from .syntax import call, expression, statement
 from .tables import Table
 from .variable_kinds import VARIABLES
 
-__all__ = ["SCRIPT", "study_script"]
+__all__ = ["SCRIPT", "StudyScript", "design_var", "done", "study_script"]
 
 SCRIPT = "optimize.py"
 """Name of the script in the folder of the results."""
@@ -62,10 +62,10 @@ def study_script(
     is_plane: bool = False,  # whether the grid is plane, and becomes one cell deep
 ) -> str:  # python
     """Write the script of a study."""
-    return python_text(_Script(study, folder, earlier, is_plane).parts())
+    return python_text(StudyScript(study, folder, earlier, is_plane).parts())
 
 
-class _Script:
+class StudyScript:
     """Makes the parts of a script one after the other: statements, comments and blank lines."""
 
     def __init__(self, study: Study, folder: Path, earlier: Path | None, is_plane: bool):
@@ -121,25 +121,29 @@ class _Script:
         study = self.study
         yield statement("driver = made", made=self._driver())
         yield statement("problem = om.Problem(driver=driver, reports=None)")
-        yield statement("top = problem.model")
-        yield statement('top.add_subsystem("grid_movement", shape, promotes=["*"])')
-        if study.flow:
-            yield from self._flow(study.flow)
-        for response in self._responses:
-            yield from self._component(response)
+        yield from self._subsystems()
         for name, table in study.variables.items():
             for each, part in self._inputs(name, table):
-                yield _done(call("top.add_design_var", each, **_design_var(part)))
+                yield done(call("top.add_design_var", each, **design_var(part)))
         objective = study.objective
         ref = objective["ref"] or (0.01 if any(name in DRAG for name in _last_parts(objective["of"])) else 1.0)
         ref = -ref if objective["maximize"] else ref
-        yield _done(call("top.add_objective", self.objective.output, **({"ref": ref} if ref != 1.0 else {})))
+        yield done(call("top.add_objective", self.objective.output, **({"ref": ref} if ref != 1.0 else {})))
         for name, table in study.constraints.items():
             bounds = {key: table[key] for key in ("lower", "upper", "equals") if table[key] is not None}
             ref = table["ref"] or max(map(abs, bounds.values())) or 1.0
             settings = bounds | ({"ref": ref} if ref != 1.0 else {})
             for response in self.constraints[name]:
-                yield _done(call("top.add_constraint", response.output, **settings))
+                yield done(call("top.add_constraint", response.output, **settings))
+
+    def _subsystems(self) -> Part:
+        """What moves the grid, flows, and responses that are expressions."""
+        yield statement("top = problem.model")
+        yield statement('top.add_subsystem("grid_movement", shape, promotes=["*"])')
+        if self.study.flow:
+            yield from self._flow(self.study.flow)
+        for response in self._responses:
+            yield from self._component(response)
 
     def _flow(self, flow: Table) -> Part:
         kind, conditions = FLOWS[flow["kind"]], self.study.conditions
@@ -192,9 +196,9 @@ class _Script:
         made = expression("om.ExecComp(equation)", equation=response.equation)
         inputs = {"promotes_inputs": near} if near else {}
         promoted: dict[str, Any] = inputs | {"promotes_outputs": ["*"]} if far else {"promotes": ["*"]}
-        yield _done(call("top.add_subsystem", response.component, made, **promoted))
+        yield done(call("top.add_subsystem", response.component, made, **promoted))
         for name in far:
-            yield _done(call("top.connect", name, f"{response.component}.{flat_name(name)}"))
+            yield done(call("top.connect", name, f"{response.component}.{flat_name(name)}"))
 
     def _driver(self) -> ast.expr:
         driver = self.study.driver
@@ -212,7 +216,7 @@ class _Script:
         if study.output["report"]:
             yield statement('driver.recording_options["record_derivatives"] = True')
         mode = self._mode()
-        yield _done(call("problem.setup", **({"mode": mode} if mode else {})))
+        yield done(call("problem.setup", **({"mode": mode} if mode else {})))
         yield from self._values()
         yield statement("problem.run_model()")
         yield statement("before = made", made=self._summary())
@@ -225,7 +229,7 @@ class _Script:
         """The optimisation, and what is written."""
         study = self.study
         if self.earlier:
-            yield _done(call("bm.load_best", expression("problem"), *self.earlier.values()))
+            yield done(call("bm.load_best", expression("problem"), *self.earlier.values()))
         yield statement("problem.run_driver()")
         yield statement("after = made", made=self._summary())
         report = ""
@@ -326,10 +330,10 @@ class _Script:
         for name, table in self.study.variables.items():
             units = {"units": unit} if (unit := VARIABLES[table["kind"]].units) else {}
             for each, part in self._inputs(name, table) if table["start"] is not None else ():
-                yield _done(call("problem.set_val", each, part["start"], **units))
+                yield done(call("problem.set_val", each, part["start"], **units))
 
 
-def _done(made: ast.Call) -> ast.stmt:
+def done(made: ast.Call) -> ast.stmt:
     """A call as a statement."""
     return ast.Expr(made)
 
@@ -339,7 +343,7 @@ def _part(table: Table, number: int) -> Table:
     return table | {key: table[key][number] for key in ("lower", "upper", "start") if isinstance(table[key], list)}
 
 
-def _design_var(table: Table) -> dict[str, Any]:
+def design_var(table: Table) -> dict[str, Any]:
     """Arguments of a design variable."""
     lower, upper = table["lower"], table["upper"]
     settings: dict[str, Any] = {}

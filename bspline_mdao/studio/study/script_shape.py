@@ -26,6 +26,7 @@ QUARTER = 0.25
 def shape_part(
     study: Study,  # the study
     path_of: Callable[[str], ast.expr],  # makes the path of a file that it names
+    is_judged: bool = True,  # whether the movement of the grid refuses inverted cells, and has the quality of cells
 ) -> Iterator[ast.stmt | str]:
     """Statements that make ``variables``, ``measures``, ``mover`` and ``shape`` of ``model`` and ``wing``."""
     moved = {_names(part): part for _, table in _moving(study) if (part := _part(table))}
@@ -67,8 +68,8 @@ def shape_part(
         settings["junction"] = call("bm.design.Junction", on_body, reach=study.junction["reach"], **more)
     settings |= study.kind.movement
     settings |= {"comoving": True} if study.movement["comoving"] else {}
-    asked = [name for name in QUALITIES if any(name in of for of in study.responses)]
-    settings |= {"quality": asked or False, "fit": False}
+    asked = [name for name in QUALITIES if is_judged and any(name in of for of in study.responses)]
+    settings |= {"quality": asked or False, "fit": False} | ({} if is_judged else {"require_valid": False})
     yield statement("shape = made", made=call("wing.grid_movement", expression("variables"), **settings))
 
 

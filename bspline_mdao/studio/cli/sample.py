@@ -1,0 +1,158 @@
+"""The command ``sample``: a study is made a script, which is run, and its designs are summed up on a card."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from ...base.text import counted
+from ...core.om.sampling.designs import Designs
+from ...errors import InputError
+from ...grids.io.disk import replaced_file
+from ..study.reader import read_study
+from ..study.sampling_script import DESIGNS, PLANS, SAMPLING_SCRIPT, Sampling, sampling_script
+from ..study.study import Study
+from .output import check_outputs, print_lines, print_table, print_title, print_warnings, written_json
+
+CARD = "card.md"
+"""Name of the card in the folder of the results."""
+
+MOST_REASONS = 5
+"""Reasons of refusals that are named."""
+
+
+def sample_study(
+    study: Path,  # the study
+    n: int | None,  # number of designs
+    plan: str,  # one of `PLANS`, or a table
+    seed: int,
+    output: Path,  # folder for the results
+    has_flow: bool,
+    store: str,
+    single: bool,
+    grids: bool,
+    processes: int,
+    restart: bool,
+    json: Path | None = None,  # numbers to write
+) -> None:
+    """Make the designs of a study, and show what came out."""
+    found = read_study(study)
+    table = None if plan in PLANS else _table(plan)
+    _check(found, n, table, has_flow, output, restart)
+    check_outputs([*(output / name for name in (DESIGNS, SAMPLING_SCRIPT, CARD)), json], [study, table])
+    where = plan if table is None else str(table.resolve())
+    sampling = Sampling(n, where, seed, has_flow, "" if store == "nothing" else store, single, processes, grids)
+    is_plane = found.kind.is_plane(found.grid["file"], found.source.parent)
+    script = sampling_script(found, output, sampling, is_plane)
+    output.mkdir(parents=True, exist_ok=True)
+    with replaced_file(output / SAMPLING_SCRIPT) as part:
+        part.write_text(script, encoding="utf-8")
+    print_title(f"{study}: {output / SAMPLING_SCRIPT} runs")
+    began = time.perf_counter()
+    file = str((output / SAMPLING_SCRIPT).resolve())
+    exec(compile(script, file, "exec"), {"__name__": "__main__", "__file__": file})
+    designs, seconds = Designs(output / DESIGNS), time.perf_counter() - began
+    with replaced_file(output / CARD) as part:
+        part.write_text(_card(designs, study), encoding="utf-8")
+    with written_json(json, _numbers(designs, study, output, seconds)):
+        pass
+    _show(designs, output, seconds)
+
+
+def _table(plan: str) -> Path:
+    """The file of a plan that is a table."""
+    if not Path(plan).is_file():
+        raise InputError(f"--plan {plan}: is no file, and none of {', '.join(PLANS)}; give one of these")
+    return Path(plan)
+
+
+def _check(study: Study, n: int | None, table: Path | None, has_flow: bool, output: Path, restart: bool) -> None:
+    """Refuse options that contradict each other or the study, and a folder that has something else."""
+    if (n is None) == (table is None):
+        raise InputError(
+            "give -n, the number of designs" if n is None else "a table says how many designs; leave -n out"
+        )
+    if has_flow and study.flow is None:
+        raise InputError(f"{study.source}: has no [flow] to solve; leave --flow out")
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: is a file; name a folder for the results")
+    if output.is_dir() and any(output.iterdir()) and not restart:
+        raise InputError(f"{output}: is not empty; give --restart to go on with the designs there, or another folder")
+    if restart and not (output / DESIGNS).exists():
+        raise InputError(f"{output}: has no {DESIGNS} to go on with; leave --restart out")
+
+
+def _reasons(designs: Designs) -> list[tuple[int, str]]:
+    """How often designs were refused for what, by the beginnings of reasons: places differ from design to design."""
+    return [(n, reason) for reason, n in Counter(designs.refused.values()).most_common(MOST_REASONS)]
+
+
+def _card(designs: Designs, study: Path) -> str:
+    """What a file of designs holds, for people who find it."""
+    about, refused = designs.about, designs.refused
+    lines = [
+        f"# Designs of {study.name}",
+        "",
+        f"{counted(len(designs), 'design')} of {about['n_designs']:,}, {len(refused):,} refused; the plan is "
+        f"{about['plan']}. Made of {about['source']} by {about['package']}.",
+        "",
+        "## What varies",
+        "",
+        "| value | from | to | unit |",
+        "|---|---|---|---|",
+        *(f"| {name} | {low:.6g} | {high:.6g} | {units} |" for name, (low, high, units) in designs.ranges.items()),
+        "",
+        "## What came of it",
+        "",
+        "| number | smallest | mean | largest |",
+        "|---|---|---|---|",
+    ]
+    for name, values in {**designs.quality, **designs.outputs}.items():
+        if values.size:
+            lines.append(f"| {name} | {values.min():.6g} | {values.mean():.6g} | {values.max():.6g} |")
+    if refused:
+        lines += ["", "## What was refused", "", *(f"- {n} times: {reason}" for n, reason in _reasons(designs))]
+    lines += [
+        "",
+        "## How to read it",
+        "",
+        "    from bspline_mdao.sampling import Designs",
+        "",
+        f'    designs = Designs("{DESIGNS}")',
+        "    values, nodes = designs[0]  # as torch.utils.data.DataLoader(designs) gives them, too",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _numbers(designs: Designs, study: Path, output: Path, seconds: float) -> dict[str, Any]:
+    """Collect the numbers for JSON."""
+    return {
+        "study": str(study),
+        "folder": str(output),
+        "plan": designs.about["plan"],
+        "n_designs": designs.about["n_designs"],
+        "n_made": len(designs),
+        "refused": {str(row + 1): reason for row, reason in designs.refused.items()},
+        "quality": {name: [float(of.min()), float(of.max())] for name, of in designs.quality.items() if of.size},
+        "seconds": seconds,
+    }
+
+
+def _show(designs: Designs, output: Path, seconds: float) -> None:
+    """Say what came out."""
+    rows = [
+        (name, float(of.min()), float(of.max()))
+        for name, of in {**designs.quality, **designs.outputs}.items()
+        if of.size
+    ]
+    if rows:
+        print_table(["of all designs", "smallest", "largest"], rows)
+    print_warnings([f"refused {n} times: {reason}" for n, reason in _reasons(designs)])
+    n = designs.about["n_designs"]
+    print_lines([f"{len(designs):,} of {counted(n, 'design')} made, {len(designs.refused):,} refused, {seconds:.1f} s"])
+    print_lines([f"{output}: {', '.join(sorted(path.name for path in output.iterdir()))}"])
+    if not len(designs):
+        raise InputError(f"{output}: no design of the plan could be made; give narrower bounds")

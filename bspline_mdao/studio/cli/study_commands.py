@@ -1,0 +1,139 @@
+"""The commands of studies, and their options."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .imports import without_collector
+from .program import command, grid_argument, json_option, patches_option
+
+__all__ = ["init", "optimize", "sample"]
+
+
+@command(
+    "init wing.xyz --patches wing.toml -o study.toml",
+    "init foil.h5 --mach 0.73 --mach 0.75 --lift 0.5 -o study.toml",
+    "optimize study.toml -o out",
+)
+@grid_argument
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="STUDY.toml", required=True, help="Study to write."
+)
+@patches_option
+@click.option(
+    "--cad",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="STEP or IGES file of the walls: control points of its faces are drafted as variables.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a study that is there.")
+@click.option(
+    "--mach",
+    type=click.FloatRange(1e-3, 0.99),
+    multiple=True,
+    metavar="M",
+    help="Of an airfoil: its Mach number; several times for the mean of drags there. By the thickness otherwise.",
+)
+@click.option(
+    "--lift",
+    type=click.FloatRange(-5.0, 5.0),
+    multiple=True,
+    metavar="CL",
+    help="Of an airfoil: lift coefficient, one or as many as Mach numbers; 0.5 otherwise.",
+)
+@click.option("--lift-to-drag", is_flag=True, help="Of an airfoil: the most lift by drag, at any lift.")
+def init(mach: tuple[float, ...], lift: tuple[float, ...], lift_to_drag: bool, **options: Any) -> None:
+    """Draft a study of a grid for the command optimize, with what was guessed in comments.
+
+    GRID is a {read} file, a mesh without structure, {meshes}, a model MODEL.h5 of either, or a built-in grid:
+    {built_in}.
+    """
+    with without_collector():
+        from ..study.draft import Aim
+        from .init import draft_study
+
+    draft_study(**options, aim=Aim(mach, lift, lift_to_drag) if mach or lift or lift_to_drag else None)
+
+
+@command("optimize study.toml -o out", "optimize study.toml -o out --restart")
+@click.argument("study", metavar="STUDY.toml", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    required=True,
+    help="Folder for the results, which is made.",
+)
+@click.option("--overwrite", is_flag=True, help="Use a folder that is not empty: what the last run wrote is replaced.")
+@click.option(
+    "--restart", is_flag=True, help="Go on from the best design recorded there, by a run that ended or was killed."
+)
+@click.option(
+    "--max-iterations", type=click.IntRange(min=1), metavar="N", help="Stop earlier than the study says, for a try."
+)
+@json_option
+def optimize(**options: Any) -> None:
+    """Optimize a shape as a study says, which names grid, variables, flow, objective, constraints and driver.
+
+    FOLDER gets the fitted model, the grids before and after, all cases (SQLite), the table of variables and responses,
+    and the Python script optimize.py that is run: it gives the same optimum without this command. A mesh without
+    structure is written in its own format, with all else in its file kept.
+    """
+    with without_collector():
+        from .optimize import optimize_study
+
+    optimize_study(**options)
+
+
+@command(
+    "sample study.toml -n 1000 -o designs",
+    "sample study.toml --plan designs.csv -o designs --store control_points",
+)
+@click.argument("study", metavar="STUDY.toml", type=click.Path(path_type=Path))
+@click.option("-n", "n", type=click.IntRange(min=1), metavar="N", help="Number of designs; not with a table.")
+@click.option(
+    "--plan",
+    default="sobol",
+    show_default=True,
+    metavar="PLAN",
+    help="sobol or latin-hypercube between the bounds of all variables, or a table (.csv) whose head names values: "
+    "twist[0],twist[1],...",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="S", help="Other designs.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    required=True,
+    help="Folder for the results, which is made.",
+)
+@click.option("--flow", "has_flow", is_flag=True, help="Solve the flow of the study at every design, too.")
+@click.option(
+    "--store",
+    type=click.Choice(("nodes", "control_points", "nothing")),
+    default="nodes",
+    show_default=True,
+    help="What is stored of each grid: its nodes, the control points that give them, or nothing but numbers.",
+)
+@click.option("--single", is_flag=True, help="Store it with single precision.")
+@click.option("--grids", is_flag=True, help="Write every grid to a file of its own as well, as the study writes grids.")
+@click.option(
+    "--processes", type=click.IntRange(min=1), default=1, show_default=True, metavar="P", help="Share the designs."
+)
+@click.option("--restart", is_flag=True, help="Go on with a run that was stopped, with the designs that are missing.")
+@json_option
+def sample(**options: Any) -> None:
+    """Make the grids of many designs of a study, each judged or refused with its reason, in one file for learning.
+
+    FOLDER gets designs.h5, the model, the script sample.py that is run, and card.md, which says what varies, in which
+    ranges, and what was refused. Plans fill the bounds of the study's variables. Its constraints do not count.
+    """
+    with without_collector():
+        from .sample import sample_study
+
+    sample_study(**options)
