@@ -47,7 +47,7 @@ def run_all(folder: Path, programs: Path) -> list[float]:
     folder.mkdir()
     for script in SCRIPTS.glob("*.py"):
         shutil.copy(script, folder)
-    own = {"OPENMDAO_REPORTS": "0", "OPENMDAO_WORKDIR": str(folder), "BSPLINE_MDAO_THREADS": "1"}
+    own = {"OPENMDAO_REPORTS": "0", "OPENMDAO_WORKDIR": str(folder), "NUMBA_NUM_THREADS": "1"}
     own |= {"OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "NUMBA_CACHE_DIR")}
     seconds = []
