@@ -31,5 +31,6 @@ from .core.sliding.fixed_surface import Cone as Cone
 from .core.sliding.fixed_surface import Cylinder as Cylinder
 from .core.sliding.fixed_surface import Revolution as Revolution
 from .core.sliding.fixed_surface import Sphere as Sphere
+from .core.sliding.patched_surface import PatchedSurface as PatchedSurface
 from .core.sliding.spline_surface import SplineSurface as SplineSurface
 from .core.walls.wall_correction import WallCorrection as WallCorrection

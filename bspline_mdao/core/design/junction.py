@@ -70,8 +70,8 @@ class Junction(OneLine):
         Distance from the junction (m) over which displacements fade, on the wing and on the body: some three times as
         far as the wing is to slide.
     surface : FixedSurface, optional
-        The surface of the body where it has a formula, such as a `Cylinder`. By default it is a smooth one through the
-        body's nodes.
+        The surface of the body where it has a formula, such as a `Cylinder`, or a `PatchedSurface` of its faces. By
+        default it is a smooth one through the body's nodes.
     shape : sequence of str
         Names of variables of the body's own shape, done after the wing has slid. Where they move points by the place
         where these are by then, as `RadiusFactor` does, the junction stays on the body that they make.
@@ -104,7 +104,8 @@ class Junction(OneLine):
         if layout.mesh.parameters is not None:
             raise InputError(
                 "junction: control points of blocks are off wing and body, and nodes would not stay on the body; make "
-                "the design surface of nodes, DesignSurface.of_nodes(model)"
+                "the design surface of nodes, DesignSurface.of_nodes(model), or lay a lattice around the grid (fit "
+                "--lattice)"
             )
         if not self.reach > 0.0:
             raise InputError(f"junction: reach {self.reach}; give a positive distance in metres")

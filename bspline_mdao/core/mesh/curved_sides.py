@@ -56,8 +56,8 @@ def given_surfaces(sliding: Sliding) -> dict[str, FixedSurface]:
     for pattern, surface in pairs:
         if surface is not None and not isinstance(surface, FixedSurface):
             raise InputError(
-                f"sliding: '{pattern}' is to slide on {surface!r}; give a Cylinder, Cone, Sphere, Revolution or "
-                f"SplineSurface, or None to have it found"
+                f"sliding: '{pattern}' is to slide on {surface!r}; give a Cylinder, Cone, Sphere, Revolution, "
+                f"SplineSurface or PatchedSurface, or None to have it found"
             )
     return {pattern: surface for pattern, surface in pairs if surface is not None}
 

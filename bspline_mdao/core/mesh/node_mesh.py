@@ -66,7 +66,7 @@ def part_of_nodes(mesh: MovingMesh, surface: SurfaceGrid, patches: str | Sequenc
 
 def _places(surface: SurfaceGrid) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Nodes of each patch, for messages: its name, the nodes, and their numbers in the grid, from 1."""
-    found = {}
+    found: dict[str, list[np.ndarray]] = {}
     for patch, quads in zip(surface.patches, surface.parts):
         found.setdefault(patch, []).append(quads.ravel())
     ids = {patch: np.unique(np.concatenate(parts)) for patch, parts in found.items()}
