@@ -19,7 +19,7 @@ from bspline_mdao.design import (
 )
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.measures import ProjectedArea
-from bspline_mdao.movers import Cylinder, moving_mesh
+from bspline_mdao.movers import Cylinder, PatchedSurface, moving_mesh
 from bspline_mdao.testing import check_totals
 
 SHAPE = (11, 13, 11)
@@ -102,6 +102,18 @@ def test_the_wing_goes_along_with_a_body_that_changes_its_shape(model):
     problem.set_val("radius", [1.1, 1.1])
     nodes = moved(problem, {"position": 0.1})
     np.testing.assert_allclose(np.hypot(*nodes[rows_of(model, "body"), 1:].T), 1.1, rtol=0.0, atol=1e-13)
+
+
+def test_nodes_keep_their_heights_over_a_body_of_two_patches_whose_seam_is_below_the_wing(model):
+    x, turn = np.meshgrid(np.linspace(-0.2, 3.2, 18), np.linspace(0.0, 1.2, 13), indexing="ij")
+    side = np.stack([x, np.sin(turn), np.cos(turn)], axis=-1)
+    surface = PatchedSurface([side, side * [1.0, -1.0, 1.0]])
+    nodes = moved(posed(model, Junction(OnPatch(model, "body"), 0.9, surface), quality=False), {"twist": 10.0})
+    rows, before = rows_of(model, "body"), model.local_nodes()
+    assert np.linalg.norm(nodes - before, axis=1)[rows].max() > 0.02
+    values = [surface.levels(each[rows]).values for each in (before, nodes)]
+    assert np.abs(values[1] - values[0]).max() < 1e-13
+    assert np.abs(np.hypot(*nodes[rows, 1:].T) - 1.0).max() < 1e-5
 
 
 def test_measures_see_the_nodes_that_are_moved(model):
