@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 from ...base.display import OneLine
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
-from ...grids.cells.quads import area_vectors
+from ...grids.io.marker_pairs import inward_directions, turned_sides
 from ...grids.topology.periodic_pair import Motion
-from ...grids.topology.rotation_fit import CLOSE, fit_turn, rotation_between
+from ...grids.topology.rotation_fit import CLOSE, fit_turn
 from .end_planes import FLAT, PERIODIC, SYMMETRY, EndPlane, find_end_planes, lattice_axes
 from .lattice_frame import AROUND, CylindricalFrame, LatticeFrame
 from .wedge_planes import between_planes
@@ -73,16 +73,16 @@ def sides_of(
 
 def find_periodic_sides(mesh: MixedMesh, kinds: Mapping[str, str]) -> tuple[PeriodicSides, ...]:
     """Find pairs of periodic markers whose nodes are those of the other but for a shift or a rotation."""
-    size, found = float(np.linalg.norm(np.ptp(mesh.points, axis=0))), []
+    found = []
     markers = {n: faces for n, faces in (mesh.markers or {}).items() if kinds.get(n) == PERIODIC and len(faces)}
     sides = {name: np.unique(faces) for name, faces in markers.items()}
     names, taken = list(sides), set[str]()
-    for find in (_shifted, _turned):
+    for find in (_shifted, turned_sides):
         for k, first in enumerate(names):
             for second in names[k + 1 :]:
                 if len(sides[first]) != len(sides[second]) or {first, second} & taken:
                     continue
-                laid = find(mesh, markers[first], markers[second], size)
+                laid = find(mesh, markers[first], markers[second])
                 if laid is not None:
                     taken |= {first, second}
                     found.append(PeriodicSides((first, second), *laid))
@@ -103,31 +103,15 @@ def along_axes(sides: Sequence[PeriodicSides], axes: np.ndarray) -> tuple[Period
     return tuple(found)
 
 
-def _shifted(mesh: MixedMesh, side: np.ndarray, other: np.ndarray, size: float) -> tuple[np.ndarray, Motion] | None:
+def _shifted(mesh: MixedMesh, side: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, Motion] | None:
     """Pairs of nodes of the faces of two markers that are copies by a shift, and the shift."""
+    size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
     rows, others = np.unique(side), np.unique(other)
     shift = mesh.points[others].mean(axis=0) - mesh.points[rows].mean(axis=0)
     distances, nearest = cKDTree(mesh.points[others]).query(mesh.points[rows] + shift)
     if distances.max() > SHIFTED * size or len(np.unique(nearest)) < len(rows):
         return None
     return np.stack([rows, others[nearest]], axis=1), Motion(shift=tuple(shift.tolist()), unit=mesh.length_unit)
-
-
-def _turned(mesh: MixedMesh, side: np.ndarray, other: np.ndarray, size: float) -> tuple[np.ndarray, Motion] | None:
-    """The same by a rotation."""
-    rows, others = np.unique(side), np.unique(other)
-    inwards = _inwards(mesh, np.concatenate([side, other]))
-    found = rotation_between(mesh.points[rows], mesh.points[others], inwards[rows], inwards[others], size)
-    if found is None:
-        return None
-    return np.stack([rows, others[found[1]]], axis=1), replace(found[0], unit=mesh.length_unit)
-
-
-def _inwards(mesh: MixedMesh, faces: np.ndarray) -> np.ndarray:
-    """Directions into the mesh at its nodes, shape (n_points, 3): zero but at nodes of faces with cells on one side."""
-    faces, found = mesh.into_fluid(faces), np.zeros_like(mesh.points)
-    np.add.at(found, faces.ravel(), np.repeat(area_vectors(mesh.points[faces]), 4, axis=0))
-    return found
 
 
 def _axes_and_planes(
@@ -180,7 +164,7 @@ def _angle_through(mesh: MixedMesh, sides: PeriodicSides, motion: Motion) -> flo
     faces = (mesh.markers or {})[sides.markers[0]]
     rows = np.unique(faces)
     ahead = np.cross(motion.axis, mesh.points[rows] - motion.point)
-    towards = float(np.median(np.einsum("nd,nd->n", _inwards(mesh, faces)[rows], ahead)))
+    towards = float(np.median(np.einsum("nd,nd->n", inward_directions(mesh, faces)[rows], ahead)))
     is_other = towards * motion.angle < 0.0
     return motion.angle - float(np.copysign(2.0 * np.pi, motion.angle)) if is_other else motion.angle
 

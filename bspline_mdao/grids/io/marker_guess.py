@@ -8,7 +8,7 @@ Theory: ``docs/theory/grid_files.rst``.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,12 +18,14 @@ from ...base.display import OneLine
 from ..cells.marked_faces import faces_on
 from ..cells.mixed_cells import MixedMesh, face_keys
 from ..cells.quads import area_vectors
+from ..topology.periodic_pair import Motion
 from .boundary_planes import OBLIQUE
 from .cgns_connections import PERIODIC_TYPE
 from .cgns_faces import kind_of
 from .cgns_families import BC_OVERSET
 from .cgns_overset import OVERSET_TYPE
 from .grid_frame import GridFrame
+from .marker_pairs import turned_markers
 from .patch_certainty import place_of
 from .patch_guess import kind_of_name
 
@@ -112,9 +114,10 @@ def guess_kinds(mesh: MixedMesh, known: Mapping[str, MarkerGuess] | None = None)
     Parameters
     ----------
     mesh : MixedMesh
-        The mesh. What its file says of a marker counts first, then where the faces are inside the mesh, then names, and
-        at last places: a plane side in which walls end at right angles is symmetry, what keeps away from where most
-        nodes are is a far field, and what is near is a wall unless it is a plane side of the mesh.
+        The mesh. What its file says of a marker counts first, then where the faces are inside the mesh, then names,
+        then rotations that lay two markers onto each other which look at each other, and at last places: a plane side
+        in which walls end at right angles is symmetry, what keeps away from where most nodes are is a far field, and
+        what is near is a wall unless it is a plane side of the mesh.
     known : mapping of str to MarkerGuess, optional
         Markers that are known already, and tell something of the others.
 
@@ -136,6 +139,9 @@ def guess_kinds(mesh: MixedMesh, known: Mapping[str, MarkerGuess] | None = None)
     found = dict(known or {})
     found |= {n: guess for n in mesh.markers or {} if n not in found and (guess := _by_words(n, places))}
     rest = [name for name in mesh.markers or {} if name not in found]
+    for name, (partner, motion) in places.turned(rest).items():
+        found[name] = MarkerGuess("periodic", "likely", f"a {motion} lays it onto {partner}")
+    rest = [name for name in rest if name not in found]
     for name in rest:
         if not places.is_side(name):
             found[name] = MarkerGuess(*place_of(places.distance(name), places.part(name), CELLS))
@@ -271,6 +277,11 @@ class _Places:
             found.append((normal, float(heights[is_in].min()), float(heights[is_in].max())))
             faces, areas, middles, sizes = faces[~is_in], areas[~is_in], middles[~is_in], sizes[~is_in]
         return [] if len(faces) else found
+
+    def turned(self, names: Sequence[str]) -> dict[str, tuple[str, Motion]]:
+        """Markers that a rotation lays onto others, their partners and the rotations; none in a layer of a section."""
+        outer = [name for name in names if self.mesh.n_copies == 1 and not self.counts(name)[1]]
+        return turned_markers(self.mesh, {name: bool(self.planes(name)) for name in outer})
 
     def is_side(self, name: str) -> bool:
         """Whether a marker is of one plane, with all of the mesh on one side of it."""

@@ -223,14 +223,21 @@ class MeshBody(Body):
 
     def _wing(self) -> tuple[str, ...]:
         """The largest thin wall, and what joins it: thin ones, and small ones such as its tip; or else all walls."""
+        # Hubs and casings of sectors, which end on both periodic sides, stay, where there is another wall.
         surfaces = {name: SurfaceGrid.of(self.model, name) for name in self.walls}
+        inner = {name: surface for name, surface in surfaces.items() if not self._is_between_sides(surface)}
+        surfaces = inner or surfaces
         thin = {name: surface for name, surface in surfaces.items() if is_thin(surface)}
         if not thin:
-            return self.walls
+            return tuple(surfaces)
         wing = [max(thin, key=lambda name: thin[name].size)]
         for name in wing:  # which grows
             wing += [other for other in surfaces if other not in wing and self._is_neighbour(surfaces, name, other)]
         return tuple(name for name in self.walls if name in wing)
+
+    def _is_between_sides(self, surface: SurfaceGrid) -> bool:
+        """Whether a wall ends on both sides of a periodic pair."""
+        return any(np.isin(sides.pairs, surface.rows).any(axis=0).all() for sides in self.model.periodic)
 
     @staticmethod
     def _is_neighbour(surfaces: Mapping[str, SurfaceGrid], name: str, other: str) -> bool:

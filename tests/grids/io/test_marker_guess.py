@@ -1,7 +1,10 @@
 """What markers of meshes without structure are taken for, and how they are declared."""
 
+import re
+
 import numpy as np
 import pytest
+from mesh_cases import sector_mesh
 from riding_cases import corners_of, mesh, plane_su2_text
 
 from bspline_mdao import InputError
@@ -149,6 +152,25 @@ def test_types_of_openfoam_and_cgns_count_before_names(tmp_path):
     stated = MixedMesh(brick.points, brick.cells, brick.markers, stated={"a": "BCWallViscous", "c": "FamilySpecified"})
     assert guess_kinds(stated)["a"].why == "its file says BCWallViscous"
     assert guess_kinds(stated)["c"].kind == "symmetry"
+
+
+def test_sides_that_a_rotation_lays_onto_each_other_are_periodic_whatever_they_are_called():
+    sector = renamed(sector_mesh()[0], per_1="left", per_2="right")
+    found = guess_kinds(sector)
+    assert [found[name].kind for name in ("left", "right", "body")] == ["periodic", "periodic", "wall"]
+    assert re.fullmatch(r"a rotation about .* by 28\.6479 deg lays it onto right", found["left"].why)
+    assert found["left"].sure == "likely"
+
+
+def test_sides_of_boxes_and_bodies_that_repeat_are_not_periodic():
+    assert not {guess.kind for guess in guess_kinds(box(n=(4, 4, 4))).values()} & {"periodic"}
+    whole = box(n=(8, 4, 4), hole=0.6)
+    left = (whole.points[whole.markers["g"]].mean(axis=1)[:, 0] < 0.0).nonzero()[0]
+    right = np.setdiff1d(np.arange(len(whole.markers["g"])), left)
+    halves = {"h": whole.markers["g"][left], "k": whole.markers["g"][right]}
+    assert len(left) == len(right) > 0
+    found = guess_kinds(MixedMesh(whole.points, whole.cells, halves))
+    assert not {guess.kind for guess in found.values()} & {"periodic"}
 
 
 def test_a_mesh_without_markers_gets_those_of_its_sides_and_parts():

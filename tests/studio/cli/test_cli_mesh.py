@@ -146,6 +146,16 @@ def test_sides_that_stay_are_copies_by_another_shift_or_no_copies():
     ]
 
 
+def test_a_study_of_a_sector_designs_what_is_between_hub_and_casing_whatever_its_sides_are_called(workplace, capsys):
+    text = su2_text(sector_mesh()[0])
+    for name, other in (("per_1", "left"), ("per_2", "right"), ("floor", "hub"), ("top", "casing")):
+        text = text.replace(name, other)
+    (workplace / "sector.su2").write_text(text)
+    assert run(["init", "sector.su2", "-o", "study.toml"]) == 0
+    lines = (workplace / "study.toml").read_text().splitlines()
+    assert next(line for line in lines if "design =" in line).split("#")[0].strip() == 'design = ["body"]'
+
+
 def test_sides_by_a_rotation_are_tied_and_their_gap_is_told(workplace, capsys):
     sector, _ = sector_mesh()
     (workplace / "sector.su2").write_text(su2_text(sector))
