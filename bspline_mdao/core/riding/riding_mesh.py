@@ -122,7 +122,8 @@ class RidingWalls(OneLine):
             faces = replace(faces, faces=np.searchsorted(nodes, faces.faces))
             planes = [(np.flatnonzero(np.isin(nodes, ids)), normal) for ids, normal in planes]
             fixed, first = np.flatnonzero(np.isin(nodes, fixed)), first.among(nodes)
-        layer = WallLayer.of(wall, around, rows, planes, fixed, least_slope=LEAST_SLOPE)
+        least_slope = LEAST_SLOPE if mesh.numbers is None else 0.0  # lines of blocks begin at nodes, however they lean
+        layer = WallLayer.of(wall, around, rows, planes, fixed, least_slope=least_slope)
         following = WallFollowing(layer, rows, np.zeros(0, dtype=int), None)
         return cls(faces, rows, planes, _fading(around, points, quads, fade), following, missed, first)
 
