@@ -86,7 +86,7 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
         lines,
         numbers,
         options.reynolds and options.reynolds / options.chord,
-        "give more cells --around",
+        "give more cells --around" + (", or --topology C" if options.topology == "O" else ""),
         said if is_warned else [],
     )
 

@@ -86,6 +86,12 @@ def test_what_is_done_to_a_blunt_file_in_percent_is_said(said):
     assert "warning: the trailing edge is 3 % thick" in thick
 
 
+def test_where_a_cusp_inverts_a_cell_of_an_o_grid_a_c_grid_is_named_which_has_none(said):
+    cusped = ("cst:0.17,0.16,0.3/-0.17,-0.1,0.3", "-o", "foil.xyz", "--around", "64", "--away", "32")
+    assert "warning: 1 inverted cell; give more cells --around, or --topology C" in said(*cusped)
+    assert "0 inverted" in said(*cusped, "--topology", "C")
+
+
 def test_a_c_grid_keeps_the_base_and_says_so(said):
     small = ("--topology", "C", "--around", "32", "--away", "8", "--wake", "20")
     words = said("cst:0.2,0.2/-0.2,-0.2/0.03", "-o", "foil.h5", *small)
