@@ -137,6 +137,12 @@ class _HalfPlane:
         outside = (0.5 * (plane + np.sqrt(plane - 2.0) * np.sqrt(plane + 2.0))) ** 2
         return self._mapping.points(outside)
 
+    def lengths(self, feet: np.ndarray) -> np.ndarray:
+        """Lengths (chords) of upright lines by their feet (m,), far from the section: there points go as squares."""
+        slant = np.hypot(feet, self.height)
+        squares = feet**2 * np.arcsinh(self.height / np.maximum(np.abs(feet), 1e-9))
+        return self._mapping.radius * (self.height * slant + squares)
+
 
 def _towards_base(half_plane: _HalfPlane, wall: np.ndarray, height: float) -> np.ndarray:
     """Nodes of the wall in the half plane, (n_around + 1,), whose last intervals (chords) are those at the base."""
@@ -194,7 +200,10 @@ def _lines(
     lines = half_plane.points(bent(up))
     lines[np.abs(feet) == 2.0, 0] = TRAILING_EDGE
     lengths = np.abs(np.diff(lines, axis=1)).sum(axis=1)
-    asked = [length * stretch_from(n_away + 1, first / length) for length, first in zip(lengths, heights)]
+    # nodes by the lengths that lines would have unbent: those of neighbours differ by as little as their feet do
+    unbent = half_plane.lengths(feet)
+    parts = np.stack([stretch_from(n_away + 1, first) for first in heights / unbent])
+    asked = unbent[:, None] * parts * (1.0 + (lengths / unbent - 1.0)[:, None] * parts)
     inner = [at_distances(line, up, distances[1:-1]) for line, distances in zip(lines, asked)]
     ends = np.broadcast_to([0.0, half_plane.height], (len(feet), 2))
     up = np.concatenate([ends[:, :1], inner, ends[:, 1:]], axis=1)
