@@ -33,6 +33,13 @@ def test_a_benchmark_imports_names_that_are_there(loaded, name):
     assert "main" in loaded(name)
 
 
+def test_an_extrusion_is_measured(loaded):
+    (found,) = loaded("bench_extrusion")["main"]([6], [24]).values()
+    assert found["n_nodes"] == 6 * 6 * 6 * 25
+    assert found["n_inverted"] == 0
+    assert found["heights"] > 0.8
+
+
 @pytest.mark.slow
 def test_a_flow_and_its_adjoint_are_measured(loaded):
     measured = loaded("bench_euler")["measure"](5_376)
