@@ -78,6 +78,15 @@ def test_extrude_joins_a_background_that_inspect_and_fit_see(workplace, capsys):
     assert read_grid("moved.cgns").shapes == read_grid("out.cgns").shapes
 
 
+def test_improve_raises_the_worst_cells_of_an_extruded_grid(workplace):
+    argv = ["extrude", "octant.xyz", "-o", "out.cgns", "--first-cell", "0.05", "--layers", "9", "--outer", "4"]
+    assert run([*argv, *(option for axis in "xyz" for option in ("--symmetry", axis))]) == 0
+    assert run(["improve", "out.cgns", "-o", "better.cgns", "--json", "b.json", "--iterations", "8"]) == 0
+    found = numbers("b.json")
+    assert found["after"]["q_min"] > found["before"]["q_min"]
+    assert read_grid("better.cgns").shapes == read_grid("out.cgns").shapes
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
