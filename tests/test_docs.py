@@ -75,11 +75,38 @@ def test_the_grid_comes_out_as_the_page_says(folder, monkeypatch):
     assert {"bent.xyz", "fine.xyz", "coarse.cgns", "wing.vtm", "thicker.xyz", "fine.cgns"} <= set(os.listdir(folder))
 
 
+def written_by_openvsp(path):
+    """Write a body of revolution as OpenVSP writes PLOT3D: points along the sections, sections, 1; then x, y and z."""
+    x, angle = 2.0 - 2.0 * np.cos(np.linspace(0.0, np.pi, 21))[:, None], np.linspace(0.0, 2.0 * np.pi, 65)
+    radius = 0.4 * np.sqrt(np.maximum(1.0 - (0.5 * x - 1.0) ** 2, 0.0))
+    lines = [" ".join(f"{value:25.17e}" for value in np.broadcast_to(axis, (21, 65)).ravel().tolist())
+             for axis in (x, radius * np.sin(angle), radius * np.cos(angle))]  # fmt: skip
+    path.write_text("\n".join([" 1", " 65 21 1", *lines, ""]))
+
+
+@pytest.mark.parametrize(
+    ("word", "page"),
+    [
+        *(("airfoil", "howto/airfoil.rst"), ("CST", "howto/airfoil.rst"), ("y+", "viscous.rst")),
+        *(("extrusion", "theory/extrusion.rst"), ("pyHyp", "theory/extrusion.rst")),
+        *(("STEP", "howto/cad.rst"), ("OpenVSP", "howto/cad.rst")),
+    ],
+)
+def test_words_that_are_searched_for_are_in_the_index(word, page):
+    entries = re.findall(r"^\.\. index:: (.*)$", (DOCS / page).read_text(), re.M)
+    assert word in [entry.strip() for line in entries for entry in line.split(",")]
+
+
 @pytest.mark.skipif(importlib.util.find_spec("OCP") is None, reason="OpenCascade is missing: the extra cad")
 def test_surfaces_go_into_cad_as_the_page_says(folder, monkeypatch):
     monkeypatch.chdir(folder)
     assert cli(["inspect", "wing.xyz", "--draft", "wing.toml"]) == 0
-    assert run_commands("howto/cad.rst") == ["fit", "cad", "cad", "move", "move"]
+    written_by_openvsp(folder / "body.p3d")
+    commands = run_commands("howto/cad.rst", optimize=["--max-iterations", "1"])
+    assert commands == ["fit", "cad", "cad", "move", "move", "init", "optimize", "extrude"]
+    (variables,) = code_blocks("howto/cad.rst", "toml")
+    (folder / "points.toml").write_text(f'[grid]\nfile = "wing.h5"\n[objective]\nof = "surface_area"\n{variables}')
+    assert read_study(folder / "points.toml").cad_results == {"wing.step": "wing_after.step"}
     contents = run_blocks("howto/cad.rst")
     assert contents["report"].distance < contents["report"].tolerance
     assert contents["shape"].is_valid
