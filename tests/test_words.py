@@ -1,10 +1,13 @@
 """Names in the code are made of the field's words: those that hid a standard idea do not come back."""
 
 import ast
+import gc
 import re
 from collections.abc import Collection, Iterator
 from functools import cache
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "bspline_mdao"
@@ -45,6 +48,15 @@ OF_TEXTS = re.compile(r"\b(tells?|told|hover(?:s|ing|ed)?)\b", re.IGNORECASE)
 
 KNOWN = {"hold_outside"}
 """The option ``--hold-outside`` of ``ride``, as users know it."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_trees():
+    """Make a million nodes of syntax without the collector, and leave none for it to go through from here on."""
+    gc.disable()
+    yield
+    nodes_of.cache_clear()
+    gc.enable()
 
 
 @cache
