@@ -129,7 +129,7 @@ def test_a_section_of_a_file_is_looked_for_beside_the_planform(said, tmp_path, m
         ({"planform": "tip_length = -1"}, "line 6: [planform] 'tip_length' is -1; give a positive number"),
         ({"root": "nowhere.dat"}, "line 8: [sections] 'root' nowhere.dat: No such file"),
         ({"root": "naca24"}, "line 8: [sections] 'root' "),
-        ({"grid": "y_plus = 1.0"}, "'grid' first cells: y+ and the Reynolds number of the chord go together"),
+        ({"grid": "y_plus = 1.0"}, "'grid' first cells: y+ and the Reynolds number go together"),
         ({"grid": "first_cell = 5.0"}, "'grid' "),
         ({"grid": "[twist]\ntip = -3"}, "'twist' is no table"),
     ],

@@ -34,26 +34,26 @@ def with_background(
         raise InputError(f"extrusion: a background of {distance!r}; give its distance, a positive length")
     tops = [block.nodes[:, :, -2:] for block in grid.blocks]
     width = float(np.median(np.concatenate([_edges(top[:, :, 1]) for top in tops])))
-    held = _held_planes(mesh, rim)
-    frame = _frame([normal for normal, _ in held])
+    bounding = _bounding_planes(mesh, rim)
+    frame = _frame([normal for normal, _ in bounding])
     nodes = np.concatenate([block.nodes.reshape(-1, 3) for block in grid.blocks]) @ frame.T
     far = mesh.points @ frame.T
     lines, ends = [], []
     for axis, direction in enumerate(frame):
-        planes = [among @ direction for normal, among in held if abs(normal @ direction) > 0.5]
+        planes = [among @ direction for normal, among in bounding if abs(normal @ direction) > 0.5]
         places = np.concatenate([np.zeros(0), *planes])
         low, high = nodes[:, axis].min(), nodes[:, axis].max()
-        is_held = [bool(np.abs(places - end).min(initial=np.inf) < ALIGNED * (high - low)) for end in (low, high)]
-        reach = [0.0 if hold else end for hold, end in zip(is_held, (low, high))]
+        is_bounded = [bool(np.abs(places - end).min(initial=np.inf) < ALIGNED * (high - low)) for end in (low, high)]
+        reach = [0.0 if bounds else end for bounds, end in zip(is_bounded, (low, high))]
         outer = far[:, axis].min() - distance, far[:, axis].max() + distance
-        for hold, end, edge, sign in zip(is_held, reach, outer, (-1.0, 1.0)):
-            if not hold and sign * (edge - end) <= 0.0:
+        for bounds, end, edge, sign in zip(is_bounded, reach, outer, (-1.0, 1.0)):
+            if not bounds and sign * (edge - end) <= 0.0:
                 raise InputError(
                     f"{mesh.source}: a background {distance:g} {grid.length_unit} away from the surface ends inside of "
                     f"the grid around it; give a larger distance, or fewer layers"
                 )
-        lines.append(_line(low, high, width, [None if h else e for h, e in zip(is_held, outer)]))
-        ends += is_held
+        lines.append(_line(low, high, width, [None if h else e for h, e in zip(is_bounded, outer)]))
+        ends += is_bounded
     if np.prod([float(len(line)) for line in lines]) > MOST_NODES:
         raise InputError(
             f"{mesh.source}: a background with cells of {width:.3g} {grid.length_unit}, as wide as those it meets, has "
@@ -70,25 +70,25 @@ def _edges(nodes: np.ndarray) -> np.ndarray:
     return lengths[lengths > 0.0]
 
 
-def _held_planes(mesh: SurfaceMesh, rim: Rim) -> list[tuple[np.ndarray, np.ndarray]]:
+def _bounding_planes(mesh: SurfaceMesh, rim: Rim) -> list[tuple[np.ndarray, np.ndarray]]:
     """Normals of the planes of symmetry, and nodes in them, (n_nodes, 3); parallel ones together."""
-    held: list[tuple[np.ndarray, np.ndarray]] = []
+    bounding: list[tuple[np.ndarray, np.ndarray]] = []
     if (rim.kinds == KINDS.index("periodic")).any():
         raise InputError(f"{mesh.source}: a background around periodic edges is not made; leave it out")
     for plane in np.unique(rim.planes[rim.kinds == KINDS.index("symmetry")]):
         normal, nodes = rim.normals[plane], mesh.points[np.unique(rim.edges[rim.planes == plane])]
-        cosines = [abs(float(normal @ other)) for other, _ in held]
+        cosines = [abs(float(normal @ other)) for other, _ in bounding]
         same = [n for n, cosine in enumerate(cosines) if cosine > 1.0 - ALIGNED]
         if same:
-            held[same[0]] = held[same[0]][0], np.concatenate([held[same[0]][1], nodes])
+            bounding[same[0]] = bounding[same[0]][0], np.concatenate([bounding[same[0]][1], nodes])
         elif max(cosines, default=0.0) > ALIGNED:
             raise InputError(
                 f"{mesh.source}: planes of symmetry that are oblique to each other bound no box; leave the background "
                 f"out"
             )
         else:
-            held.append((normal, nodes))
-    return held
+            bounding.append((normal, nodes))
+    return bounding
 
 
 def _frame(normals: list[np.ndarray]) -> np.ndarray:
@@ -122,12 +122,12 @@ def _line(low: float, high: float, width: float, outer: list[float | None]) -> n
     return line
 
 
-def _patches(grid: Grid, whole: Window, is_held: list[bool]) -> tuple[Patch, ...]:
+def _patches(grid: Grid, whole: Window, is_bounded: list[bool]) -> tuple[Patch, ...]:
     """Patches of both: outer faces are overset, planes of symmetry the same, and the box has the far field."""
     kept = [patch for patch in grid.patches if patch.kind in ("wall", "symmetry")]
     outer = [window for patch in grid.patches if patch.kind not in ("wall", "symmetry") for window in patch.windows]
     sides = [whole.face(side) for side in range(6)]
-    held = tuple(side for side, hold in zip(sides, is_held) if hold)
-    far = tuple(side for side, hold in zip(sides, is_held) if not hold)
+    bounding = tuple(side for side, bounds in zip(sides, is_bounded) if bounds)
+    far = tuple(side for side, bounds in zip(sides, is_bounded) if not bounds)
     found = [*kept, Patch("overset", "overset", tuple(outer)), Patch("farfield", "farfield", far)]
-    return tuple([*found, Patch("symmetry of the background", "symmetry", held)] if held else found)
+    return tuple([*found, Patch("symmetry of the background", "symmetry", bounding)] if bounding else found)
