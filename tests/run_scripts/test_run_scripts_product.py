@@ -30,6 +30,16 @@ def script(monkeypatch):
 
 
 @pytest.mark.slow
+def test_a_surface_becomes_a_volume_without_inverted_cells(script, tmp_path):
+    numbers = script("surface_to_volume").main(figures=tmp_path)
+    assert (numbers["n_surface"], numbers["n_nodes"]) == (1455, 71295)
+    assert numbers["n_inverted"] == 0
+    assert numbers["min_corner"] > 0.15
+    assert numbers["corner_1_percent"] > 0.6
+    assert numbers["heights"] > 0.95
+    assert (tmp_path / "surface_to_volume.png").stat().st_size > 50_000
+
+
 def test_control_mesh_is_drawn(script, tmp_path):
     numbers = script("control_mesh").main(figures=tmp_path)
     assert numbers["n_nodes"] == 12 * 23 * 33 * 17
