@@ -17,10 +17,6 @@ __all__ = ["Aim", "study_draft"]
 CORNER = 0.05
 """What the worst cell keeps where the grid has as much."""
 
-MET = 1e-4
-"""Part of area and thickness by which a design may miss them: as much as counts as met in tables. With 1e-6 all designs
-but the last ones are infeasible on the way."""
-
 CONFIRMED = 2
 """Cells per direction of the finer grid that a section is flown on: two flows there are a third of the time."""
 
@@ -246,11 +242,10 @@ def _frame(body: Body) -> Iterator[str]:
 
 def _end(aim: Aim) -> Iterator[str]:
     """When the search for a section ends, and how it is confirmed."""
-    yield ""
-    yield "[driver.options]"
     if not aim.is_ratio:
+        yield ""
+        yield "[driver.options]"
         yield f"ftol_abs = {LITTLE:g}  # of drag in hundredths: it ends where a step changes it by 0.02 counts"
-    yield f"constraint_tolerance = {MET:g}  # of what is kept, so that a run that is stopped earlier has a design"
     yield ""
     yield "[output]"
     yield f"solved_on = {CONFIRMED}  # times the cells per direction: flows before and after on a finer grid"

@@ -81,7 +81,7 @@ def test_what_is_drafted_of_an_airfoil_runs_and_loses_drag(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     fit_grid(o_grid(2, 0.3)).save("foil.h5")
     assert run(["init", "foil.h5", "-o", "study.toml"]) == 0
-    assert run(["optimize", "study.toml", "-o", "out", "--max-iterations", "12"]) == 0
+    assert run(["optimize", "study.toml", "-o", "out"]) == 0
     table = capsys.readouterr().out
     assert "section_area" in table
     before, after = (read_grid(f"out/grid_{when}.xyz") for when in ("before", "after"))
