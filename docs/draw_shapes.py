@@ -102,7 +102,6 @@ def draw_airfoil(points, grid, optimum) -> None:
     """Points of the section, the grid around it, and sections and pressures before and after."""
     model, _, before, after = airfoil()
     print("CD", before["CD"], after["CD"])
-    nodes = before["grid"].reshape(-1, 3)
     net = model.regenerate().blocks[0].nodes[:, :, 0]
     points.plot(net[:, 0, 0], net[:, 0, 1], ".", color=GRAY, markersize=3)
     points.set(aspect="equal", ylim=(-0.3, 0.3), xlabel="x / c")
@@ -134,11 +133,9 @@ def draw_body(sheet, volume, optimum) -> None:
     ):
         cut = np.moveaxis(found["grid"].reshape(shape), along, 0)
         for row in (0, cut.shape[1] // 2):
-            if color == GRAY:
-                draw_net(volume, cut[:, row, :, :2], color=GRAY, linewidth=0.4)
-            # the grid of the optimum, and both bodies
+            axes, width = (volume, 0.4) if color == GRAY else (optimum, 0.2)
+            draw_net(axes, cut[:, row, :, :2], color=color, linewidth=width)
             optimum.plot(cut[:, row, 0, 0], cut[:, row, 0, 1], color=color, label=name if row == 0 else None)
-            draw_net(optimum, cut[:, row, :, :2], color=color, linewidth=0.2) if color == BLUE else None
     for axes in (sheet, volume, optimum):
         axes.set(aspect="equal", xlim=(-2.0, 6.0), ylim=(-3.2, 3.2), xlabel="x (m)")
     optimum.legend(framealpha=1.0, edgecolor="none", fontsize=8, loc="upper right")
