@@ -11,10 +11,12 @@ import pytest
 from mover_cases import MOVERS
 from parametrization_cases import CONSTRAINTS, OF_SECTIONS, VARIABLES, section_model, surface_of, wing_model
 from scipy.sparse import issparse
+from sliding_cases import wing_and_body_grid
 from test_suite import kinds
 
 from bspline_mdao import (
     ControlMeshMove,
+    DesignSurface,
     EulerFlow,
     Fit,
     GridEvaluate,
@@ -23,16 +25,26 @@ from bspline_mdao import (
     PointSet,
     Quality,
     SurfaceEvaluate,
+    fit_grid,
 )
 from bspline_mdao.core.design.interior_points import InteriorPoints
 from bspline_mdao.core.design.user_defined import UserVariable
 from bspline_mdao.core.fit.surface_fit import SurfaceFollower
 from bspline_mdao.core.mesh.surface import SurfaceGrid
-from bspline_mdao.design import Hinge, HingePoints, Junction, Parametrization, Rotation
+from bspline_mdao.design import (
+    Hinge,
+    HingePoints,
+    Junction,
+    OfPart,
+    OnPatch,
+    Parametrization,
+    Rotation,
+    Translation,
+)
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.movers import ComovingFrame, LinearElasticity, Rotations, moving_mesh
+from bspline_mdao.movers import ComovingFrame, Cylinder, LinearElasticity, Rotations, moving_mesh
 
 
 @cache
@@ -145,7 +157,10 @@ def hinged():
 
 
 def joined():
-    return Parametrization(mesh(), [make(mesh()) for make in TAPER], junction=Junction(np.arange(14), 0.5))
+    model = fit_grid(wing_and_body_grid(), n_control=(6, 6, 6))
+    both, tube = DesignSurface.of_nodes(model), Cylinder((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)
+    slide = OfPart(Translation("position", "x"), both.part("wing*").mesh)
+    return Parametrization(both.mesh, [slide], junction=Junction(OnPatch(model, "body"), 0.9, tube))
 
 
 THINGS = {
