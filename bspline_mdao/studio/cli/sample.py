@@ -113,7 +113,12 @@ def _card(designs: Designs, study: Path) -> str:
         if values.size:
             lines.append(f"| {name} | {values.min():.6g} | {values.mean():.6g} | {values.max():.6g} |")
     if refused:
-        lines += ["", "## What was refused", "", *(f"- {n} times: {reason}" for n, reason in _reasons(designs))]
+        lines += [
+            "",
+            "## What was refused",
+            "",
+            *(f"- {counted(n, 'design')}: {reason}" for n, reason in _reasons(designs)),
+        ]
     lines += [
         "",
         "## How to read it",
@@ -150,7 +155,7 @@ def _show(designs: Designs, output: Path, seconds: float) -> None:
     ]
     if rows:
         print_table(["of all designs", "smallest", "largest"], rows)
-    print_warnings([f"refused {n} times: {reason}" for n, reason in _reasons(designs)])
+    print_warnings([f"{counted(n, 'design')} refused: {reason}" for n, reason in _reasons(designs)])
     n = designs.about["n_designs"]
     print_lines([f"{len(designs):,} of {counted(n, 'design')} made, {len(designs.refused):,} refused, {seconds:.1f} s"])
     print_lines([f"{output}: {', '.join(sorted(path.name for path in output.iterdir()))}"])

@@ -92,7 +92,7 @@ def test_designs_of_a_table_are_made_and_refusals_are_counted(said):
     Path("table.csv").write_text("twist[1],twist[2]\n1,2\n80,-170\n")
     words = said("--plan", "table.csv", "-o", "out", "--store", "control_points", "--single")
     assert "1 of 2 designs made, 1 refused" in words
-    assert "refused 1 times: " in words
+    assert "1 design refused: " in words
     assert "## What was refused" in Path("out/card.md").read_text()
 
 

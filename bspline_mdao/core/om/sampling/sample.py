@@ -272,9 +272,14 @@ def _make_pending(run: _Run, values: Mapping[str, np.ndarray], file: str | os.Pa
             run.make(pending[part::processes], values, written, no_progress)
 
         others = [context.Process(target=work, args=(part,), daemon=True) for part in range(processes)]
-        for other in others:
-            other.start()
-        _wait(others, written, len(pending), progress)
+        try:
+            for other in others:
+                other.start()
+            _wait(others, written, len(pending), progress)
+        finally:
+            for other in others:
+                if other.pid:  # where this process was interrupted, some may not have begun
+                    other.terminate()
     if any(other.exitcode for other in others):
         raise InputError(f"{file}: a process ended before its designs were made; restart goes on with those")
 
