@@ -1,4 +1,4 @@
-"""Component grids that overlap: two balls in their own grids, which lie in a box of cells."""
+"""Component grids that overlap: two balls, two cylinders, a wing on a body, each in a box of cells."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -59,6 +59,48 @@ def two_cylinders() -> Grid:
     patches.append(Patch("far", "farfield", tuple(wholes[2].face(side) for side in range(4))))
     patches.append(Patch("sides", "symmetry", tuple(whole.face(side) for whole in wholes for side in (4, 5))))
     return Grid(tuple(blocks), tuple(patches), source="cylinders")
+
+
+WING, LENGTH = (0.5, 0.15, 1.5), 5.0
+"""Half axes of a wing, half an ellipsoid, and the length of the body that it is on (m), a half cylinder of radius 1."""
+
+
+def wing_on_body() -> Grid:
+    """A wing on a body: a grid with a collar on the body, in five blocks, one around the body, and a box (m)."""
+    blocks: list[Block] = []
+    of_wing: list[Window] = []
+    of_collar: list[Window] = []
+    for ball in ball_grid((9, 9, 9, 8), far=2.0, off_wall=4e-3).blocks:
+        is_above = ball.nodes[..., 2] > -1e-9
+        x = ball.nodes[np.ix_(*(np.flatnonzero(is_above.any(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1))))]
+        if not x.size:
+            continue
+        r = np.linalg.norm(x, axis=-1, keepdims=True)
+        along, around, out = np.moveaxis(x / r * (np.array(WING) + 0.5 * (r - 1.0)), -1, 0)
+        out = 1.0 + np.where(np.abs(out) < 1e-12, 0.0, out)
+        nodes = np.stack([along, out * np.sin(around), out * np.cos(around)], axis=-1)
+        for face in (Window.whole(len(blocks), x.shape[:3]).face(side) for side in range(6)):
+            if np.allclose(r[face.slices], 1.0):
+                of_wing.append(face)
+            if np.all(out[face.slices] == 1.0):
+                of_collar.append(face)
+        blocks.append(Block(nodes, f"wing {len(blocks) + 1}"))
+    ends = np.array([-0.5, 0.5]) * LENGTH
+    radii = np.concatenate([[1.0], 1.0 + 2e-3 * np.cumsum(1.6 ** np.arange(11)), [1.9]])
+    along, angle, r = np.meshgrid(
+        np.linspace(*ends, 31), np.linspace(-0.5 * np.pi, 0.5 * np.pi, 21), radii, indexing="ij"
+    )
+    out = r * np.cos(angle)
+    out[:, [0, -1]] = 0.0
+    blocks.append(Block(np.stack([along, r * np.sin(angle), out], axis=-1), "body"))
+    axes = np.linspace(*ends, 15), np.linspace(-3.0, 3.0, 12), np.linspace(0.0, 4.5, 11)
+    blocks.append(Block(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1), "box"))
+    body, box = (Window.whole(number, blocks[number].shape) for number in (5, 6))
+    far = *(body.face(side) for side in (0, 1)), *(box.face(side) for side in (0, 1, 2, 3, 5))
+    patches = [Patch("wing", "wall", tuple(of_wing)), Patch("collar", "wall", tuple(of_collar))]
+    patches += [Patch("body", "wall", (body.face(4),)), Patch("far", "farfield", far)]
+    patches.append(Patch("plane", "symmetry", (body.face(2), body.face(3), box.face(4))))
+    return Grid(tuple(blocks), tuple(patches), source="wing on a body")
 
 
 def blocks_model(grid: Grid) -> MeshModel:

@@ -145,7 +145,9 @@ class Junction(OneLine):
         distances, nearest = (np.reshape(found, (len(points), k + 1)) for found in tree.query(points, k=k + 1))
         part = np.maximum(distances[:, 0] - self.rigid, 0.0) / (self.reach - self.rigid)
         fade = 1.0 - part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
-        closeness = distances[:, :1] / distances  # 0 of a node that there is not, which is at infinity
+        # of another grid, nodes may be at one of the junction; nodes that there are not are at infinity
+        apart = np.maximum(distances, np.finfo(float).tiny)
+        closeness = apart[:, :1] / apart
         weights = (closeness[:, :-1] - closeness[:, -1:]) ** 2
         weights[weights[:, 0] < AS_NEAR**2] = 1.0
         weights *= (fade / weights.sum(axis=1))[:, None]

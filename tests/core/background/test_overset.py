@@ -1,15 +1,24 @@
 """Component grids that overlap move by one lattice: walls, fringes, nodes that blocks share."""
 
-import numpy as np
-import pytest
-from overset_cases import CENTRES, overset_grid
+from dataclasses import replace
 
+import numpy as np
+import openmdao.api as om
+import pytest
+from overset_cases import CENTRES, LENGTH, overset_grid, wing_on_body
+
+from bspline_mdao import DesignSurface, write_grid
 from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.core.background.open_mesh_file import open_mesh_file
+from bspline_mdao.design import Dihedral, Junction, OfPart, OnPatch, Translation, Twist
 from bspline_mdao.grids.cells.overlap_change import OverlapChange
 from bspline_mdao.grids.io.meshes.blocks import marked_grid
 from bspline_mdao.grids.io.plane_grids import lift_plane_grid
 from bspline_mdao.grids.topology.grid import Block, Grid
+from bspline_mdao.meshes import fit_mesh
+from bspline_mdao.movers import Cylinder
+from bspline_mdao.testing import check_totals
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +98,59 @@ def test_nodes_of_plane_component_grids_count_once_and_keep_their_places_under_a
     change = OverlapChange.of(grid, mesh, np.unique(mesh.markers["overset"]), mesh.points @ (turn * [1.3, 0.7, 1.0]))
     assert change.n_fringe == change.n_donors == 16
     assert max(change.largest, change.farthest) < 1e-9
+
+
+@pytest.fixture(scope="module")
+def sliding(tmp_path_factory):
+    """A wing whose grid has a collar on the body of another: the model, and the movement of both, set up."""
+    path = tmp_path_factory.mktemp("overset") / "wing.cgns"
+    write_grid(path, wing_on_body())
+    model = fit_mesh(path)
+    both = DesignSurface.of(model)
+    wing = both.part("wing")
+    of_wing = Twist("twist", wing.axis, 2), Dihedral("dihedral", wing.axis), Translation("position", "x")
+    junction = Junction(OnPatch(model, ["collar", "body"]), 1.5, Cylinder((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0))
+    problem = om.Problem(reports=None)
+    movement = both.grid_movement(
+        [OfPart(each, wing.mesh) for each in of_wing], junction=junction, quality=("volume_ks",)
+    )
+    problem.model.add_subsystem("movement", movement, promotes=["*"])
+    problem.setup(mode="rev")
+    return model, problem
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_wing_with_a_collar_slides_turns_and_rises_on_the_body_of_another_grid(sliding, sign, tmp_path):
+    model, problem = sliding
+    mesh, grid = model.mesh, wing_on_body()
+    for name, value in {"position": 0.1 * LENGTH, "twist": 10.0, "dihedral": 10.0}.items():
+        problem.set_val(name, sign * value)
+    problem.run_model()
+    open_mesh_file(model).write(tmp_path / "moved.cgns", problem.get_val("grid").reshape(-1, 3))
+    nodes = fit_mesh(tmp_path / "moved.cgns").mesh.points
+    gone = np.linalg.norm(nodes - mesh.points, axis=1)
+    for name in ("collar", "body"):
+        rows = np.unique(mesh.markers[name])
+        np.testing.assert_allclose(np.hypot(*nodes[rows, 1:].T), 1.0, rtol=0.0, atol=1e-14)
+        assert gone[rows].max() > 0.45
+    assert not mesh.quality(nodes).is_inverted.any()
+    fringe, change = np.unique(mesh.markers["overset"]), []
+    for before in (mesh, replace(mesh, points=nodes)):
+        change.append(OverlapChange.of(grid, before, fringe, nodes))
+        assert change[-1].n_donors == change[-1].n_fringe > 800
+    assert change[0].median < 0.006
+    assert change[0].farthest < 0.2  # the next cell is the donor
+    heights = [model.node_map.embedded.walls.heights(each) for each in (mesh.points, nodes)]
+    ratios = (heights[1] / heights[0])[heights[0] < 4e-3]
+    assert np.abs(np.quantile(ratios, [0.01, 0.99]) - 1.0).max() < 0.011
+    assert np.abs(ratios - 1.0).max() < 0.05
+
+
+def test_totals_of_a_wing_that_slides_on_the_body_of_another_grid_are_those_of_differences(sliding):
+    _, problem = sliding
+    for name, value in {"position": 0.2, "twist": [3.0, -4.0], "dihedral": 2.0}.items():
+        problem.set_val(name, value)
+    problem.run_model()
+    check = check_totals(problem, ["volume_ks"], ["position", "twist", "dihedral"])
+    assert check.transposed < 1e-12
+    assert check.differences < 1e-7

@@ -193,6 +193,12 @@ def test_displacements_beside_a_junction_do_not_jump_where_other_nodes_of_it_are
     np.testing.assert_allclose(np.sort(on_axis)[-16:], 0.5 / 16.0, rtol=1e-12)
 
 
+def test_a_node_of_another_grid_at_one_of_the_junction_goes_along_with_this_wholly(case):
+    points = case[0].points[:N_AROUND]
+    matrix = Junction(np.arange(N_AROUND), 0.9)._fading(cKDTree(points), points[[7, 30]])[::3, ::3].toarray()
+    np.testing.assert_array_equal(matrix, np.eye(N_AROUND)[[7, 30]])
+
+
 def test_what_is_within_the_rigid_distance_goes_along_wholly_and_fades_smoothly_from_there(case):
     mesh, n_body = case
     points, reach, rigid = mesh.points, 0.9, 0.3
