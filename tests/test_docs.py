@@ -119,8 +119,8 @@ def test_surfaces_go_into_cad_as_the_page_says(folder, monkeypatch):
     np.testing.assert_allclose(moved.ravel(), asked, atol=1e-14)
 
 
-def test_many_designs_are_made_as_the_page_says(folder, monkeypatch):
-    monkeypatch.chdir(folder)
+def test_many_designs_are_made_as_the_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     assert run_commands("howto/many_designs.rst") == ["init", "sample"]
     assert {"designs.h5", "model.h5", "sample.py", "card.md"} == set(os.listdir("designs"))
     contents = run_blocks("howto/many_designs.rst")
