@@ -8,6 +8,7 @@ import openmdao.api as om
 import pytest
 from overset_cases import overset_grid, two_cylinders
 from parallel_cases import run_ranks
+from periodic_cases import passage
 from riding_cases import plane_su2_text
 
 from bspline_mdao import read_grid, write_grid
@@ -66,6 +67,14 @@ def test_quality_of_several_ranks_is_that_of_one(wing, name, n):
     for ranks, file in zip((1, n), files):
         numbers_of(ranks, file, "quality", wing / name, "--baseline", wing / "3.h5")
     assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_gaps_of_periodic_sides_are_those_of_one_rank(tmp_path):
+    write_grid(tmp_path / "passage.cgns", passage())
+    files = [tmp_path / f"{ranks}.json" for ranks in (1, 3)]
+    found = [numbers_of(n, file, "quality", tmp_path / "passage.cgns") for n, file in zip((1, 3), files)]
+    assert files[0].read_bytes() == files[1].read_bytes()
+    assert len(found[1]["periodic"]) == 1
 
 
 @pytest.mark.parametrize("lattice", [(), ("--lattice",)])

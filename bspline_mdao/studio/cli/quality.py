@@ -25,7 +25,7 @@ from ...grids.io.formats import MODEL
 from ...grids.io.meshes.files import is_mesh
 from ...grids.io.patches import merge_patches, read_patches
 from ...grids.topology.detection import find_topology
-from ...grids.topology.grid import Grid
+from ...grids.topology.grid import Block, Grid
 from ...grids.topology.index_space import Window
 from ...grids.topology.partition import Partition
 from ...grids.topology.stored_grid import StoredBlock, StoredGrid
@@ -98,7 +98,7 @@ def measure_quality(
     with written_json(json, _numbers(grid_name, baseline, report, certificate, newly) | {"periodic": periodic}, comm):
         pass
     _show(grid_name, baseline, report, certificate, newly, grid.header.length_unit)
-    print_lines(gap_lines(periodic or [], grid.header.length_unit))
+    print_lines(gap_lines(periodic, grid.header.length_unit))
     print_warnings(grid.warnings)
     if baseline is not None:
         print_warnings(height_warnings(report.heights))
@@ -129,7 +129,7 @@ class _Read(NamedTuple):
     nodes: np.ndarray
     warnings: tuple[str, ...]
     comm: Any
-    topology: Topology | None = None  # where one process has all nodes
+    topology: Topology
 
     @property
     def pieces(self) -> Pieces:
@@ -170,7 +170,8 @@ def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
     grid = StoredGrid(tuple(blocks), header.patches, header.source, unit=header.unit)
     with together(comm):
         grid, nodes = read_patches(patches, grid) if patches else grid, subdomain.regenerate()
-    return _Read(grid, Partition.of(subdomain.topology, comm.size), nodes, subdomain.topology.warnings, comm)
+    topology = subdomain.topology
+    return _Read(grid, Partition.of(topology, comm.size), nodes, topology.warnings, comm, topology)
 
 
 def _grid_in_parts(grid_name: str, patches: Path | None, comm: Any, units: str | None) -> _Read:
@@ -180,7 +181,7 @@ def _grid_in_parts(grid_name: str, patches: Path | None, comm: Any, units: str |
     partition = Partition.of(topology, comm.size)
     with together(comm):
         parts = [grid.read(piece).nodes.reshape(-1, 3) for piece in partition.pieces[comm.rank]]
-    return _Read(grid, partition, np.concatenate([np.zeros((0, 3)), *parts]), topology.warnings, comm)
+    return _Read(grid, partition, np.concatenate([np.zeros((0, 3)), *parts]), topology.warnings, comm, topology)
 
 
 def _baseline_of(name: str, moved: _Read, grid_name: str, comm: Any) -> _Read:
@@ -195,11 +196,26 @@ def _baseline_of(name: str, moved: _Read, grid_name: str, comm: Any) -> _Read:
     return baseline._replace(header=merge_patches(header, grid.patches, grid_name))
 
 
-def _periodic(before: _Read, after: _Read | None) -> list[dict] | None:
-    """Numbers of the periodic sides of a grid, and of that before it was moved; None where processes have parts."""
-    if before.topology is None:
+def _periodic(before: _Read, after: _Read | None) -> list[dict]:
+    """Numbers of the periodic sides of a grid, and of that before it was moved, by the first process."""
+    baseline, grid = _whole(before), None if after is None else _whole(after)
+    return on_first(before.comm, lambda: block_numbers(before.topology, baseline, grid))
+
+
+def _whole(read: _Read) -> Any:
+    """All of a grid, on the first process."""
+    if read.comm.size == 1:
+        return read.header
+    parts = read.comm.gather(read.nodes)
+    if parts is None:
         return None
-    return block_numbers(before.topology, before.header, None if after is None else after.header)
+    blocks = [np.empty((*shape, 3)) for shape in read.header.shapes]
+    for windows, nodes in zip(read.partition.pieces, parts):
+        ends = np.cumsum([int(np.prod(window.shape)) for window in windows])
+        for window, part in zip(windows, np.split(nodes, ends[:-1])):
+            blocks[window.block][window.slices] = part.reshape(*window.shape, 3)
+    named = tuple(Block(nodes, block.name) for nodes, block in zip(blocks, read.header.blocks))
+    return Grid(named, read.header.patches, source=read.header.source, unit=read.header.unit)
 
 
 def _shapes_text(grid: Grid | StoredGrid) -> str:
