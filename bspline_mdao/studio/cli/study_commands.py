@@ -12,6 +12,15 @@ from .program import command, grid_argument, json_option, patches_option
 
 __all__ = ["init", "optimize", "sample"]
 
+folder_option = click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    required=True,
+    help="Folder for the results, which is made.",
+)
+
 
 @command(
     "init wing.xyz --patches wing.toml -o study.toml",
@@ -60,14 +69,7 @@ def init(mach: tuple[float, ...], lift: tuple[float, ...], lift_to_drag: bool, *
 
 @command("optimize study.toml -o out", "optimize study.toml -o out --restart")
 @click.argument("study", metavar="STUDY.toml", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    metavar="FOLDER",
-    required=True,
-    help="Folder for the results, which is made.",
-)
+@folder_option
 @click.option("--overwrite", is_flag=True, help="Use a folder that is not empty: what the last run wrote is replaced.")
 @click.option(
     "--restart", is_flag=True, help="Go on from the best design recorded there, by a run that ended or was killed."
@@ -104,14 +106,7 @@ def optimize(**options: Any) -> None:
     "twist[0],twist[1],...",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="S", help="Other designs.")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    metavar="FOLDER",
-    required=True,
-    help="Folder for the results, which is made.",
-)
+@folder_option
 @click.option("--flow", "has_flow", is_flag=True, help="Solve the flow of the study at every design, too.")
 @click.option(
     "--store",
