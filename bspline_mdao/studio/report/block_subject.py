@@ -10,6 +10,8 @@ import numpy as np
 from ...base.text import counted
 from ...core.mesh.surface import SurfaceGrid
 from ...core.model.fitted_model import FittedModel
+from ...core.sliding.fixed_surface import Plane
+from ...core.sliding.sliding_nodes import Slide, SlidingNodes
 from ...grids.cells.first_cells import FirstCells
 from ...grids.cells.grid_quality import GridQuality
 from ...grids.cells.report import WorstCell, report_quality
@@ -36,8 +38,8 @@ NEAR = 0.5
 class BlockSubject(Subject):
     """A grid that was fitted."""
 
-    def __init__(self, model: FittedModel):
-        self.model = model
+    def __init__(self, model: FittedModel, slides: Sequence[Slide] = ()):
+        self.model, self.slides = model, slides
         self.source, self.unit = model.header.source, model.header.length_unit
         self.baseline_points = model.control_points
 
@@ -60,7 +62,7 @@ class BlockSubject(Subject):
 
     def nodes_at(self, control_points: np.ndarray | None = None) -> np.ndarray:
         """See `FittedModel.regenerate`."""
-        return self.model.regenerate(control_points).to_vector().reshape(-1, 3)
+        return self.model.regenerate(control_points, self.slides).to_vector().reshape(-1, 3)
 
     @property
     def layers(self) -> dict[str, str]:
@@ -141,7 +143,7 @@ class BlockSubject(Subject):
         return Judgement(card, marks, [quality_chart(shapes, reports)], tables)
 
     def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float]]]:
-        """Of all periodic sides, tied or not; which patches slide is a matter of the move."""
+        """Of all periodic sides, tied or not, and of all nodes that slide on surfaces."""
         model, baseline = self.model, self.model.regenerate()
         topology, found = model.topology, []
         for tied in topology.periodic:
@@ -150,6 +152,12 @@ class BlockSubject(Subject):
         grids = (model.header.grid(topology.shapes, shape.nodes) for shape in shapes)
         for of_shapes in zip(*(pair_gaps(topology, baseline, grid) for grid in grids)):
             found.append((*_sides(of_shapes[0]), [gap.gap for gap in of_shapes]))
+        curved = [slide for slide in self.slides if not isinstance(slide.surface, Plane)]
+        if curved:
+            sliding = SlidingNodes.of(topology, baseline.to_vector().reshape(-1, 3), self.slides)
+            surfaces = ", ".join(dict.fromkeys(str(slide.surface) for slide in curved))
+            names = ", ".join(slide.what for slide in curved)
+            found.append((f"nodes of {names}", f"sliding on {surfaces}", [sliding.off(of.nodes) for of in shapes]))
         return found
 
     def section_charts(self, shapes: Sequence[Shape], walls: Walls, axes: Axes) -> list[Chart]:

@@ -11,6 +11,8 @@ import numpy as np
 from ...base.text import counted
 from ...core.background.end_planes import EndPlane
 from ...core.background.mesh_model import MeshModel
+from ...core.sliding.sliding_nodes import Slide
+from ...errors import InputError
 from ...grids.cells.mixed_quality import MixedQuality
 from ...grids.cells.node_heights import NodeHeights
 from ...grids.cells.quads import edges_of
@@ -65,7 +67,9 @@ class MeshSubject(Subject):
 
     space_title, label = "The mesh", "Mesh of the model"
 
-    def __init__(self, model: MeshModel):
+    def __init__(self, model: MeshModel, slides: Sequence[Slide] = ()):
+        if slides:
+            raise InputError(f"report: {model.source} says itself which of its nodes slide; leave 'slides' out")
         self.model, self.unit = model, model.mesh.length_unit
         self.source, self.baseline_points = model.source, model.control_points
 

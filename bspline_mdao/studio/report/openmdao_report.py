@@ -57,7 +57,7 @@ def _write(problem: om.Problem) -> None:
     try:
         history = read_history(_case_file(problem))
         contents = Contents(problem._name or "problem", history=history, diagram=diagram_of(problem))
-        write_contents(problem.get_reports_dir() / PAGE, with_model(contents, model))
+        write_contents(problem.get_reports_dir() / PAGE, with_model(contents, model, _slides(problem)))
     except InputError as error:
         om.issue_warning(f"the report {NAME} is not written: {error}")
 
@@ -68,6 +68,15 @@ def _model(problem: om.Problem) -> Any:
         if "model" in system.options and hasattr(system.options["model"], "control_points"):
             return system.options["model"]
     return None
+
+
+def _slides(problem: om.Problem) -> Any:
+    """What patches slide on, by the first system that moves a mesh of blocks; nothing where there is none."""
+    for system in problem.model.system_iter(include_self=True, recurse=True):
+        mesh = system.options["mesh"] if "mesh" in system.options else None  # noqa: SIM401 - they have no `get`
+        if mesh is not None and hasattr(mesh, "curved_slides") and mesh.parameters is not None:
+            return mesh.slides
+    return ()
 
 
 def _case_file(problem: om.Problem) -> str:

@@ -20,6 +20,7 @@ from ...core.model.movable import Movable
 from ...core.om.drivers.case_history import CaseHistory, read_history
 from ...core.om.drivers.sound_cases import sound_cases
 from ...core.om.model_option import named_model
+from ...core.sliding.sliding_nodes import Slide
 from ...errors import InputError
 from ...flow.euler.error_estimate import ErrorEstimate
 from ...flow.om.induced_gain import induced_gains
@@ -95,6 +96,7 @@ def write_report(
     title: str | None = None,
     estimates: Mapping[str, ErrorEstimate] | None = None,
     baseline: Mapping[str, ErrorEstimate] | None = None,
+    slides: Sequence[Slide] = (),
     most_triangles: int = MOST_TRIANGLES,
 ) -> dict[str, Any]:
     """Write a report on a model, or on an optimisation, as one HTML file that needs no network.
@@ -121,6 +123,9 @@ def write_report(
         What lift and drag at the end of an optimisation would be on a finer grid: ``estimates`` of `design_summary`.
     baseline : mapping of str to ErrorEstimate, optional
         The same of the baseline: the page then says what was gained in induced drag on either grid.
+    slides : sequence of Slide
+        Patches of a fitted grid that slide on surfaces, ``mesh.slides`` of the mesh that moved: nodes are shown there,
+        and the page says how far they are off.
     most_triangles : int
         Triangles of the walls that are drawn of each shape, about; of larger grids every n-th line is drawn.
 
@@ -149,18 +154,20 @@ def write_report(
         raise InputError(f"most_triangles: {most_triangles} are too few to see a wall; give 100 or more")
     require("plotly.graph_objects", EXTRA), require("jinja2", EXTRA)
     gains = tuple(gain.warning or gain.words for gain in induced_gains(baseline or {}, estimates or {}))
-    contents = replace(_contents(source, model, title), estimates=estimates or {}, gains=gains)
+    contents = replace(_contents(source, model, title, slides), estimates=estimates or {}, gains=gains)
     return write_contents(path, contents, most_triangles)
 
 
-def _contents(source: Any, model: Movable | str | os.PathLike | None, title: str | None) -> Contents:
+def _contents(
+    source: Any, model: Movable | str | os.PathLike | None, title: str | None, slides: Sequence[Slide]
+) -> Contents:
     """What a report on a source is about."""
     if isinstance(source, Movable):
-        return of_model(source, title)
+        return of_model(source, title, slides)
     if Path(source).suffix == MODEL:
         if model is not None:
             raise InputError(f"{source}: is a model already; leave out the other one")
-        return of_model(load_model(source), title or Path(source).name)
+        return of_model(load_model(source), title or Path(source).name, slides)
     source = Path(source) / CASES if Path(source).is_dir() else source
     history = read_history(source)
     diagram, missing = _diagram(source)
@@ -169,19 +176,19 @@ def _contents(source: Any, model: Movable | str | os.PathLike | None, title: str
         model, reason = find_model(Path(source), named_model(history.options))
         if model is None:
             return contents.without(reason)
-    return with_model(contents, model if isinstance(model, Movable) else load_model(model))
+    return with_model(contents, model if isinstance(model, Movable) else load_model(model), slides)
 
 
-def of_model(model: Movable, title: str | None) -> Contents:
+def of_model(model: Movable, title: str | None, slides: Sequence[Slide] = ()) -> Contents:
     """What a report on a model alone is about."""
-    return with_model(Contents(title or model.source), model)
+    return with_model(Contents(title or model.source), model, slides)
 
 
-def with_model(contents: Contents, model: Movable) -> Contents:
+def with_model(contents: Contents, model: Movable, slides: Sequence[Slide] = ()) -> Contents:
     """Add the shapes of a model to what is reported."""
     if model.ownership is not None:
         return contents.without(NO_MODEL)
-    subject = subject_of(model)
+    subject = subject_of(model, slides)
     shapes, missing = shapes_of(subject, contents.history)
     return replace(contents.without(*missing), subject=subject, shapes=shapes)
 

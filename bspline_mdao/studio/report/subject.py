@@ -10,6 +10,7 @@ from functools import singledispatch
 import numpy as np
 
 from ...core.model.movable import Movable
+from ...core.sliding.sliding_nodes import Slide
 from ...errors import InputError
 from .charts import Chart
 from .shape import Axes, Shape
@@ -126,6 +127,6 @@ class Subject(ABC):
 
 
 @singledispatch
-def subject_of(model: Movable) -> Subject:
-    """Take what a page shows of a model."""
+def subject_of(model: Movable, slides: Sequence[Slide] = ()) -> Subject:
+    """Take what a page shows of a model, patches of whose blocks may slide on surfaces."""
     raise InputError(f"report: nothing is known of a {type(model).__name__}; give a FittedModel or a MeshModel")

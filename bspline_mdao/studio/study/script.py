@@ -237,7 +237,8 @@ class StudyScript:
             both = ", estimates=after.estimates, baseline=before.estimates"
             estimates = both if self._is_estimated else ""
             results = 'HERE / "report.html", HERE / "cases.sql"'
-            report = f"\n        bm.write_report({results}, model, title=STUDY{estimates})"
+            slides = ", slides=wing.mesh.slides" if study.grid["sliding"] else ""
+            report = f"\n        bm.write_report({results}, model, title=STUDY{estimates}{slides})"
         picture = ""
         if self._is_drawn:
             picture = (

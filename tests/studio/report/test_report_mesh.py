@@ -6,18 +6,23 @@ import h5py
 import numpy as np
 import openmdao.api as om
 import pytest
+import sliding_cases
 from mesh_cases import body_model, mesh_around_a_body, section_model, sector_mesh
 from periodic_cases import passage, untied
+from sliding_cases import lean
 from test_report_page import Page
 
-from bspline_mdao import DesignSurface, fit_grid, write_report
+from bspline_mdao import DesignSurface, GridMovement, fit_grid, write_report
 from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.core.mesh.boundary import moving_mesh
 from bspline_mdao.core.om.drivers.case_history import read_history
 from bspline_mdao.core.om.model_option import named_model
 from bspline_mdao.design import Twist
+from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.mesh_quality import mesh_quality
 from bspline_mdao.grids.topology.periodic_gap import periodic_gaps
+from bspline_mdao.movers import Rotations
 from bspline_mdao.studio.cli.main import run
 from bspline_mdao.studio.cli.mesh_periodic import block_numbers, side_numbers
 from bspline_mdao.studio.plotting.mesh_slices import mesh_slice
@@ -105,6 +110,26 @@ def test_gaps_of_periodic_sides_and_distances_of_nodes_that_slide_are_those_of_m
     assert "interfaces" in [a["id"] for a in page.all("section")]
     for words in ("Periodic sides and fixed surfaces", "per_1 and per_2", "nodes of floor", slide[1]):
         assert words in page.text
+
+
+def test_nodes_of_blocks_that_slide_are_shown_on_their_surfaces_and_their_distances_told(tmp_path):
+    model = sliding_cases.passage()
+    mesh = moving_mesh(model, "blade", sliding=["hub", "casing"])
+    movement = Rotations(mesh).move(model.control_points, lean(mesh, 0.05))
+    subject = subject_of(model, mesh.slides)
+    on, off = (subject_of(model, slides).nodes_at(movement.points) for slides in (mesh.slides, ()))
+    shapes = Shape("Before", subject.nodes_at(), None), Shape("After", on, None), Shape("Without", off, None)
+    *_, (what, how, misses) = subject.misses(shapes)
+    assert what == "nodes of patch 'hub', patch 'casing'"
+    assert how.startswith("sliding on ")
+    assert max(misses[:2]) < 1e-12 < 1e-8 < misses[2]
+    write_report(tmp_path / "passage.html", model, slides=mesh.slides)
+    assert what in page_of(tmp_path / "passage.html").text
+    problem = om.Problem(GridMovement(model=model, mover=Rotations(mesh), fit=False, quality=False), reports=None)
+    problem.setup()
+    assert openmdao_report._slides(problem) == mesh.slides
+    with pytest.raises(InputError, match="leave 'slides' out"):
+        subject_of(MeshModel.of(*sector_mesh(), LatticeSettings(spacing=0.3)), mesh.slides)
 
 
 @pytest.mark.parametrize("is_tied", [True, False])
