@@ -189,14 +189,14 @@ class ScaledModel:
 
     def scaled(self, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, float, np.ndarray]:
         """Design variables (n,), objective and constraints (m,) of values in units of the model, by name."""
-        driver = self._driver
+        objective = self._scaled("objective", self._driver._objs, values)
+        constraints = self._scaled("constraint", self._constraints, values)
+        return self._scaled("design_var", self._designs, values), float(objective[0]), constraints
 
-        def of(kind: str, metas: Mapping[str, dict]) -> np.ndarray:
-            scalings = {name: _scaling(driver, kind, name, meta) for name, meta in metas.items()}
-            return _flat((values[name] + adder) * scaler for name, (scaler, adder) in scalings.items())
-
-        objective = of("objective", driver._objs)
-        return of("design_var", self._designs), float(objective[0]), of("constraint", self._constraints)
+    def _scaled(self, kind: str, metas: Mapping[str, dict], values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Values of one kind in units of the model, by name, in one scaled vector."""
+        scalings = {name: _scaling(self._driver, kind, name, meta) for name, meta in metas.items()}
+        return _flat((values[name] + adder) * scaler for name, (scaler, adder) in scalings.items())
 
     def design_variables(self) -> dict[str, dict[str, Any]]:
         """Names, units, bounds and present values of the design variables, not scaled, as generators of designs ask."""
@@ -219,11 +219,7 @@ class ScaledModel:
 
     def set_values(self, values: Mapping[str, np.ndarray]) -> None:
         """Set design variables that are not scaled, by name, without a run."""
-        scaled = []
-        for name, meta in self._designs.items():
-            scaler, adder = _scaling(self._driver, "design_var", name, meta)
-            scaled.append((values[name] + adder) * scaler)
-        self.set(_flat(scaled))
+        self.set(self._scaled("design_var", self._designs, values))
 
     def set(self, x: np.ndarray) -> None:
         """Set the scaled design variables (n,), without a run."""

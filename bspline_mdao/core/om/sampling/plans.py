@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ _NO_BOUND = 1e16
 """OpenMDAO writes 1e30 for a bound that is not there; scaling may reduce it."""
 
 
-class _InCube(DOEGenerator):
+class _InCube(DOEGenerator, ABC):
     """Designs that fill the cube between all bounds."""
 
     def __init__(self, n: int, seed: int = 0):
@@ -58,9 +59,9 @@ class _InCube(DOEGenerator):
         for point in self._points(len(lower), np.random.default_rng(self.seed)):
             yield list(zip(sizes, np.split(lower + point * (upper - lower), places)))
 
+    @abstractmethod
     def _points(self, n_values: int, generator: np.random.Generator) -> np.ndarray:
         """Points of the unit cube, shape (n, n_values)."""
-        raise NotImplementedError
 
 
 class LatinHypercube(_InCube):
