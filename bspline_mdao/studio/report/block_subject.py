@@ -21,7 +21,7 @@ from ...grids.topology.sharing import boundary_sections
 from ...grids.topology.topology import describe
 from .charts import Chart, quality_chart
 from .shape import Axes, Shape
-from .subject import Judgement, Layer, Mark, Subject, subject_of
+from .subject import Judgement, Layer, Mark, Subject, off_surfaces, subject_of
 from .tables import Table, fit_table, number, quality_table, worst_table
 from .walls import DrawnWalls, Walls, boundary_faces, every_line, lines_near, net_lines, wall_quads
 
@@ -155,9 +155,7 @@ class BlockSubject(Subject):
         curved = [slide for slide in self.slides if not isinstance(slide.surface, Plane)]
         if curved:
             sliding = SlidingNodes.of(topology, baseline.to_vector().reshape(-1, 3), self.slides)
-            surfaces = ", ".join(dict.fromkeys(str(slide.surface) for slide in curved))
-            names = ", ".join(slide.what for slide in curved)
-            found.append((f"nodes of {names}", f"sliding on {surfaces}", [sliding.off(of.nodes) for of in shapes]))
+            found.append(off_surfaces([slide.what for slide in curved], curved, sliding, shapes))
         return found
 
     def section_charts(self, shapes: Sequence[Shape], walls: Walls, axes: Axes) -> list[Chart]:

@@ -21,7 +21,7 @@ from .mesh_charts import section_charts
 from .mesh_quality import judge
 from .mesh_walls import MeshWalls, edge_lines
 from .shape import Axes, Shape
-from .subject import Judgement, Layer, Subject, subject_of
+from .subject import Judgement, Layer, Subject, off_surfaces, subject_of
 from .tables import Table, number
 from .walls import Walls, lines_near, net_lines
 
@@ -178,9 +178,7 @@ class MeshSubject(Subject):
             gaps = [sides.gap(shape.nodes) for shape in shapes]
             found.append((" and ".join(sides.markers), f"a {sides.motion}", gaps))
         if model.sliding_nodes is not None:
-            surfaces = ", ".join(dict.fromkeys(str(slide.surface) for slide in model.slides.values()))
-            off = [model.sliding_nodes.off(shape.nodes) for shape in shapes]
-            found.append((f"nodes of {', '.join(model.slides)}", f"sliding on {surfaces}", off))
+            found.append(off_surfaces(model.slides, model.slides.values(), model.sliding_nodes, shapes))
         return found
 
     def section_charts(self, shapes: Sequence[Shape], walls: Walls, axes: Axes) -> list[Chart]:

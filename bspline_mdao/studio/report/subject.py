@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
 
 import numpy as np
 
 from ...core.model.movable import Movable
-from ...core.sliding.sliding_nodes import Slide
+from ...core.sliding.sliding_nodes import Slide, SlidingNodes
 from ...errors import InputError
 from .charts import Chart
 from .shape import Axes, Shape
 from .tables import Table
 from .walls import WallHeights, Walls
 
-__all__ = ["Judgement", "Layer", "Mark", "Subject", "subject_of"]
+__all__ = ["Judgement", "Layer", "Mark", "Subject", "off_surfaces", "subject_of"]
 
 
 @dataclass(frozen=True)
@@ -130,3 +130,14 @@ class Subject(ABC):
 def subject_of(model: Movable, slides: Sequence[Slide] = ()) -> Subject:
     """Take what a page shows of a model, patches of whose blocks may slide on surfaces."""
     raise InputError(f"report: nothing is known of a {type(model).__name__}; give a FittedModel or a MeshModel")
+
+
+def off_surfaces(
+    names: Iterable[str],  # what slides
+    slides: Iterable[Slide],  # on what
+    sliding: SlidingNodes,
+    shapes: Sequence[Shape],
+) -> tuple[str, str, list[float]]:
+    """How far nodes of shapes are from the surfaces that they slide on, see `Subject.misses`."""
+    surfaces = ", ".join(dict.fromkeys(str(slide.surface) for slide in slides))
+    return f"nodes of {', '.join(names)}", f"sliding on {surfaces}", [sliding.off(shape.nodes) for shape in shapes]
