@@ -185,16 +185,11 @@ def _least_drag(body: Body, aim: Aim) -> Iterator[str]:
     yield 'kind = "euler"'
     yield "trim = true  # the angle of attack is solved for, so that all designs have one lift"
     yield f"CL_target = {lift:g}  # set yours; by the chord, per unit of span: cl"
-    guessed = "" if aim.machs else "  # set yours: guessed of the thickness, so that there is a shock to lose"
-    yield f"Mach_number = {mach:g}{guessed}"
+    yield from _mach_number(mach, aim)
     yield from _frame(body)
     if others:
         for name, (mach, lift) in points.items():
-            yield f"[conditions.{name}]"
-            yield f"Mach_number = {mach:g}"
-            yield f"CL_target = {lift:g}"
-            yield "weight = 1.0  # in the mean of drags that the objective is"
-            yield ""
+            yield from _condition(name, mach, [f"CL_target = {lift:g}"], "drags")
     else:
         yield "# [conditions.faster]  # one such table for each of several flight conditions, see init --mach"
         yield f"# Mach_number = {mach + 0.02:.2f}"
@@ -216,20 +211,31 @@ def _ratio(body: Body, aim: Aim) -> Iterator[str]:
     yield 'kind = "euler"'
     yield f"alpha = {ALPHA - 1.0}  # of the baseline, degrees"
     (mach, _), *others = points.values()
-    guessed = "" if aim.machs else "  # set yours: guessed of the thickness, so that there is a shock to lose"
-    yield f"Mach_number = {mach:g}{guessed}"
+    yield from _mach_number(mach, aim)
     yield from _frame(body)
     if others:
         for name, (mach, _) in points.items():
-            yield f"[conditions.{name}]"
-            yield f"Mach_number = {mach:g}"
-            yield "weight = 1.0  # in the mean of ratios that the objective is"
-            yield ""
+            yield from _condition(name, mach, [], "ratios")
     ratios = [f"{name}.CL / ({name}.CD + {FRICTION})" for name in points] if others else [f"CL / (CD + {FRICTION})"]
     yield "[objective]"
     yield f'of = "{" + ".join(ratios)}"  # {FRICTION}: drag of friction, which this flow has not; set yours'
     yield "maximize = true"
     yield f"ref = {10.0 * len(ratios):g}"
+    yield ""
+
+
+def _mach_number(mach: float, aim: Aim) -> Iterator[str]:
+    """Mach number of the flow, and whether it is a guess."""
+    guessed = "" if aim.machs else "  # set yours: guessed of the thickness, so that there is a shock to lose"
+    yield f"Mach_number = {mach:g}{guessed}"
+
+
+def _condition(name: str, mach: float, more: list[str], summed: str) -> Iterator[str]:
+    """One of several flight conditions, of whose numbers the objective is a mean."""
+    yield f"[conditions.{name}]"
+    yield f"Mach_number = {mach:g}"
+    yield from more
+    yield f"weight = 1.0  # in the mean of {summed} that the objective is"
     yield ""
 
 

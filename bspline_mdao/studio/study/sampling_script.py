@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..study.syntax import call, expression, statement
 from .layout import python_text
 from .responses import Response
 from .script import Part, StudyScript, design_var, done
 from .script_shape import shape_part
 from .study import Study
+from .syntax import call, expression, statement
 from .variable_kinds import VARIABLES
 
 __all__ = ["DESIGNS", "PLANS", "SAMPLING_SCRIPT", "Sampling", "sampling_script"]
