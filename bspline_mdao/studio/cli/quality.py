@@ -209,12 +209,11 @@ def _whole(read: _Read) -> Any:
     parts = read.comm.gather(read.nodes)
     if parts is None:
         return None
-    blocks = [np.empty((*shape, 3)) for shape in read.header.shapes]
-    for windows, nodes in zip(read.partition.pieces, parts):
-        ends = np.cumsum([int(np.prod(window.shape)) for window in windows])
-        for window, part in zip(windows, np.split(nodes, ends[:-1])):
-            blocks[window.block][window.slices] = part.reshape(*window.shape, 3)
-    named = tuple(Block(nodes, block.name) for nodes, block in zip(blocks, read.header.blocks))
+    nodes = np.empty((read.topology.n_nodes, 3))
+    for rank, part in enumerate(parts):
+        nodes[read.partition.subdomain(rank).rows] = part
+    blocks = zip(read.topology.layout.split(nodes), read.header.blocks)
+    named = tuple(Block(of_block, block.name) for of_block, block in blocks)
     return Grid(named, read.header.patches, source=read.header.source, unit=read.header.unit)
 
 
