@@ -11,6 +11,7 @@ Report 138, 1979, report B1: section (the symmetric ONERA D, given by its upper 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -73,8 +74,13 @@ def onera_m6_grid(
     >>> onera_m6_grid((5, 5, 5))
     Grid(H-H wing grid: 12 blocks, 1,500 nodes, 4 patches)
     """
-    wing = Wing(onera_m6_planform(), onera_d_section())
-    return hh_wing_grid(wing, shape, spacing, far_field)
+    return hh_wing_grid(_onera_m6(), shape, spacing, far_field)
+
+
+@cache
+def _onera_m6() -> Wing:
+    """The wing of the paper, kept with the arc lengths of its sections."""
+    return Wing(onera_m6_planform(), onera_d_section())
 
 
 def flat_plate_grid(

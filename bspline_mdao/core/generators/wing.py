@@ -172,16 +172,29 @@ class Section(OneLine):
             Points in chords.
         """
         curve, (factors, of_curve) = self._curves[side], np.unique(thickness, return_inverse=True)
-        places = [_places(*arcs) for arcs in zip(*_arcs(curve, factors))]
+        places = self._places_of(side, factors)
         return np.stack([_at_arcs(curve, places[k], f, factors[k]) for k, f in zip(of_curve, fractions)])
 
     def length(self, side: int, thickness: np.ndarray) -> np.ndarray:
         """Arc length in chords of one side, scaled in thickness by each factor (m,)."""
-        return _arcs(self._curves[side], thickness)[1][:, -1]
+        factors, of_curve = np.unique(thickness, return_inverse=True)
+        return np.array([length for _, length in self._places_of(side, factors)])[of_curve]
+
+    def _places_of(self, side: int, factors: np.ndarray) -> list[tuple[CubicSpline, float]]:
+        """Parameters by arc length of one side scaled in thickness by each factor, kept for surfaces that follow."""
+        known = self._known_places[side]
+        new = np.array([factor for factor in factors if factor not in known])
+        if new.size:
+            known.update(zip(new.tolist(), (_places(*arcs) for arcs in zip(*_arcs(self._curves[side], new)))))
+        return [known[factor] for factor in factors.tolist()]
 
     @cached_property
     def _curves(self) -> dict[int, CubicSpline]:
         return {1: _spline(self.upper, self.nose_radius, 1.0), -1: _spline(self.lower, self.nose_radius, -1.0)}
+
+    @cached_property
+    def _known_places(self) -> dict[int, dict[float, tuple[CubicSpline, float]]]:
+        return {1: {}, -1: {}}
 
 
 def flat_section() -> Section:

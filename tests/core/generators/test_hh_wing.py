@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
+from bspline_mdao.core.generators import wing
 from bspline_mdao.core.generators.canonical import ONERA_D_UPPER
 from bspline_mdao.core.generators.stretching import geometric_last, stretch, stretch_lines
 from bspline_mdao.errors import InputError
@@ -312,3 +313,12 @@ def test_too_few_nodes_are_refused():
 def test_impossible_planforms_are_refused(changes):
     with pytest.raises(InputError, match="planform"):
         Planform(**changes)
+
+
+def test_arc_lengths_of_a_section_are_found_once(monkeypatch):
+    grid = onera_m6_grid((7, 9, 7))
+    fresh = hh_wing_grid(Wing(onera_m6_planform(), onera_d_section()), (7, 9, 7))
+    monkeypatch.setattr(wing, "_arcs", None)
+    again = onera_m6_grid((7, 9, 7))
+    for other in (fresh, again):
+        assert other.to_vector().tobytes() == grid.to_vector().tobytes()
