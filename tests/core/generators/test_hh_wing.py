@@ -318,7 +318,14 @@ def test_impossible_planforms_are_refused(changes):
 def test_arc_lengths_of_a_section_are_found_once(monkeypatch):
     grid = onera_m6_grid((7, 9, 7))
     fresh = hh_wing_grid(Wing(onera_m6_planform(), onera_d_section()), (7, 9, 7))
-    monkeypatch.setattr(wing, "_arcs", None)
+    arcs, n_curves = wing._arcs, []
+
+    def counted(curve, factors):
+        n_curves.append(len(factors))
+        return arcs(curve, factors)
+
+    monkeypatch.setattr(wing, "_arcs", counted)
     again = onera_m6_grid((7, 9, 7))
+    assert n_curves == [1, 1]  # of the plates within
     for other in (fresh, again):
         assert other.to_vector().tobytes() == grid.to_vector().tobytes()
