@@ -15,7 +15,10 @@ RECIPE = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text())
 
 
 def test_the_version_is_the_same_everywhere():
-    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == __version__
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == __version__
+    page = (ROOT / "docs" / "citing.rst").read_text()
+    assert re.search(rf"version = \{{{__version__}\}},\n\s+year    = \{{{citation['date-released'].year}\}}", page)
     assert RECIPE["context"]["version"] == __version__
     sections = re.findall(r"^## \[(.+?)\]", (ROOT / "docs" / "changelog.md").read_text(), re.M)
     assert sections[:2] == ["Unreleased", __version__]

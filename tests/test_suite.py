@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from types import ModuleType
 
@@ -307,11 +308,11 @@ def test_kernels_are_restored_for_the_sources_that_they_were_compiled_from_alone
 
 
 @pytest.mark.slow
-def test_the_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+def test_the_example_in_27_lines_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    readme = (ROOT / "README.md").read_text()
-    (example,) = re.findall(r"```python\n(.*?)```", readme, re.S)
-    (table,) = re.findall(r"```text\n(.*?)```", readme, re.S)
+    page = (ROOT / "docs" / "in_python.rst").read_text()
+    blocks = r"^\.\. code-block:: {}\n\n((?:   .*\n|\n)+)"
+    example, table = (textwrap.dedent(*re.findall(blocks.format(kind), page, re.M)) for kind in ("python", "text"))
     assert len(example.strip().splitlines()) <= 27
     contents = {}
     exec(example, contents)
@@ -323,11 +324,28 @@ def test_the_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     assert {"optimum.xyz", "optimum.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
-def test_the_commands_of_the_readme_exist():
+def test_the_list_of_commands_is_complete_and_those_of_the_readme_are_in_it():
     from bspline_mdao.studio.cli.commands import bspline_mdao as program
 
-    used = set(re.findall(r"`?bspline-mdao (\w+)", (ROOT / "README.md").read_text()))
-    assert used == set(program.commands)
+    page, readme = ((ROOT / name).read_text() for name in ("docs/command_line.rst", "README.md"))
+    (listed,) = re.findall(r"code-block:: text\n\n((?:   bspline-mdao .*\n)+)", page)
+    assert {line.split()[1] for line in listed.splitlines()} == set(program.commands)
+    assert set(re.findall(r"bspline-mdao (\w+)", readme)) <= set(program.commands)
+
+
+def test_the_readme_is_one_screen_and_its_links_lead_somewhere():
+    readme = (ROOT / "README.md").read_text()
+    assert len(readme.split()) <= 400
+    for target in re.findall(r"\]\((?!http)([^)]+)\)", readme):
+        assert (ROOT / target).exists(), target
+
+
+def test_the_airfoil_of_the_readme_is_that_of_its_page():
+    readme, page = ((ROOT / name).read_text() for name in ("README.md", "docs/howto/airfoil.rst"))
+    commands = re.findall(r"^(bspline-mdao .*foil\.h5.*|bspline-mdao optimize .*?) *(?:#.*)?$", readme, re.M)
+    assert len(commands) == 3
+    for command in commands:
+        assert command.split("#")[0].strip() in page
 
 
 def test_no_two_files_of_tests_have_one_name():

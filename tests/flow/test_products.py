@@ -4,6 +4,7 @@ import importlib
 import inspect
 import pkgutil
 import re
+import textwrap
 from functools import cache
 from pathlib import Path
 
@@ -381,10 +382,11 @@ def test_a_bare_check_of_the_flow_takes_complex_steps_where_there_is_room():
     assert_partials(problem, rtol=1e-10, atol=1e-10)
 
 
-def test_a_bare_check_passes_on_the_problem_of_the_readme():
-    (example,) = re.findall(r"```python\n(.*?)problem.run_driver\(\)", ROOT.joinpath("README.md").read_text(), re.S)
+def test_a_bare_check_passes_on_the_example_in_27_lines():
+    page = ROOT.joinpath("docs", "in_python.rst").read_text()
+    (example,) = re.findall(r"code-block:: python\n\n(.*?)   problem.run_driver\(\)", page, re.S)
     contents = {}
-    exec(example, contents)
+    exec(textwrap.dedent(example), contents)
     assert_partials(contents["problem"])
 
 
