@@ -1,5 +1,6 @@
 """What the documentation shows works: its Python examples and its command lines."""
 
+import ast
 import importlib.util
 import json
 import os
@@ -30,6 +31,7 @@ from bspline_mdao.studio.study.reader import read_study
 pytestmark = pytest.mark.slow
 
 DOCS = Path(__file__).parents[1] / "docs"
+PACKAGE = DOCS.parent / "bspline_mdao"
 
 
 def code_blocks(page, language):
@@ -90,11 +92,34 @@ def written_by_openvsp(path):
         *(("airfoil", "howto/airfoil.rst"), ("CST", "howto/airfoil.rst"), ("y+", "viscous.rst")),
         *(("extrusion", "theory/extrusion.rst"), ("pyHyp", "theory/extrusion.rst")),
         *(("STEP", "howto/cad.rst"), ("OpenVSP", "howto/cad.rst")),
+        *((word, "faq.rst") for word in ("negative cells", "y+", "units", "MPI", "wavy optimum", "hot start", "trim")),
+        *((word, "comparison.rst") for word in ("mesh deformation", "mesh warping")),
+        *(("lift-constrained drag minimisation", "in_python.rst"), ("surrogate", "command_line.rst")),
+        *(("adjoint", "flow.rst"), ("FFD", "design.rst"), ("unstructured", "howto/unstructured.rst")),
+        *(("overset", "howto/overset.rst"), ("control surface", "howto/flaps.rst"), ("DOE", "howto/many_designs.rst")),
+        ("restart", "howto/restart.rst"),
     ],
 )
 def test_words_that_are_searched_for_are_in_the_index(word, page):
     entries = re.findall(r"^\.\. index:: (.*)$", (DOCS / page).read_text(), re.M)
     assert word in [entry.strip() for line in entries for entry in line.split(",")]
+
+
+def messages_of(path):
+    """Texts of a module that may be printed, ``…`` in the place of what is formatted into them."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.JoinedStr):
+            yield "".join(part.value if isinstance(part, ast.Constant) else "…" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+def test_messages_that_are_explained_are_in_the_code():
+    page = (DOCS / "faq.rst").read_text()
+    quoted = re.findall(r"^\.\. code-block:: text\n   :class: message\n\n   (.*)$", page, re.M)
+    assert len(quoted) >= 45
+    texts = "\n".join(text for path in sorted(PACKAGE.rglob("*.py")) for text in messages_of(path))
+    assert [message for message in quoted if message not in texts] == []
 
 
 @pytest.mark.skipif(importlib.util.find_spec("OCP") is None, reason="OpenCascade is missing: the extra cad")

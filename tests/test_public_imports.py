@@ -1,4 +1,4 @@
-"""What users copy from pages, notebooks and the README imports public names alone."""
+"""What users copy from pages and notebooks imports public names alone."""
 
 import ast
 import json
@@ -21,14 +21,12 @@ def code_of(page: Path) -> list[str]:
     if page.suffix == ".ipynb":
         cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
         return ["".join(line for line in cell["source"] if not line.startswith("%")) for cell in cells]
-    if page.suffix == ".md":
-        return re.findall(r"```python\n(.*?)```", text, re.S)
     blocks = re.findall(r"^\.\. code-block:: python\n(?:   :.*\n)*\n((?:   .*\n|\n)+)", text, re.M)
     return [textwrap.dedent(block) for block in blocks]
 
 
 PAGES = [page for page in sorted(DOCS.rglob("*.rst")) if code_of(page)]
-PAGES += [ROOT / "README.md", *sorted((DOCS / "tutorial").glob("*.py")), *sorted((DOCS / "notebooks").glob("*.ipynb"))]
+PAGES += [*sorted((DOCS / "tutorial").glob("*.py")), *sorted((DOCS / "notebooks").glob("*.ipynb"))]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
