@@ -376,8 +376,8 @@ def test_the_python_examples_of_design_run():
 def test_the_study_of_the_page_on_studies_runs(tmp_path, monkeypatch, capsys):
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     monkeypatch.chdir(tmp_path)
-    study, several, *others = code_blocks("study.rst", "toml")
-    (boxes,) = (block for block in others if 'parent = "wing"' in block)
+    study, several = code_blocks("studies.rst", "toml")
+    (boxes,) = (block for block in code_blocks("study.rst", "toml") if 'parent = "wing"' in block)
     Path("study.toml").write_text(study.replace("15x13x11", "9x9x7"))
     assert cli(["optimize", "study.toml", "-o", "out", "--max-iterations", "9"]) == 0
     assert "twist[2] (deg)" in capsys.readouterr().out
