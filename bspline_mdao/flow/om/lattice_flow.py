@@ -203,14 +203,29 @@ def lattice_lift(
     mach: float,
 ) -> float:
     """Lift coefficient of a lattice, as `LatticeFlow` has it."""
-    problem = om.Problem(reports=None)
-    _add_solution(problem.model, camber, {"reference_area": reference_area})
-    problem.model.set_input_defaults("camber_surface", val=camber.evaluate(camber.surface.points), units="m")
-    problem.setup(derivatives=False)
-    problem.set_val("alpha", alpha, units="deg")
-    problem.set_val("Mach_number", mach)
-    problem.run_model()
-    return problem.get_val("CL").item()
+    return LatticeLift(camber, reference_area, alpha, mach).at(camber.surface.points)
+
+
+class LatticeLift:
+    """Lift coefficient of a lattice for many shapes of its walls, as `LatticeFlow` has it."""
+
+    def __init__(self, camber: CamberSurface, reference_area: float, alpha: float, mach: float) -> None:
+        self.camber, self.area, self._problem = camber, reference_area, om.Problem(reports=None)
+        _add_solution(self._problem.model, camber, {"reference_area": reference_area})
+        at_rest = camber.evaluate(camber.surface.points)
+        self._problem.model.set_input_defaults("camber_surface", val=at_rest, units="m")
+        self._problem.setup(derivatives=False)
+        self._problem.set_val("alpha", alpha, units="deg")
+        self._problem.set_val("Mach_number", mach)
+
+    def at(self, points: np.ndarray) -> float:
+        """Lift coefficient with nodes of the walls at points (m), shape (n, 3); `AnalysisError` if panels fold."""
+        lattice = self.camber.evaluate(points)
+        if folded_panels(lattice).any():
+            raise om.AnalysisError("panels of the lattice are folded; take a smaller step")
+        self._problem.set_val("camber_surface", lattice, units="m")
+        self._problem.run_model()
+        return self._problem.get_val("CL").item()
 
 
 def _add_solution(group: om.Group, camber: CamberSurface, references: Mapping[str, Any]) -> None:

@@ -1,0 +1,260 @@
+"""The grid of a design, as ``move`` makes it, with what is measured of it, quickly enough to look on.
+
+What moves many times from the same points is made once: the factor of the mover, the map to the grid with its walls
+met, control points that follow walls, and what the baseline decides about cells.
+
+A design of sliders alone is the grid of ``move --deform`` with the same words, to the last bit; one with control points
+that were pulled is that of ``move --deform FILE`` with the control points of its surface.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ...base.display import OneLine
+from ...core.design.deformation import Deformation
+from ...core.design.named_deformations import parse_deformation
+from ...core.fit.surface_fit import SurfaceFollower
+from ...core.mesh.boundary import moving_mesh
+from ...core.mesh.control_net import surface_normals
+from ...core.mesh.moving_mesh import MovingMesh
+from ...core.mesh.surface import SurfaceGrid
+from ...core.model.fitted_model import FittedModel
+from ...core.movement.default_mover import default_mover
+from ...core.movement.mover import Mover
+from ...core.walls.grid_map import GridMap
+from ...errors import InputError
+from ...grids.cells.block_cells import chunk_measures
+from ...grids.cells.grid_quality import GridQuality
+from .history import Design
+from .numbers import Lift, Thickness
+from .variables import Slider, sliders_of, words_of
+
+__all__ = ["LiveModel", "Shape"]
+
+MOST_WORST = 10
+"""Cells that are pointed at, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape(OneLine):
+    """The grid of a design and its measures."""
+
+    design: Design
+    control_points: np.ndarray  # (n_control_points, 3), of the whole mesh (m)
+    nodes: np.ndarray  # (n_nodes, 3), the grid (m)
+    q: np.ndarray  # (n_cells,), orthogonality of every cell
+    corners: np.ndarray  # (n_cells,), smallest corner triple product of every cell; not positive where it is inverted
+    new: np.ndarray  # int, cells that are inverted and were not
+    worst: np.ndarray  # int, cells with the smallest corners, the worst first, at most `MOST_WORST`
+    heights: np.ndarray  # (n_entries,), heights of first cells by those before
+    thickness: np.ndarray  # (n_stations,), of sections over their chords; empty where none is measured
+    lift: float | None  # lift coefficient of the lattice; None where there is no wing, no OpenAeroStruct, or not asked
+    seconds: Mapping[str, float]  # CPU seconds of each part
+
+    @property
+    def n_inverted(self) -> int:
+        """Number of cells that are inverted and were not."""
+        return len(self.new)
+
+
+class LiveModel:
+    """A fitted model, ready to be deformed many times."""
+
+    def __init__(
+        self,
+        model: FittedModel,
+        mesh: MovingMesh | None = None,  # its control mesh; that of all walls by default
+        mover: Mover | None = None,  # what carries the control mesh along; the default one
+        patches: Sequence[str] | None = None,  # patches that are the design surface, as those of the mesh
+        asked: Sequence[str] = (),  # more deformations, such as ``bend=60deg@0.7``, each with a slider up to it
+    ) -> None:
+        self.model, self.mesh = model, moving_mesh(model) if mesh is None else mesh
+        self.mover: Any = default_mover(model, self.mesh) if mover is None else mover
+        self.surface = SurfaceGrid.of(model, patches or None)
+        self.sliders: tuple[Slider, ...] = sliders_of(model, self.mesh, self.surface.is_section, asked)
+        self.thickness = Thickness.of(self.surface)
+        self.lift = Lift.of(model)
+        self.baseline = model.regenerate().to_vector().reshape(-1, 3)
+        self.quality = GridQuality.of_baseline(model.regenerate())
+        self._start: Any = None  # factors of the mover, once they are made
+        self._was_valid = self._measured(self.baseline)[1] > 0.0
+
+    @property
+    def neutral(self) -> Design:
+        """The design that is the model itself."""
+        return Design(tuple(slider.neutral for slider in self.sliders))
+
+    def words(self, design: Design) -> str:
+        """Say the sliders of a design as ``move --deform`` has them."""
+        return words_of(self.sliders, design.values)
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Normals of the surface at its control points, into the fluid, shape (n_surface, 3); zero where unknown."""
+        try:
+            return surface_normals(self.mesh)
+        except InputError:
+            return np.zeros((len(self.mesh.surface_ids), 3))
+
+    @cached_property
+    def wall_map(self) -> GridMap:
+        """Map to the grid with its walls met."""
+        return self.model.map_meeting(self.surface.rows, self.model, self.mesh.slides)
+
+    @cached_property
+    def free_map(self) -> GridMap:
+        """Map to the grid of control points alone."""
+        return self.model.map_sliding(self.mesh.slides, self.model)
+
+    @cached_property
+    def follower(self) -> SurfaceFollower:
+        """Control points that follow walls."""
+        return SurfaceFollower.of(self.model, self.mesh, self.surface)
+
+    @cached_property
+    def _on_planes(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        return self.surface.on_planes(self.model)
+
+    def deformed(self, design: Design) -> tuple[np.ndarray, np.ndarray | None]:
+        """Control points of the surface of a design, and where its walls are asked to be.
+
+        Parameters
+        ----------
+        design : Design
+            The design.
+
+        Returns
+        -------
+        control_points : ndarray, shape (n_surface, 3)
+            Control points of the design surface (m).
+        wall : ndarray, shape (n, 3), or None
+            Nodes of the walls (m); None where control points alone say where these are.
+
+        Raises
+        ------
+        InputError, MovementError
+            If the surface cannot be deformed so.
+        """
+        words, points, wall = self.words(design), self.model.control_points[self.mesh.surface_ids], None
+        if words:
+            deformation = parse_deformation(words, self.model, self.mesh)
+            wall = deformation.apply_to_nodes(self.surface.points, self._on_planes)
+            points = self.follower.at(wall).control_points
+        if not design.pulls:
+            return points, wall
+        pulled = np.zeros_like(points)
+        for row, displacement in design.pulls:
+            pulled[row] = displacement
+        return points + self.allowed(pulled), None
+
+    def allowed(self, displacement: np.ndarray) -> np.ndarray:
+        """Displacements (n_surface, 3) of control points that stay in planes of symmetry, with copies alike."""
+        slid = Deformation(self.mesh, ()).slide(displacement)
+        return self.mesh.with_copies(slid) if len(self.mesh.copies) else slid
+
+    def at(self, design: Design, with_lift: bool = True) -> Shape:
+        """Make the grid of a design and measure it.
+
+        Parameters
+        ----------
+        design : Design
+            Values of the sliders, and control points that are pulled.
+        with_lift : bool
+            Whether the flow is solved as well, which takes as long as a small grid.
+
+        Returns
+        -------
+        Shape
+
+        Raises
+        ------
+        InputError, MovementError
+            If the surface, or the grid behind it, cannot be deformed so.
+        """
+        clock = _Clock()
+        surface, wall = self.deformed(design)
+        clock.stop("surface")
+        points = self._moved(surface, is_at_rest=design == self.neutral)
+        clock.stop("movement")
+        if wall is not None:
+            nodes = self.wall_map.at(points, wall).nodes
+        elif design.pulls:
+            nodes = self.free_map.at(points).nodes
+        else:
+            nodes = self.baseline
+        clock.stop("grid")
+        q, corners = self._measured(nodes)
+        inverted = np.flatnonzero(~(corners > 0.0))
+        worst = _lowest(corners)
+        clock.stop("quality")
+        heights = self.quality.first_cells.ratios(nodes) if self.quality.first_cells.n_of_all else np.zeros(0)
+        clock.stop("heights")
+        thickness = self.thickness.at(nodes)
+        clock.stop("thickness")
+        lift = self.lift.at(nodes) if with_lift else None
+        clock.stop("lift")
+        new = inverted[self._was_valid[inverted]]
+        return Shape(design, points, nodes, q, corners, new, worst, heights, thickness, lift, clock.seconds)
+
+    def _moved(self, surface: np.ndarray, is_at_rest: bool) -> np.ndarray:
+        """Move the control mesh behind its surface, with the factor of the move before."""
+        initial = self.model.control_points
+        if is_at_rest:
+            return initial
+        is_shared = getattr(self._start, "points", None) is not None
+        movement = self.mover.move(initial, surface, self._start) if is_shared else self.mover.move(initial, surface)
+        self._start = getattr(movement, "start", None)
+        return movement.points
+
+    def _measured(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Q and smallest corner of every cell."""
+        q, corners = np.empty(self.quality.n_cells), np.empty(self.quality.n_cells)
+        for block in self.quality.blocks:
+            for chunk in block.chunks():
+                measures = chunk_measures(chunk, nodes, {"q"})
+                q[chunk.in_grid] = measures.q
+                measures.triples.min(axis=0, out=corners[chunk.in_grid])
+        return q, corners
+
+    def corners_of(self, cells: np.ndarray) -> np.ndarray:
+        """Rows of the nodes of some cells, shape (n, 8)."""
+        layout = self.model.topology.layout
+        blocks, index = layout.cells.unravel(cells)
+        return np.stack([layout.ravel(blocks, index + np.array(step)) for step in np.ndindex(2, 2, 2)], axis=1)
+
+    def middles(self, nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
+        """Middles of some cells (m), shape (n, 3)."""
+        return nodes[self.corners_of(cells)].mean(axis=1)
+
+    def place_of(self, cell: int) -> str:
+        """Say where a cell is: ``(i, j, k) of block 2``, from 1."""
+        (block,), (index,) = self.model.topology.layout.cells.unravel(np.array([cell]))
+        return f"({', '.join(str(n + 1) for n in index.tolist())}) of block {block + 1}"
+
+
+def _lowest(corners: np.ndarray) -> np.ndarray:
+    """Cells with the smallest corners, the worst first; what is no number is worst."""
+    values = np.where(np.isnan(corners), -np.inf, corners)
+    n = min(MOST_WORST, len(values))
+    found = np.argpartition(values, n - 1)[:n]
+    return found[np.argsort(values[found], kind="stable")]
+
+
+class _Clock:
+    """CPU seconds of parts, one after another."""
+
+    def __init__(self, now: Callable[[], float] = time.process_time) -> None:
+        self.now, self._began = now, now()
+        self.seconds: dict[str, float] = {}
+
+    def stop(self, part: str) -> None:
+        """End a part."""
+        ended = self.now()
+        self.seconds[part], self._began = ended - self._began, ended
