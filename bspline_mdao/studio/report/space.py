@@ -97,9 +97,9 @@ def camera(axes: Axes, points: np.ndarray, has_symmetry: bool) -> dict[str, Any]
     eye[axes.downstream], eye[axes.up] = -1.15, 0.95
     eye[axes.span] = 1.15 if middle >= 0.0 or not has_symmetry else -1.15
     up[axes.up] = 1.0
+    center = -0.18 * up  # room below, where two of the axes meet
     return {
-        "eye": dict(zip("xyz", eye.tolist())),
-        "up": dict(zip("xyz", up.tolist())),
+        name: dict(zip("xyz", vector.tolist())) for name, vector in {"eye": eye, "up": up, "center": center}.items()
     }
 
 
