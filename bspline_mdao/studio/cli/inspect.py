@@ -80,7 +80,7 @@ def inspect_grid(
         if draft:
             declared = [replace(patch, windows=_boundary_windows(patch, topology)) for patch in grid.patches]
             write_draft(draft, grid, [patch for patch in declared if patch.windows], guesses, certainties)
-    show_grid(grid, topology)
+    show_grid(grid, topology, guesses)
     show_spacings(spacings, reynolds, grid.length_unit)
     if model:
         show_report(model)
@@ -177,13 +177,13 @@ def _miss_numbers(miss: NearMiss) -> dict:
     return {**_place(miss.window), "other": other, "gap": miss.gap, "spacing": miss.spacing}
 
 
-def show_grid(grid: Grid, topology: Topology) -> None:
-    """Print blocks, boundary faces, interfaces and what looks wrong."""
+def show_grid(grid: Grid, topology: Topology, guesses: Sequence[Patch]) -> None:
+    """Print blocks, boundary faces, declared and guessed, interfaces and what looks wrong."""
     said = f", lengths in {grid.unit}" if grid.unit else ""
     print_title(f"{grid.source}: {counted(len(grid.blocks), 'block')}, {counted(grid.n_nodes, 'node')}{said}")
     columns = ["block", "nodes", "interfaces", "boundary", "collapsed", "name"]
     print_table(columns, _block_rows(grid, topology))
-    print_table(["patch", "kind", "faces", "where"], _patch_rows(grid, topology))
+    print_table(["patch", "kind", "faces", "where"], _patch_rows(grid, topology, guesses))
     print_lines(
         [
             f"{counted(len(topology.interfaces), 'interface')}, {counted(len(topology.boundary), 'boundary face')}, "
@@ -237,14 +237,14 @@ def _block_rows(grid: Grid, topology: Topology) -> list[tuple]:
     return rows
 
 
-def _patch_rows(grid: Grid, topology: Topology) -> list[tuple]:
-    """One row per declared patch, one for the interfaces that it covers, one for each face that belongs to none."""
+def _patch_rows(grid: Grid, topology: Topology, guesses: Sequence[Patch]) -> list[tuple]:
+    """One row per declared patch, one for the interfaces that it covers, one per guess at what belongs to none."""
     sides = [side for interface in topology.interfaces for side in (interface.a, interface.b)]
     rows = []
     for patch in grid.patches:
         met = tuple(window for window in patch.windows if any(window.overlaps(side) for side in sides))
         rows += [(patch.name, patch.kind, _boundary_windows(patch, topology)), (patch.name, "interface", met)]
-    rows += [("-", "-", (face.window,)) for face in topology.boundary if face.patch is None]
+    rows += [(patch.name, f"{patch.kind}, guessed", patch.windows) for patch in guesses]
     return [(name, kind, len(ws), ", ".join(describe(w, grid) for w in ws)) for name, kind, ws in rows if ws]
 
 

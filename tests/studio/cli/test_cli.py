@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -61,12 +62,12 @@ def numbers(path):
 
 
 def fails(arguments, capsys, *words):
-    """Assert that a command ends with status 2 and one line that holds the words."""
+    """Assert that a command ends with status 2 and one line, after warnings, that holds the words."""
     capsys.readouterr()
     assert run(arguments) == 2
-    error = capsys.readouterr().err
+    *warnings, error = capsys.readouterr().err.splitlines()
     assert error.startswith("bspline-mdao: ")
-    assert error.count("\n") == 1
+    assert all(line.startswith("warning: ") for line in warnings)
     for word in words:
         assert word in error, error
     return error
@@ -157,7 +158,7 @@ def test_a_draft_without_a_wall_says_so(workplace, capsys):
     x = np.stack(np.meshgrid(*[np.linspace(1.0, 2.0, 5)] * 3, indexing="ij"), axis=-1)
     write_grid("box.xyz", Grid((Block(x, "box"),), source="box"))
     assert run(["inspect", "box.xyz", "--draft", "box.toml"]) == 0
-    assert "no face looks like a wall" in capsys.readouterr().out
+    assert "no face looks like a wall" in "".join(capsys.readouterr())
 
 
 def test_numbers_of_one_have_no_plural(grid_file, capsys):
@@ -178,16 +179,16 @@ def test_fit_says_before_it_fits_what_a_grid_without_walls_is_not_good_for(workp
     grid = two_blocks()
     write_grid("bare.xyz", grid)
     assert run(["fit", "bare.xyz", "-o", "a.h5"]) == 0
-    out = capsys.readouterr().out
-    assert out.startswith("warning: bare.xyz has no patches")
-    assert "inspect bare.xyz --draft patches.toml" in out.splitlines()[0]
+    (warning,) = capsys.readouterr().err.splitlines()
+    assert warning.startswith("warning: bare.xyz has no patches")
+    assert "inspect bare.xyz --draft patches.toml" in warning
     Path("p.toml").write_text(
         '[[patch]]\nname = "side"\nkind = "other"\nfaces = [{block = 1, face = "kmin"}]\n', encoding="utf-8"
     )
-    assert run(["fit", "bare.xyz", "--patches", "p.toml", "-o", "a.h5"]) == 0
-    assert capsys.readouterr().out.startswith("warning: no patch of bare.xyz is a wall (side)")
-    assert run(["fit", "@flat_plate:5x5x5", "-o", "b.h5"]) == 0
-    assert "is a wall" not in capsys.readouterr().out
+    assert run(["fit", "bare.xyz", "--patches", "p.toml", "-o", "a.h5", "--overwrite"]) == 0
+    assert capsys.readouterr().err.startswith("warning: no patch of bare.xyz is a wall (side)")
+    assert run(["fit", "@flat_plate:5x5x5", "-o", "b.h5", "--overwrite"]) == 0
+    assert "is a wall" not in "".join(capsys.readouterr())
 
 
 def test_fit_tells_how_good_it_is(grid_file, capsys):
@@ -238,9 +239,8 @@ def test_inspect_of_a_model_shows_its_grid_and_its_fit(workplace, capsys):
 def test_fit_takes_control_points_of_single_blocks(grid_file, capsys):
     assert run(["fit", grid_file, "-o", "two.h5", "--n-control", "5x6x20", "--n-control", "2=7x6x5"]) == 0
     assert [volume.n_control for volume in FittedModel.load("two.h5").mesh.volumes] == [(5, 6, 5), (7, 6, 5)]
-    assert (
-        "warning: no more control points than nodes where more were asked for (1): block 1 k (6)"
-        in capsys.readouterr().out
+    assert "warning: no more control points than nodes where more were asked for (1): block 1 k (6)" in "".join(
+        capsys.readouterr()
     )
 
 
@@ -310,7 +310,7 @@ def test_version_is_that_of_the_package(capsys):
         (["fit", "two.xyz"], ["-o", "bspline-mdao fit --help"]),
         (["fit", "two.xyz", "-o", "a.h5", "--n-control", "5xxx5"], ["--n-control", "'5xxx5'", "2=13x9x7"]),
         (["fit", "two.xyz", "-o", "a.h5", "--n-control", "5x6x5", "--n-control", "5x6x6"], ["all blocks twice"]),
-        (["fit", "two.xyz", "-o", "a.h5", "--n-control", "3=5x5x5"], ["two.xyz", "block 3", "1 to 2"]),
+        (["fit", "two.xyz", "-o", "b.h5", "--n-control", "3=5x5x5"], ["two.xyz", "block 3", "1 to 2"]),
         (["fit", "two.xyz", "-o", "a.h5", "--order", "1"], ["--order", "1"]),
         (["fit", "two.xyz", "-o", "a.h5", "--zoom"], ["--zoom"]),
         (["fit", "missing.xyz", "-o", "a.h5"], ["missing.xyz"]),
@@ -320,7 +320,7 @@ def test_version_is_that_of_the_package(capsys):
         (["fit", "two.xyz", "-o", "two.xyz"], ["two.xyz", "another name"]),
         (["fit", "two.xyz", "-o", "a.h5", "--json", "a.h5"], ["a.h5", "twice"]),
         (["fit", "two.xyz", "-o", "a.h5", "--patches", "none.toml"], ["none.toml"]),
-        (["fit", "two.xyz", "-o", "a.h5", "--n-control", "50x1x50"], ["two.xyz", "1 control point"]),
+        (["fit", "two.xyz", "-o", "b.h5", "--n-control", "50x1x50"], ["two.xyz", "1 control point"]),
         (["fit", "two.xyz", "-o", "a.h5", "--method", "smooth"], ["--method", "quasi_interpolant"]),
         (["inspect", "two.xyz", "--json", "two.xyz"], ["two.xyz", "another name"]),
         (["refine", "two.xyz", "--factor", "2", "-o", "a.xyz"], ["two.xyz"]),
@@ -380,7 +380,7 @@ def test_an_unexpected_error_is_one_line_too(grid_file, capsys, monkeypatch):
         raise ZeroDivisionError("first line\nsecond line")
 
     monkeypatch.setattr("bspline_mdao.studio.cli.inspect.find_topology", broken)
-    fails(["inspect", grid_file], capsys, "unexpected ZeroDivisionError", "BSPLINE_MDAO_TRACEBACK=1")
+    fails(["inspect", grid_file], capsys, "unexpected ZeroDivisionError", "--verbose")
 
 
 def test_numbers_that_are_not_finite_become_null(workplace):
@@ -460,3 +460,12 @@ def test_refine_writes_curved_elements(model_file, capsys):
     assert "curved hexahedra of degree 2" in capsys.readouterr().out
     fails_as_expected(["refine", model_file, "--factor", "1", "--degree", "2", "-o", "a.xyz"], capsys, ".cgns or .msh")
     fails_as_expected(["refine", model_file, "--factor", "1", "--allow-invalid", "-o", "a.xyz"], capsys, "--degree")
+
+
+def test_inspect_shows_what_undeclared_faces_are_guessed_to_be(workplace, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    write_grid("bare.xyz", onera_m6_grid((7, 9, 7)))
+    assert run(["inspect", "bare.xyz"]) == 0
+    shown = capsys.readouterr().out
+    assert re.findall(r"\w+, guessed", shown) == ["symmetry, guessed", "wall, guessed", "farfield, guessed"]
+    assert " - " not in shown
