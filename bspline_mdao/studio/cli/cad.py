@@ -16,6 +16,7 @@ from .output import (
     print_lines,
     print_table,
     print_title,
+    print_warnings,
     written_json,
 )
 
@@ -76,11 +77,11 @@ def show_cad(report: CadReport) -> None:
         print_lines([f"the fit misses wall nodes of the grid by up to {report.missed:.2g} m, which is not in the file"])
     warnings = []
     if not report.is_valid:
-        warnings.append("warning: OpenCascade finds faults in what it reads back; try a larger --tolerance")
+        warnings.append("OpenCascade finds faults in what it reads back; try a larger --tolerance")
     if n_open:
         warnings.append(
-            f"warning: {counted(n_open, 'edge')} open away from planes of symmetry: the patches leave out a part of "
+            f"{counted(n_open, 'edge')} open away from planes of symmetry: the patches leave out a part of "
             f"the surface, or blocks do not share an edge there; see 'bspline-mdao inspect'"
         )
-    print_lines(warnings, style="yellow")
+    print_warnings(warnings)
     print_lines([f"{report.path} written, {report.n_bytes / 1e3:,.0f} kB"])

@@ -11,17 +11,22 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click import shell_completion
 
 from ...core.fit.options import EXPONENTS, METHODS
 from .counts import n_control_option
 from .imports import without_collector
 from .making_commands import airfoil, extrude, wing
 from .movers import MoverOptions, moving_options
-from .program import POSITIVE, bspline_mdao, command, grid_argument, json_option, patches_option
+from .program import POSITIVE, bspline_mdao, command, grid_argument, json_option, output_option, patches_option
 from .study_commands import init, optimize, sample
 from .units import units_option
+from .words import PROGRAM
 
 __all__ = ["airfoil", "bspline_mdao", "extrude", "init", "optimize", "sample", "wing"]
+
+SHELLS = ("bash", "zsh", "fish")
+"""Shells that commands can be completed in."""
 
 DEFORM = (
     "Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
@@ -63,9 +68,7 @@ def inspect(**options: Any) -> None:
     "fit mesh.su2 -o mesh.h5",
 )
 @grid_argument
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), metavar="MODEL.h5", required=True, help="Fitted model."
-)
+@output_option("MODEL.h5", "Fitted model.")
 @n_control_option
 @click.option(
     "--order",
@@ -149,7 +152,7 @@ def fit(**options: Any) -> None:
     metavar="F",
     help="Cells per direction, by those of the grid; below 1 for a coarser member.",
 )
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
+@output_option("GRID", "Grid to write.")
 @click.option(
     "--degree",
     type=click.IntRange(1, 4),
@@ -182,7 +185,7 @@ def refine(**options: Any) -> None:
     metavar="SPEC",
     help=DEFORM,
 )
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
+@output_option("GRID", "Grid to write.")
 @moving_options
 @click.option(
     "--surface",
@@ -228,7 +231,7 @@ def move(model: Path, output: Path, json: Path | None, **options: Any) -> None:
     help="Follow control points that are known, instead of a deformation: those of the best case of a case file "
     "(.sql), or all of them as .csv or .npy.",
 )
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="MESH", required=True, help="Mesh to write.")
+@output_option("MESH", "Mesh to write.")
 @click.option(
     "--wall",
     multiple=True,
@@ -263,7 +266,7 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: An
 
 @command("improve wing.xyz --patches wing.toml -o better.xyz", "improve wing.h5 -o better.xyz")
 @grid_argument
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
+@output_option("GRID", "Grid to write.")
 @patches_option
 @n_control_option
 @click.option(
@@ -348,14 +351,7 @@ def quality(**options: Any) -> None:
 
 @command("cad wing.h5 -o wing.step", "cad wing.h5 -o wing.igs --units mm --tolerance 1e-5")
 @click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    required=True,
-    help="File to write: .step or .stp, .iges or .igs.",
-)
+@output_option("FILE", "File to write: .step or .stp, .iges or .igs.")
 @click.option(
     "--tolerance",
     type=POSITIVE,
@@ -415,9 +411,7 @@ def seams(**options: Any) -> None:
 
 @command("report wing.h5 -o wing.html", "report case.sql --model wing.h5 -o optimum.html")
 @click.argument("source", metavar="MODEL.h5|CASE.sql|FOLDER", type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), metavar="PAGE.html", required=True, help="Page to write."
-)
+@output_option("PAGE.html", "Page to write.")
 @click.option(
     "--model",
     type=click.Path(path_type=Path),
@@ -445,3 +439,15 @@ def report(**options: Any) -> None:
         from .report import report_on
 
     report_on(**options)
+
+
+@command("completion bash >> ~/.bashrc", "completion fish > ~/.config/fish/completions/bspline-mdao.fish")
+@click.argument("shell", type=click.Choice(SHELLS))
+def completion(shell: str) -> None:
+    """Print what lets a shell complete commands, options and files at the tab key.
+
+    It goes into a file that SHELL reads when it starts: ~/.bashrc, ~/.zshrc or the completions of fish.
+    """
+    found = shell_completion.get_completion_class(shell)
+    assert found is not None  # SHELLS are those that there are
+    click.echo(found(bspline_mdao, {}, PROGRAM, f"_{PROGRAM.replace('-', '_').upper()}_COMPLETE").source())

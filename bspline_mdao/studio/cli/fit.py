@@ -46,6 +46,9 @@ from .output import (
 from .sources import file_of, load_grid, stored_grid
 from .words import PROGRAM
 
+KEPT = "the model keeps what its splines miss: unmoved, it gives the grid that was read"
+"""Said of the errors of a fit, which are no errors of the grid."""
+
 
 def fit_model(
     grid_name: str,  # file, or ``@`` and the name of a built-in grid
@@ -233,6 +236,7 @@ def show_report(model: FittedModel | FittedBlocks) -> None:
             f"largest in x, y, z: {', '.join(f'{error:.3e}' for error in report.max_error)} {unit}",
             f"worst node: block {worst.block}, ({worst.i}, {worst.j}, {worst.k}), {worst.error:.3e} {unit}",
             *_local_lines(report),
+            *([] if model.residual is None else [KEPT]),
             *(
                 f"control points of {' and '.join(sides_of(model.topology, tied))} move alike: a {tied.motion} lays "
                 f"one onto the other"

@@ -27,7 +27,6 @@ def draft_study(
     grid_name: str,  # grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid
     output: Path,  # study to write
     patches: Path | None = None,  # declared patches
-    overwrite: bool = False,  # replace a file that is there
     aim: Aim | None = None,  # flight conditions and objective of a section
     cad: Path | None = None,  # STEP or IGES file of the walls
 ) -> None:
@@ -36,8 +35,6 @@ def draft_study(
     check_outputs([output], [file, patches, cad])
     if output.suffix != ".toml":
         raise InputError(f"{output}: a study is a TOML file; name it .toml")
-    if output.exists() and not overwrite:
-        raise InputError(f"{output}: is there already; give --overwrite, or another name")
     if file is not None and Path(file).suffix == MODEL and patches:
         raise InputError(f"{patches}: a fitted model has its patches; leave --patches out")
     faces = read_cad(cad).face_names if cad else ()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from io import TextIOWrapper
@@ -74,8 +73,6 @@ def _run(arguments: Sequence[str], processes: Any) -> int:
     except BrokenPipeError:
         drop_stdout()  # the reader of a pipe had seen enough
     except Exception as error:
-        if os.environ.get("BSPLINE_MDAO_TRACEBACK"):
-            traceback.print_exc()
         _say(describe(error))
         if processes.size > 1 and not isinstance(error, EXPECTED):
             print(f"{PROGRAM}: process {processes.rank}: {describe(error)}", file=sys.__stderr__, flush=True)
@@ -97,10 +94,7 @@ def describe(error: Exception) -> str:
         return f"{error.filename or 'a file'}: {error.strerror or error}; check the file, its folder and the free space"
     if _is_of_memory(error):
         return "out of memory; use fewer control points (fit --n-control, or a wider --spacing), or a smaller grid"
-    return (
-        f"unexpected {type(error).__name__}: {error}; please report it with what "
-        f"BSPLINE_MDAO_TRACEBACK=1 prints before this line"
-    )
+    return f"unexpected {type(error).__name__}: {error}; please report it with what --verbose prints before this line"
 
 
 def _is_of_memory(error: BaseException | None) -> bool:

@@ -8,19 +8,12 @@ from typing import Any
 import click
 
 from .imports import without_collector
-from .program import POSITIVE, command, json_option
+from .program import POSITIVE, command, json_option, output_option
 from .units import units_option
 
 __all__ = ["airfoil", "extrude", "wing"]
 
-output_option = click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    metavar="MODEL.h5|GRID",
-    required=True,
-    help="Fitted model, or grid alone.",
-)
+made_option = output_option("MODEL.h5|GRID", "Fitted model, or grid alone.")
 
 y_plus_option = click.option(
     "--y-plus",
@@ -36,7 +29,7 @@ y_plus_option = click.option(
     "airfoil cst:0.17,0.16,0.15/-0.17,-0.1,-0.15 -o foil.h5 --topology C",
 )
 @click.argument("name", metavar="AIRFOIL")
-@output_option
+@made_option
 @click.option(
     "--around",
     type=click.IntRange(8, 10_000),
@@ -112,7 +105,7 @@ def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
 
 @command("wing planform.toml -o wing.h5", "wing planform.toml -o wing.cgns")
 @click.argument("planform", metavar="PLANFORM.toml", type=click.Path(path_type=Path))
-@output_option
+@made_option
 @json_option
 def wing(**options: Any) -> None:
     r"""Make an H-H grid of twelve blocks or more about a wing, and fit it where the output is a model.
@@ -146,7 +139,7 @@ def wing(**options: Any) -> None:
     "extrude surface.xyz -o wing.h5 --first-cell 1e-3 --growth 1.2 --outer 50 --symmetry z",
 )
 @click.argument("surface", metavar="SURFACE", type=click.Path(path_type=Path))
-@output_option
+@made_option
 @click.option("--first-cell", type=POSITIVE, metavar="H", help="Height of the first cells at the surface.")
 @y_plus_option
 @click.option("--reynolds", type=POSITIVE, metavar="RE", help="Reynolds number of the length.")

@@ -46,6 +46,7 @@ from .mesh_periodic import block_numbers, gap_lines, split_lines
 from .movers import MoverOptions
 from .output import (
     MEANING_OF_INVALID,
+    MEANING_OF_Q,
     certificate_numbers,
     check_outputs,
     height_numbers,
@@ -326,11 +327,12 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
             for name, label in QUALITY.items()
         ],
     )
+    print_lines([MEANING_OF_Q])
     show_certificate(moved.certificate)
     show_height_ratios(moved.after.heights)
     if moved.miss:
         print_lines([f"the wall's nodes are where the deformation puts them; of control points alone, {moved.miss}"])
-    print_lines([*_warnings(moved), *unit_warnings(output, moved.grid)], style="yellow")
+    print_warnings([*_warnings(moved), *unit_warnings(output, moved.grid)])
     print_lines([f"{output} written, {report.seconds:.2f} s for the move"])
 
 
@@ -354,31 +356,30 @@ def _warnings(moved: Moved) -> list[str]:
     """List what is wrong with a move that was made."""
     warnings = []
     if moved.largest_displacement == 0.0:
-        warnings.append("warning: the deformation moves no point of the design surface")
+        warnings.append("the deformation moves no point of the design surface")
     stranded = moved.mesh.stranded_blocks()
     if stranded:
         warnings.append(
-            f"warning: blocks that stay where they are, {len(stranded)} of {len(moved.mesh.blocks)}, such as "
+            f"blocks that stay where they are, {len(stranded)} of {len(moved.mesh.blocks)}, such as "
             f"{stranded[0]}: no point there is shared with the part of the grid that moves; see 'bspline-mdao inspect'"
         )
     if moved.newly_inverted:
         worst = moved.newly_inverted[0]
-        warnings.append(f"warning: {counted(moved.after.n_inverted, 'inverted cell')} now, the worst {worst}")
-    warnings += [f"warning: {text}" for text in height_warnings(moved.after.heights)]
-    warnings += [f"warning: {gap}" for gap in moved.gaps]
+        warnings.append(f"{counted(moved.after.n_inverted, 'inverted cell')} now, the worst {worst}")
+    warnings += [*height_warnings(moved.after.heights), *map(str, moved.gaps)]
     (off, where), unit = moved.split, moved.grid.length_unit
-    warnings += [f"warning: {text}" for text in split_lines(off, moved.mesh.size, unit, f"{where}: the mean is taken")]
+    warnings += split_lines(off, moved.mesh.size, unit, f"{where}: the mean is taken")
     digits = moved.movement.report.digits
     if digits < FEW_DIGITS:
         warnings.append(
-            f"warning: about {digits:.0f} digits of the displacements are right: elements are too thin for their "
+            f"about {digits:.0f} digits of the displacements are right: elements are too thin for their "
             f"length; derivatives are no better. Fit with more control points along them (fit --n-control), or take "
             f"another --mover"
         )
     last = moved.movement.report.increments[-1]
     if last.n_tangled:
         warnings.append(
-            f"warning: {counted(last.n_tangled, 'newly invalid element')} of the control mesh, the worst {last.place}"
+            f"{counted(last.n_tangled, 'newly invalid element')} of the control mesh, the worst {last.place}"
         )
     return warnings
 

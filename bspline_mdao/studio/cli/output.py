@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from numbers import Integral, Real
@@ -26,6 +27,8 @@ from ...grids.cells.wall_heights import KEPT, PatchHeights
 from ...grids.cells.wall_spacing import WallSpacing, flat_plate_y_plus
 from ...grids.io.disk import replaced_file
 from ...grids.io.formats import format_of_name
+from .program import kept_output
+from .streams import STDOUT, numbers_stream
 
 
 def check_outputs(
@@ -39,7 +42,8 @@ def check_outputs(
 
 def _check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | None]) -> None:
     taken = {os.path.realpath(path): "is read by this command" for path in inputs if path is not None}
-    for path in (path for path in outputs if path is not None):
+    kept = kept_output()
+    for path in (path for path in outputs if path not in (None, STDOUT)):
         folder = Path(os.path.realpath(path)).parent
         if path.exists() and not (path.is_file() or _is_folder_of_grid(path)):
             raise InputError(f"{path}: is a {'folder' if path.is_dir() else 'device'}; name a file")
@@ -50,6 +54,8 @@ def _check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str |
             raise InputError(f"{path}: no permission to write to '{folder}'; choose another folder")
         if os.path.realpath(path) in taken:
             raise InputError(f"{path}: {taken[os.path.realpath(path)]}; choose another name or folder")
+        if path == kept and path.exists():
+            raise InputError(f"{path}: is there already; give --overwrite, or another name")
         taken[os.path.realpath(path)] = "is written twice by this command"
 
 
@@ -67,17 +73,23 @@ def written_json(
     comm: Any = ONE,  # the processes, of which the first one writes
 ) -> Iterator[None]:
     """Write numbers as JSON beside their file, if one is named, which they replace when the block ends well."""
-    if path is None:
+    if path in (None, STDOUT):
         yield
+        if path and comm.rank == 0:
+            print(_text(numbers), end="", file=numbers_stream())
         return
     with ExitStack() as stack:
         with together(comm):
             if comm.rank == 0:
                 part = stack.enter_context(replaced_file(path))
-                part.write_text(json.dumps(_plain(numbers), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+                part.write_text(_text(numbers), encoding="utf-8")
         yield
         with together(comm):
             stack.close()
+
+
+def _text(numbers: dict) -> str:
+    return json.dumps(_plain(numbers), indent=2, allow_nan=False) + "\n"
 
 
 def _plain(value: object) -> Any:
@@ -114,8 +126,11 @@ def print_lines(lines: Sequence[str], style: str = "") -> None:
 
 
 def print_warnings(warnings: Sequence[str]) -> None:
-    """Print warnings, one line each."""
-    print_lines([f"warning: {warning}" for warning in warnings], style="yellow")
+    """Print warnings on standard error, one line each."""
+    if warnings:
+        sys.stdout.flush()  # so that they follow what they are about where both streams go to one place
+    for warning in warnings:
+        _Console(stderr=True).print(Text(f"warning: {warning}", style="yellow"), soft_wrap=True)
 
 
 def print_table(
@@ -153,6 +168,13 @@ MEANING_OF_INVALID = (
     "splines and the cells of the grid may be valid there, and are what counts; they fold there first when it moves"
 )
 """What `fit` and `move` say where elements of the control mesh are invalid."""
+
+
+MEANING_OF_Q = (
+    "Q is 1 for a box and near 0 for a skewed cell: small values before are the grid's own, and a move is good where "
+    "it keeps them and inverts no cell"
+)
+"""What `move` says of the quality of a grid."""
 
 
 MEANING_OF_UNDECIDED = (

@@ -5,9 +5,12 @@ Names that help shows come from the tables of what there is.
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable
+from functools import wraps
 from inspect import cleandoc
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -15,15 +18,30 @@ from ... import __version__
 from ...core.generators.built_in import BUILT_IN
 from ...grids.io.formats import curved_names, read_names, written_names
 from ...grids.io.meshes.files import mesh_names
-from .words import DEFINITIONS, PROGRAM
+from .streams import STDOUT, streams
+from .words import DEFINITIONS, PROGRAM, TRACEBACK
 
-__all__ = ["NAMES", "POSITIVE", "bspline_mdao", "command", "example", "grid_argument", "json_option", "patches_option"]
+__all__ = [
+    "NAMES",
+    "POSITIVE",
+    "bspline_mdao",
+    "command",
+    "example",
+    "grid_argument",
+    "json_option",
+    "kept_output",
+    "output_option",
+    "patches_option",
+]
 
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
 """Type of options that are positive numbers."""
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
+
+_OVERWRITE = f"{__name__}.overwrite"
+"""Key of the option in the context of a command."""
 
 NAMES = {
     "read": read_names(),
@@ -36,6 +54,16 @@ NAMES = {
 """What stands in braces in the texts of commands."""
 
 
+SECTIONS = {
+    "Begin": ("init", "inspect", "airfoil", "wing", "extrude"),
+    "Fit and move": ("fit", "move", "ride", "refine", "improve"),
+    "Optimize": ("optimize", "sample"),
+    "Look at results": ("quality", "seams", "report", "cad"),
+    "This program": ("completion",),
+}
+"""Commands as the help of the program lists them."""
+
+
 def example(*lines: str) -> str:
     """Return the text that ends a help page: lines of commands, without the name of the program."""
     return "\b\nExample:\n" + "\n".join(f"  {PROGRAM} {line}" for line in lines)
@@ -45,21 +73,96 @@ def command(*examples: str) -> Callable[[Callable], click.Command]:
     """Return what makes a command of a function: its docstring is the help, with `NAMES` put in."""
 
     def declare(function: Callable) -> click.Command:
-        return bspline_mdao.command(help=cleandoc(function.__doc__ or "").format(**NAMES), epilog=example(*examples))(
-            function
-        )
+        text = cleandoc(function.__doc__ or "").format(**NAMES)
+        made = bspline_mdao.command(help=text, epilog=example(*examples))(_run(function))
+        made.params += [
+            click.Option(["-q", "--quiet"], is_flag=True, help="Print warnings and errors alone."),
+            click.Option(
+                ["-v", "--verbose"], is_flag=True, envvar=TRACEBACK, help="Print where in the code an error came up."
+            ),
+        ]
+        return made
 
     return declare
+
+
+def _run(function: Callable) -> Callable:
+    """Return what runs the function of a command with the options that all commands have."""
+
+    @wraps(function)
+    @click.pass_context
+    def run(context: click.Context, quiet: bool, verbose: bool, **options: Any) -> None:
+        with streams(context, is_quiet=quiet, has_numbers=options.get("json") == STDOUT):
+            try:
+                function(**options)
+            except Exception:
+                if verbose:
+                    traceback.print_exc()
+                raise
+
+    return run
+
+
+def output_option(
+    metavar: str,
+    what: str,  # it is, for the help
+) -> Callable[[Callable], Callable]:
+    """Return what declares the file that a command writes: one that is there is replaced if that is asked for alone."""
+
+    def declare(function: Callable) -> Callable:
+        overwrite = click.option(
+            "--overwrite",
+            is_flag=True,
+            expose_value=False,
+            callback=_note_overwrite,
+            help=f"Replace {metavar} where it is there.",
+        )
+        output = click.option(
+            "-o", "--output", type=click.Path(path_type=Path), metavar=metavar, required=True, help=what
+        )
+        return output(overwrite(function))
+
+    return declare
+
+
+def kept_output() -> Path | None:
+    """The output of the command at work, unless it is to be replaced where it is there."""
+    context = click.get_current_context(silent=True)
+    return None if context is None or context.meta.get(_OVERWRITE, True) else context.params["output"]
+
+
+def _note_overwrite(context: click.Context, option: click.Parameter, overwrite: bool) -> None:
+    context.meta[_OVERWRITE] = overwrite
 
 
 grid_argument = click.argument("grid_name", metavar="GRID")
 patches_option = click.option(
     "--patches", type=click.Path(path_type=Path), metavar="FILE", help="Patches of the grid: a TOML or NMF file."
 )
-json_option = click.option("--json", type=click.Path(path_type=Path), metavar="FILE", help="Write the numbers to FILE.")
+json_option = click.option(
+    "--json",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write the numbers to FILE, or to standard output for -, and all else to standard error then.",
+)
+
+
+class _InSections(click.Group):
+    """Commands in sections."""
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the names of commands and what they do."""
+        width = max(map(len, self.commands))
+        for title, names in SECTIONS.items():
+            with formatter.section(title):
+                room = formatter.width - formatter.current_indent - width - 2
+                formatter.write_dl(
+                    [(f"{name:{width}s}", self.commands[name].get_short_help_str(room)) for name in names]
+                )
 
 
 @click.group(
+    cls=_InSections,
     context_settings=CONTEXT,
     invoke_without_command=True,
     epilog=example(

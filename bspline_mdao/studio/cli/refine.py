@@ -65,7 +65,7 @@ def refine_model(
     ]
     print_table(["block", "nodes before", "nodes", "name"], rows)
     print_warnings(fitted.topology.warnings)
-    print_lines(unit_warnings(output, grid), style="yellow")
+    print_warnings(unit_warnings(output, grid))
     print_lines([f"{output} written"])
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from .imports import without_collector
-from .program import command, grid_argument, json_option, patches_option
+from .program import command, grid_argument, json_option, output_option, patches_option
 
 __all__ = ["init", "optimize", "sample"]
 
@@ -28,9 +28,7 @@ folder_option = click.option(
     "optimize study.toml -o out",
 )
 @grid_argument
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), metavar="STUDY.toml", required=True, help="Study to write."
-)
+@output_option("STUDY.toml", "Study to write.")
 @patches_option
 @click.option(
     "--cad",
@@ -38,7 +36,6 @@ folder_option = click.option(
     metavar="FILE",
     help="STEP or IGES file of the walls: control points of its faces are drafted as variables.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace a study that is there.")
 @click.option(
     "--mach",
     type=click.FloatRange(1e-3, 0.99),

@@ -29,6 +29,6 @@ def unit_warnings(output: Path, grid: Grid | MixedMesh) -> list[str]:
     if output.name != POLYMESH or grid.length_unit == "m":
         return []
     return [
-        f"warning: OpenFOAM takes lengths for metres, and these are in {grid.unit}: scale the points by "
+        f"OpenFOAM takes lengths for metres, and these are in {grid.unit}: scale the points by "
         f"{metres_of(grid.unit):g} there (transformPoints)"
     ]

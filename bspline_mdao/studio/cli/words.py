@@ -2,6 +2,9 @@
 
 PROGRAM = "bspline-mdao"
 
+TRACEBACK = "BSPLINE_MDAO_TRACEBACK"
+"""Environment variable that stands for ``--verbose``."""
+
 DEFINITIONS = """\b
 Corner: triple product of the unit edges that leave a corner of a cell; 1 where
   they are at right angles, 0 where they are flat, negative where it is folded.

@@ -22,7 +22,7 @@ def said(tmp_path, monkeypatch, capsys):
     def command(*arguments, status=0):
         assert run(["airfoil", *arguments]) == status
         printed = capsys.readouterr()
-        return printed.out if status == 0 else printed.err
+        return "".join(printed) if status == 0 else printed.err
 
     return command
 
@@ -80,14 +80,14 @@ def test_what_is_done_to_a_blunt_file_in_percent_is_said(said):
     assert "the chord is 100.008 long there: scaled to 1 m" in words
     assert "the trailing edge is 0.252 % thick: it is closed by a wedge off both sides" in words
     Path("shifted.dat").write_text(lines(naca_airfoil("2412").points[::4] + [0.3, 0.0]))
-    words = said("shifted.dat", "-o", "foil.xyz", "--around", "32", "--away", "8")
+    words = said("shifted.dat", "-o", "foil.xyz", "--overwrite", "--around", "32", "--away", "8")
     assert "the chord is 1.00008 long there: scaled to 1 m, with the nose at the origin" in words
-    thick = said("cst:0.2,0.2/-0.2,-0.2/0.03", "-o", "thick.xyz", "--around", "32", "--away", "8")
+    thick = said("cst:0.2,0.2/-0.2,-0.2/0.03", "-o", "thick.xyz", "--overwrite", "--around", "32", "--away", "8")
     assert "warning: the trailing edge is 3 % thick" in thick
 
 
 def test_where_a_cusp_inverts_a_cell_of_an_o_grid_a_c_grid_is_named_which_has_none(said):
-    cusped = ("cst:0.17,0.16,0.3/-0.17,-0.1,0.3", "-o", "foil.xyz", "--around", "64", "--away", "32")
+    cusped = ("cst:0.17,0.16,0.3/-0.17,-0.1,0.3", "-o", "foil.xyz", "--overwrite", "--around", "64", "--away", "32")
     assert "warning: 1 inverted cell; give more cells --around, or --topology C" in said(*cusped)
     assert "0 inverted" in said(*cusped, "--topology", "C")
 
@@ -99,12 +99,14 @@ def test_a_c_grid_keeps_the_base_and_says_so(said):
     assert [patch.name for patch in FittedModel.load("foil.h5").regenerate().patches] == [
         "airfoil", "base", "farfield", "symmetry"
     ]  # fmt: skip
-    assert "0.252 % thick: it is kept" in said("naca0012", "-o", "foil.xyz", *small, "--base", "wall")
-    words = said("cst:0.2,0.2/-0.2,-0.2/0.003", "-o", "foil.xyz", *small, "--base", "closed")
+    assert "0.252 % thick: it is kept" in said("naca0012", "-o", "foil.xyz", "--overwrite", *small, "--base", "wall")
+    words = said("cst:0.2,0.2/-0.2,-0.2/0.003", "-o", "foil.xyz", "--overwrite", *small, "--base", "closed")
     assert "no point by more than 0.15 % of the chord\n" in words
-    words = said("cst:0.2,0.2/-0.2,-0.2/0.003", "-o", "foil.xyz", *small[2:6])
+    words = said("cst:0.2,0.2/-0.2,-0.2/0.003", "-o", "foil.xyz", "--overwrite", *small[2:6])
     assert "no point by more than 0.15 % of the chord; --topology C keeps it" in words
-    assert "its trailing edge is sharp" in said("cst:0.2/-0.2", "-o", "foil.xyz", *small, "--base", "wall", status=2)
+    assert "its trailing edge is sharp" in said(
+        "cst:0.2/-0.2", "-o", "foil.xyz", "--overwrite", *small, "--base", "wall", status=2
+    )
 
 
 def test_one_side_of_a_file_is_mirrored_by_an_option(said):

@@ -37,7 +37,19 @@ def test_extrude_writes_a_grid_with_patches_that_fit_takes(workplace, capsys):
 
 
 def test_extrude_takes_planes_by_their_normals(workplace):
-    argv = ["extrude", "octant.xyz", "-o", "out.xyz", "--first-cell", "0.01", "--layers", "9", "--outer", "4"]
+    argv = [
+        "extrude",
+        "octant.xyz",
+        "-o",
+        "out.xyz",
+        "--overwrite",
+        "--first-cell",
+        "0.01",
+        "--layers",
+        "9",
+        "--outer",
+        "4",
+    ]
     planes = ["--symmetry", "x", "--symmetry", "0,-2,0", "--symmetry", "z"]
     assert run([*argv, *planes, "--json", "n.json"]) == 0
     assert list(numbers("n.json")["patches"].values()).count("symmetry") == 3
@@ -46,12 +58,12 @@ def test_extrude_takes_planes_by_their_normals(workplace):
 
 
 def test_extrude_takes_y_plus_and_tells_the_height_it_is(workplace, capsys):
-    argv = ["extrude", "ball.xyz", "-o", "out.xyz", "--layers", "12", "--outer", "3", "--json", "n.json"]
+    argv = ["extrude", "ball.xyz", "-o", "out.xyz", "--overwrite", "--layers", "12", "--outer", "3", "--json", "n.json"]
     assert run([*argv, "--y-plus", "30", "--reynolds", "1e5", "--length", "0.5"]) == 0
     asked = numbers("n.json")["heights"]["asked"]
     assert asked == first_cell_of(0.5, None, 30.0, 1e5)
     assert numbers("n.json")["walls"][0]["height_median"] == pytest.approx(asked, rel=0.01)
-    told = capsys.readouterr().out
+    told = "".join(capsys.readouterr())
     for words in ("y+ 30 of a plate of 0.5", f"of the {asked:.4g}"):
         assert words in told
     assert run([*argv, "--y-plus", "30", "--reynolds", "1e5"]) == 0  # of the middle side of the box, as the table is
@@ -59,7 +71,19 @@ def test_extrude_takes_y_plus_and_tells_the_height_it_is(workplace, capsys):
 
 
 def test_extrude_takes_periodic_planes(workplace):
-    argv = ["extrude", "octant.xyz", "-o", "out.xyz", "--first-cell", "0.01", "--layers", "9", "--outer", "4"]
+    argv = [
+        "extrude",
+        "octant.xyz",
+        "-o",
+        "out.xyz",
+        "--overwrite",
+        "--first-cell",
+        "0.01",
+        "--layers",
+        "9",
+        "--outer",
+        "4",
+    ]
     x, y = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 2, 6), indexing="ij")
     write_grid("octant.xyz", Grid((Block(np.stack([x, y, 0.1 * np.sin(np.pi * y)], axis=-1)[:, :, None], "waves"),)))
     assert run([*argv, "--symmetry", "x", "--periodic", "0,2,0", "--json", "n.json"]) == 0

@@ -90,13 +90,23 @@ def test_a_move_that_inverts_cells_refines_the_lattice_if_that_cures_it(workplac
     (workplace / "kinds.toml").write_text('[kinds]\nmain = "wall"\nflap = "wall"\nfar = "farfield"\n')
     fit = ["fit", "two.su2", "--patches", "kinds.toml", "-o"]
     assert run([*fit, "two.h5"]) == 0
-    assert "less than a span of the lattice" not in capsys.readouterr().out
+    assert "less than a span of the lattice" not in "".join(capsys.readouterr())
     assert run([*fit, "coarse.h5", "--spacing", "0.1"]) == 0
-    text = " ".join(capsys.readouterr().out.split())
+    text = " ".join("".join(capsys.readouterr()).split())
     assert re.search(r"flap is 0\.0(29|30|31)\d* m from main at .*, less than a span of the lattice, 0\.0\d+ m", text)
-    move = ["--design", "flap", "--deform", "translate=0.08/-0.02/0", "-o", "moved.su2", "--json", "move.json"]
+    move = [
+        "--design",
+        "flap",
+        "--deform",
+        "translate=0.08/-0.02/0",
+        "-o",
+        "moved.su2",
+        "--overwrite",
+        "--json",
+        "move.json",
+    ]
     assert run(["move", "coarse.h5", *move]) == 0
-    assert "refined for this move" in capsys.readouterr().out
+    assert "refined for this move" in "".join(capsys.readouterr())
     assert numbers("move.json")["n_inverted_before_refining"] > 10
     assert numbers("move.json")["n_inverted"]["after"] == 0
     assert run(["move", "two.h5", *move]) == 0
@@ -109,11 +119,11 @@ def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace, capsys):
     arguments = ["fit", "plane.su2", "-o", "plane.h5"]
     assert run(arguments) == 0
     for deform in ("pitch=3deg", "bumps=0.001"):
-        assert run(["move", "plane.h5", "--deform", deform, "-o", "moved.su2"]) == 0
-    printed = capsys.readouterr().out
+        assert run(["move", "plane.h5", "--deform", deform, "-o", "moved.su2", "--overwrite"]) == 0
+    printed = "".join(capsys.readouterr())
     assert "smallest area (m^2)" in printed
     assert "70 faces of the boundary are of no marker, and move along" in printed
-    crushed = ["move", "plane.h5", "--deform", "bumps=0.5", "-o", "moved.su2"]
+    crushed = ["move", "plane.h5", "--deform", "bumps=0.5", "-o", "moved.su2", "--overwrite"]
     fails_as_expected(crushed, capsys, r", 0), of area -")
 
 
@@ -161,26 +171,26 @@ def test_sides_by_a_rotation_are_tied_and_their_gap_is_told(workplace, capsys):
     (workplace / "sector.su2").write_text(su2_text(sector))
     (workplace / "kinds.toml").write_text('[kinds]\nfloor = "wall"\n')
     assert run(["fit", "sector.su2", "--patches", "kinds.toml", "-o", "sector.h5", "--json", "fit.json"]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
+    shown = " ".join("".join(capsys.readouterr()).split())
     assert "control points along the axis, the radius and the angle" in shown
     assert "nodes of per_1 and per_2 move alike: a rotation about the direction (0.872872, -0.436436," in shown
     (fitted,) = numbers("fit.json")["periodic"]
     assert fitted["markers"] == ["per_1", "per_2"]
     assert fitted["gap"] < 1e-14
-    move = ["move", "sector.h5", "--deform", "translate=0.02/0.01/-0.01", "-o", "moved.su2"]
+    move = ["move", "sector.h5", "--deform", "translate=0.02/0.01/-0.01", "-o", "moved.su2", "--overwrite"]
     assert run([*move, "--design", "body", "--json", "move.json"]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
+    shown = " ".join("".join(capsys.readouterr()).split())
     assert re.search(r"copies of nodes of per_1 and per_2, a rotation .* by 28\.6479 deg, are off by up to \d", shown)
     assert "walls end on both periodic sides" not in shown
     (moved,) = numbers("move.json")["periodic"]
     assert max(moved["gap"], moved["gap_before"]) < 1e-14
     quality = ["quality", "moved.su2", "--patches", "kinds.toml", "--baseline", "sector.su2"]
     assert run([*quality, "--json", "quality.json"]) == 0
-    assert "are off by up to" in " ".join(capsys.readouterr().out.split())
+    assert "are off by up to" in " ".join("".join(capsys.readouterr()).split())
     (measured,) = numbers("quality.json")["periodic"]
     assert measured["gap"] == pytest.approx(moved["gap"], abs=1e-14)
     assert run(move) == 0
-    shown = " ".join(capsys.readouterr().out.split())
+    shown = " ".join("".join(capsys.readouterr()).split())
     assert re.search(r"differs there by up to 0\.0\d+ m, at node \d+ of marker 'floor', which moves as its copy", shown)
 
 

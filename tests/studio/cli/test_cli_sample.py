@@ -55,7 +55,7 @@ def said(tmp_path, monkeypatch, capsys):
     def command(*arguments, status=0):
         assert run(["sample", "study.toml", *arguments]) == status
         printed = capsys.readouterr()
-        return printed.out if status == 0 else printed.err
+        return "".join(printed) if status == 0 else printed.err
 
     return command
 
