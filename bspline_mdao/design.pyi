@@ -37,6 +37,7 @@ from .core.design.section_shapes import CamberModes as CamberModes
 from .core.design.section_shapes import ClassShape as ClassShape
 from .core.design.section_shapes import HicksHenne as HicksHenne
 from .core.design.section_shapes import ThicknessModes as ThicknessModes
+from .core.design.section_shapes import ThicknessPoints as ThicknessPoints
 from .core.design.selection import InBlock as InBlock
 from .core.design.selection import InBox as InBox
 from .core.design.selection import Nearest as Nearest

@@ -1,7 +1,7 @@
 """Draw an O-grid beside a C-grid about the same airfoil, for the page on airfoils.
 
 ``python docs/draw_airfoil_grids.py`` writes ``docs/_static/airfoil_grids.png``: both as the command ``airfoil`` makes
-them, but of half as many cells per direction, and what is behind their trailing edges. Blocks have colours of their own.
+them, but of half as many cells per direction, and what is behind their trailing edges. Blocks have their own colours.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from bspline_mdao.core.design.of_part import OfPart
 from bspline_mdao.core.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.core.design.reference_axis import ReferenceAxis
 from bspline_mdao.core.design.rotation import Rotation
-from bspline_mdao.core.design.section_shapes import CamberModes, ClassShape, HicksHenne, ThicknessModes
+from bspline_mdao.core.design.section_shapes import CamberModes, ClassShape, HicksHenne, ThicknessModes, ThicknessPoints
 from bspline_mdao.core.design.selection import NearPlane
 from bspline_mdao.core.design.tangent_continuity import TangentContinuity
 from bspline_mdao.core.design.user_defined import UserVariable
@@ -120,6 +120,7 @@ VARIABLES = {
     CamberModes: lambda mesh: CamberModes("camber", 2, leading=True, trailing=True, stations=(0.1, 0.4, 0.9)),
     ClassShape: lambda mesh: ClassShape("weights", 2, trailing=True, axis=ReferenceAxis.of(mesh)),
     ThicknessModes: lambda mesh: ThicknessModes("thickness", 3, stations=2),
+    ThicknessPoints: lambda mesh: ThicknessPoints("thickness", 4, stations=2),
     CadPoints: lambda mesh: CadPoints("points", tied_wing(), where=np.s_[3:90:7], direction="yx"),
     CadShapes: lambda mesh: CadShapes("thicker", tied_wing(), [swollen_wing()]),
     CoarseNet: lambda mesh: CoarseNet.of(wing_model(), mesh, Local("bump", direction="normal"), n=4),

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 from scipy.special import comb
 
@@ -31,7 +32,7 @@ from .reference_axis import ReferenceAxis, StationSpline
 from .section_places import SectionPlaces
 from .variable import AuxiliaryPoints, Layout
 
-__all__ = ["CamberModes", "ClassShape", "HicksHenne", "ThicknessModes"]
+__all__ = ["CamberModes", "ClassShape", "HicksHenne", "ThicknessModes", "ThicknessPoints"]
 
 SIDES = {"upper": 1.0, "lower": -1.0}
 """Sides of a section, and their signs."""
@@ -340,6 +341,53 @@ class ThicknessModes(OfSections):
         highest = (numbers + 0.5) / (degree + 0.5)  # where the derivative is zero
         modes, largest = (np.sqrt(x)[:, None] * bernstein(degree, x)[:, numbers] for x in (parts, highest))
         return 0.5 * sides[:, None] * modes / np.diag(largest)
+
+
+@dataclass(frozen=True, eq=False)
+class ThicknessPoints(OfSections):
+    r"""Add a spline of thickness to sections by its control points: sides move apart; values are thicknesses in chords.
+
+    The spline is cubic and odd in :math:`\sqrt x`, so that the nose stays round. Its knots are closer together at the
+    edges: of n values ``(1 - cos(pi k / n)) / 2``. Control points at the edges stay; the first value changes the radius
+    of the nose, the last one the angle of the trailing edge. Each counts for a part of the section alone, and where
+    none is negative the section is nowhere thinner.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement`; 0 on the baseline.
+    n : int
+        Number of control points but those of the edges.
+    axis, stations, order
+        As of `HicksHenne`.
+
+    Raises
+    ------
+    InputError
+        If n is no whole number from 1 on.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid
+    >>> from bspline_mdao.design import ThicknessPoints
+    >>> from bspline_mdao.generators import naca_section, section_o_grid
+    >>> section = DesignSurface.of(fit_grid(section_o_grid(naca_section(0.12), 32, far=20.0)))
+    >>> section.parametrization([ThicknessPoints("thickness", 5)]).initial["thickness"]
+    array([0., 0., 0., 0., 0.])
+    """
+
+    n: int = 9
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_whole(self.n, self.name, "n")
+
+    def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
+        """Heights of every control point, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
+        knots = np.sin(0.5 * np.pi * np.arange(-self.n, self.n + 1) / self.n)
+        basis = BSpline.design_matrix(np.sqrt(parts), np.pad(knots, 3, "edge"), 3).toarray()
+        odd = basis - basis[:, ::-1]
+        return 0.5 * sides[:, None] * odd[:, self.n + 2 : -1]
 
 
 def bernstein(degree: int, parts: np.ndarray) -> np.ndarray:

@@ -217,6 +217,7 @@ FLOWS = {
             "trim": Key(FLAG, "whether the angle of attack is solved for at the lift CL_target", False),
             "CL_target": Key(NUMBER, "lift coefficient of the trim", otherwise="needed with trim"),
             "tolerance": Key(POSITIVE, "residual, relative to that of the uniform stream, of a solution", 1e-12),
+            "anchored": Key(FLAG, "whether a flow starts from that of the last gradient, not from the last one", False),
         },
         numbers("euler"),
     ),

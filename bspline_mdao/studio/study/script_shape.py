@@ -118,7 +118,7 @@ def _made_variable(name: str, table: Table) -> ast.expr:
         settings = changed(table, kind.keys, ("power", "nose", "leading", "trailing", "stations", "order"))
         if table.get("sides", "both") != "both":
             settings["sides"] = table["sides"]
-        size = next(table[key] for key in ("places", "degree", "n_modes") if key in table)
+        size = next(table[key] for key in ("places", "degree", "n_modes", "n_points") if key in table)
         return call(made_by, name, size, **settings)
     if table["kind"] == "curve_points":
         return call(made_by, name, **changed(table, kind.keys, ("direction", "edges")))

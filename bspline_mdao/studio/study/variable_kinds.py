@@ -166,6 +166,12 @@ VARIABLES = {
         "ThicknessModes",
         modes=lambda table: table["n_modes"],
     ),
+    "thickness_points": VariableKind(
+        "thicknesses in chords of control points of a spline of thickness, from the leading edge on",
+        {"n_points": Key(_MODES, "number of control points but those at the edges", 9), **_SECTIONS},
+        "ThicknessPoints",
+        modes=lambda table: table["n_points"],
+    ),
     "curve_points": VariableKind(
         "displacements (m) of the control points of a section, those of all planes along the span alike",
         {

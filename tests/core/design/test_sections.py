@@ -23,6 +23,7 @@ from bspline_mdao.design import (
     Nearest,
     ReferenceAxis,
     ThicknessModes,
+    ThicknessPoints,
     Twist,
 )
 from bspline_mdao.errors import InputError
@@ -41,6 +42,7 @@ SHAPES = {
     "camber": CamberModes("v", 3, leading=True, trailing=True),
     "thickness": ThicknessModes("v", 3),
     "thickness but the nose": ThicknessModes("v", 2, nose=False),
+    "points of thickness": ThicknessPoints("v", 5),
 }
 
 shapes = pytest.mark.parametrize("variable", SHAPES.values(), ids=SHAPES)
@@ -130,7 +132,7 @@ def test_edges_stay_unless_their_heights_are_values(variable):
 
 @pytest.mark.parametrize(("variable", "is_kept"), [
     (ClassShape("v", 3), False), (ClassShape("v", 3, nose=False), True), (ThicknessModes("v", 3), False),
-    (ThicknessModes("v", 3, nose=False), True),
+    (ThicknessPoints("v", 4), False), (ThicknessModes("v", 3, nose=False), True),
 ])  # fmt: skip
 def test_the_nose_stays_round_and_keeps_its_radius_where_that_is_said(variable, is_kept):
     found = section(**FINE)
@@ -163,6 +165,17 @@ def test_modes_have_a_largest_value_of_one():
     np.testing.assert_allclose(parts[bumps.argmax(axis=0)], [0.1, 0.37, 0.9], atol=1e-3)
 
 
+def test_points_of_thickness_are_a_smooth_partition_nowhere_negative_and_each_of_a_part_of_the_chord():
+    parts = np.linspace(0.0, 1.0, 4001)
+    heights = ThicknessPoints("v", 8).shapes(parts, np.ones(len(parts)))
+    assert heights.min() == 0.0
+    inside = (parts > 0.15) & (parts < 0.96)  # at the edges those that stay are part of the sum
+    np.testing.assert_allclose(heights[inside].sum(axis=1), 0.5, atol=1e-12)
+    assert ((heights > 0.0).sum(axis=1) <= 4).all()
+    np.testing.assert_array_equal(np.diff(parts[heights.argmax(axis=0)]) > 0.0, True)
+    np.testing.assert_array_equal(ThicknessPoints("v", 8).shapes(parts, -np.ones(len(parts))), -heights)
+
+
 def test_control_points_interpolate_at_greville_abscissae():
     for mesh in (section().mesh, moving_mesh(wing_model())):
         surface, random = GrevilleSurface.of(mesh), np.random.default_rng(3)
@@ -182,7 +195,7 @@ def test_sides_and_parts_are_those_of_the_section():
     np.testing.assert_allclose(places.chords, np.ptp(places.surface.points[:, 0]), rtol=1e-3)
 
 
-@pytest.mark.parametrize("variable", [HicksHenne, CamberModes, ClassShape, ThicknessModes])
+@pytest.mark.parametrize("variable", [HicksHenne, CamberModes, ClassShape, ThicknessModes, ThicknessPoints])
 def test_stations_have_values_of_their_own_on_wings(variable):
     wing = DesignSurface.of(wing_model())
     axis = ReferenceAxis.of(wing.mesh)
@@ -275,6 +288,7 @@ def test_half_of_a_section_ends_on_its_own_plane_of_symmetry_as_well():
     (lambda: ClassShape("v", 3, exponents=(0.3, 1.0)), "give two numbers, from 0.5 on and positive"),
     (lambda: CamberModes("v", 2.5), "'v': n 2.5; give a whole number"),
     (lambda: ThicknessModes("v", 51), "'v': n 51; give a whole number"),
+    (lambda: ThicknessPoints("v", 0), "'v': n 0; give a whole number from 1 to 50"),
     (lambda: ThicknessModes("v", 3, axis=0.25), "the axis is of type float; give a ReferenceAxis"),
 ])  # fmt: skip
 def test_shapes_that_cannot_be_are_refused(make, message):

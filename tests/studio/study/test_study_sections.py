@@ -16,6 +16,7 @@ VARIABLES = {
     "class_shape": ("degree = 3\ntrailing = true\nnose = false", 7),
     "camber_modes": ("n_modes = 2\nleading = true", 3),
     "thickness_modes": ("", 4),
+    "thickness_points": ("n_points = 5", 5),
     "curve_points": ("direction = 'y'", 14),
 }
 """Keys of every kind, and the number of its values on the section below."""
