@@ -308,7 +308,7 @@ class _BasePatch:
 
 def _base_patches(layout: _Layout, side: int) -> list[_BasePatch]:
     """Make the six patches of the upper (side = 1) or lower (-1) base surface: along the stream, inboard first."""
-    plate = replace(layout.wing, section=flat_section(), tip_section=None)
+    plate = replace(layout.wing, section=flat_section(), tip_section=None, sections_between=())
     flat = _plane_patches(layout, plate, side)
     relaxed = _plane_patches(replace(layout, spacing=layout.spacing.widened(layout.far.relaxation)), plate, side)
     on_wing = [flat[0], _surface(layout, layout.wing, side), *flat[2:]]

@@ -334,6 +334,14 @@ class Wing(OneLine):
         Section at the tip; points at equal fractions of the arc are blended linearly along the span.
     tip_length : float, optional
         Length of span over which the tip is rounded (m); twice the thickness there by default.
+    sections_between : sequence of (float, Section)
+        Sections between root and tip, each with its span position (m), from the root on: kinks of the planform, where
+        blocks end. Between two of them points are blended in the same manner; without one for the tip the last stays.
+
+    Raises
+    ------
+    InputError
+        If a section between is at no kink of the planform, or they are not in order.
 
     Notes
     -----
@@ -352,18 +360,32 @@ class Wing(OneLine):
     section: Section
     tip_section: Section | None = None
     tip_length: float | None = None
+    sections_between: Sequence[tuple[float, Section]] = ()
+
+    def __post_init__(self) -> None:
+        places, kinks = [place for place, _ in self.sections_between], self.planform.kinks
+        if not set(places) <= set(kinks) or sorted(set(places)) != places:
+            raise InputError(
+                f"wing: sections between root and tip at spans {places}; give each at one of the kinks of the "
+                f"planform, {list(kinks)}, from the root on"
+            )
+
+    @property
+    def outer_section(self) -> Section:
+        """Section at the tip."""
+        return self.tip_section or [self.section, *(section for _, section in self.sections_between)][-1]
 
     @property
     def rounded_length(self) -> float:
         """Length of span over which the tip is rounded (m); 0 for a wing without thickness."""
         if self.tip_length is not None:
             return self.tip_length
-        return 2.0 * (self.tip_section or self.section).thickness * self.planform.tip_chord
+        return 2.0 * self.outer_section.thickness * self.planform.tip_chord
 
     @property
     def tip_radius(self) -> float:
         """Radius of the rounded tip where the wing is thickest there (m): the limit of ``sqrt(1 - s^3)`` at s = 1."""
-        half = 0.5 * (self.tip_section or self.section).thickness * self.planform.tip_chord
+        half = 0.5 * self.outer_section.thickness * self.planform.tip_chord
         return 1.5 * half**2 / self.rounded_length if self.rounded_length > 0.0 else 0.0
 
     @property
@@ -394,10 +416,14 @@ class Wing(OneLine):
             Coordinate x and height (m).
         """
         planform, stations, factor = self.planform, self.stations, self.thickness_factor(self.stations)
-        shape = self.section.points(side, fractions, factor)
-        if self.tip_section is not None:
-            weight = (stations / planform.semi_span)[:, None, None]
-            shape = (1.0 - weight) * shape + weight * self.tip_section.points(side, fractions, factor)
+        given = [(0.0, self.section), *self.sections_between]
+        given += [(planform.semi_span, self.tip_section)] if self.tip_section is not None else []
+        weights = np.eye(len(given))
+        spans = [place for place, _ in given]
+        shape = sum(
+            np.interp(stations, spans, weight)[:, None, None] * section.points(side, fractions, factor)
+            for weight, (_, section) in zip(weights, given)
+        )
         x, y = np.moveaxis(shape, 2, 0)
         chord = planform.x(1.0, stations) - planform.x(0.0, stations)
         return np.stack([planform.x(x, stations[:, None]), chord[:, None] * y], axis=-1)

@@ -124,6 +124,15 @@ def wing(**options: Any) -> None:
       y_plus = 1.0            # or first_cell (m); also leading, trailing, tip, root, far
       reynolds = 6e6          # of the root chord
 
+    Sections between root and tip are those of stations, in the place of [sections] and of numbers of the planform:
+
+    \b
+      [[stations]]            # from the root on; without a section it is blended between those beside it
+      span = 0.0              # m, as leading (edge) and chord
+      leading = 0.0
+      chord = 1.6
+      section = "naca2414"
+
     Twist, dihedral and what else has a name come by 'move', and the moved grid is fitted again. The name of GRID gives
     the format: {written}.
     """

@@ -8,20 +8,20 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from ...core.generators.airfoil import Airfoil
 from ...core.generators.airfoil_file import airfoil
 from ...core.generators.first_cell import first_cell_of
 from ...core.generators.hh_wing import hh_wing_grid
 from ...core.generators.kinked_planform import KinkedPlanform
-from ...core.generators.wing import Planform, Wing
+from ...core.generators.wing import Planform, Section, Wing
 from ...core.generators.wing_spacing import FarField, Spacing, default_spacing
 from ...errors import InputError
 from ...grids.topology.grid import Grid
-from ..study.kinds import POINT, POSITIVE, TEXT, TRIPLE, Key, list_of, number
+from ..study.kinds import NUMBER, POINT, POSITIVE, TEXT, TRIPLE, Key, list_of, number
 from ..study.tables import Table, Tables
 
-__all__ = ["GRID", "PLANFORM", "SECTIONS", "read_wing"]
+__all__ = ["GRID", "PLANFORM", "SECTIONS", "STATIONS", "read_wing"]
 
+_SPAN = number("a number from 0 to 1e20", 0.0, 1e20)
 _SWEEP = number("a number of degrees from -79 to 79", -79.0, 79.0)
 
 PLANFORM = {
@@ -46,6 +46,18 @@ SECTIONS = {
 }
 """Table ``[sections]``."""
 
+STATIONS = {
+    "span": Key(_SPAN, "span position (m), 0 at the root", is_required=True),
+    "leading": Key(NUMBER, "coordinate x of the leading edge (m)", is_required=True),
+    "chord": Key(POSITIVE, "chord (m)", is_required=True),
+    "section": Key(
+        TEXT,
+        "section, as those of [sections]; needed at the root",
+        otherwise="blended between its neighbours; at the tip the last one",
+    ),
+}
+"""Tables ``[[stations]]``, in the place of ``[sections]`` and of the planform's numbers."""
+
 GRID = {
     "nodes": Key(TRIPLE, "nodes per block along the stream, away from the wing and along the span", [23, 33, 17]),
     "first_cell": Key(POSITIVE, "height of the first cells (m)", otherwise="chosen from the nodes"),
@@ -67,12 +79,10 @@ def read_wing(
 ) -> tuple[Wing, Grid, float | None]:  # wing; grid; Reynolds number per metre, where one is given
     """Read the file, and make the wing and the H-H grid about it."""
     tables = Tables.read(path, "a planform", "give a file as 'bspline-mdao wing --help' shows one")
-    tables.known(tables.document, _TABLES, (), "table")
-    planform, sections, grid = (tables.table(name, keys) for name, keys in _TABLES.items())
-    form = _form(tables, planform)
-    root = _section(tables, sections, "root")
-    tip = _section(tables, sections, "tip") if sections["tip"] else root
-    wing = Wing(form, root.section, None if tip is root else tip.section, planform["tip_length"])
+    tables.known(tables.document, (*_TABLES, "stations"), (), "table")
+    planform, grid = (tables.table(name, _TABLES[name]) for name in ("planform", "grid"))
+    wing = _of_stations(tables, planform) if "stations" in tables.document else _of_two_sections(tables, planform)
+    form = wing.planform
     try:
         spacing = _spacing(form.root_chord, grid)
         far = FarField(grid["far"] or 10.0 * form.root_chord, 0.05 * form.root_chord)
@@ -80,6 +90,33 @@ def read_wing(
     except InputError as error:
         raise tables.refuse(("grid",), str(error)) from error
     return wing, made, grid["reynolds"] and grid["reynolds"] / form.root_chord
+
+
+def _of_two_sections(tables: Tables, planform: Table) -> Wing:
+    """The wing of a section at the root, and another one at the tip or none."""
+    form, sections = _form(tables, planform), tables.table("sections", SECTIONS)
+    root, tip = (sections[where] and _section(tables, sections[where], ("sections", where)) for where in SECTIONS)
+    return Wing(form, root, tip, planform["tip_length"])
+
+
+def _of_stations(tables: Tables, planform: Table) -> Wing:
+    """The wing of stations that have sections of their own."""
+    for name, keys in (("sections", SECTIONS), ("planform", PLANFORM.keys() - {"tip_length"})):
+        if given := [key for key in tables.document.get(name, {}) if key in keys]:
+            raise tables.refuse((name, given[0]), "and [[stations]] as well; give one of both")
+    stations = tables.array("stations", STATIONS)
+    sections = [
+        each["section"] and _section(tables, each["section"], ("stations", str(number), "section"))
+        for number, each in enumerate(stations, 1)
+    ]
+    if sections[0] is None:
+        raise tables.refuse(("stations", "1"), f"has no key 'section' at the root; give {TEXT.words}")
+    try:
+        form = KinkedPlanform([[each[key] for key in ("span", "leading", "chord")] for each in stations])
+    except InputError as error:
+        raise tables.refuse(("stations",), str(error)) from error
+    between = [(each["span"], found) for each, found in list(zip(stations, sections))[1:-1] if found]
+    return Wing(form, sections[0], sections[-1], planform["tip_length"], between)
 
 
 def _form(tables: Tables, planform: Table) -> Planform | KinkedPlanform:
@@ -97,14 +134,13 @@ def _form(tables: Tables, planform: Table) -> Planform | KinkedPlanform:
         raise tables.refuse(("planform",), str(error)) from error
 
 
-def _section(tables: Tables, sections: Table, where: str) -> Airfoil:
-    """The airfoil that a key names; a file is looked for beside the planform's."""
-    name = sections[where]
+def _section(tables: Tables, name: str, path: tuple[str, ...]) -> Section:
+    """The section of an airfoil that a key names; a file is looked for beside the planform's."""
     file = tables.path.parent / name
     try:
-        return airfoil(file if file.is_file() else name)
+        return airfoil(file if file.is_file() else name).section
     except (InputError, OSError) as error:
-        raise tables.refuse(("sections", where), str(error)) from error
+        raise tables.refuse(path, str(error)) from error
 
 
 def _spacing(root_chord: float, grid: Table) -> Spacing:

@@ -23,8 +23,8 @@ def make_wing(
 def _made(file: Path) -> MadeGrid:
     """The grid, and what its wing is like."""
     wing, grid, reynolds = read_wing(file)
-    planform, tip = wing.planform, wing.tip_section or wing.section
-    thickness = wing.section.thickness, tip.thickness
+    planform, between = wing.planform, wing.sections_between
+    thickness = wing.section.thickness, wing.outer_section.thickness
     shape = {
         "semi_span": planform.semi_span,
         "root_chord": planform.root_chord,
@@ -33,11 +33,13 @@ def _made(file: Path) -> MadeGrid:
         "trailing_edge_sweep": planform.trailing_edge_sweep,
         "kinks": planform.kinks,
         "thickness": thickness,
+        "thickness_between": [(place, section.thickness) for place, section in between],
     }
     lines = [
         f"half wing: semi-span {planform.semi_span:g} m, chords {planform.root_chord:g} and {planform.tip_chord:g} m, "
         f"aspect ratio {planform.aspect_ratio:.3g}, the trailing edge swept by {planform.trailing_edge_sweep:.3g} deg",
-        f"sections: {100.0 * thickness[0]:.4g} % thick at the root, {100.0 * thickness[1]:.4g} % at the tip",
+        f"sections: {100.0 * thickness[0]:.4g} % thick at the root, {100.0 * thickness[1]:.4g} % at the tip"
+        + "".join(f", {100.0 * section.thickness:.4g} % at {place:g} m" for place, section in between),
     ]
     if planform.kinks:
         places = ", ".join(f"{place:g}" for place in planform.kinks)

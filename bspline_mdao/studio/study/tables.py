@@ -84,10 +84,23 @@ class Tables:
             found = found.get(part, {})
         if not isinstance(found, Mapping):
             raise self.refuse(path, f"is no table; write [{'.'.join(path)}] and its keys below")
+        return self._values(found, keys, path)
+
+    def array(self, name: str, keys: Mapping[str, Key]) -> list[Table]:
+        """Read an array of tables, in the manner of one."""
+        found = self.document.get(name, [])
+        if not (isinstance(found, list) and found and all(isinstance(each, Mapping) for each in found)):
+            raise self.refuse((name,), f"is no array of tables; write [[{name}]] and its keys below for each of them")
+        if len(found) > MOST_TABLES:
+            raise self.refuse((name,), f"has {len(found):,} tables; give {MOST_TABLES} at most")
+        return [self._values(each, keys, (name, str(number))) for number, each in enumerate(found, 1)]
+
+    def _values(self, found: Mapping, keys: Mapping[str, Key], path: tuple[str, ...]) -> Table:
+        """Values of a table."""
         self.known(found, keys, path)
         for key, spec in keys.items():
             if key not in found and spec.is_required:
-                raise self.refuse((*path,), f"has no key '{key}' ({spec.meaning}); give {spec.kind.words}")
+                raise self.refuse(path, f"has no key '{key}' ({spec.meaning}); give {spec.kind.words}")
             if key in found and not spec.kind.accepts(found[key]):
                 raise self.refuse((*path, key), f"is {shortened(_said(found[key]))}; give {spec.kind.words}")
         values = {key: found.get(key, spec.default) for key, spec in keys.items()}

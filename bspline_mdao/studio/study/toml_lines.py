@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 
 import tomlkit
 
@@ -27,28 +28,36 @@ def key_lines(text: str) -> dict[Path, int]:
     Returns
     -------
     dict
-        Line, from 1, of every table and key by its path. Keys within inline tables are not among them.
+        Line, from 1, of every table and key by its path. In that of a table of an array its number, from 1, follows the
+        name of the array. Keys within inline tables are not among them.
 
     Examples
     --------
     >>> key_lines("[flow]\nalpha = 3.0")
     {('flow',): 1, ('flow', 'alpha'): 2}
+    >>> list(key_lines("[[stations]]\nchord = 1.0"))
+    [('stations',), ('stations', '1'), ('stations', '1', 'chord')]
     """
     found: dict[Path, int] = {}
     table: Path = ()
     parts: list[str] = []
-    depth, is_header, is_value = 0, False, False
+    n_tables: Counter[Path] = Counter()  # of arrays, so far
+    depth, is_header, is_array, is_value = 0, False, False, False
     for match in _TOKEN.finditer(text):
         token = match[0]
         if token == "\n":
             if is_header:
                 table = tuple(parts)
+            if is_array:
+                n_tables[table] += 1
+                table = (*table, str(n_tables[table]))
+                found[table] = text.count("\n", 0, match.start()) + 1
             if depth == 0:
-                parts, is_header, is_value = [], False, False
+                parts, is_header, is_array, is_value = [], False, False, False
         elif is_value:
             depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(token, 0)
         elif token == "[" and not parts:
-            is_header = True
+            is_header, is_array = True, is_header
         elif token == "=":
             is_value = True
         elif token not in ("]", ".") and not token.startswith("#"):

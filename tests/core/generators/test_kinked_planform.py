@@ -82,3 +82,47 @@ def test_too_few_nodes_for_the_panels_are_refused():
     wing = Wing(KinkedPlanform(PLANFORMS["three panels"]), SECTION)
     with pytest.raises(InputError, match="9 nodes along 3 panels; give 10 at least"):
         hh_wing_grid(wing, (9, 9, 9))
+
+
+def test_sections_between_are_those_of_their_stations_and_blended_in_the_panels():
+    planform = KinkedPlanform([[0.0, 0.0, 1.6], [1.2, 0.9, 1.0], [2.5, 1.2, 0.8], [4.0, 1.9, 0.5]])
+    names = {0.0: "naca2414", 1.2: "naca4412", 2.5: "naca0010", 4.0: "naca2308"}
+    root, *between, tip = ((place, airfoil(name).section) for place, name in names.items())
+    wing = Wing(planform, root[1], tip[1], sections_between=between)
+    grid = hh_wing_grid(wing, (17, 9, 19))
+    cells = report_quality(GridQuality.of_baseline(grid), grid.to_vector().reshape(-1, 3))
+    assert (cells.n_inverted, len(find_topology(grid).near_misses)) == (0, 0)
+    blocks = {block.name: block.nodes for block in grid.blocks}
+    for number, (place, section) in enumerate([root, *between], 1):
+        _, x, chord = planform.stations[number - 1]
+        for side, sign, row in (("above", 1, 0), ("below", -1, -1)):
+            wall = blocks[f"wing {side} panel {number}"][:, row, 0]
+            assert wall[:, 2] == pytest.approx(place, abs=1e-12)
+            dense = section.points(sign, np.linspace(0.0, 1.0, 20001)[None] ** 2, np.ones(1))[0]
+            heights = np.interp((wall[:, 0] - x) / chord, *dense.T)
+            np.testing.assert_allclose(wall[:, 1] / chord, heights, atol=2e-6)
+    fractions = np.broadcast_to(np.linspace(0.0, 1.0, 12), (len(wing.stations), 12))
+    at = np.argmin(np.abs(wing.stations - 0.6))
+    weight = wing.stations[at] / 1.2
+    expected = sum(
+        part * section.points(1, fractions[:1], np.ones(1))[0, :, 1]
+        for part, section in ((1.0 - weight, root[1]), (weight, between[0][1]))
+    )
+    chord = planform.x(1.0, wing.stations[at]) - planform.x(0.0, wing.stations[at])
+    np.testing.assert_allclose(wing.sections(1, fractions)[at, :, 1] / chord, expected, atol=1e-12)
+
+
+def test_without_a_section_at_the_tip_the_last_one_stays():
+    planform, other = KinkedPlanform(PLANFORMS["two panels"]), airfoil("naca0009").section
+    wing = Wing(planform, SECTION, sections_between=[(1.2, other)])
+    assert wing.outer_section is other
+    fractions = np.broadcast_to(np.linspace(0.0, 1.0, 9), (len(wing.stations), 9))
+    expected = Wing(planform, other).sections(1, fractions)[wing.stations >= 1.2]
+    np.testing.assert_allclose(wing.sections(1, fractions)[wing.stations >= 1.2], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("places", [(1.0,), (2.5, 1.2), (1.2, 1.2)])
+def test_sections_away_from_kinks_or_out_of_order_are_refused(places):
+    between = [(place, SECTION) for place in places]
+    with pytest.raises(InputError, match=r"one of the kinks of the planform, \[1.2, 2.5\], from the root on"):
+        Wing(KinkedPlanform(PLANFORMS["three panels"]), SECTION, sections_between=between)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bspline_mdao import FittedModel, read_grid
-from bspline_mdao.generators import Planform, Wing, airfoil, hh_wing_grid
+from bspline_mdao.generators import KinkedPlanform, Planform, Wing, airfoil, hh_wing_grid
 from bspline_mdao.grids.cells.wall_spacing import flat_plate_y_plus
 from bspline_mdao.studio.cli.main import run
 
@@ -96,6 +96,73 @@ def test_a_wing_with_a_kink_has_blocks_that_end_there_and_a_model_with_its_corne
 def test_stations_that_do_not_fit_are_refused(said, more, n_span, complaint):
     Path("wing.toml").write_text(KINKED.format(more=more, n_span=n_span))
     assert complaint in said("-o", "wing.h5", status=2).replace("'planform'", "[planform]")
+
+
+STATIONS = """[planform]
+tip_length = 0.1
+{more}
+[[stations]]
+span = 0.0
+leading = 0.0
+chord = 1.6
+{root}
+
+[[stations]]
+span = 1.2
+leading = 0.9
+chord = 1.0
+
+[[stations]]
+span = 2.5
+leading = 1.2
+chord = 0.8
+section = "naca0010"
+
+[[stations]]
+span = 4.0
+leading = 1.9
+chord = 0.5
+{tip}
+
+[grid]
+nodes = [7, 8, 16]
+"""
+
+
+def test_stations_have_sections_of_their_own(said):
+    Path("wing.toml").write_text(STATIONS.format(more="", root='section = "naca2414"', tip='section = "naca4412"'))
+    words = said("-o", "wing.h5", "--json", "wing.json")
+    form = KinkedPlanform([[0.0, 0.0, 1.6], [1.2, 0.9, 1.0], [2.5, 1.2, 0.8], [4.0, 1.9, 0.5]])
+    root, middle, tip = (airfoil(name).section for name in ("naca2414", "naca0010", "naca4412"))
+    asked = hh_wing_grid(Wing(form, root, tip, 0.1, [(2.5, middle)]), (7, 8, 16))
+    found = FittedModel.load("wing.h5").regenerate().to_vector()
+    np.testing.assert_allclose(found, asked.to_vector(), atol=1e-10)
+    assert "sections: 14.01 % thick at the root, 12.01 % at the tip, 10 % at 2.5 m" in words
+    numbers = json.loads(Path("wing.json").read_text())
+    assert numbers["thickness_between"] == [[2.5, pytest.approx(0.1, abs=1e-3)]]
+    assert (numbers["n_inverted"], numbers["kinks"]) == (0, [1.2, 2.5])
+
+
+def test_a_tip_without_a_section_has_the_last_one(said):
+    Path("wing.toml").write_text(STATIONS.format(more="", root='section = "naca2414"', tip=""))
+    assert "10 % at the tip" in said("-o", "wing.xyz")
+
+
+@pytest.mark.parametrize(
+    ("more", "root", "tip", "complaint"),
+    [
+        ("", "", "", "line 4: 'stations' '1' has no key 'section' at the root"),
+        ("taper = 0.5", 'section = "naca2414"', "", "line 3: [planform] 'taper' and [[stations]] as well; give one of"),
+        ("", 'section = "naca2414"', 'section = "naca24"', "line 25: [stations.4] 'section' "),
+        ("", 'section = "naca2414"', "sektion = 3", "line 25: [stations.4] 'sektion' is no key; did you mean"),
+        ("", 'section = "naca2414"\n[[stations]]\nspan = 0.0', "", "line 9: 'stations' '2' has no key 'leading'"),
+    ],
+)
+def test_what_is_wrong_in_a_station_is_named_with_its_line(said, more, root, tip, complaint):
+    Path("wing.toml").write_text(STATIONS.format(more=more, root=root, tip=tip))
+    assert complaint in said("-o", "wing.h5", status=2).replace("[stations] '1'", "'stations' '1'").replace(
+        "[stations] '2'", "'stations' '2'"
+    )
 
 
 def test_spacings_of_the_file_are_those_of_the_grid(said):
