@@ -77,6 +77,7 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "plot_gallery": "True",
     "min_reported_time": 10,
+    "write_computation_times": False,  # a page that only those who build want, and that a search would find
 }
 
 

@@ -105,6 +105,13 @@ def test_words_that_are_searched_for_are_in_the_index(word, page):
     assert word in [entry.strip() for line in entries for entry in line.split(",")]
 
 
+def test_the_most_read_pages_of_theory_begin_with_the_idea():
+    names = "fit evaluation elasticity movers quality free_form euler background_lattice ride drivers"
+    for name in names.split():
+        title, line, blank, first = (DOCS / f"theory/{name}.rst").read_text().splitlines()[:4]
+        assert (blank, first) == ("", ".. admonition:: The idea"), name
+
+
 def messages_of(path):
     """Texts of a module that may be printed, ``…`` in the place of what is formatted into them."""
     for node in ast.walk(ast.parse(path.read_text())):

@@ -1,5 +1,7 @@
 """Write formulas as MathML, which every current browser draws by itself: the pages need no script and no network."""
 
+import re
+
 from docutils.nodes import SkipNode
 from latex2mathml.converter import convert
 
@@ -24,6 +26,7 @@ def visit_displaymath(self, node):
 
 def aligned(latex: str) -> str:
     """Align formulas that are separated by blank lines, or hold ``&`` or line breaks without an environment."""
+    latex = re.sub(r"\\\\\[[^\]]*\]", r"\\\\", latex)  # room between lines, as in ``\\[2pt]``, would be printed
     rows = r" \\ ".join(part.strip() for part in latex.split("\n\n") if part.strip())
     is_plain = r"\begin" in rows or not (r"\\" in rows or "&" in rows)
     return rows if is_plain else rf"\begin{{aligned}}{rows}\end{{aligned}}"
