@@ -46,3 +46,14 @@ def test_every_module_is_written_in_the_oldest_python_that_is_promised():
     oldest = tuple(int(part) for part in PROJECT["requires-python"].removeprefix(">=").split("."))
     for path in (ROOT / "bspline_mdao").rglob("*.py"):
         ast.parse(path.read_text(encoding="utf-8"), filename=str(path), feature_version=oldest)
+
+
+def test_the_paper_cites_what_its_bibliography_has():
+    paper, bibliography = ((ROOT / "paper" / name).read_text(encoding="utf-8") for name in ("paper.md", "paper.bib"))
+    assert set(re.findall(r"@(\w+\d{4})", paper)) == set(re.findall(r"^@\w+\{(\w+),", bibliography, re.M))
+
+
+def test_scripts_that_the_paper_names_exist():
+    named = re.findall(r"`((?:benchmarks|run_scripts)/[\w/]+\.py)`", (ROOT / "paper" / "paper.md").read_text())
+    assert len(named) >= 2
+    assert [name for name in named if not (ROOT / name).exists()] == []
