@@ -34,6 +34,13 @@ def ensure_kernel_cache() -> None:
     warnings.warn_explicit(message, RuntimeWarning, "bspline_mdao", 0)
 
 
+def kernel_folder() -> str:
+    """Folder of compiled kernels as a whole: the user's choice, that of the package's own module, or the user's."""
+    if folder := _folder_of_variable():
+        return folder
+    return os.path.join(PACKAGE, "__pycache__") if _is_package_writable() else _user_folder()
+
+
 def _folder_of_variable() -> str:
     """Folder that the user has chosen; empty where there is none."""
     chosen = os.environ.get(VARIABLE)

@@ -451,3 +451,20 @@ def completion(shell: str) -> None:
     found = shell_completion.get_completion_class(shell)
     assert found is not None  # SHELLS are those that there are
     click.echo(found(bspline_mdao, {}, PROGRAM, f"_{PROGRAM.replace('-', '_').upper()}_COMPLETE").source())
+
+
+@command("warm-up", "warm-up --processes 2")
+@click.option(
+    "--processes", type=click.IntRange(min=1), metavar="P", help="Processes that compile; by default one for each core."
+)
+@json_option
+def warm_up(**options: Any) -> None:
+    """Compile the kernels of usual commands, once, so that none of these has to wait for it.
+
+    Runs fit, move, quality, airfoil, refine and optimize on tiny grids, in processes that share what they compile. Does
+    nothing where all kernels are there.
+    """
+    with without_collector():
+        from .warm_up import warm_up as compile_all
+
+    compile_all(**options)

@@ -59,7 +59,7 @@ SECTIONS = {
     "Fit and move": ("fit", "move", "ride", "refine", "improve"),
     "Optimize": ("optimize", "sample"),
     "Look at results": ("quality", "seams", "report", "cad"),
-    "This program": ("completion",),
+    "This program": ("warm-up", "completion"),
 }
 """Commands as the help of the program lists them."""
 

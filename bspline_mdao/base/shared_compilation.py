@@ -1,0 +1,105 @@
+"""Several processes that compile kernels into one folder: each kernel once, by the one that needs it first.
+
+Numba lets processes that miss a kernel at the same time all compile it, and each writes its own index over that of the
+others. Here one locks the kernel, the others wait and read what it has compiled. For processes that are started to
+compile (`bspline-mdao warm-up`); those that work do not wait for each other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+__all__ = ["HAS_LOCKS", "shared_compilation"]
+
+PATIENCE = 120.0
+"""Seconds that a process waits for another one before it compiles a kernel itself."""
+
+try:
+    import fcntl
+
+    HAS_LOCKS = True
+except ImportError:  # Windows
+    HAS_LOCKS = False
+"""Whether processes can lock kernels; only one may compile at a time otherwise."""
+
+
+@contextmanager
+def shared_compilation(
+    locks: Path,  # folder of the locks, the same for all processes
+    # told the index and the signature of each specialisation that is needed, and whether it has to be compiled
+    noted: Callable[[str, str, bool], None],
+) -> Iterator[None]:
+    """Share compilation with other processes that do the same, and note what is needed of the cache."""
+    from numba.core.caching import FunctionCache  # takes a while to import
+
+    load, save, claims = FunctionCache.load_overload, FunctionCache.save_overload, _Claims(locks)
+
+    def load_overload(self: Any, signature: Any, target: Any) -> Any:
+        found, index = load(self, signature, target), self._cache_file._index_path
+        if found is None:
+            claims.take(index)
+            found = load(self, signature, target)  # another process may have compiled it in the meantime
+            if found is not None:
+                claims.drop(index)
+        noted(index, str(signature), found is None)
+        return found
+
+    def save_overload(self: Any, *arguments: Any) -> Any:
+        try:
+            return save(self, *arguments)
+        finally:
+            claims.drop(self._cache_file._index_path)
+
+    FunctionCache.load_overload, FunctionCache.save_overload = load_overload, save_overload
+    try:
+        yield
+    finally:
+        FunctionCache.load_overload, FunctionCache.save_overload = load, save
+        claims.drop_all()
+
+
+class _Claims:
+    """Locks of kernels that this process compiles; the system takes them back when it ends."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.held: dict[str, tuple[int, int]] = {}  # descriptor of the file, and how often it was asked for
+
+    def take(self, index: str) -> None:
+        """Wait until no other process compiles a kernel, and keep others off."""
+        if not HAS_LOCKS:
+            return
+        if index in self.held:  # a kernel that calls itself
+            descriptor, n = self.held[index]
+            self.held[index] = descriptor, n + 1
+            return
+        name = hashlib.sha256(index.encode()).hexdigest()[:24]
+        descriptor = os.open(self.folder / name, os.O_CREAT | os.O_RDWR, 0o600)
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except OSError:
+                time.sleep(0.02)
+        self.held[index] = descriptor, 1
+
+    def drop(self, index: str) -> None:
+        """Let others have a kernel."""
+        descriptor, n = self.held.pop(index, (-1, 0))
+        if n > 1:
+            self.held[index] = descriptor, n - 1
+        elif n == 1:
+            os.close(descriptor)
+
+    def drop_all(self) -> None:
+        """Let others have all kernels."""
+        for descriptor, _ in self.held.values():
+            os.close(descriptor)
+        self.held.clear()
