@@ -38,15 +38,15 @@ def shared_compilation(
     """Share compilation with other processes that do the same, and note what is needed of the cache."""
     from numba.core.caching import FunctionCache  # takes a while to import
 
-    load, save, claims = FunctionCache.load_overload, FunctionCache.save_overload, _Claims(locks)
+    load, save, owned = FunctionCache.load_overload, FunctionCache.save_overload, _Locks(locks)
 
     def load_overload(self: Any, signature: Any, target: Any) -> Any:
         found, index = load(self, signature, target), self._cache_file._index_path
         if found is None:
-            claims.take(index)
+            owned.take(index)
             found = load(self, signature, target)  # another process may have compiled it in the meantime
             if found is not None:
-                claims.drop(index)
+                owned.drop(index)
         noted(index, str(signature), found is None)
         return found
 
@@ -54,30 +54,30 @@ def shared_compilation(
         try:
             return save(self, *arguments)
         finally:
-            claims.drop(self._cache_file._index_path)
+            owned.drop(self._cache_file._index_path)
 
     FunctionCache.load_overload, FunctionCache.save_overload = load_overload, save_overload
     try:
         yield
     finally:
         FunctionCache.load_overload, FunctionCache.save_overload = load, save
-        claims.drop_all()
+        owned.drop_all()
 
 
-class _Claims:
+class _Locks:
     """Locks of kernels that this process compiles; the system takes them back when it ends."""
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self.held: dict[str, tuple[int, int]] = {}  # descriptor of the file, and how often it was asked for
+        self.taken: dict[str, tuple[int, int]] = {}  # descriptor of the file, and how often it was asked for
 
     def take(self, index: str) -> None:
         """Wait until no other process compiles a kernel, and keep others off."""
         if not HAS_LOCKS:
             return
-        if index in self.held:  # a kernel that calls itself
-            descriptor, n = self.held[index]
-            self.held[index] = descriptor, n + 1
+        if index in self.taken:  # a kernel that calls itself
+            descriptor, n = self.taken[index]
+            self.taken[index] = descriptor, n + 1
             return
         name = hashlib.sha256(index.encode()).hexdigest()[:24]
         descriptor = os.open(self.folder / name, os.O_CREAT | os.O_RDWR, 0o600)
@@ -88,18 +88,18 @@ class _Claims:
                 break
             except OSError:
                 time.sleep(0.02)
-        self.held[index] = descriptor, 1
+        self.taken[index] = descriptor, 1
 
     def drop(self, index: str) -> None:
         """Let others have a kernel."""
-        descriptor, n = self.held.pop(index, (-1, 0))
+        descriptor, n = self.taken.pop(index, (-1, 0))
         if n > 1:
-            self.held[index] = descriptor, n - 1
+            self.taken[index] = descriptor, n - 1
         elif n == 1:
             os.close(descriptor)
 
     def drop_all(self) -> None:
         """Let others have all kernels."""
-        for descriptor, _ in self.held.values():
+        for descriptor, _ in self.taken.values():
             os.close(descriptor)
-        self.held.clear()
+        self.taken.clear()

@@ -91,7 +91,7 @@ def chains() -> list[str]:
 def run_chain(
     commands: Sequence[Sequence[str]],  # commands, to run in the current folder
     locks: Path,  # folder of the locks, the same for all processes
-    told: TextIO,  # where lines are written
+    lines: TextIO,  # where lines are written
 ) -> int:  # exit status: that of the first command that failed
     """Run commands one after the other, and tell what kernels they need."""
     needed: set[tuple[str, str]] = set()
@@ -99,7 +99,7 @@ def run_chain(
     def noted(index: str, signature: str, is_compiled: bool) -> None:
         needed.add((index, signature))
         if is_compiled:
-            print("compiles", Path(index).stem, file=told, flush=True)
+            print("compiles", Path(index).stem, file=lines, flush=True)
 
     Path("euler.toml").write_text(EULER, encoding="utf-8")
     with shared_compilation(locks, noted):
@@ -107,8 +107,8 @@ def run_chain(
             status = run(command)
             if status:
                 return status
-            print("ran", command[0], file=told, flush=True)
-    print("needs", json.dumps(sorted(needed)), file=told, flush=True)
+            print("ran", command[0], file=lines, flush=True)
+    print("needs", json.dumps(sorted(needed)), file=lines, flush=True)
     return 0
 
 
