@@ -195,6 +195,7 @@ def refine(**options: Any) -> None:
     ".igs), see the command cad.",
 )
 @click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
+@click.option("--no-certify", is_flag=True, help="Do not prove, cell by cell, that the grid is valid everywhere.")
 @json_option
 def move(model: Path, output: Path, json: Path | None, **options: Any) -> None:
     """Deform the design surface of a model, move the control mesh behind it and write the grid.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -125,13 +126,16 @@ def fit_model(
             model = fit_grid(grid, topology=topology, progress=progress, **options)
         else:
             model = fit_blocks(grid, comm, topology=topology, progress=progress, **options)
-        certificate = None
-        if not no_certify:
-            progress(1.0, "validity")
+    show_report(model)
+    sys.stdout.flush()  # the kernels of the proof are those that take longest to compile
+    certificate = None
+    if not no_certify:
+        with progress_bar() as progress:
+            progress(-1.0, "validity")
             certificate = on_first(comm, lambda: splines_certificate(model))
     with written_json(json, fit_numbers(model, certificate), comm):
         model.save(output)
-    show_fit(model, output, certificate)
+    show_written(model, output, certificate)
 
 
 def _fit_overlapping(
@@ -209,9 +213,14 @@ def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate | No
 
 
 def show_fit(model: FittedModel | FittedBlocks, output: Path, certificate: Certificate | None) -> None:
-    """Print the report of a fit and what was written."""
-    report = model.report
+    """Print the report of a fit, what is proved and what was written."""
     show_report(model)
+    show_written(model, output, certificate)
+
+
+def show_written(model: FittedModel | FittedBlocks, output: Path, certificate: Certificate | None) -> None:
+    """Print what is proved about a fit and what was written."""
+    report = model.report
     if certificate is not None:
         show_certificate(certificate)
     print_lines([f"{output} written, {report.seconds:.2f} s"])

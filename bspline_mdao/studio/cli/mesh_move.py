@@ -133,7 +133,7 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     movement = model.mover_of(mesh).move(model.control_points, surface)
     state = model.node_map.at(movement.points)
     seconds = time.process_time() - start
-    judged = MovedMesh.of(model, movement.points, state.nodes)
+    judged = MovedMesh.of(model, movement.points, state.nodes, is_proved=not options.no_certify)
     split, notes = model.split_copies(deformation), deformation.notes
     return _Moved(model, surface, movement, state, judged, seconds, split=split, notes=notes)
 

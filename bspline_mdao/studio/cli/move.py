@@ -89,6 +89,7 @@ class MoveOptions:
     release: tuple[str, ...] = ()
     surface: Path | None = None  # file for the new control points of the design surface, or for the surface as CAD
     allow_invalid: bool = False  # write a grid with inverted cells all the same
+    no_certify: bool = False  # do not prove which cells are valid everywhere
     mover: MoverOptions = field(default_factory=MoverOptions)  # how to move
 
 
@@ -105,7 +106,7 @@ class Moved:
     before: QualityReport
     after: QualityReport
     newly_inverted: tuple[InvertedCell, ...]
-    certificate: Certificate
+    certificate: Certificate | None
     gaps: tuple[PeriodicGap, ...]
     slid_off: float | None  # how far nodes that slide have left their surfaces, at most (m); None where none slide
     periodic: list[dict]  # periodic sides, before and after
@@ -196,7 +197,7 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
     before, after = (each.to_vector().reshape(-1, 3) for each in (baseline, grid))
     off = SlidingNodes.of(model.topology, before, mesh.slides).off(after) if mesh.curved_slides else None
     periodic = block_numbers(model.topology, baseline, grid), split
-    compared, notes = _compared(baseline, grid), deformation.notes
+    compared, notes = _compared(baseline, grid, options), deformation.notes
     return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, *periodic, notes)
 
 
@@ -235,12 +236,14 @@ def _split(topology: Topology, rows: np.ndarray, change: np.ndarray) -> tuple[fl
     return float(off[worst]), describe(Window(int(block), tuple(index.tolist()), tuple(index.tolist())))
 
 
-def _compared(baseline: Grid, grid: Grid) -> tuple[QualityReport, QualityReport, tuple[InvertedCell, ...], Certificate]:
+def _compared(
+    baseline: Grid, grid: Grid, options: MoveOptions
+) -> tuple[QualityReport, QualityReport, tuple[InvertedCell, ...], Certificate | None]:
     """Quality before and after, the worst cells that are inverted now and were not, and what is proved of all."""
     quality = GridQuality.of_baseline(baseline)
     before, after = (g.to_vector().reshape(-1, 3) for g in (baseline, grid))
     newly_inverted = inverted_cells(quality, quality.cells(after), newly=True)
-    certificate = Certificate(certify_cells(quality, after))
+    certificate = None if options.no_certify else Certificate(certify_cells(quality, after))
     return report_quality(quality, before), report_quality(quality, after), newly_inverted, certificate
 
 
@@ -284,7 +287,7 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "newly_inverted": [vars(cell) for cell in moved.newly_inverted],
         "before": {name: getattr(moved.before, name) for name in QUALITY},
         "after": {name: getattr(moved.after, name) for name in QUALITY},
-        "certificate": certificate_numbers(moved.certificate),
+        "certificate": moved.certificate and certificate_numbers(moved.certificate),
         "heights": height_numbers(moved.after.heights, is_compared=True),
         "periodic": moved.periodic,
         "periodic_gaps": [gap_numbers(gap) for gap in moved.gaps],
@@ -328,7 +331,8 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
         ],
     )
     print_lines([MEANING_OF_Q])
-    show_certificate(moved.certificate)
+    if moved.certificate is not None:
+        show_certificate(moved.certificate)
     show_height_ratios(moved.after.heights)
     if moved.miss:
         print_lines([f"the wall's nodes are where the deformation puts them; of control points alone, {moved.miss}"])

@@ -23,7 +23,7 @@ class MovedMesh:
 
     mesh: MixedMesh
     cells: MovedCells
-    certificate: Certificate
+    certificate: Certificate | None
 
     @classmethod
     def of(
@@ -31,27 +31,32 @@ class MovedMesh:
         model: MeshModel,  # the mesh
         control_points: np.ndarray,  # (n_control_points, 3), where they are now
         nodes: np.ndarray,  # (n_nodes, 3), where the nodes are
+        *,
+        is_proved: bool = True,  # whether it is proved which of them are valid everywhere
     ) -> MovedMesh:
         """Measure a mesh that was moved."""
         walls = model.node_map.embedded.walls
         assert walls is not None
         ratios = walls.heights(nodes) / walls.heights(model.mesh.points)
+        cells = MovedCells.of(model.mesh, nodes, ratios)
+        if not is_proved:
+            return cls(model.mesh, cells, None)
         splines: tuple[BlockCertificate, ...] = ()
         if model.lattice.frame.is_cartesian:  # in others the map is none of one volume
             splines = certify_splines(*model.splines_at(control_points), model.spline_names)
-        cells = MovedCells.of(model.mesh, nodes, ratios)
         return cls(model.mesh, cells, Certificate(certify_mixed(model.mesh, nodes), splines))
 
     def numbers(self) -> dict:
         """Collect them for JSON."""
-        return {**self.cells.numbers(), "certificate": certificate_numbers(self.certificate)}
+        return {**self.cells.numbers(), "certificate": self.certificate and certificate_numbers(self.certificate)}
 
     def show(self) -> None:
         """Print them."""
         what, power = ("area", 2) if self.mesh.n_copies == 2 else ("volume", 3)
         self.cells.show(f"smallest {what} ({self.mesh.length_unit}^{power})")
-        show_certificate(self.certificate)
-        print_lines(unproved_lines(self.mesh))
+        if self.certificate is not None:
+            show_certificate(self.certificate)
+            print_lines(unproved_lines(self.mesh))
         self.cells.show_heights()
 
     def warnings(self) -> list[str]:

@@ -20,6 +20,7 @@ from bspline_mdao.core.generators.built_in import BUILT_IN
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.cells.aggregates import AGGREGATES
 from bspline_mdao.grids.topology.grid import Block
+from bspline_mdao.studio.cli import fit
 from bspline_mdao.studio.cli.commands import bspline_mdao as program
 from bspline_mdao.studio.cli.main import run
 from bspline_mdao.studio.cli.output import written_json
@@ -254,6 +255,16 @@ def test_fit_options_reach_the_fit(grid_file):
     assert FittedModel.load("b.h5").mesh.volumes[0].orders == (3, 3, 3)
     assert numbers("c.json")["rms"] < 0.9 * numbers("a.json")["rms"]
     assert numbers("c.json")["certificate"] is None
+
+
+def test_a_fit_is_shown_before_its_splines_are_proved(grid_file, capsys, monkeypatch):
+    seen, proof = [], fit.splines_certificate
+    monkeypatch.setattr(fit, "splines_certificate", lambda model: seen.append(capsys.readouterr().out) or proof(model))
+    assert run(["fit", grid_file, "-o", "two.h5"]) == 0
+    assert ["RMS error" in text and "written" not in text for text in seen] == [True]
+    after = capsys.readouterr().out
+    assert "RMS error" not in after
+    assert after.index("proved everywhere") < after.index("two.h5 written")
 
 
 @pytest.mark.slow

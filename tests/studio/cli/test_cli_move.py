@@ -57,6 +57,18 @@ def move(*arguments):
     return ["move", "floor.h5", *arguments, "-o", "moved.xyz", "--overwrite", "--json", "m.json"]
 
 
+def test_nothing_is_proved_of_a_move_where_that_is_not_wanted(workplace, capsys):
+    assert run(move(*FLOOR)) == 0
+    assert "proved everywhere" in capsys.readouterr().out
+    proved = numbers("m.json")
+    assert proved["certificate"]["status"] == "valid"
+    assert run(move(*FLOOR, "--no-certify")) == 0
+    assert "proved everywhere" not in capsys.readouterr().out
+    unproved = numbers("m.json")
+    assert unproved["certificate"] is None
+    assert unproved["after"] == proved["after"]
+
+
 @pytest.mark.slow
 def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys):
     assert run(move(*FLOOR, "--surface", "new.csv")) == 0
