@@ -37,6 +37,7 @@ from ..mesh.moving_mesh import MovingMesh
 from .increments import IncrementalMovement, IncrementalMover, in_increments
 from .mover import SolveReport, digits_of
 from .row_sharing import RowSharing
+from .two_part_sums import corrected, in_two, less
 
 __all__ = [
     "Balance",
@@ -47,7 +48,6 @@ __all__ = [
     "EquilibriumStep",
     "Start",
     "Unknowns",
-    "in_two",
 ]
 
 EPSILON = float(np.finfo(float).eps)
@@ -262,7 +262,7 @@ class Equilibrium:
         # 4. stop where corrections do not shrink any more: what is left is rounding;
         # 5. add c to both parts of u, and stop where the next correction promises to be below `TOLERANCE`.
         gather, scatter = self.unknowns.gather, self.unknowns.scatter
-        solution = factor.solve(gather(_less(load, elements.force(prescribed[None]))))  # step 1
+        solution = factor.solve(gather(less(load, elements.force(prescribed[None]))))  # step 1
         parts, error = (prescribed + scatter(solution.x))[None], EPSILON * factor.cancellation
         size, last, n_steps = np.abs(solution.x).max(initial=0.0), 1.0, solution.iterations
         if size == 0.0 or not np.isfinite(size):
@@ -271,7 +271,7 @@ class Equilibrium:
             return Balance(parts, n_steps, solution.residual, error)
         parts = in_two(parts)
         for _ in range(MAX_CORRECTIONS):
-            residual = _less(load, elements.force(parts))  # step 2
+            residual = less(load, elements.force(parts))  # step 2
             solved = factor.solve(gather(residual))  # step 3
             correction = scatter(solved.x)
             change = np.abs(correction).max() / size
@@ -279,7 +279,7 @@ class Equilibrium:
                 error = change
                 break
             # step 5; corrections shrink by change / last, so that the next one is about error
-            parts, n_steps = _corrected(parts, correction), n_steps + max(solved.iterations, 1)
+            parts, n_steps = corrected(parts, correction), n_steps + max(solved.iterations, 1)
             error, last = change * change / last, change
             if error <= TOLERANCE:
                 break
@@ -485,27 +485,3 @@ class Unknowns:
         is_diagonal = rows == columns
         blocks[is_diagonal] += ~is_free[rows[is_diagonal]][:, :, None] * np.eye(3)
         data[entries] = blocks
-
-
-def in_two(parts: np.ndarray) -> np.ndarray:
-    """The same sum of parts, as one of two."""
-    return parts if len(parts) == 2 else np.stack([parts[0], np.zeros_like(parts[0])])
-
-
-def _corrected(parts: np.ndarray, correction: np.ndarray) -> np.ndarray:
-    """Add a correction to a sum of two parts: two again, the second below the last digit of the first."""
-    first, lost = _sum(parts[0], correction)
-    return np.stack(_sum(first, lost + parts[1]))
-
-
-def _less(load: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Difference of two sums of parts, exact until it is rounded once, shape (n_points, 3)."""
-    first, lost = _sum(load[0], -force[0])
-    return first + (lost + (load[1:].sum(axis=0) - force[1:].sum(axis=0)))
-
-
-def _sum(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sum, and exactly what its rounding leaves [Knuth, The Art of Computer Programming 2, 4.2.2]."""
-    total = a + b
-    of_b = total - a
-    return total, (a - (total - of_b)) + (b - of_b)

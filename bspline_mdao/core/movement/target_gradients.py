@@ -29,7 +29,7 @@ from ...base.display import OneLine
 from ...base.numerics.vectors import add, dot, scaled
 from ...errors import MovementError
 from ..mesh.moving_mesh import MovingMesh
-from .equilibrium import ALL, REFINE_ABOVE, REFINE_PRODUCTS_ABOVE, Balance, Equilibrium, in_two
+from .equilibrium import ALL, REFINE_ABOVE, REFINE_PRODUCTS_ABOVE, Balance, Equilibrium
 from .trilinear import (
     FAST,
     SLOPES,
@@ -49,6 +49,7 @@ from .trilinear import (
     sum_of,
     work_of,
 )
+from .two_part_sums import in_two
 from .young_modulus import InverseVolumeLaw
 
 __all__ = [
