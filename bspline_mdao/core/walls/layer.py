@@ -38,6 +38,7 @@ from ...errors import InputError
 from .closest_points import ClosestPoints, TriangleTree
 from .corners import Corners, CornersMoved
 from .frames import Frames
+from .layer_pieces import Piece, add_up, cut
 from .wall import Wall
 
 __all__ = ["Layered", "WallLayer"]
@@ -45,33 +46,13 @@ __all__ = ["Layered", "WallLayer"]
 INPUTS = ("initial", "mapped", "wall_initial", "wall_moved", "normals")
 """What points of a layer depend on."""
 
-CHUNK_NODES = 2**12
-"""Nodes per piece of work: few enough for the corners of their triangles to have numbers of two bytes."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    """Some nodes of the layer, with the wall's nodes that they depend on."""
-
-    rows: np.ndarray  # (n,) of int, rows of the nodes, ascending
-    starts: np.ndarray  # (n + 1,) of int, first closest point of each
-    planes: np.ndarray  # (n,) of int, number of the projector of each
-    # (n_closest, 3), corners of the triangle of each closest point, among the piece's nodes of the wall
-    corners: np.ndarray
-    # (n_closest, 2), weights of the first two corners, those of all three add up to one: barycentric coordinates, or of
-    # `by_corners`. Single precision: a point a little beside the closest one does as well.
-    barycentric: np.ndarray
-    weights: np.ndarray  # (n_closest,), how much the node follows the wall at each, beta_f
-    wall_ids: np.ndarray  # (n_corners,) of int, the piece's nodes of the wall, ascending
-    by_corners: bool  # whether nodes turn about the corners of the triangles, and not about the closest points
-
 
 @dataclass(frozen=True, eq=False)
 class WallLayer:
     """Points that follow a wall. Made by `WallLayer.of`."""
 
     wall: Wall  # the wall
-    pieces: tuple[_Piece, ...]  # the nodes that follow it
+    pieces: tuple[Piece, ...]  # the nodes that follow it
     corners: Corners  # those of them that have several closest points
     projectors: np.ndarray  # (n_projectors, 3, 3), projectors of the correction onto planes; the first is the identity
     copies: np.ndarray  # (n_copies, 2) of int, rows that are copies of nodes of the layer, and the rows that they copy
@@ -125,7 +106,7 @@ class WallLayer:
             by_corners[len(wall_rows) :] = _slopes(wall.tree, closest, points[free[closest.points]]) >= least_slope
         turns, by_node = np.repeat(by_corners, counts), barycentric.copy()
         by_node[turns] = _by_corners(barycentric[turns])
-        pieces = _cut(rows, counts, places, plane_of[rows], corners, by_node, weights, by_corners)
+        pieces = cut(rows, counts, places, plane_of[rows], corners, by_node, weights, by_corners)
         among, kept = counts > 1, np.repeat(counts > 1, counts)
         several = Corners.of(
             wall.tree.points,
@@ -180,12 +161,12 @@ class WallLayer:
         """Give copies the places of what they copy."""
         nodes[self.copies[:, 0]] = nodes[self.copies[:, 1]]
 
-    def _arrays(self, piece: _Piece) -> tuple:
+    def _arrays(self, piece: Piece) -> tuple:
         """What the kernels take of a piece, and of the layer."""
         per_node = piece.rows, piece.starts, piece.planes
         return *per_node, piece.corners, piece.barycentric, piece.weights, self.projectors, piece.by_corners
 
-    def _over_pieces(self, task: Callable[[_Piece], Any]) -> list:
+    def _over_pieces(self, task: Callable[[Piece], Any]) -> list:
         """Results of a task for every piece, in order."""
         return run_tasks(task, self.pieces, thread_count(self.n_threads))
 
@@ -252,7 +233,7 @@ class Layered:
         sums = layer._over_pieces(
             lambda piece: _turned_back(*layer._arrays(piece), frames[piece.wall_ids], bar, initial_bar)
         )
-        _add_up(layer.pieces, sums, wall_bar)
+        add_up(layer.pieces, sums, wall_bar)
         return initial_bar, wall_bar
 
     @property
@@ -267,7 +248,7 @@ class Layered:
             lambda piece: _follow_back(*layer._arrays(piece), self.initial, frames[piece.wall_ids], bar)
         )
         frames_bar = np.zeros((len(frames), 12), dtype=bar.dtype)
-        _add_up(layer.pieces, sums, frames_bar)
+        add_up(layer.pieces, sums, frames_bar)
         return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)
 
 
@@ -320,48 +301,6 @@ def _by_corners(barycentric: np.ndarray) -> np.ndarray:
     b = np.column_stack([barycentric, 1.0 - barycentric.sum(axis=1)])
     smooth = b * b * (3.0 - 2.0 * b)
     return (smooth / smooth.sum(axis=1, keepdims=True))[:, :2]
-
-
-def _cut(
-    rows: np.ndarray,
-    counts: np.ndarray,
-    places: np.ndarray,
-    planes: np.ndarray,
-    corners: np.ndarray,
-    barycentric: np.ndarray,
-    weights: np.ndarray,
-    by_corners: np.ndarray,
-) -> tuple[_Piece, ...]:
-    """Cut the nodes of a layer into pieces, each over a part of the wall."""
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    order = np.argsort(places, kind="stable")
-    parts = [(turns, order[by_corners[order] == turns]) for turns in (True, False)]
-    cuts = [(turns, part[k : k + CHUNK_NODES]) for turns, part in parts for k in range(0, len(part), CHUNK_NODES)]
-    pieces = []
-    for turns, nodes in cuts:
-        nodes = nodes[np.argsort(rows[nodes])]
-        ends = np.cumsum(counts[nodes])
-        closest = np.arange(ends[-1]) + np.repeat(starts[nodes] - ends + counts[nodes], counts[nodes])
-        wall_ids, local = np.unique(corners[closest], return_inverse=True)
-        pieces.append(
-            _Piece(
-                rows[nodes].astype(np.int32),
-                np.concatenate([[0], ends]).astype(np.int32),
-                planes[nodes],
-                local.reshape(-1, 3).astype(np.uint16),
-                barycentric[closest].astype(np.float32),
-                weights[closest].astype(np.float32),
-                wall_ids,
-                turns,
-            )
-        )
-    return tuple(pieces)
-
-
-def _add_up(pieces: Sequence[_Piece], sums: Sequence[np.ndarray], out: np.ndarray) -> None:
-    """Add the sums of all pieces, in their order."""
-    for piece, part in zip(pieces, sums):
-        out[piece.wall_ids] += part
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 from bspline_mdao import read_grid
 from bspline_mdao.core.walls.closest_points import TriangleTree
 from bspline_mdao.core.walls.frames import WallFrames
-from bspline_mdao.core.walls.layer import CHUNK_NODES, WallLayer
+from bspline_mdao.core.walls.layer import WallLayer
+from bspline_mdao.core.walls.layer_pieces import CHUNK_NODES
 from bspline_mdao.core.walls.settings import LAYER
 from bspline_mdao.core.walls.triangle_places import SAME_DISTANCE, _by_lines, closest_place
 from bspline_mdao.core.walls.wall import Wall
