@@ -32,13 +32,14 @@ from ..mesh.surface_map import SurfaceMap, surface_map_of
 from ..model.model_file import checksum_of
 from ..model.movable import Movable
 from ..movement.default_mover import default_mover
-from ..riding.riding_mesh import RidingWalls
+from ..riding.riding_walls import RidingWalls
 from ..riding.wall_faces import WallFaces
 from ..sliding.sliding_nodes import Slide, SlidingNodes
 from ..splines.mesh import BSplineMesh
 from ..walls.body_points import Body
 from ..walls.wall_images import WallImages
 from .background_lattice import BackgroundLattice
+from .deformed_walls import deformed_walls, split_copies
 from .end_planes import INNER, SLIDING, WALL, EndPlane, section_axis
 from .lattice_settings import DEFAULTS, LatticeSettings
 from .lattice_spans import MeshBox
@@ -47,7 +48,7 @@ from .mesh_map import MeshMap
 from .mesh_nodes import map_of_nodes
 from .mesh_points import MeshPoints
 from .mesh_surface import map_to_surface, surface_of_faces
-from .mesh_walls import FADE, following_walls, images_of_walls
+from .mesh_walls import FADE, faces_of_walls, following_walls, images_of_walls
 from .periodic_sides import PeriodicSides, sides_of
 from .points_to_move import points_to_move
 from .refinement import refined_settings
@@ -145,18 +146,7 @@ class MeshModel(Plottable, Movable):
             If a marker does not exist, none is a wall, a marker of symmetry is not plane or not at an end of the mesh,
             or planes are not at right angles.
         """
-        markers = mesh.markers or {}
-        unknown = [name for name in kinds if name not in markers]
-        if unknown:
-            raise InputError(
-                f"{mesh.source}: no marker is '{unknown[0]}'; its markers are {', '.join(markers) or 'none'}"
-            )
-        walls = [name for name, faces in markers.items() if kinds.get(name) == WALL and len(faces)]
-        if not walls:
-            raise InputError(
-                f"{mesh.source}: no marker is a wall, or it has no faces, so that nothing moves; say which are"
-            )
-        faces = np.concatenate([markers[name] for name in walls])
+        faces = faces_of_walls(mesh, kinds)
         frame, planes, sides = sides_of(mesh, kinds, np.unique(faces))
         section, periods = section_axis(mesh.points, planes, frame.axes), {each.axis: each.period for each in sides}
         box = MeshBox.of(mesh.source, mesh.points, faces, frame, section, periods)
@@ -218,23 +208,11 @@ class MeshModel(Plottable, Movable):
 
     def deformed(self, deformation: Deformation) -> np.ndarray:
         """Where a deformation puts the nodes of the walls that are its surface (m), shape (n_surface, 3)."""
-        mesh = deformation.mesh
-        return mesh.points[mesh.surface_ids] + mesh.with_copies(self._changed(deformation))
+        return deformed_walls(deformation)
 
     def split_copies(self, deformation: Deformation) -> tuple[float, str]:
         """How differently a deformation moves copies of nodes of walls and their originals (m), at most, and where."""
-        mesh, change = deformation.mesh, self._changed(deformation)
-        off = np.linalg.norm((change - mesh.with_copies(change.copy()))[mesh.copies[:, 1]], axis=1)
-        if not off.any():
-            return 0.0, ""
-        worst = int(np.argmax(off))
-        return float(off[worst]), mesh.place_of_surface_point(mesh.copies[worst, 1])
-
-    @staticmethod
-    def _changed(deformation: Deformation) -> np.ndarray:
-        """Displacements of nodes of walls by a deformation, shape (n_surface, 3), in planes where these are."""
-        nodes = deformation.mesh.points[deformation.mesh.surface_ids]
-        return deformation.slide(deformation.apply_to_nodes(nodes) - nodes)
+        return split_copies(deformation)
 
     def wall_spacing(self) -> float:
         """Find the median height of the cells at the walls (m)."""

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from ...grids.cells.mixed_cells import MixedMesh
-from ..riding.riding_mesh import EmbeddedMesh, RidingWalls
+from ..riding.riding_mesh import EmbeddedMesh
+from ..riding.riding_walls import RidingWalls
 from ..sliding.sliding_nodes import SlidingNodes
 from ..walls.wall_images import WallImages
 from .background_lattice import BackgroundLattice

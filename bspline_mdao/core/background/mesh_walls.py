@@ -5,24 +5,26 @@ Theory: ``docs/theory/background_lattice.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 from scipy.spatial import cKDTree
 
+from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.quads import area_vectors
-from ..riding.riding_mesh import RidingWalls
+from ..riding.riding_walls import RidingWalls
 from ..riding.wall_faces import WallFaces
 from ..walls.embedded_points import ON_PLANE
 from ..walls.wall_images import WallImages
 from .background_lattice import BackgroundLattice
+from .end_planes import WALL
 from .node_copies import copies_among
 from .periodic_sides import PeriodicSides
 
-__all__ = ["FADE", "copies_of_walls", "following_walls", "images_of_walls"]
+__all__ = ["FADE", "copies_of_walls", "faces_of_walls", "following_walls", "images_of_walls"]
 
 FADE = 4.0, 0.02
 """As that of meshes that ride along in a fitted grid: lattices miss less of the walls, so that less reach serves.
@@ -32,6 +34,20 @@ Smallest volumes of pyHyp's M6 are those of 8 and 0.03 to three digits; with 2 a
 REACH = 10.0, 0.03
 """From how far beyond a periodic side walls may be followed, in widths of their faces, but at least this part of their
 size: more than what fades around them and their layers reach."""
+
+
+def faces_of_walls(mesh: MixedMesh, kinds: Mapping[str, str]) -> np.ndarray:
+    """Quads of the markers of a mesh that are walls; `InputError` if there are none, or kinds of other markers."""
+    markers = mesh.markers or {}
+    unknown = [name for name in kinds if name not in markers]
+    if unknown:
+        raise InputError(f"{mesh.source}: no marker is '{unknown[0]}'; its markers are {', '.join(markers) or 'none'}")
+    walls = [name for name, faces in markers.items() if kinds.get(name) == WALL and len(faces)]
+    if not walls:
+        raise InputError(
+            f"{mesh.source}: no marker is a wall, or it has no faces, so that nothing moves; say which are"
+        )
+    return np.concatenate([markers[name] for name in walls])
 
 
 def following_walls(

@@ -6,7 +6,7 @@ from riding_cases import mesh, model, moved, twisted
 from scipy.spatial.transform import Rotation
 
 from bspline_mdao import InputError, MovementError
-from bspline_mdao.core.riding.riding_mesh import _fading
+from bspline_mdao.core.riding.riding_walls import _fading
 from bspline_mdao.meshes import EmbeddedMesh, MixedMesh
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bspline_mdao.core.riding.riding_mesh import RidingWalls
+from bspline_mdao.core.riding.riding_walls import RidingWalls
 from bspline_mdao.core.riding.wall_faces import WallFaces
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
 
