@@ -1,4 +1,4 @@
-"""A transonic section by RANS and its discrete adjoint: ADflow flies behind our geometry and grid movement.
+"""A transonic section by RANS and its discrete adjoint: ADflow with the grid movement of bspline_mdao.
 
 It needs MPhys and ADflow, with IDWarp, baseclasses, mpi4py and petsc4py, as ADflow's page on installation says. The
 section starts as the NACA 0012 at M 0.73, a Reynolds number of 6.5 million and a lift coefficient of 0.5; points of a
@@ -53,7 +53,7 @@ SOLVER = {"equationType": "RANS", "liftIndex": 2, "MGCycle": "sg", "nCycles": 10
 
 
 class Warped(ADflowBuilder):
-    """ADflow, with our grid movement where IDWarp would be unless that is asked for."""
+    """ADflow, with the grid movement of bspline_mdao in place of IDWarp unless that is asked for."""
 
     def __init__(self, model: bm.FittedModel, folder: str, mover: str):
         self.model, self.mover, self.grid = model, mover, f"{folder}/section_{model.n_nodes}.cgns"
@@ -61,7 +61,7 @@ class Warped(ADflowBuilder):
         super().__init__(options, restart_failed_analysis=True, write_solution=False)
 
     def initialize(self, comm):
-        """Write the grid, start ADflow on it and find its nodes among ours."""
+        """Write the grid, start ADflow on it and find its nodes among those of the model."""
         if comm.rank == 0:
             bm.write_grid(self.grid, self.model.regenerate())
         comm.barrier()

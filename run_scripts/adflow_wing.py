@@ -1,4 +1,4 @@
-"""Twist and camber of a swept wing by RANS and its discrete adjoint: ADflow flies behind our geometry and movement.
+"""Twist and camber of a swept wing by RANS and its discrete adjoint: ADflow with the movement of bspline_mdao.
 
 It needs MPhys and ADflow, with IDWarp, baseclasses, mpi4py and petsc4py, as ADflow's page on installation says. The
 half wing has a semi-span of three root chords, a taper of a half and a leading edge that is swept by 20 degrees. It
@@ -66,7 +66,7 @@ SOLVER = {"equationType": "RANS", "liftIndex": 2, "MGCycle": "sg", "nCycles": 10
 
 
 class Warped(ADflowBuilder):
-    """ADflow, with our grid movement where IDWarp would be unless that is asked for."""
+    """ADflow, with the grid movement of bspline_mdao in place of IDWarp unless that is asked for."""
 
     def __init__(self, model: bm.FittedModel, folder: str, mover: str):
         self.model, self.mover, self.grid = model, mover, f"{folder}/wing_{model.n_nodes}.cgns"
@@ -74,7 +74,7 @@ class Warped(ADflowBuilder):
         super().__init__(options, restart_failed_analysis=True, write_solution=False)
 
     def initialize(self, comm):
-        """Write the grid, start ADflow on it and find its nodes among ours."""
+        """Write the grid, start ADflow on it and find its nodes among those of the model."""
         if comm.rank == 0:
             bm.write_grid(self.grid, self.model.regenerate())
         comm.barrier()

@@ -51,7 +51,7 @@ THICKER, NOSE, TAIL = 0.05, (0.012, 2.0), 1.6
 the tail, by a slope: beyond, cells fold at the nose, and a tail that is cut off has its drag from the grid."""
 
 FINER = 1.5
-"""Cells per direction of the member of the grid family that the optima are flown on again, relative to the grid's."""
+"""Cells per direction of the member of the grid family that the optima are solved on again, relative to the grid's."""
 
 DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
 
@@ -168,7 +168,7 @@ def summary(model: bm.FittedModel, combinations: np.ndarray, found: om.Problem) 
 
 
 def drag_at(found: om.Problem, problem: om.Problem, states: Path | None = None) -> float:
-    """Fly a design again, from saved states or from the uniform stream; its drag is nan where no flow is found."""
+    """Solve a design again, from saved states or from the uniform stream; its drag is nan where no flow is found."""
     problem.setup(mode="rev")
     problem.set_val("combinations", found.get_val("combinations"))
     if states is not None:

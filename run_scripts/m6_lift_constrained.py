@@ -43,7 +43,7 @@ PARTS = -0.4, 0.4
 """Parts of their heights by which control points move: at -1 the sides would meet."""
 
 FINER = 1.5
-"""Cells per direction of the member of the grid family that the optima are flown on again, relative to the grid's."""
+"""Cells per direction of the member of the grid family that the optima are solved on again, relative to the grid's."""
 
 FLOWS = {
     "euler": (bm.EulerFlow, {"tolerance": 1e-12, "iprint": 0}, "CD_induced + CD_entropy"),

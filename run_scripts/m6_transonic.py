@@ -44,7 +44,7 @@ PARTS = -0.5, 0.5
 """Parts of the heights within which control points move: at -1 the sides would meet, far above 1 cells would fold."""
 
 FINER = 1.5
-"""Cells per direction of the member of the grid family that the optima are flown on again, relative to the grid's."""
+"""Cells per direction of the member of the grid family that the optima are solved on again, relative to the grid's."""
 
 STATIONS = (0.2, 0.5, 0.8)
 """Parts of the half span where pressures are drawn."""

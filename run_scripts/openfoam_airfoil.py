@@ -3,7 +3,7 @@
 On Debian ``apt-get install openfoam`` brings it. The section starts as the NACA 0012 at a Reynolds number of 6e6 and a
 lift coefficient of 1, where the flow turns sharply round the nose. Heights of control points and the angle of attack
 are the variables. The section keeps its area and three quarters of its thickness everywhere, and its moment about the
-quarter chord is bounded, which limits the camber. What moves the grid is ours, and so is the driver. Derivatives are
+quarter chord is bounded, which limits the camber. Grid and driver are of bspline_mdao. Derivatives are
 forward differences of the totals, each of them a flow that starts from that of the design.
 
 It takes a quarter of an hour, with ``--quick``, with fewer control points and evaluations, three minutes. What comes
@@ -110,7 +110,7 @@ def pose(model: bm.FittedModel, case: RansCase, folder: Path, alpha: float = LIF
 
 
 def trimmed(problem: om.Problem, design: om.Problem | None = None) -> om.Problem:
-    """Fly a design, the NACA 0012 without one, at the angle that gives the lift."""
+    """Solve the flow of a design, the NACA 0012 without one, at the angle that gives the lift."""
     problem.setup()
     if design is not None:
         problem.set_val("heights", design.get_val("heights"))

@@ -3,7 +3,7 @@
 On Debian ``apt-get install openfoam`` brings it. The wing has a semi-span of three root chords, a taper of a half and a
 leading edge that is swept by 20 degrees. It starts with NACA 0012 sections and no twist, at a Reynolds number of 3
 million and a lift coefficient of 0.5. Angle of attack, twist and camber at stations are the variables; the volume stays
-as it is, since camber leaves thickness alone. What moves the grid is ours, and so is the optimiser. Derivatives are
+as it is, since camber leaves thickness alone. Grid and driver are of bspline_mdao. Derivatives are
 forward differences of the totals, each of them a flow that starts from that of the design.
 
 It takes a quarter of an hour, with ``--quick`` some minutes, by wall functions on coarse grids. What comes out are
@@ -87,7 +87,7 @@ def pose(model: bm.FittedModel, case: RansCase, folder: Path, alpha: float = LIF
 
 
 def trimmed(problem: om.Problem, design: om.Problem | None = None) -> om.Problem:
-    """Fly a design, the untwisted wing without one, at the angle that gives the lift."""
+    """Solve the flow of a design, the untwisted wing without one, at the angle that gives the lift."""
     problem.setup()
     if design is not None:
         for name in ("alpha", "twist", "camber"):

@@ -46,7 +46,7 @@ HIGHEST = 0.06
 """Largest height of the control points of both sides above the plate, and below it (m)."""
 
 FINER = 1.5
-"""Cells per direction of the member of the grid family that the optima are flown on again, relative to the grid's."""
+"""Cells per direction of the member of the grid family that the optima are solved on again, relative to the grid's."""
 
 FLOWS = {
     "euler": (bm.EulerFlow, {"tolerance": 1e-12, "iprint": 0}, "CD_induced + CD_entropy"),

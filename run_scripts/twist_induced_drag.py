@@ -31,7 +31,7 @@ WORST_CORNER = 0.05
 """What the worst cell must keep of its corner triple product of 1, by the bound of `Quality`."""
 
 FINER = 1.5
-"""Cells per direction of the member of the grid family that the optima are flown on again, relative to the grid's."""
+"""Cells per direction of the member of the grid family that the optima are solved on again, relative to the grid's."""
 
 FLOWS = {"euler": bm.EulerFlow, "vortex": bm.LatticeFlow}
 DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}

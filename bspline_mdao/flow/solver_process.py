@@ -47,7 +47,7 @@ def locked_case(path: Path) -> Iterator[int]:
         path.mkdir(parents=True, exist_ok=True)
         foreign = None if (path / LOCK).exists() else next(path.iterdir(), None)
         if foreign is not None:
-            raise InputError(f"{path}: has files of no run of ours, such as {foreign.name}; name a new or empty folder")
+            raise InputError(f"{path}: has files of other programs, such as {foreign.name}; name a new or empty folder")
         lock = os.open(path / LOCK, os.O_CREAT | os.O_RDWR, 0o600)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another folder") from error

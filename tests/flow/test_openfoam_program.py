@@ -99,7 +99,7 @@ def test_a_case_of_somebody_else_is_refused_and_left_as_it_is(tmp_path):
     theirs = tmp_path / "100" / "p"
     theirs.parent.mkdir()
     theirs.write_text("their pressure")
-    refused = pytest.raises(InputError, match="has files of no run of ours, such as 100; name a new or empty folder")
+    refused = pytest.raises(InputError, match="has files of other programs, such as 100; name a new or empty folder")
     with refused, CaseFolder(tmp_path).locked():
         pass
     assert [path.name for path in tmp_path.rglob("*")] == ["100", "p"]

@@ -45,7 +45,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
 
     The solver has to be on the PATH: ``apt-get install openfoam`` on Debian. It runs on this machine. What it prints
     goes to ``log.<program>`` in the folder, where the fields of the last design are as well. A design that cannot be
-    flown is an ``om.AnalysisError``, so that drivers take a smaller step: cells without volume, a solver that is
+    solved is an ``om.AnalysisError``, so that drivers take a smaller step: cells without volume, a solver that is
     missing, diverged, was killed or took too long, or residuals that stay above their tolerance.
 
     ================  ======  ============  =====  =====================================================================

@@ -62,7 +62,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
     ``Cp``            output  (n_wall,)          pressure coefficients at ``wall_nodes``; discrete, without derivatives
     ================  ======  ==========  =====  =======================================================================
 
-    A mesh of two dimensions is flown as one: coefficients are those of a unit of span, and the nodes of its first plane
+    A mesh of two dimensions is solved as one: coefficients are of a unit of span, and the nodes of its first plane
     count. Of a node that blocks share, the first row in the grid counts for all. The first flow is checked: forces have
     to be those of SU2's own pressures on the walls, at the reference values and axes that are given.
 
