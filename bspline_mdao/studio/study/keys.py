@@ -291,6 +291,11 @@ DRIVER = {
     "optimizer": Key(TEXT, "of NLopt, such as LD_SLSQP, or of SciPy: " + ", ".join(SCIPY), "LD_SLSQP"),
     "tolerance": Key(POSITIVE, "change of the objective at which it ends: relative (NLopt), or SciPy's tol", 1e-6),
     "max_iterations": Key(whole(1, 10**9), "at most so many evaluations (NLopt) or iterations (SciPy)", 100),
+    "even_pressures": Key(
+        OF_VARIABLES,
+        "variables of which the driver sees combinations along which pressures change evenly; bounds are constraints",
+        otherwise="none",
+    ),
     "options": Key(OPTIONS, "other options of NLoptDriver or ScipyDriver by their names", otherwise="none"),
 }
 """Table ``[driver]``."""

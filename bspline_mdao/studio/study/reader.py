@@ -81,7 +81,8 @@ class _Reader(Tables):
         if conditions and bare_outputs(names_in(objective["of"])) and not weights_of(conditions):
             raise self.refuse(("conditions",), "have no weight above 0, and the objective is a mean of theirs")
         self._check_responses(objective, constraints, conditions)
-        driver = self._driver(constraints, sum(map(count_values, variables.values())))
+        evened = self._evened(variables, flow, conditions)
+        driver = self._driver(constraints, sum(map(count_values, variables.values())), evened)
         junction = self._junction(variables)
         movement, output = self._movement(), self.table("output", OUTPUT)
         kind = kind_of(grid["file"], self.path.parent)
@@ -424,7 +425,28 @@ class _Reader(Tables):
                 if name in made:
                     raise self.refuse((group, name), "is the name of an expression as well; choose another one")
 
-    def _driver(self, constraints: Mapping[str, Table], n_variables: float) -> Table:
+    def _evened(self, variables: Mapping[str, Table], flow: Table | None, conditions: Mapping[str, Table]) -> list[str]:
+        """Variables of which the driver is to see combinations."""
+        path = ("driver", "even_pressures")
+        names = self.table("driver", DRIVER)["even_pressures"] or []
+        names = [names] if isinstance(names, str) else names
+        if names and (flow is None or flow["kind"] != "euler" or conditions):
+            raise self.refuse(path, "is of pressures of Euler flow at one condition; leave it out")
+        for name in names:
+            if name not in variables:
+                said = f"names '{shortened(name)}', which is no variable; {choices(name, variables, 'there are')}"
+                raise self.refuse(path, said)
+            if not VARIABLES[variables[name]["kind"]].made_by:
+                raise self.refuse(path, f"names '{name}', which moves no surface; leave that out")
+            if f"{name}_combinations" in variables:
+                raise self.refuse(
+                    ("variables", f"{name}_combinations"), f"is what [driver] makes of '{name}'; rename it"
+                )
+            if given := [key for key in ("start", "values") if variables[name].get(key) is not None]:
+                raise self.refuse(path, f"does not go with '{given[0]}' of [variables.{name}]; leave one of both out")
+        return names
+
+    def _driver(self, constraints: Mapping[str, Table], n_variables: float, evened: Iterable[str]) -> Table:
         driver = self.table("driver", DRIVER)
         name = driver["optimizer"]
         if name not in ALGORITHMS and name not in SCIPY:
@@ -438,6 +460,9 @@ class _Reader(Tables):
                 raise self.refuse(("driver", "options", option), fault)
         if name in SCIPY:
             takes_inequality, takes_equality = SCIPY[name]
+            if evened and not takes_inequality:
+                said = f"does not go with the optimizer {name}, which takes no constraints; take SLSQP or LD_SLSQP"
+                raise self.refuse(("driver", "even_pressures"), said)
             for constraint, table in constraints.items():
                 if not (takes_equality if table["equals"] is not None else takes_inequality):
                     what = "equals" if table["equals"] is not None and takes_inequality else "constraints"
@@ -445,7 +470,7 @@ class _Reader(Tables):
                         ("constraints", *constraint.split(".")),
                         f"does not go with the optimizer {name}, which takes no {what}; take SLSQP or LD_SLSQP",
                     )
-        elif fault := fault_of_options(options, constraints, n_variables):
+        elif fault := fault_of_options(options, constraints | {each: {"equals": None} for each in evened}, n_variables):
             raise self.refuse(("driver",), f"has what does not go together: {fault}")
         return driver
 

@@ -34,6 +34,7 @@ def problem_of(study: Study) -> dict[str, Any]:
         "movement": study.movement,
     }
     found |= {"junction": study.junction} if study.junction else {}
+    found |= {"driver": {"even_pressures": study.evened}} if study.evened else {}
     found = json.loads(json.dumps(found))  # a copy, down to lists of files
     for (*path, key), file in study.inputs.items():
         reduce(getitem, path, found)[key] = digest_of(file)

@@ -34,6 +34,9 @@ SCRIPT = "optimize.py"
 FINER = 1.5
 """Cells per direction of the grid that lift and drag are estimated for, relative to those of the grid."""
 
+PRESSURE = 0.1
+"""Root mean square of the change of pressure coefficients that the driver sees as 1."""
+
 DRAG = numbers("euler", "drag")
 """Objectives of which a hundredth is the unit."""
 
@@ -119,12 +122,17 @@ class StudyScript:
     def _problem(self) -> Part:
         """The problem: driver, subsystems, variables and responses."""
         study = self.study
+        yield from self._combinations()
         yield statement("driver = made", made=self._driver())
         yield statement("problem = om.Problem(driver=driver, reports=None)")
         yield from self._subsystems()
         for name, table in study.variables.items():
             for each, part in self._inputs(name, table):
-                yield done(call("top.add_design_var", each, **design_var(part)))
+                if name not in study.evened:
+                    yield done(call("top.add_design_var", each, **design_var(part)))
+                    continue
+                yield done(call("top.add_design_var", f"{name}_combinations", ref=PRESSURE))
+                yield done(call("top.add_constraint", name, **design_var(part)))
         objective = study.objective
         ref = objective["ref"] or (0.01 if any(name in DRAG for name in _last_parts(objective["of"])) else 1.0)
         ref = -ref if objective["maximize"] else ref
@@ -136,9 +144,28 @@ class StudyScript:
             for response in self.constraints[name]:
                 yield done(call("top.add_constraint", response.output, **settings))
 
+    def _combinations(self) -> Part:
+        """Combinations of values along which pressures change evenly, by a problem of their own."""
+        if not self.study.evened:
+            return
+        yield "# combinations of values along which the pressures of the baseline change evenly"
+        yield statement("at_first = om.Problem(reports=None)")
+        yield statement("top = at_first.model")
+        yield statement('top.add_subsystem("grid_movement", shape_at_first, promotes=["*"])')
+        yield from self._flow(self.study.flow or {})
+        made = {name: expression("bm.drivers.even_pressures(at_first, model, n)", n=name) for name in self.study.evened}
+        yield statement("combinations = made", made=made)
+        yield ""
+
     def _subsystems(self) -> Part:
         """What moves the grid, flows, and responses that are expressions."""
         yield statement("top = problem.model")
+        for name in self.study.evened:
+            units = {"units": unit} if (unit := VARIABLES[self.study.variables[name]["kind"]].units) else {}
+            made = call("bm.drivers.combine", name, expression("combinations[name]", name=name), **units)
+            inputs = expression('[("combinations", each)]', each=f"{name}_combinations")
+            promoted = {"promotes_inputs": inputs, "promotes_outputs": [name]}
+            yield done(call("top.add_subsystem", f"combined_{name}", made, **promoted))
         yield statement('top.add_subsystem("grid_movement", shape, promotes=["*"])')
         if self.study.flow:
             yield from self._flow(self.study.flow)

@@ -71,6 +71,9 @@ def shape_part(
     asked = [name for name in QUALITIES if is_judged and any(name in of for of in study.responses)]
     settings |= {"quality": asked or False, "fit": False} | ({} if is_judged else {"require_valid": False})
     yield statement("shape = made", made=call("wing.grid_movement", expression("variables"), **settings))
+    if study.flow and study.evened:
+        settings |= {"quality": False}
+        yield statement("shape_at_first = made", made=call("wing.grid_movement", expression("variables"), **settings))
 
 
 def _moving(study: Study) -> list[tuple[str, Table]]:

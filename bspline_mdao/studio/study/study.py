@@ -93,6 +93,12 @@ class Study:
         return self.kind.written(when, self.source.parent / self.grid["file"], self.output)
 
     @property
+    def evened(self) -> list[str]:
+        """Variables of which the driver sees combinations along which pressures change evenly."""
+        names = self.driver["even_pressures"] or []
+        return [names] if isinstance(names, str) else names
+
+    @property
     def n_values(self) -> float:
         """Number of the values of all variables; infinite where it takes the grid to know."""
         return sum(count_values(table) for table in self.variables.values())

@@ -92,6 +92,88 @@ def test_variables_and_measures_of_a_section_come_once_and_coefficients_are_thos
         assert "CD_induced" not in text
 
 
+EVEN = """\
+[grid]
+file = "foil.h5"
+
+[variables.points]
+kind = "thickness_points"
+n_points = 3
+lower = 0.0
+upper = [0.03, 0.03, 0.01]
+ref = 0.02
+
+[flow]
+kind = "euler"
+alpha = 0.0
+Mach_number = 0.6
+anchored = true
+
+[objective]
+of = "CD"
+
+[driver]
+optimizer = "SLSQP"
+max_iterations = 2
+even_pressures = "points"
+
+[output]
+estimate_errors = false
+report = false
+picture = false
+"""
+
+
+def test_a_driver_sees_combinations_along_which_pressures_change_evenly_and_bounds_as_constraints(workplace):
+    (workplace / "study.toml").write_text(EVEN)
+    assert run(["optimize", "study.toml", "-o", "out"]) == 0
+    rows = [row.split(",") for row in (workplace / "out" / "summary.csv").read_text().splitlines()[1:]]
+    names = {table: [name for each, name, *_ in rows if each == table] for table in ("variable", "constraint")}
+    assert names == {
+        "variable": [f"points_combinations[{number}]" for number in range(3)],
+        "constraint": [f"points[{number}]" for number in range(3)],
+    }
+    script = (workplace / "out" / "optimize.py").read_text()
+    assert script.count("anchored=True") == 2
+    found = {"__file__": str(workplace / "out" / "optimize.py"), "__name__": "__main__"}
+    exec(compile(script.partition("outputs = [")[0], "optimize.py", "exec"), found)
+    problem, changes = found["problem"], []
+    problem.setup()
+    for number in range(3):
+        combinations = np.zeros(3)
+        for sign in (1.0, -1.0):
+            combinations[number] = 1e-3 * sign
+            problem.set_val("points_combinations", combinations)
+            problem.run_model()
+            changes.append(sign * problem.get_val("Cp"))
+    rates = np.reshape(changes, (3, 2, -1)).sum(axis=1) / 2e-3
+    corners = problem.get_val("grid").reshape(-1, 3)[bm.plotting.wall_quads(found["model"])]
+    areas = np.linalg.norm(np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]), axis=1)
+    np.testing.assert_allclose((rates * areas / areas.sum()) @ rates.T, np.eye(3), atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("edit", "complaint"),
+    [
+        ('even_pressures = "points" -> even_pressures = "pints"', "names 'pints', which is no variable; did you mean"),
+        ("lower = 0.0 -> lower = 0.0\nstart = 0.0", "does not go with 'start' of [variables.points]"),
+        (
+            'optimizer = "SLSQP" -> optimizer = "L-BFGS-B"',
+            "L-BFGS-B, which takes no constraints; take SLSQP or LD_SLSQP",
+        ),
+        ('kind = "euler" -> kind = "lattice"', "is of pressures of Euler flow at one condition; leave it out"),
+    ],
+)
+def test_combinations_that_cannot_be_are_refused(workplace, edit, complaint):
+    before, after = edit.split(" -> ")
+    text = EVEN.replace(before, after)
+    text = text.replace("anchored = true\n", "") if "lattice" in after else text
+    with pytest.raises(InputError) as error:
+        study_of(workplace, text)
+    assert "[driver] 'even_pressures' " in str(error.value)
+    assert complaint in str(error.value)
+
+
 def test_a_wing_has_the_stations_that_it_had_and_its_induced_drag(tmp_path):
     text = f"{STUDY}\n[constraints.leading_edge_radius]\nlower = 0.9\n[constraints.thickness]\nlower = 0.8\n"
     script = study_script(study_of(tmp_path, text), tmp_path)
