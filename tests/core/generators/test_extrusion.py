@@ -232,21 +232,27 @@ def collar(n: int = 49) -> Grid:
     return sheet(body, stub)
 
 
-@pytest.mark.parametrize(("base", "least", "most"), [(0.0, 0.05, 0.3), (0.01, 0.2, 0.65)])
+@pytest.mark.parametrize(("base", "least", "most"), [(0.0, 0.08, 0.38), (0.01, 0.24, 0.67)])
 def test_wings_with_sharp_and_blunt_edges_and_plane_tips_have_no_inverted_cell(base, least, most):
     grid = extrude_surface(tapered_wing(base), 1e-5, layers=64, outer=40.0, symmetry=("z",))
     corners = corners_of(grid)
     assert corners.min() > least  # the trailing edge of the sharp one is a wedge of 16 degrees
     assert np.quantile(corners, 0.01) > most
-    assert np.mean(np.abs(heights_of(grid) / 1e-5 - 1.0) < 0.01) > 0.93
+    assert np.mean(np.abs(heights_of(grid) / 1e-5 - 1.0) < 0.01) > 0.99
+
+
+def test_first_cells_that_are_low_are_exact_where_those_of_a_thin_tip_are_not():
+    grid = extrude_surface(tapered_wing(0.01), 1e-3, layers=30, outer=40.0, symmetry=("z",))
+    assert corners_of(grid).min() > 0.2
+    assert np.mean(np.abs(heights_of(grid) / 1e-3 - 1.0) < 0.01) > 0.8
 
 
 def test_collar_around_a_stub_on_a_body_has_no_inverted_cell():
     grid = extrude_surface(collar(), 1e-3, layers=30, outer=0.3, inward=True)
     corners = corners_of(grid)
-    assert corners.min() > 0.1
-    assert np.quantile(corners, 0.01) > 0.35
-    assert np.mean(np.abs(heights_of(grid) / 1e-3 - 1.0) < 0.01) > 0.95
+    assert corners.min() > 0.2
+    assert np.quantile(corners, 0.01) > 0.38
+    assert np.mean(np.abs(heights_of(grid) / 1e-3 - 1.0) < 0.01) > 0.99
 
 
 def bumpy_tube(n_along: int, shift: np.ndarray) -> np.ndarray:
@@ -487,7 +493,7 @@ def test_wings_have_no_inverted_cell_and_corners_as_good_as_those_of_pyhyp(real_
     grid = extrude_surface(surface, first, layers=40, outer=outer)
     assert sorted(grid.shapes) == sorted(peer.shapes)
     ours, theirs = corners_of(grid), corners_of(peer)
-    assert ours.min() > 0.0
+    assert ours.min() > theirs.min()
     assert np.quantile(ours, 0.01) >= np.quantile(theirs, 0.01)
     assert ours.mean() > theirs.mean()
-    assert np.median(np.abs(heights_of(grid) / first - 1.0)) < 0.01
+    assert np.mean(np.abs(heights_of(grid) / first - 1.0) < 0.01) > 0.997

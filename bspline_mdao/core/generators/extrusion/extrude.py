@@ -147,7 +147,10 @@ def extrude_surface(
     ties = rim.ties(mesh)
     rings = rim.rings(fans_of(mesh, ties), ties)
     leaning = rim.splay(mesh, fans, ties, np.deg2rad(splay))
-    conditions = Conditions(ties, rings, *rim.constraints(ties), leaning, mesh.is_side[ties.first])
+    places, areas = mesh.places
+    conditions = Conditions(
+        ties, rings, *rim.constraints(ties), leaning, mesh.is_side[ties.first], ties.unknown[places], areas
+    )
     with progress_bar("extruding", progress) as report_progress:
         found = march(mesh, conditions, steps, settings or Marching(), allow_invalid, report_progress)
     _require_valid(mesh, found, surface.length_unit, allow_invalid)

@@ -10,9 +10,9 @@ import math
 import numpy as np
 from numba import njit
 
-SMOOTH_MITRE, SHARP_MITRE = 1.1, 1.2
-"""Mitres up to which faces around a node are chords of a smooth surface, turned by 49 degrees, whose height is that
-along its normal, and from which they meet in an edge, turned by 67 degrees: heights are those above each of them."""
+SMOOTH_MITRE, SHARP_MITRE = 1.2, 1.35
+"""Mitres up to which faces around a node are chords of a smooth surface, turned by 67 degrees, whose height is that
+along its normal, and from which they meet in an edge, turned by 84 degrees: heights are those above each of them."""
 
 LARGEST_MITRE = 2.0
 """How far a node goes where faces meet in an edge, relative to the step: 2 at a wedge of 60 degrees, and not beyond."""

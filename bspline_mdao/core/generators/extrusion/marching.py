@@ -13,6 +13,7 @@ import numpy as np
 from ....base.display import OneLine
 from ....base.numerics.progress import Progress
 from ....base.numerics.vectors import dots
+from .first_layer import with_exact_heights
 from .front import differences, normals_and_areas, smallest_corner, smooth
 from .rings import Rings
 from .solver import solve
@@ -24,8 +25,8 @@ LARGEST_STRETCH = 2.0
 """How much a step is lengthened at most, so that layers have their heights in the mean."""
 
 ONSET = 0.4
-"""Power of the layer with which dissipation sets in. With the root the smallest corner of the M6, at its tip, is 0.28
-and not 0.32: it falls over the layers that are not smoothed yet; with 0.35 the 1 % corner of the wing body is worse."""
+"""Power of the layer with which dissipation sets in. With the root the smallest corner of the M6, at its tip, falls
+over the layers that are not smoothed yet; with 0.35 the 1 % corner of the wing body is worse."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Marching(OneLine):
     steps : int
         Steps of a layer at most, the last as long as it has to be: lines that meet would ask for ever more.
     explicit : float
-        Such a ratio of the first layer below which its heights are exact.
+        Such a ratio of the first layer below which the heights of nodes are exact.
     blend : float
         How much a cycle of smoothing blends areas with those of neighbours.
     cycles : int
@@ -84,6 +85,8 @@ class Conditions:
     projectors: np.ndarray  # (n_projectors, 3, 3)
     splay: np.ndarray  # (n, 3)
     is_side: np.ndarray  # bool (n,), nodes at sides of blocks: heights there are measured from each block
+    places: np.ndarray  # int (n_places,), the node in each place of a side of a block
+    areas: np.ndarray  # (n_places, 3), area vectors there (m2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +113,8 @@ def march(
         level = (number / max(1, len(steps) - 1)) ** ONSET
         tries = []
         for retry in range(settings.retries + 1):
-            after, lengths = _layer(front, previous, conditions, step, level, settings, 2.0**retry)
+            make = _layer if number else _first_layer
+            after, lengths = make(front, previous, conditions, step, level, settings, 2.0**retry)
             tries.append((*smallest_corner(fronts[-1], ties.all(after), mesh.quads), after, lengths))
             if tries[-1][0] > 0.0:
                 break
@@ -122,6 +126,29 @@ def march(
         progress((number + 1) / len(steps), "marching")
     least, worst = zip(*corners)
     return March(np.array(fronts), np.array(least), np.array(worst))
+
+
+def _first_layer(
+    front: np.ndarray,  # (n, 3), the surface
+    previous: np.ndarray,  # none, and as of a layer
+    conditions: Conditions,
+    step: float,
+    level: float,
+    settings: Marching,
+    effort: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Make the layer at the surface: where it is low, nodes do not see each other, and have their heights."""
+    rings = conditions.rings
+    d, lengths = differences(front, *rings)
+    normals, mitres, areas = normals_and_areas(d, rings.starts, conditions.is_side)
+    rates, shortest = mitres * _rates(areas, rings, level, settings), np.minimum.reduceat(lengths, rings.starts[:-1])
+    largest = settings.explicit * shortest / step
+    exact = front + step * _explicit(normals * rates[:, None], conditions, largest)
+    is_low = rates <= largest
+    if is_low.all():
+        return exact, lengths
+    after, lengths = _layer(front, previous, conditions, step, level, settings, effort)
+    return np.where(is_low[:, None], exact, after), lengths
 
 
 def _layer(
@@ -138,10 +165,9 @@ def _layer(
     for last in range(settings.steps - 1, -1, -1):
         d, lengths = differences(front, *rings)
         normals, mitres, areas = normals_and_areas(d, rings.starts, conditions.is_side & (level == 0.0))
-        rates = mitres * _rates(areas, rings, level, settings)
+        # beyond the first layer edges become round: where three faces meet, offsets of all of them narrow the corners
+        rates = (mitres if level == 0.0 else 1.0) * _rates(areas, rings, level, settings)
         ratio = step * float((rates / np.minimum.reduceat(lengths, rings.starts[:-1])).max())
-        if level == 0.0 and ratio <= settings.explicit:
-            return front + _explicit(normals * (step * rates)[:, None], conditions), lengths
         part = left / max(1, math.ceil(left * ratio * effort / settings.ratio)) if last and np.isfinite(ratio) else left
         before = previous if len(previous) else lengths
         system = assemble(
@@ -168,7 +194,8 @@ def _rates(areas: np.ndarray, rings: Rings, level: float, settings: Marching) ->
     return rates / rates.mean()
 
 
-def _explicit(moves: np.ndarray, conditions: Conditions) -> np.ndarray:
-    """Moves of nodes that do not see each other, within their constraints."""
+def _explicit(moves: np.ndarray, conditions: Conditions, largest: np.ndarray) -> np.ndarray:
+    """Moves of nodes that do not see each other, within their constraints, relative to the height."""
     allowed = conditions.projectors[np.where(conditions.constraint == FREE, 0, conditions.constraint)]
-    return np.einsum("nij,nj->ni", allowed, moves)
+    moves = np.einsum("nij,nj->ni", allowed, moves)
+    return with_exact_heights(moves, conditions.places, conditions.areas, allowed, largest)

@@ -46,8 +46,26 @@ class SurfaceMesh:
         of_wall[self.quads[~self.is_sheet]] = True
         found &= of_wall
         for ids in self.ids:
-            found[np.concatenate([ids[0], ids[-1], ids[:, 0], ids[:, -1]])] = True
+            found[ids[_at_sides(ids)]] = True
         return found
+
+    @property
+    def places(self) -> tuple[np.ndarray, np.ndarray]:
+        """The node in each place of a side of a block, int (n_places,), and area vectors of the block there (m2)."""
+        nodes, areas = [], []
+        for block, ids in enumerate(self.ids):
+            of_block = self.blocks == block
+            corners = self.points[self.quads[of_block & ~self.is_sheet]]
+            at = _quads(np.arange(ids.size).reshape(ids.shape))
+            at = (at[:, ::-1] if self.is_turned[block] else at)[~self.is_sheet[of_block]]
+            area = np.zeros((ids.size, 3))
+            vectors = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+            for corner in at.T:
+                np.add.at(area, corner, vectors)
+            chosen = _at_sides(ids).ravel() & area.any(axis=1)
+            nodes.append(ids.ravel()[chosen])
+            areas.append(area[chosen])
+        return np.concatenate(nodes), np.concatenate(areas)
 
     @classmethod
     def of(cls, grid: Grid, inward: bool = False) -> SurfaceMesh:
@@ -90,6 +108,13 @@ def _flat_block(grid: Grid, number: int) -> np.ndarray:
             f"extruded, whose blocks have one node in one direction and two or more in the others"
         )
     return np.ascontiguousarray(nodes.squeeze(nodes.shape[:3].index(1)), dtype=np.float64)
+
+
+def _at_sides(ids: np.ndarray) -> np.ndarray:
+    """Whether places are at the sides of a block, of its shape."""
+    found = np.ones(ids.shape, bool)
+    found[1:-1, 1:-1] = False
+    return found
 
 
 def _quads(ids: np.ndarray) -> np.ndarray:
