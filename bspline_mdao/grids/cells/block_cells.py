@@ -181,6 +181,12 @@ class Chunk:
         """Bits of the degenerate corners of the chunk's cells."""
         return self.block.degenerate_corners[self.start : self.stop]
 
+    def was_invalid(self) -> np.ndarray:
+        """Cells of the chunk that were not valid on the baseline."""
+        first, last = self.in_block.start, self.in_block.stop
+        were = self.block.was_invalid
+        return were[np.searchsorted(were, first) : np.searchsorted(were, last)] - first
+
     @property
     def solid_bits(self) -> np.ndarray:
         """Those of the cells that `solid` gives: of a planar block's both sides alike."""
@@ -220,7 +226,8 @@ class Chunk:
 class Measures:
     """Measures of the cells of a chunk, or changes or adjoints of them; None of those that are not asked for."""
 
-    triples: np.ndarray  # (8, n_cells), corner triple products; 1 at degenerate corners
+    # corner triple products; 1 at degenerate corners; of no size where neither they nor Q are asked for
+    triples: np.ndarray  # (8, n_cells)
     q: np.ndarray | None = None  # (n_cells,), orthogonality, Eq. (9)
     # corner Jacobians divided by the volume of the cell on the baseline; infinite at degenerate corners
     jacobians: np.ndarray | None = None  # (8, n_cells)
@@ -233,12 +240,12 @@ class Measures:
 
 def chunk_measures(chunk: Chunk, nodes: np.ndarray, asked: Collection[str]) -> Measures:
     """Measure the cells of a chunk of a grid with nodes (n_nodes, 3): what is ``asked``, fields of `Measures`."""
-    triples, jacobians, volume = _empty(chunk)
+    triples, jacobians, volume = _empty(chunk, asked)
     points = as_points(chunk.solid(nodes, chunk.block.normal))
     block_measures(points, chunk.degenerate_corners, chunk.block.sign, triples, jacobians, volume)
     coefficients = None
     if "coefficients" in asked:
-        coefficients, bits = np.empty((N_COEFFICIENTS, volume.size)), chunk.solid_bits
+        coefficients, bits = np.empty((N_COEFFICIENTS, chunk.degenerate_corners.size)), chunk.solid_bits
         block_coefficients(points, bits, chunk.block.sign, chunk.block.shortest, coefficients)
         _scale(chunk, coefficients, np.inf)
     q = orthogonality(triples, axis=0) if "q" in asked else None
@@ -249,7 +256,7 @@ def chunk_jvp(
     chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray, measures: Measures, asked: Collection[str]
 ) -> Measures:
     """Change of the measures with the nodes."""
-    d_triples, d_jacobians, d_volume = _empty(chunk)
+    d_triples, d_jacobians, d_volume = _empty(chunk, asked)
     points, d_points = as_points(chunk.solid(nodes, chunk.block.normal)), as_points(chunk.solid(d_nodes))
     block_jvp(points, d_points, chunk.degenerate_corners, chunk.block.sign, d_triples, d_jacobians, d_volume)
     d_coefficients = None
@@ -269,7 +276,7 @@ def chunk_vjp(
     nodes_bar: np.ndarray,  # (n_nodes, 3), added to
 ) -> None:
     """Add the adjoint of the nodes from that of the measures."""
-    n, inverse = chunk.degenerate_corners.size, chunk.block.inverse_volume[chunk.in_block]
+    inverse = chunk.block.inverse_volume[chunk.in_block]
     triples_bar = bars.get("triples")
     if "q" in bars:
         of_q = orthogonality_vjp(measures.triples, bars["q"], axis=0)
@@ -278,9 +285,9 @@ def chunk_vjp(
     solid_bar = np.zeros(solid.shape)
     block_vjp(
         as_points(solid), chunk.degenerate_corners, chunk.block.sign,
-        np.zeros((8, n)) if triples_bar is None else triples_bar,
-        bars["jacobians"] * inverse if "jacobians" in bars else np.zeros((8, n)),
-        bars["volume"] * inverse if "volume" in bars else np.zeros(n), as_points(solid_bar),
+        np.empty((8, 0)) if triples_bar is None else triples_bar,
+        bars["jacobians"] * inverse if "jacobians" in bars else np.empty((8, 0)),
+        bars["volume"] * inverse if "volume" in bars else np.empty(0), as_points(solid_bar),
     )  # fmt: skip
     if "coefficients" in bars:
         coefficients_vjp(
@@ -290,9 +297,13 @@ def chunk_vjp(
     chunk.add(solid_bar, nodes_bar)
 
 
-def _empty(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _empty(chunk: Chunk, asked: Collection[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Room for triple products, Jacobians and volumes; none of what is not asked for."""
     n = chunk.degenerate_corners.size
-    return np.empty((8, n)), np.empty((8, n)), np.empty(n)
+    n_triples, n_jacobians, n_volumes = (
+        n if names & set(asked) else 0 for names in ({"triples", "q"}, {"jacobians"}, {"volume"})
+    )
+    return np.empty((8, n_triples)), np.empty((8, n_jacobians)), np.empty(n_volumes)
 
 
 def _scaled(

@@ -17,6 +17,7 @@ import numpy as np
 from ...base.display import OneLine
 from ...base.numerics.processes import from_all, together
 from ..topology.block_layout import BlockLayout
+from .block_cells import Chunk
 from .grid_quality import GridQuality, GridValues
 from .report import QualityReport, inverted_cells, patches_of, report_quality
 
@@ -108,18 +109,12 @@ class BlocksJudge(OneLine):
 
     def summary(self, nodes: np.ndarray) -> dict[str, float]:
         """Smallest Q, corner and volume, mean Q, inverted cells, and heights at walls by those of the baseline."""
-        n_inverted = n_new = 0
-        total, least = 0.0, np.full(3, np.inf)
         with together(self.quality.pieces.comm):
-            for block, cells in zip(self.quality.blocks, self.quality.cells_in_turn(nodes)):
-                is_inverted = ~cells.is_valid.ravel()
-                n_inverted += int(np.count_nonzero(is_inverted))
-                n_new += int(np.count_nonzero(is_inverted)) - int(np.count_nonzero(is_inverted[block.was_invalid]))
-                total += float(cells.q.sum())
-                least = np.minimum(least, [values.min() for values in (cells.q, cells.min_corner, cells.volume)])
+            rows = np.array([(0, 0, 0.0, *3 * [np.inf]), *self.quality.over_cells(nodes, _numbers_of)])
+            (n_inverted, n_new, total), least = rows[:, :3].sum(axis=0).tolist(), rows[:, 3:].min(axis=0)
             ratios = self.quality.first_cells.ratios(nodes)
             low, high = float(ratios.min(initial=np.inf)), float(ratios.max(initial=0.0))
-        parts = from_all(self.quality.pieces.comm, (n_inverted, n_new, total, low, high, *least.tolist()))
+        parts = from_all(self.quality.pieces.comm, (int(n_inverted), int(n_new), total, low, high, *least.tolist()))
         counted, new, sums, lows, highs, q_min, min_corner, min_volume = zip(*parts)
         found = {
             "q_min": min(q_min),
@@ -141,3 +136,11 @@ class BlocksJudge(OneLine):
             f"{inverted[0]} is inverted, with corner triple product {inverted[0].corner:.2g}"
             f"{f'; the worst of such cells lie on {adjacent}' if adjacent else ''}"
         )
+
+
+def _numbers_of(chunk: Chunk, measures: np.ndarray) -> tuple[float, ...]:
+    """Inverted cells, those that were valid on the baseline, the sum of Q, and the smallest Q, corner and volume."""
+    q, corners, _, volume = measures.reshape(4, -1)
+    n_inverted = q.size - int(np.count_nonzero(corners > 0.0))
+    n_before = int(np.count_nonzero(~(corners[chunk.was_invalid()] > 0.0))) if n_inverted else 0
+    return n_inverted, n_inverted - n_before, *(float(x) for x in (q.sum(), q.min(), corners.min(), volume.min()))

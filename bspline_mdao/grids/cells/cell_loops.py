@@ -1,13 +1,9 @@
 """Loops that measure all cells of a block or of a list: the formulas of `.orthogonality`, many cells at a time.
 
-The formulas are straight-line code on the twelve edges of one cell. Here they stand in a loop over a batch of cells,
-which the compiler turns into SIMD instructions, one cell per lane. Points come and go as eight rows, one per corner of
-the cells. The loop itself reads and writes one workspace, rows at fixed distances, since the compiler can see that
-these do not overlap::
-
-    triple products of corners 0..7, Jacobians of corners 0..7, volume,
-    corners 0..7: x, y, z of the points or of their adjoints,
-    corners 0..7: x, y, z of the changes of the points
+The formulas are straight-line code on the twelve edges of one cell. Here they are called with `Lanes`, one cell in each
+(`bspline_mdao.base.numerics.lanes`). Points come and go as flat arrays of records, from eight offsets, one per corner
+of the cells. What is not asked for is given as an array of no size, of which nothing is read, and nothing written to
+it.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -17,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...base.numerics.lanes import LANES, add_points, load, load_bits, load_points, smaller, store, with_bits
 from .orthogonality import (
     FAST,
     at_corners,
@@ -41,16 +38,7 @@ __all__ = [
 ]
 
 POINT = np.dtype([(name, np.float64) for name in "xyz"])
-"""A point as a record, whose fixed stride lets loops over points vectorise."""
-
-BATCH = 64
-"""Cells of a batch: its rows of the workspace, 33 kB, are about as large as the first-level cache."""
-
-JACOBIAN = 8 * BATCH
-VOLUME = 16 * BATCH
-POINTS = 17 * BATCH
-CHANGES = 41 * BATCH
-SIZE = 65 * BATCH
+"""A point as a record, as kernels take it."""
 
 
 def as_points(
@@ -60,190 +48,188 @@ def as_points(
     return np.ascontiguousarray(nodes, dtype=np.float64).view(POINT)[..., 0]
 
 
-@njit(cache=True)
-def _load(rows, work, at, n):
-    """Read the points of a batch, or their changes, from eight rows."""
-    for corner in range(8):
-        row, point = rows[corner], work[at + 3 * BATCH * corner : SIZE]
-        for k in range(n):
-            point[k], point[BATCH + k], point[2 * BATCH + k] = row[k].x, row[k].y, row[k].z
-
-
 @njit(**FAST)
-def _at(row, k):
-    """Index of an entry of a row as an unsigned number: signed ones may count from the end, which hinders vectors."""
-    return np.uint64(row) + np.uint64(k)
-
-
-@njit(**FAST)
-def _between(work, p, q, k):
+def _between(p, q):
     """Vector from one point to another."""
+    return q[0] - p[0], q[1] - p[1], q[2] - p[2]
+
+
+@njit(**FAST)
+def _edges(x, at, n):
+    """Edges of ``n`` cells whose corners start at eight places of ``x``: four along xi, along eta, and along zeta."""
+    p0, p1, p2, p3 = (
+        load_points(x, at[0], n),
+        load_points(x, at[1], n),
+        load_points(x, at[2], n),
+        load_points(x, at[3], n),
+    )
+    p4, p5, p6, p7 = (
+        load_points(x, at[4], n),
+        load_points(x, at[5], n),
+        load_points(x, at[6], n),
+        load_points(x, at[7], n),
+    )
     return (
-        work[_at(q, k)] - work[_at(p, k)],
-        work[_at(q + BATCH, k)] - work[_at(p + BATCH, k)],
-        work[_at(q + 2 * BATCH, k)] - work[_at(p + 2 * BATCH, k)],
+        (_between(p0, p1), _between(p2, p3), _between(p4, p5), _between(p6, p7)),
+        (_between(p0, p2), _between(p1, p3), _between(p4, p6), _between(p5, p7)),
+        (_between(p0, p4), _between(p1, p5), _between(p2, p6), _between(p3, p7)),
     )
 
 
 @njit(**FAST)
-def _edges(work, at, k):
-    """Edges of a cell whose corners are in rows from ``at`` on: four along xi, four along eta, four along zeta."""
-    p0, p1, p2, p3 = at, at + 3 * BATCH, at + 6 * BATCH, at + 9 * BATCH
-    p4, p5, p6, p7 = at + 12 * BATCH, at + 15 * BATCH, at + 18 * BATCH, at + 21 * BATCH
-    return (
-        (_between(work, p0, p1, k), _between(work, p2, p3, k), _between(work, p4, p5, k), _between(work, p6, p7, k)),
-        (_between(work, p0, p2, k), _between(work, p1, p3, k), _between(work, p4, p6, k), _between(work, p5, p7, k)),
-        (_between(work, p0, p4, k), _between(work, p1, p5, k), _between(work, p2, p6, k), _between(work, p3, p7, k)),
-    )
+def _room(array, n):
+    """Count the lanes that are read from an array or written to it: none where it has no size."""
+    return n if array.size > 0 else 0
 
 
 @njit(**FAST)
-def _set(work, row, k, triple_and_jacobian):
-    """Write the triple product and the Jacobian of a corner, or their changes."""
-    work[_at(row, k)], work[_at(JACOBIAN + row, k)] = triple_and_jacobian
+def _set(triples, jacobians, corner, n_cells, cell, n, bits, values, without):
+    """Write the triple product and the Jacobian of a corner of cells, or their changes, unless it is degenerate."""
+    place, bit = corner * n_cells + cell, np.uint8(1 << corner)
+    store(triples, place, _room(triples, n), with_bits(bits, bit, values[0], without[0]))
+    store(jacobians, place, _room(jacobians, n), with_bits(bits, bit, values[1], without[1]))
 
 
 @njit(**FAST)
-def _bars_of_corner(work, row, k, sign, edges, inverses):
-    """Adjoints of the three edges of a corner from those of its triple product and Jacobian in the workspace."""
-    return corner_vjp(sign, edges, inverses, work[_at(row, k)], work[_at(JACOBIAN + row, k)])
+def _bars_of_corner(triples_bar, jacobians_bar, corner, n_cells, cell, n, bits, sign, edges, inverses):
+    """Adjoints of the three edges of a corner from those of its triple product and Jacobian; none where degenerate."""
+    place, bit = corner * n_cells + cell, np.uint8(1 << corner)
+    triple_bar = with_bits(bits, bit, load(triples_bar, place, _room(triples_bar, n)), 0.0)
+    jacobian_bar = with_bits(bits, bit, load(jacobians_bar, place, _room(jacobians_bar, n)), 0.0)
+    return corner_vjp(sign, edges, inverses, triple_bar, jacobian_bar)
 
 
 @njit(**FAST)
-def _set_adjoint(work, row, k, signs, edge_bars):
-    """Write the adjoint of a corner from those of its three edges, each of which it ends (1) or starts (-1)."""
+def _add_adjoint(x_bar, at, n, signs, edge_bars):
+    """Add the adjoint of a corner from those of its three edges, each of which it ends (1) or starts (-1)."""
     (s, t, r), (a, b, c) = signs, edge_bars
-    work[_at(row, k)] = s * a[0] + t * b[0] + r * c[0]
-    work[_at(row + BATCH, k)] = s * a[1] + t * b[1] + r * c[1]
-    work[_at(row + 2 * BATCH, k)] = s * a[2] + t * b[2] + r * c[2]
-
-
-@njit(cache=True)
-def _set_degenerate(work, bits, triple, jacobian, n):
-    """Write given values for degenerate corners; most batches have none, which is found out first."""
-    found = np.uint8(0)
-    for k in range(n):
-        found |= bits[k]
-    if found == 0:
-        return
-    for corner in range(8):
-        at, bit = work[corner * BATCH : SIZE], np.uint8(1 << corner)
-        for k in range(n):
-            if bits[k] & bit:
-                at[k], at[JACOBIAN + k] = triple, jacobian
+    bar = s * a[0] + t * b[0] + r * c[0], s * a[1] + t * b[1] + r * c[1], s * a[2] + t * b[2] + r * c[2]
+    add_points(x_bar, at, n, bar)
 
 
 @njit(**FAST)
-def _measure_batch(rows, bits, sign, work, n):
-    """Write triple products, Jacobians and volumes of a batch."""
-    _load(rows, work, POINTS, n)
-    for k in range(n):
-        xi, eta, zeta = _edges(work, POINTS, k)
-        edges = at_corners(xi, eta, zeta)
-        inverses = at_corners(inverse_lengths(xi), inverse_lengths(eta), inverse_lengths(zeta))
-        _set(work, 0 * BATCH, k, corner_measures(sign, edges[0], inverses[0]))
-        _set(work, 1 * BATCH, k, corner_measures(sign, edges[1], inverses[1]))
-        _set(work, 2 * BATCH, k, corner_measures(sign, edges[2], inverses[2]))
-        _set(work, 3 * BATCH, k, corner_measures(sign, edges[3], inverses[3]))
-        _set(work, 4 * BATCH, k, corner_measures(sign, edges[4], inverses[4]))
-        _set(work, 5 * BATCH, k, corner_measures(sign, edges[5], inverses[5]))
-        _set(work, 6 * BATCH, k, corner_measures(sign, edges[6], inverses[6]))
-        _set(work, 7 * BATCH, k, corner_measures(sign, edges[7], inverses[7]))
-        work[_at(VOLUME, k)] = sign * cell_volume(xi, eta, zeta)
-    _set_degenerate(work, bits, 1.0, np.inf, n)
+def _measure(x, at, degenerate, sign, triples, jacobians, volume, cell, n):
+    """Measure ``n`` cells from number ``cell`` on."""
+    bits, n_cells, without = load_bits(degenerate, cell, n), degenerate.size, (1.0, np.inf)
+    xi, eta, zeta = _edges(x, at, n)
+    edges = at_corners(xi, eta, zeta)
+    inverses = at_corners(inverse_lengths(xi), inverse_lengths(eta), inverse_lengths(zeta))
+    values = corner_measures(sign, edges[0], inverses[0])
+    _set(triples, jacobians, 0, n_cells, cell, n, bits, values, without)
+    values = corner_measures(sign, edges[1], inverses[1])
+    _set(triples, jacobians, 1, n_cells, cell, n, bits, values, without)
+    values = corner_measures(sign, edges[2], inverses[2])
+    _set(triples, jacobians, 2, n_cells, cell, n, bits, values, without)
+    values = corner_measures(sign, edges[3], inverses[3])
+    _set(triples, jacobians, 3, n_cells, cell, n, bits, values, without)
+    values = corner_measures(sign, edges[4], inverses[4])
+    _set(triples, jacobians, 4, n_cells, cell, n, bits, values, without)
+    values = corner_measures(sign, edges[5], inverses[5])
+    _set(triples, jacobians, 5, n_cells, cell, n, bits, values, without)
+    values = corner_measures(sign, edges[6], inverses[6])
+    _set(triples, jacobians, 6, n_cells, cell, n, bits, values, without)
+    values = corner_measures(sign, edges[7], inverses[7])
+    _set(triples, jacobians, 7, n_cells, cell, n, bits, values, without)
+    store(volume, cell, _room(volume, n), sign * cell_volume(xi, eta, zeta))
 
 
 @njit(**FAST)
-def _jvp_batch(rows, changes, bits, sign, work, n):
-    """Write the changes of triple products, Jacobians and volumes of a batch."""
-    _load(rows, work, POINTS, n)
-    _load(changes, work, CHANGES, n)
-    for k in range(n):
-        xi, eta, zeta = _edges(work, POINTS, k)
-        d_xi, d_eta, d_zeta = _edges(work, CHANGES, k)
-        edges, d_edges = at_corners(xi, eta, zeta), at_corners(d_xi, d_eta, d_zeta)
-        inverses = at_corners(inverse_lengths(xi), inverse_lengths(eta), inverse_lengths(zeta))
-        _set(work, 0 * BATCH, k, corner_jvp(sign, edges[0], inverses[0], d_edges[0]))
-        _set(work, 1 * BATCH, k, corner_jvp(sign, edges[1], inverses[1], d_edges[1]))
-        _set(work, 2 * BATCH, k, corner_jvp(sign, edges[2], inverses[2], d_edges[2]))
-        _set(work, 3 * BATCH, k, corner_jvp(sign, edges[3], inverses[3], d_edges[3]))
-        _set(work, 4 * BATCH, k, corner_jvp(sign, edges[4], inverses[4], d_edges[4]))
-        _set(work, 5 * BATCH, k, corner_jvp(sign, edges[5], inverses[5], d_edges[5]))
-        _set(work, 6 * BATCH, k, corner_jvp(sign, edges[6], inverses[6], d_edges[6]))
-        _set(work, 7 * BATCH, k, corner_jvp(sign, edges[7], inverses[7], d_edges[7]))
-        work[_at(VOLUME, k)] = sign * cell_volume_jvp((xi, eta, zeta), (d_xi, d_eta, d_zeta))
-    _set_degenerate(work, bits, 0.0, 0.0, n)
+def _measure_jvp(x, d_x, at, degenerate, sign, d_triples, d_jacobians, d_volume, cell, n):
+    """Change of what `_measure` writes."""
+    bits, n_cells, without = load_bits(degenerate, cell, n), degenerate.size, (0.0, 0.0)
+    xi, eta, zeta = _edges(x, at, n)
+    d_xi, d_eta, d_zeta = _edges(d_x, at, n)
+    edges, d_edges = at_corners(xi, eta, zeta), at_corners(d_xi, d_eta, d_zeta)
+    inverses = at_corners(inverse_lengths(xi), inverse_lengths(eta), inverse_lengths(zeta))
+    values = corner_jvp(sign, edges[0], inverses[0], d_edges[0])
+    _set(d_triples, d_jacobians, 0, n_cells, cell, n, bits, values, without)
+    values = corner_jvp(sign, edges[1], inverses[1], d_edges[1])
+    _set(d_triples, d_jacobians, 1, n_cells, cell, n, bits, values, without)
+    values = corner_jvp(sign, edges[2], inverses[2], d_edges[2])
+    _set(d_triples, d_jacobians, 2, n_cells, cell, n, bits, values, without)
+    values = corner_jvp(sign, edges[3], inverses[3], d_edges[3])
+    _set(d_triples, d_jacobians, 3, n_cells, cell, n, bits, values, without)
+    values = corner_jvp(sign, edges[4], inverses[4], d_edges[4])
+    _set(d_triples, d_jacobians, 4, n_cells, cell, n, bits, values, without)
+    values = corner_jvp(sign, edges[5], inverses[5], d_edges[5])
+    _set(d_triples, d_jacobians, 5, n_cells, cell, n, bits, values, without)
+    values = corner_jvp(sign, edges[6], inverses[6], d_edges[6])
+    _set(d_triples, d_jacobians, 6, n_cells, cell, n, bits, values, without)
+    values = corner_jvp(sign, edges[7], inverses[7], d_edges[7])
+    _set(d_triples, d_jacobians, 7, n_cells, cell, n, bits, values, without)
+    store(d_volume, cell, _room(d_volume, n), sign * cell_volume_jvp((xi, eta, zeta), (d_xi, d_eta, d_zeta)))
 
 
 @njit(**FAST)
-def _vjp_batch(rows, bits, sign, work, n):
-    """Write the adjoints of the corners of a batch from those of the measures in the workspace."""
-    _set_degenerate(work, bits, 0.0, 0.0, n)
-    _load(rows, work, POINTS, n)
-    for k in range(n):
-        xi, eta, zeta = _edges(work, POINTS, k)
-        edges = at_corners(xi, eta, zeta)
-        inverses = at_corners(inverse_lengths(xi), inverse_lengths(eta), inverse_lengths(zeta))
-        a, b, c = cell_volume_vjp((xi, eta, zeta), sign * work[_at(VOLUME, k)])
-        bar_0 = _bars_of_corner(work, 0 * BATCH, k, sign, edges[0], inverses[0])
-        bar_1 = _bars_of_corner(work, 1 * BATCH, k, sign, edges[1], inverses[1])
-        bar_2 = _bars_of_corner(work, 2 * BATCH, k, sign, edges[2], inverses[2])
-        bar_3 = _bars_of_corner(work, 3 * BATCH, k, sign, edges[3], inverses[3])
-        bar_4 = _bars_of_corner(work, 4 * BATCH, k, sign, edges[4], inverses[4])
-        bar_5 = _bars_of_corner(work, 5 * BATCH, k, sign, edges[5], inverses[5])
-        bar_6 = _bars_of_corner(work, 6 * BATCH, k, sign, edges[6], inverses[6])
-        bar_7 = _bars_of_corner(work, 7 * BATCH, k, sign, edges[7], inverses[7])
-        bars = at_corners(*edges_vjp((bar_0, bar_1, bar_2, bar_3, bar_4, bar_5, bar_6, bar_7), (a, b, c)))
-        _set_adjoint(work, POINTS + 0 * BATCH, k, (-1.0, -1.0, -1.0), bars[0])
-        _set_adjoint(work, POINTS + 3 * BATCH, k, (1.0, -1.0, -1.0), bars[1])
-        _set_adjoint(work, POINTS + 6 * BATCH, k, (-1.0, 1.0, -1.0), bars[2])
-        _set_adjoint(work, POINTS + 9 * BATCH, k, (1.0, 1.0, -1.0), bars[3])
-        _set_adjoint(work, POINTS + 12 * BATCH, k, (-1.0, -1.0, 1.0), bars[4])
-        _set_adjoint(work, POINTS + 15 * BATCH, k, (1.0, -1.0, 1.0), bars[5])
-        _set_adjoint(work, POINTS + 18 * BATCH, k, (-1.0, 1.0, 1.0), bars[6])
-        _set_adjoint(work, POINTS + 21 * BATCH, k, (1.0, 1.0, 1.0), bars[7])
+def _measure_vjp(x, at, degenerate, sign, triples_bar, jacobians_bar, volume_bar, x_bar, cell, n):
+    """Add the adjoints of the corners of cells from those of what `_measure` writes."""
+    bits, n_cells, tb, jb = load_bits(degenerate, cell, n), degenerate.size, triples_bar, jacobians_bar
+    xi, eta, zeta = _edges(x, at, n)
+    edges = at_corners(xi, eta, zeta)
+    inverses = at_corners(inverse_lengths(xi), inverse_lengths(eta), inverse_lengths(zeta))
+    a, b, c = cell_volume_vjp((xi, eta, zeta), sign * load(volume_bar, cell, _room(volume_bar, n)))
+    bar_0 = _bars_of_corner(tb, jb, 0, n_cells, cell, n, bits, sign, edges[0], inverses[0])
+    bar_1 = _bars_of_corner(tb, jb, 1, n_cells, cell, n, bits, sign, edges[1], inverses[1])
+    bar_2 = _bars_of_corner(tb, jb, 2, n_cells, cell, n, bits, sign, edges[2], inverses[2])
+    bar_3 = _bars_of_corner(tb, jb, 3, n_cells, cell, n, bits, sign, edges[3], inverses[3])
+    bar_4 = _bars_of_corner(tb, jb, 4, n_cells, cell, n, bits, sign, edges[4], inverses[4])
+    bar_5 = _bars_of_corner(tb, jb, 5, n_cells, cell, n, bits, sign, edges[5], inverses[5])
+    bar_6 = _bars_of_corner(tb, jb, 6, n_cells, cell, n, bits, sign, edges[6], inverses[6])
+    bar_7 = _bars_of_corner(tb, jb, 7, n_cells, cell, n, bits, sign, edges[7], inverses[7])
+    bars = at_corners(*edges_vjp((bar_0, bar_1, bar_2, bar_3, bar_4, bar_5, bar_6, bar_7), (a, b, c)))
+    _add_adjoint(x_bar, at[0], n, (-1.0, -1.0, -1.0), bars[0])
+    _add_adjoint(x_bar, at[1], n, (1.0, -1.0, -1.0), bars[1])
+    _add_adjoint(x_bar, at[2], n, (-1.0, 1.0, -1.0), bars[2])
+    _add_adjoint(x_bar, at[3], n, (1.0, 1.0, -1.0), bars[3])
+    _add_adjoint(x_bar, at[4], n, (-1.0, -1.0, 1.0), bars[4])
+    _add_adjoint(x_bar, at[5], n, (1.0, -1.0, 1.0), bars[5])
+    _add_adjoint(x_bar, at[6], n, (-1.0, 1.0, 1.0), bars[6])
+    _add_adjoint(x_bar, at[7], n, (1.0, 1.0, 1.0), bars[7])
 
 
-@njit(cache=True)
-def _add_adjoints(work, rows, n):
-    """Add the adjoints of the points of a batch to eight rows: one corner at a time, since cells share points."""
-    for corner in range(8):
-        row, point = rows[corner], work[POINTS + 3 * BATCH * corner : SIZE]
-        for k in range(n):
-            row[k].x += point[k]
-            row[k].y += point[BATCH + k]
-            row[k].z += point[2 * BATCH + k]
+@njit(**FAST)
+def _with(so_far, bits, bit, sign, edges, inverses):
+    """Product and least of the triple products and least Jacobian with one corner more, unless it is degenerate."""
+    triple, jacobian = corner_measures(sign, edges, inverses)
+    triple, jacobian = with_bits(bits, bit, triple, 1.0), with_bits(bits, bit, jacobian, np.inf)
+    product, least, smallest = so_far
+    return product * triple, smaller(triple, least), smaller(jacobian, smallest)
 
 
-@njit(cache=True)
-def _copy(source, target, n):
-    for k in range(n):
-        target[k] = source[k]
+@njit(**FAST)
+def _summarize(x, at, degenerate, sign, q, corner, jacobian, volume, cell, n):
+    """Write Q, the smallest triple product, the smallest Jacobian and the volume of ``n`` cells."""
+    bits = load_bits(degenerate, cell, n)
+    xi, eta, zeta = _edges(x, at, n)
+    edges = at_corners(xi, eta, zeta)
+    inverses = at_corners(inverse_lengths(xi), inverse_lengths(eta), inverse_lengths(zeta))
+    so_far = _with((1.0, np.inf, np.inf), bits, np.uint8(1), sign, edges[0], inverses[0])
+    so_far = _with(so_far, bits, np.uint8(2), sign, edges[1], inverses[1])
+    so_far = _with(so_far, bits, np.uint8(4), sign, edges[2], inverses[2])
+    so_far = _with(so_far, bits, np.uint8(8), sign, edges[3], inverses[3])
+    so_far = _with(so_far, bits, np.uint8(16), sign, edges[4], inverses[4])
+    so_far = _with(so_far, bits, np.uint8(32), sign, edges[5], inverses[5])
+    so_far = _with(so_far, bits, np.uint8(64), sign, edges[6], inverses[6])
+    so_far = _with(so_far, bits, np.uint8(128), sign, edges[7], inverses[7])
+    store(q, cell, n, so_far[0])
+    store(corner, cell, n, so_far[1])
+    store(jacobian, cell, n, so_far[2])
+    store(volume, cell, n, sign * cell_volume(xi, eta, zeta))
 
 
-@njit(cache=True)
-def _store(work, triples, jacobians, volume, first, n):
-    """Write the measures of a batch from cell ``first`` on."""
-    for corner in range(8):
-        _copy(work[corner * BATCH : SIZE], triples[corner][first:], n)
-        _copy(work[JACOBIAN + corner * BATCH : SIZE], jacobians[corner][first:], n)
-    _copy(work[VOLUME:SIZE], volume[first:], n)
+@njit(**FAST)
+def _corners_of_block(shape, i, j, k):
+    """Places of the corners of the cells of a block from (i, j, k) on."""
+    row, layer = shape[2], shape[1] * shape[2]
+    at = i * layer + j * row + k
+    return at, at + layer, at + row, at + layer + row, at + 1, at + layer + 1, at + row + 1, at + layer + row + 1
 
 
-@njit(cache=True)
-def _load_adjoints(triples, jacobians, volume, work, first, n):
-    """Read the adjoints of the measures of a batch."""
-    for corner in range(8):
-        _copy(triples[corner][first:], work[corner * BATCH : SIZE], n)
-        _copy(jacobians[corner][first:], work[JACOBIAN + corner * BATCH : SIZE], n)
-    _copy(volume[first:], work[VOLUME:SIZE], n)
-
-
-@njit(cache=True)
-def _rows_of(x, i, j, k):
-    """Eight rows of points: the corners of the cells of a block from (i, j, k) on."""
-    p, q, r, s = x[i, j], x[i + 1, j], x[i, j + 1], x[i + 1, j + 1]
-    return p[k:], q[k:], r[k:], s[k:], p[k + 1 :], q[k + 1 :], r[k + 1 :], s[k + 1 :]
+@njit(**FAST)
+def _corners_of_list(shape, first):
+    """Places of the corners of the cells of a list from one on."""
+    n = shape[1]
+    return first, n + first, 2 * n + first, 3 * n + first, 4 * n + first, 5 * n + first, 6 * n + first, 7 * n + first
 
 
 @njit(cache=True, nogil=True)
@@ -257,14 +243,13 @@ def block_measures(
     volume,  # (n_cells,), result
 ):
     """Measure the cells of a block."""
-    work, first = np.empty(SIZE), 0
+    points, flags, t, c = x.reshape(-1), degenerate.reshape(-1), triples.reshape(-1), jacobians.reshape(-1)
     for i in range(degenerate.shape[0]):
         for j in range(degenerate.shape[1]):
-            for k in range(0, degenerate.shape[2], BATCH):
-                n = min(BATCH, degenerate.shape[2] - k)
-                _measure_batch(_rows_of(x, i, j, k), degenerate[i, j][k:], sign, work, n)
-                _store(work, triples, jacobians, volume, first, n)
-                first += n
+            for k in range(0, degenerate.shape[2], LANES):
+                n, at = min(LANES, degenerate.shape[2] - k), _corners_of_block(x.shape, i, j, k)
+                cell = (i * degenerate.shape[1] + j) * degenerate.shape[2] + k
+                _measure(points, at, flags, sign, t, c, volume, cell, n)
 
 
 @njit(cache=True, nogil=True)
@@ -281,14 +266,14 @@ def block_jvp(
     d_volume,
 ):
     """Change of what `block_measures` gives with the nodes; 0 at corners that are degenerate."""
-    work, first = np.empty(SIZE), 0
+    points, change, flags = x.reshape(-1), d_x.reshape(-1), degenerate.reshape(-1)
+    t, c = d_triples.reshape(-1), d_jacobians.reshape(-1)
     for i in range(degenerate.shape[0]):
         for j in range(degenerate.shape[1]):
-            for k in range(0, degenerate.shape[2], BATCH):
-                n = min(BATCH, degenerate.shape[2] - k)
-                _jvp_batch(_rows_of(x, i, j, k), _rows_of(d_x, i, j, k), degenerate[i, j][k:], sign, work, n)
-                _store(work, d_triples, d_jacobians, d_volume, first, n)
-                first += n
+            for k in range(0, degenerate.shape[2], LANES):
+                n, at = min(LANES, degenerate.shape[2] - k), _corners_of_block(x.shape, i, j, k)
+                cell = (i * degenerate.shape[1] + j) * degenerate.shape[2] + k
+                _measure_jvp(points, change, at, flags, sign, t, c, d_volume, cell, n)
 
 
 @njit(cache=True, nogil=True)
@@ -304,49 +289,17 @@ def block_vjp(
     x_bar,  # (ni, nj, nk), added to
 ):
     """Add the adjoint of the nodes, from those of what `block_measures` gives, to ``x_bar``."""
-    work, first = np.empty(SIZE), 0
+    points, flags, bar = x.reshape(-1), degenerate.reshape(-1), x_bar.reshape(-1)
+    t, c = triples_bar.reshape(-1), jacobians_bar.reshape(-1)
     for i in range(degenerate.shape[0]):
         for j in range(degenerate.shape[1]):
-            for k in range(0, degenerate.shape[2], BATCH):
-                n = min(BATCH, degenerate.shape[2] - k)
-                _load_adjoints(triples_bar, jacobians_bar, volume_bar, work, first, n)
-                _vjp_batch(_rows_of(x, i, j, k), degenerate[i, j][k:], sign, work, n)
-                _add_adjoints(work, _rows_of(x_bar, i, j, k), n)
-                first += n
+            for k in range(0, degenerate.shape[2], LANES):
+                n, at = min(LANES, degenerate.shape[2] - k), _corners_of_block(x.shape, i, j, k)
+                cell = (i * degenerate.shape[1] + j) * degenerate.shape[2] + k
+                _measure_vjp(points, at, flags, sign, t, c, volume_bar, bar, cell, n)
 
 
-@njit(cache=True)
-def _rows_from(x, first):
-    """Eight rows of points: the corners of the cells of a list from ``first`` on."""
-    return (
-        x[0][first:],
-        x[1][first:],
-        x[2][first:],
-        x[3][first:],
-        x[4][first:],
-        x[5][first:],
-        x[6][first:],
-        x[7][first:],
-    )
-
-
-@njit(**FAST)
-def _vector(p, q):
-    """Vector from one point to another."""
-    return q.x - p.x, q.y - p.y, q.z - p.z
-
-
-@njit(**FAST)
-def _with(so_far, bits, bit, sign, edges, inverses):
-    """Product and least of the triple products and least Jacobian with one corner more, unless it is degenerate."""
-    triple, jacobian = corner_measures(sign, edges, inverses)
-    is_out = bits & bit
-    triple, jacobian = 1.0 if is_out else triple, np.inf if is_out else jacobian
-    product, least, smallest = so_far
-    return product * triple, triple if triple < least else least, jacobian if jacobian < smallest else smallest
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True)
 def block_summary(
     # see `block_measures`
     x,
@@ -359,51 +312,28 @@ def block_summary(
     volume,  # (n_cells,)
 ):
     """Product and smallest of the corner triple products, smallest corner Jacobian and volume of a block's cells."""
-    # Four results are few enough for the compiler to see that nothing overlaps: they need no workspace.
-    n = degenerate.shape[2]
+    points, flags = x.reshape(-1), degenerate.reshape(-1)
     for i in range(degenerate.shape[0]):
         for j in range(degenerate.shape[1]):
-            a, b, c, d = x[i, j], x[i + 1, j], x[i, j + 1], x[i + 1, j + 1]
-            e, f, g, h = a[1:], b[1:], c[1:], d[1:]
-            bits, first = degenerate[i, j], (i * degenerate.shape[1] + j) * n
-            row_q, row_corner = q[first : first + n], corner[first : first + n]
-            row_jacobian, row_volume = jacobian[first : first + n], volume[first : first + n]
-            for k in range(n):
-                p0, p1, p2, p3, p4, p5, p6, p7 = a[k], b[k], c[k], d[k], e[k], f[k], g[k], h[k]
-                xi = _vector(p0, p1), _vector(p2, p3), _vector(p4, p5), _vector(p6, p7)
-                eta = _vector(p0, p2), _vector(p1, p3), _vector(p4, p6), _vector(p5, p7)
-                zeta = _vector(p0, p4), _vector(p1, p5), _vector(p2, p6), _vector(p3, p7)
-                edges = at_corners(xi, eta, zeta)
-                inverses = at_corners(inverse_lengths(xi), inverse_lengths(eta), inverse_lengths(zeta))
-                so_far = _with((1.0, np.inf, np.inf), bits[k], np.uint8(1), sign, edges[0], inverses[0])
-                so_far = _with(so_far, bits[k], np.uint8(2), sign, edges[1], inverses[1])
-                so_far = _with(so_far, bits[k], np.uint8(4), sign, edges[2], inverses[2])
-                so_far = _with(so_far, bits[k], np.uint8(8), sign, edges[3], inverses[3])
-                so_far = _with(so_far, bits[k], np.uint8(16), sign, edges[4], inverses[4])
-                so_far = _with(so_far, bits[k], np.uint8(32), sign, edges[5], inverses[5])
-                so_far = _with(so_far, bits[k], np.uint8(64), sign, edges[6], inverses[6])
-                row_q[k], row_corner[k], row_jacobian[k] = _with(
-                    so_far, bits[k], np.uint8(128), sign, edges[7], inverses[7]
-                )
-                row_volume[k] = sign * cell_volume(xi, eta, zeta)
+            for k in range(0, degenerate.shape[2], LANES):
+                n, at = min(LANES, degenerate.shape[2] - k), _corners_of_block(x.shape, i, j, k)
+                cell = (i * degenerate.shape[1] + j) * degenerate.shape[2] + k
+                _summarize(points, at, flags, sign, q, corner, jacobian, volume, cell, n)
 
 
 @njit(cache=True, nogil=True)
 def list_measures(x, degenerate, triples, jacobians, volume):
     """Measure a list of cells, `block_measures` for right-handed cells with corners ``x`` of shape (8, n_cells)."""
-    work, n_cells = np.empty(SIZE), x.shape[1]
-    for first in range(0, n_cells, BATCH):
-        n = min(BATCH, n_cells - first)
-        _measure_batch(_rows_from(x, first), degenerate[first:], 1.0, work, n)
-        _store(work, triples, jacobians, volume, first, n)
+    points, t, c = x.reshape(-1), triples.reshape(-1), jacobians.reshape(-1)
+    for cell in range(0, x.shape[1], LANES):
+        n, at = min(LANES, x.shape[1] - cell), _corners_of_list(x.shape, cell)
+        _measure(points, at, degenerate, 1.0, t, c, volume, cell, n)
 
 
 @njit(cache=True, nogil=True)
 def list_vjp(x, degenerate, triples_bar, jacobians_bar, volume_bar, x_bar):
     """Add the adjoint of the corners, from those of what `list_measures` gives, to ``x_bar``."""
-    work, n_cells = np.empty(SIZE), x.shape[1]
-    for first in range(0, n_cells, BATCH):
-        n = min(BATCH, n_cells - first)
-        _load_adjoints(triples_bar, jacobians_bar, volume_bar, work, first, n)
-        _vjp_batch(_rows_from(x, first), degenerate[first:], 1.0, work, n)
-        _add_adjoints(work, _rows_from(x_bar, first), n)
+    points, bar, t, c = x.reshape(-1), x_bar.reshape(-1), triples_bar.reshape(-1), jacobians_bar.reshape(-1)
+    for cell in range(0, x.shape[1], LANES):
+        n, at = min(LANES, x.shape[1] - cell), _corners_of_list(x.shape, cell)
+        _measure_vjp(points, at, degenerate, 1.0, t, c, volume_bar, bar, cell, n)

@@ -36,6 +36,7 @@ __all__ = [
     "element_measures_vjp",
     "flat_direction",
     "mean_normal",
+    "measured",
     "stack_plane",
     "summed_areas",
     "unit_normal",
@@ -216,24 +217,29 @@ def _measure(nodes: np.ndarray, degenerate_corners: np.ndarray, handedness: int 
     points = as_points(nodes)
     if handedness is None:
         middle = degenerate_corners.shape[0] // 2
-        measures = _summary(points[middle : middle + 2], degenerate_corners[middle : middle + 1], 1)
+        measures = measured(points[middle : middle + 2], degenerate_corners[middle : middle + 1], 1)
         handedness = _majority(measures[3])
-        measures = _summary(points, degenerate_corners, handedness)
+        measures = measured(points, degenerate_corners, handedness)
         if _majority(measures[3]) < 0:  # the middle of the block has the other sign than most of it
             handedness = -handedness
-            measures = _summary(points, degenerate_corners, handedness)
+            measures = measured(points, degenerate_corners, handedness)
     else:
-        measures = _summary(points, degenerate_corners, handedness)
+        measures = measured(points, degenerate_corners, handedness)
     return (*measures, handedness)
 
 
-def _summary(points: np.ndarray, degenerate_corners: np.ndarray, handedness: int) -> np.ndarray:
-    """Measures of a block, of the shape of its cells; zeros where all corners are degenerate."""
+def measured(
+    points: np.ndarray,  # (ni, nj, nk), nodes as records
+    degenerate_corners: np.ndarray,  # uint8 (ni-1, nj-1, nk-1), bit c is set where corner c is degenerate
+    handedness: int,  # +1 or -1
+) -> np.ndarray:  # (4, ni-1, nj-1, nk-1)
+    """Measure all cells: what `CellQuality` holds, in its order; zeros where all corners are degenerate."""
     degenerate_corners = np.ascontiguousarray(degenerate_corners)
     measures = np.empty((4, *degenerate_corners.shape))
     block_summary(points, degenerate_corners, float(handedness), *measures.reshape(4, -1))
-    measures[:, degenerate_corners == 255] = 0.0
-    measures[:, np.isnan(measures[0])] = np.nan  # comparisons lose a NaN
+    for is_set, value in (degenerate_corners == 255, 0.0), (np.isnan(measures[0]), np.nan):  # comparisons lose a NaN
+        if is_set.any():
+            measures[:, is_set] = value
     return measures
 
 

@@ -24,6 +24,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...base.numerics.lanes import inverse_root
+
 __all__ = [
     "FAST",
     "TINY",
@@ -108,7 +110,7 @@ def at_corners(xi, eta, zeta):
 
 @njit(**FAST)
 def _inverse_length(e):
-    return 1.0 / np.sqrt(e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + TINY)
+    return inverse_root(e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + TINY)
 
 
 @njit(**FAST)
@@ -219,7 +221,7 @@ def cell_volume(i, j, k):
     a, b, c, d, e, f = _shape_vectors(i, j, k)
     product = _dot(_cross(a, b), c)
     products = _dot(_cross(a, d), f) + _dot(_cross(d, b), e) + _dot(_cross(f, e), c)
-    return (product + products / 3.0) / 64.0
+    return (product + products * (1.0 / 3.0)) * (1.0 / 64.0)
 
 
 @njit(**FAST)
@@ -249,7 +251,7 @@ def cell_volume_jvp(edges, changes):
     d_a, d_b, d_c, d_d, d_e, d_f = _shape_vectors(changes[0], changes[1], changes[2])
     straight = _dot(g_a, d_a) + _dot(g_b, d_b) + _dot(g_c, d_c)
     twisted = _dot(g_d, d_d) + _dot(g_e, d_e) + _dot(g_f, d_f)
-    return (straight + twisted / 3.0) / 64.0
+    return (straight + twisted * (1.0 / 3.0)) * (1.0 / 64.0)
 
 
 @njit(**FAST)
@@ -267,7 +269,7 @@ def _weighted(mean, s, p, t, q, scale):
 def cell_volume_vjp(edges, bar):
     """Adjoints of the edges from that of the volume."""
     g_a, g_b, g_c, g_d, g_e, g_f = _volume_gradient(_shape_vectors(edges[0], edges[1], edges[2]))
-    bar = bar / 64.0
+    bar = bar * (1.0 / 64.0)
     low, high = _weighted(g_b, -1.0, g_e, 0.0, g_e, bar), _weighted(g_b, 1.0, g_e, 0.0, g_e, bar)
     straight = _weighted(g_c, 0.0, g_e, 0.0, g_e, bar)
     return (
