@@ -8,6 +8,7 @@ from . import files as files
 from . import flow as flow
 from . import generators as generators
 from . import grids as grids
+from . import jax as jax
 from . import measures as measures
 from . import meshes as meshes
 from . import movers as movers
@@ -18,6 +19,7 @@ from . import sampling as sampling
 from . import scripts as scripts
 from . import splines as splines
 from . import testing as testing
+from . import torch as torch
 from .base.numerics.progress import show_progress as show_progress
 from .core.fit.fitting import fit_grid as fit_grid
 from .core.model.certify import certify as certify

@@ -83,8 +83,13 @@ def test_every_public_name_can_be_imported(space):
         module.nothing  # noqa: B018
 
 
+FRAMEWORKS = {"jax", "torch"}
+"""Namespaces of one function for each framework: they have the names of each other."""
+
+
 def test_every_public_name_has_one_home():
-    found = [(name, id(thing)) for space in [bspline_mdao, *(getattr(bspline_mdao, name) for name in SPACES)]
+    spaces = [name for name in SPACES if name not in FRAMEWORKS]
+    found = [(name, id(thing)) for space in [bspline_mdao, *(getattr(bspline_mdao, name) for name in spaces)]
              for name in space.__all__ if callable(thing := getattr(space, name))]  # fmt: skip
     names, things = zip(*found)
     assert len(names) > 200
@@ -92,7 +97,7 @@ def test_every_public_name_has_one_home():
 
 
 def test_what_a_user_meets_first_is_a_short_list():
-    assert len(bspline_mdao.__all__) <= 60  # the rest is in namespaces
+    assert len(bspline_mdao.__all__) <= 62  # the rest is in namespaces
 
 
 def called(node: ast.AST, *names: str) -> bool:

@@ -1,0 +1,8 @@
+"""Grids, quality and measures as functions of PyTorch, with exact derivatives: extra ``torch``."""
+
+import lazy_loader
+
+# the loader keeps what it has loaded in the package that it is given: at the top `measures` is a namespace
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    "bspline_mdao.core.bridges", submod_attrs={"torch_functions": ["grid", "measures", "quality"]}
+)
