@@ -40,6 +40,33 @@ def test_an_extrusion_is_measured(loaded):
     assert found["heights"] > 0.8
 
 
+def test_a_first_start_beyond_its_budget_is_named(loaded):
+    bench = loaded("bench_cold_start")
+    assert set(bench["BUDGETS"]) == set(bench["CALLS"]) >= set(bench["ASKED"])
+    within = {name: {"compiled": n, "first": seconds} for name, (n, seconds) in bench["BUDGETS"].items()}
+    assert bench["beyond"](within) == []
+    more = {name: {"compiled": row["compiled"] + 1, "first": row["first"] + 1.0} for name, row in within.items()}
+    said = bench["beyond"](more)
+    assert len(said) == 2 * len(more)
+    assert said[0] == "fit compiles 75 specialisations of kernels, 74 are allowed"
+    assert said[1] == "first fit takes 61.0 s of CPU, 60 are allowed"
+    assert bench["beyond"]({"imports": 1.0}) == []
+
+
+def test_a_first_start_runs_the_example_of_the_readme_without_its_picture(loaded):
+    example = loaded("bench_cold_start")["example"]()
+    compile(example, "example.py", "exec")
+    assert "run_driver()" in example
+    assert "plot" not in example
+
+
+@pytest.mark.slow
+def test_what_a_first_start_compiles_is_counted(loaded):
+    results = loaded("bench_cold_start")["main"](["quality"], again=False)
+    assert results["quality"]["compiled"] > 10
+    assert results["quality"]["first"] > results["imports"] > 0.0
+
+
 @pytest.mark.slow
 def test_a_flow_and_its_adjoint_are_measured(loaded):
     measured = loaded("bench_euler")["measure"](5_376)
