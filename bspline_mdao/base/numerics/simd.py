@@ -14,9 +14,16 @@ from contextlib import AbstractContextManager
 
 import llvmlite.binding
 from llvmlite import ir
-from numba.core import cgutils
+from numba.core import cgutils, config
 
-LANES = 8 if llvmlite.binding.get_host_cpu_features().get("avx512f") else 4
+
+def _is_wide() -> bool:
+    """Whether the processor that is compiled for has registers of 512 bits."""
+    chosen = config.CPU_FEATURES
+    return "+avx512f" in chosen if chosen else bool(llvmlite.binding.get_host_cpu_features().get("avx512f"))
+
+
+LANES = 8 if _is_wide() else 4
 """Nodes per vector: the width of the machine's registers, or two of them where they are narrow."""
 
 INT = ir.IntType(64)
