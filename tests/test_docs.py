@@ -5,6 +5,7 @@ import importlib.util
 import json
 import os
 import re
+import runpy
 import shlex
 import shutil
 import sys
@@ -311,17 +312,21 @@ def masked(text):
 
 def test_the_tutorial_prints_what_it_shows_and_its_cases_are_read(tmp_path, monkeypatch, capsys):
     sys.path.insert(0, str(DOCS))
-    from record_tutorial import COLUMNS, SCRIPTS, in_a_process, run, steps
+    from record_tutorial import COLUMNS, SCRIPTS, run, steps
 
     def called(program, arguments, folder):
-        """Run a script in a process, and a command in this one, which has imported all already."""
-        if program == "python":
-            return in_a_process(program, arguments, folder)
+        """Run a script or a command in this process, which has imported all already."""
         capsys.readouterr()
-        assert cli(arguments) == 0
+        if program != "python":
+            assert cli(arguments) == 0
+        elif arguments[0] == "-c":
+            exec(arguments[1], {})
+        else:
+            runpy.run_path(arguments[0], run_name="__main__")
         return capsys.readouterr().out
 
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("COLUMNS", COLUMNS)
     assert len(steps()) == 7
     printed = run(tmp_path, called)
@@ -332,7 +337,6 @@ def test_the_tutorial_prints_what_it_shows_and_its_cases_are_read(tmp_path, monk
         assert words == shown_words, f"{name}: run python docs/record_tutorial.py"
         off = [pair for pair in zip(numbers, shown) if abs(pair[0] - pair[1]) > 1e-4 + 0.05 * abs(pair[1])]
         assert off == [], f"{name}: run python docs/record_tutorial.py"
-    monkeypatch.syspath_prepend(tmp_path)
     the_report_of_the_tutorial_shows_all()
     the_optimum_of_the_tutorial_is_where_another_run_starts(printed["optimise.txt"])
 
