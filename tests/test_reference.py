@@ -103,3 +103,17 @@ def test_the_example_of_a_page_runs(page, tmp_path, monkeypatch):
         assert max(contents["residual"], contents["violation"]) < 1e-5
     if page.endswith("fit"):
         np.testing.assert_allclose(contents["followed"], contents["probes"], atol=1e-9)
+
+
+def test_listings_of_modules_lead_to_anchors_that_are_there(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    mended = importlib.import_module("backlinks").mended
+    anchors = {"bm.Quality", "bm.Quality.report", "bm.flow.Wake"}
+    back = '<a class="viewcode-back" href="../names/{}">'.format
+    for found, lead_to in {
+        "bm.Quality.html#bm.core.om.Quality.report": "bm.Quality.html#bm.Quality.report",
+        "bm.Quality.html#bm.Quality": "bm.Quality.html#bm.Quality",
+        "bm.flow.Wake.html#bm.Wake": "bm.flow.Wake.html#bm.flow.Wake",
+        "bm.Other.html#bm.core.Other": "bm.Other.html",
+    }.items():
+        assert mended(f"<b>{back(found)}[docs]</a>", anchors) == f"<b>{back(lead_to)}[docs]</a>"
