@@ -11,6 +11,7 @@ import operator
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
@@ -20,7 +21,22 @@ from numba.extending import intrinsic, models, overload, register_model
 
 from .simd import LANE, LANES, VECTOR, Emitter, constant
 
-__all__ = ["LANES", "add_points", "inverse_root", "load", "load_bits", "load_points", "smaller", "store", "with_bits"]
+__all__ = [
+    "LANES",
+    "add_points",
+    "inverse_root",
+    "least_of",
+    "load",
+    "load_bits",
+    "load_points",
+    "positive",
+    "smaller",
+    "spread",
+    "store",
+    "sum_of",
+    "with_bits",
+    "within",
+]
 
 _INDEX, _BYTE, _BITS = ir.IntType(32), ir.IntType(8), ir.IntType(64)
 _BYTES = ir.VectorType(_BYTE, LANES)
@@ -105,6 +121,37 @@ _define(operator.sub, lambda builder, a, b: builder.fsub(a, b, flags=_CONTRACT))
 _define(operator.mul, lambda builder, a, b: builder.fmul(a, b, flags=_CONTRACT))
 
 smaller = _binary(lambda builder, a, b: builder.select(builder.fcmp_ordered("<", a, b), a, b))
+
+
+@intrinsic
+def spread(typing_context, number):
+    """A number in all lanes."""
+
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
+        return _as_vector(builder, args[0])
+
+    return _LANES(types.float64), emit
+
+
+@intrinsic
+def within(typing_context, n, lanes, other):
+    """The first ``n`` lanes; another number in the rest."""
+
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
+        return builder.select(Emitter(builder).is_lane_below(args[0]), args[1], _as_vector(builder, args[2]))
+
+    return _LANES(types.int64, _LANES, types.float64), emit
+
+
+@intrinsic
+def positive(typing_context, lanes):
+    """One in lanes that are positive; zero in others, and in those that are no numbers."""
+
+    def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
+        is_positive = builder.fcmp_ordered(">", args[0], _constant(LANE, 0.0))
+        return builder.select(is_positive, _constant(LANE, 1.0), _constant(LANE, 0.0))
+
+    return _LANES(_LANES), emit
 
 
 @intrinsic
@@ -234,6 +281,26 @@ def _merged(builder: ir.IRBuilder, vectors: Sequence[ir.Value], sources: Sequenc
     two = builder.shuffle_vector(vectors[0], vectors[1], ir.Constant(kind, first))
     last = [LANES + lane if v == 2 else k for k, (v, lane) in enumerate(sources)]
     return builder.shuffle_vector(two, vectors[2], ir.Constant(kind, last))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sum_of(lanes):
+    """Sum of all lanes."""
+    numbers, total = np.empty(LANES), 0.0
+    store(numbers, 0, LANES, lanes)
+    for number in numbers:
+        total += number
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def least_of(lanes):
+    """Smallest of all lanes."""
+    numbers, least = np.empty(LANES), np.inf
+    store(numbers, 0, LANES, lanes)
+    for number in numbers:
+        least = min(least, number)
+    return least
 
 
 @intrinsic

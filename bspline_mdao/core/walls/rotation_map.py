@@ -241,9 +241,7 @@ class RotationState:
         cells = self.of.cells
         turned = [(cell.fractions, packed, cell.corners, matrices) for cell, packed in zip(cells, vectors.packed)]
         out = self.of.evaluator.forward(control_points, turned=turned)
-        out[self.of.flat.rows] += flat
-        copies = self.of.flat_copies
-        out[copies[:, 0]] = out[copies[:, 1]]
+        _add_rows(self.of.flat.rows, flat, self.of.flat_copies, out)
         return out
 
     def _bars(self, vectors: Vectors, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, RotationState.Change]:
@@ -481,3 +479,14 @@ def _gather(corners, sums, out):
         for column in range(8):
             for e in range(9):
                 out[corners[run, column], e] += sums[run, column, e]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_rows(rows, vectors, copies, out):
+    """Add vectors to rows, and copy some rows to others."""
+    for n in range(rows.size):
+        for d in range(3):
+            out[rows[n], d] += vectors[n, d]
+    for n in range(copies.shape[0]):
+        for d in range(3):
+            out[copies[n, 0], d] = out[copies[n, 1], d]

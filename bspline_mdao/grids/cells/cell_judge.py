@@ -18,7 +18,9 @@ from ...base.display import OneLine
 from ...base.numerics.processes import from_all, together
 from ..topology.block_layout import BlockLayout
 from .block_cells import Chunk
+from .cell_loops import block_numbers
 from .grid_quality import GridQuality, GridValues
+from .hexahedron import measured
 from .report import QualityReport, inverted_cells, patches_of, report_quality
 
 __all__ = ["BlocksJudge", "CellJudge"]
@@ -138,9 +140,13 @@ class BlocksJudge(OneLine):
         )
 
 
-def _numbers_of(chunk: Chunk, measures: np.ndarray) -> tuple[float, ...]:
+def _numbers_of(chunk: Chunk, points: np.ndarray) -> tuple[float, ...]:
     """Inverted cells, those that were valid on the baseline, the sum of Q, and the smallest Q, corner and volume."""
-    q, corners, _, volume = measures.reshape(4, -1)
+    bits = chunk.degenerate_corners
+    n_valid, total, *least = block_numbers(points, bits, chunk.block.sign)
+    if n_valid == bits.size and np.isfinite([total, *least]).all():
+        return 0, 0, total, *least
+    q, corners, _, volume = measured(points, bits, chunk.block.handedness).reshape(4, -1)
     n_inverted = q.size - int(np.count_nonzero(corners > 0.0))
-    n_before = int(np.count_nonzero(~(corners[chunk.was_invalid()] > 0.0))) if n_inverted else 0
-    return n_inverted, n_inverted - n_before, *(float(x) for x in (q.sum(), q.min(), corners.min(), volume.min()))
+    n_new = n_inverted - int(np.count_nonzero(~(corners[chunk.was_invalid()] > 0.0)))
+    return n_inverted, n_new, *(float(x) for x in (q.sum(), q.min(), corners.min(), volume.min()))

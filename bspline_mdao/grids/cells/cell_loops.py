@@ -13,7 +13,21 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ...base.numerics.lanes import LANES, add_points, load, load_bits, load_points, smaller, store, with_bits
+from ...base.numerics.lanes import (
+    LANES,
+    add_points,
+    least_of,
+    load,
+    load_bits,
+    load_points,
+    positive,
+    smaller,
+    spread,
+    store,
+    sum_of,
+    with_bits,
+    within,
+)
 from .orthogonality import (
     FAST,
     at_corners,
@@ -31,6 +45,7 @@ __all__ = [
     "as_points",
     "block_jvp",
     "block_measures",
+    "block_numbers",
     "block_summary",
     "block_vjp",
     "list_measures",
@@ -197,8 +212,8 @@ def _with(so_far, bits, bit, sign, edges, inverses):
 
 
 @njit(**FAST)
-def _summarize(x, at, degenerate, sign, q, corner, jacobian, volume, cell, n):
-    """Write Q, the smallest triple product, the smallest Jacobian and the volume of ``n`` cells."""
+def _summarized(x, at, degenerate, sign, cell, n):
+    """Q, the smallest triple product, the smallest Jacobian and the volume of ``n`` cells."""
     bits = load_bits(degenerate, cell, n)
     xi, eta, zeta = _edges(x, at, n)
     edges = at_corners(xi, eta, zeta)
@@ -211,10 +226,7 @@ def _summarize(x, at, degenerate, sign, q, corner, jacobian, volume, cell, n):
     so_far = _with(so_far, bits, np.uint8(32), sign, edges[5], inverses[5])
     so_far = _with(so_far, bits, np.uint8(64), sign, edges[6], inverses[6])
     so_far = _with(so_far, bits, np.uint8(128), sign, edges[7], inverses[7])
-    store(q, cell, n, so_far[0])
-    store(corner, cell, n, so_far[1])
-    store(jacobian, cell, n, so_far[2])
-    store(volume, cell, n, sign * cell_volume(xi, eta, zeta))
+    return so_far[0], so_far[1], so_far[2], sign * cell_volume(xi, eta, zeta)
 
 
 @njit(**FAST)
@@ -318,7 +330,30 @@ def block_summary(
             for k in range(0, degenerate.shape[2], LANES):
                 n, at = min(LANES, degenerate.shape[2] - k), _corners_of_block(x.shape, i, j, k)
                 cell = (i * degenerate.shape[1] + j) * degenerate.shape[2] + k
-                _summarize(points, at, flags, sign, q, corner, jacobian, volume, cell, n)
+                measures = _summarized(points, at, flags, sign, cell, n)
+                store(q, cell, n, measures[0])
+                store(corner, cell, n, measures[1])
+                store(jacobian, cell, n, measures[2])
+                store(volume, cell, n, measures[3])
+
+
+@njit(cache=True, nogil=True)
+def block_numbers(x, degenerate, sign):
+    """Count the valid cells of a block, see `block_measures`; the sum of Q, the smallest Q, corner and volume."""
+    points, flags = x.reshape(-1), degenerate.reshape(-1)
+    n_valid, total = spread(0.0), spread(0.0)
+    least_q, least_corner, least_volume = spread(np.inf), spread(np.inf), spread(np.inf)
+    for i in range(degenerate.shape[0]):
+        for j in range(degenerate.shape[1]):
+            for k in range(0, degenerate.shape[2], LANES):
+                n, at = min(LANES, degenerate.shape[2] - k), _corners_of_block(x.shape, i, j, k)
+                cell = (i * degenerate.shape[1] + j) * degenerate.shape[2] + k
+                q, corner, _, volume = _summarized(points, at, flags, sign, cell, n)
+                n_valid, total = n_valid + within(n, positive(corner), 0.0), total + within(n, q, 0.0)
+                least_q = smaller(within(n, q, np.inf), least_q)
+                least_corner = smaller(within(n, corner, np.inf), least_corner)
+                least_volume = smaller(within(n, volume, np.inf), least_volume)
+    return sum_of(n_valid), sum_of(total), least_of(least_q), least_of(least_corner), least_of(least_volume)
 
 
 @njit(cache=True, nogil=True)

@@ -29,7 +29,7 @@ from .aggregates import AGGREGATES, KreisselmeierSteinhauser, Part, PNorm
 from .block_cells import BlockCells, Chunk, Measures, block_cells, chunk_jvp, chunk_measures, chunk_vjp
 from .cell_loops import as_points
 from .first_cells import FirstCells
-from .hexahedron import CellQuality, cell_quality, mean_normal, measured, summed_areas, unit_normal
+from .hexahedron import CellQuality, cell_quality, mean_normal, summed_areas, unit_normal
 from .pieces import Pieces
 
 __all__ = ["GridQuality", "GridValues"]
@@ -133,18 +133,13 @@ class GridQuality(OneLine):
         return (cell_quality(x, block.degenerate_in_block, block.handedness, normal) for block, x, normal in places)
 
     def over_cells(self, nodes: np.ndarray, work: Callable[[Chunk, np.ndarray], Any]) -> list:
-        """Results of work on chunks and their measures, see `measured`, which are not kept; in order."""
+        """Results of work on chunks and their nodes, as records of solid cells; in order."""
         normals = self.normals(nodes)
         for block in self.blocks:
             if block.flat is not None and block.window.block not in normals:
                 plane = np.moveaxis(block.nodes_of(nodes), block.flat, 2)[:, :, 0]
                 normals[block.window.block] = mean_normal(plane)
-
-        def measure(chunk: Chunk) -> Any:
-            points = as_points(chunk.solid(nodes, normals.get(chunk.block.window.block)))
-            return work(chunk, measured(points, chunk.degenerate_corners, chunk.block.handedness))
-
-        return self._over_chunks(measure)
+        return self._over_chunks(lambda c: work(c, as_points(c.solid(nodes, normals.get(c.block.window.block)))))
 
     def normals(self, nodes: np.ndarray) -> dict[int, np.ndarray]:
         """Mean normals of planar blocks that are split, by their numbers, now; all processes call it."""

@@ -12,6 +12,7 @@ from bspline_mdao.core.om.quality import Quality
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells import grid_quality
 from bspline_mdao.grids.cells.aggregates import AGGREGATES, KreisselmeierSteinhauser, PNorm
+from bspline_mdao.grids.cells.cell_judge import BlocksJudge
 from bspline_mdao.grids.cells.first_cells import FirstCells
 from bspline_mdao.grids.cells.grid_quality import GridQuality, GridValues
 from bspline_mdao.grids.cells.hexahedron import element_measures, element_measures_vjp
@@ -417,3 +418,24 @@ def test_the_command_names_inverted_cells_and_measures_models(tmp_path, capsys):
     assert ") of block 2 has corner triple product -" in capsys.readouterr().out
     assert run(["quality", str(tmp_path / "two.h5")]) == 0
     assert run(["quality", str(tmp_path / "none.xyz")]) == 2
+
+
+@every_grid
+@pytest.mark.parametrize("amount", [0.0, 0.05, 3.0])
+def test_numbers_to_keep_of_a_grid_are_those_of_its_cells(blocks, amount):
+    grid = grid_of(*blocks)
+    nodes = grid.to_vector().reshape(-1, 3)
+    judge = BlocksJudge(GridQuality.of_baseline(grid, n_threads=1), nodes)
+    nodes = nodes + amount * np.random.default_rng(8).uniform(-1.0, 1.0, nodes.shape)
+    found, cells = judge.summary(nodes), judge.quality.cells(nodes)
+    q, corners, volumes = (
+        np.concatenate([getattr(of, name).ravel() for of in cells]) for name in ("q", "min_corner", "volume")
+    )
+    were = np.concatenate([block.first_cell + block.was_invalid for block in judge.quality.blocks]).astype(int)
+    expected = [q.min(), q.mean(), corners.min(), volumes.min()]
+    names = "q_min", "q_mean", "min_corner", "min_volume"
+    np.testing.assert_allclose([found[name] for name in names], expected, rtol=1e-12)
+    assert found["n_inverted"] == np.count_nonzero(corners <= 0.0)
+    assert found["n_newly_inverted"] == found["n_inverted"] - np.count_nonzero(corners[were] <= 0.0)
+    nodes[0] = np.nan
+    assert np.isnan(judge.summary(nodes)["q_mean"])
