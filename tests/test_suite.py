@@ -264,8 +264,9 @@ dispatchers = {id(d): d for m in list(sys.modules.values()) if getattr(m, "__nam
 misses = {d.__qualname__: dict(d.stats.cache_misses) for d in dispatchers.values() if d.stats.cache_misses}
 print(len(dispatchers), sum(len(d.stats.cache_hits) for d in dispatchers.values()), misses)
 """
-    python(code)
     n_kernels, hits, misses = python(code).split(maxsplit=2)
+    if misses != "{}":  # nobody has compiled them before
+        n_kernels, hits, misses = python(code).split(maxsplit=2)
     assert int(n_kernels) > 10
     assert int(hits) > 5
     assert misses == "{}"
