@@ -96,18 +96,20 @@ def test_the_wing_bends_up_and_the_beam_carries_what_the_flow_presses(coupled):
 @pytest.mark.slow
 def test_totals_of_the_coupled_wing_are_those_of_differences(coupled):
     of = ["cruise.CL", "cruise.CD", "cruise.failure"]
-    wrt = {"twist": 0.1, "cruise.spar_thickness": 4e-5}  # steps far above the noise of the coupled states
-    totals = coupled.compute_totals(of, list(wrt))
-    for name, step in wrt.items():
-        start, along, found = coupled.get_val(name).copy(), np.array([1.0, -0.6]), []
-        for h in (step, -step, 0.5 * step, -0.5 * step):
-            coupled.set_val(name, start + h * along)
-            coupled.run_model()
-            found.append(np.concatenate([coupled.get_val(output).ravel() for output in of]))
+    steps = {"twist": 0.1, "cruise.spar_thickness": 4e-5}  # far above the noise of the coupled states
+    totals, along, found = coupled.compute_totals(of, list(steps)), np.array([1.0, -0.6]), []
+    starts = {name: coupled.get_val(name).copy() for name in steps}
+    for h in (1.0, -1.0, 0.5, -0.5):
+        for name, step in steps.items():
+            coupled.set_val(name, starts[name] + h * step * along)
+        coupled.run_model()
+        found.append(np.concatenate([coupled.get_val(output).ravel() for output in of]))
+    for name, start in starts.items():
         coupled.set_val(name, start)
-        exact = (4.0 * (found[2] - found[3]) - 0.5 * (found[0] - found[1])) / (3.0 * step)
-        along_totals = np.concatenate([totals[output, name] @ along for output in of])
-        np.testing.assert_allclose(along_totals, exact, rtol=2e-6)
+    exact = (4.0 * (found[2] - found[3]) - 0.5 * (found[0] - found[1])) / 3.0
+    parts = np.array([step * np.concatenate([totals[o, name] @ along for o in of]) for name, step in steps.items()])
+    np.testing.assert_allclose(parts.sum(axis=0), exact, rtol=2e-6)
+    assert (np.abs(parts) > 0.01 * np.abs(exact)).all()  # an error of either would be seen
 
 
 def test_a_grid_that_is_moved_before_the_coupling_is_refused():
