@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection
 
 LINK = re.compile(r'(<a class="viewcode-back" href=")([^"#]*?([\w.]+)\.html)#([^"]+)"')
-"""Its beginning, address, name of the page and anchor: viewcode takes a name of the object, and pages may have another."""
+"""Its beginning, address, name of the page and anchor, for which viewcode takes one of the names of the object."""
 
 
 def mended(body: str, anchors: Collection[str]) -> str:
