@@ -380,6 +380,47 @@ def cad(**options: Any) -> None:
     write_cad_file(**options)
 
 
+@command("live wing.h5", "live wing.h5 --deform bend=60deg@0.7 --no-browser --port 8080")
+@click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.option(
+    "--deform",
+    multiple=True,
+    metavar="SPEC",
+    help="One more slider, up to a deformation by an angle or a factor, such as bend=60deg@0.7 or "
+    "rotate=20deg@chord 0.7,blend=0.05; as for move, more than once.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    default=Path("."),
+    help="Folder for what the page writes; the working directory by default.",
+)
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    metavar="ADDRESS",
+    help="Address to listen on. By default this machine alone reaches the page; whoever does deforms and writes files.",
+)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port; a free one by default.")
+@click.option("--no-browser", is_flag=True, help="Print the address and open no browser.")
+@moving_options
+def live(model: Path, no_browser: bool, **options: Any) -> None:
+    """Open a model in the browser: sliders and control points move, and the grid and its numbers follow.
+
+    The page shows the surface grid by quality, heights or displacement, the worst cells, thickness of sections, and
+    the lift of a wing by a vortex lattice. Its buttons undo, and write a report, STEP, PLOT3D, control points or a
+    study. It needs trame and VTK: pip install "bspline_mdao[live]".
+    """
+    with without_collector():
+        from .live import LiveOptions, open_live
+
+    mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
+    open_live(model, LiveOptions(has_browser=not no_browser, mover=mover, **options))
+
+
 @command("seams wing.h5", "seams wing.h5 --deform bend=60deg@0.6 --patch 'wing*'")
 @click.argument("model_file", metavar="MODEL.h5", type=click.Path(path_type=Path))
 @click.option(

@@ -58,7 +58,7 @@ SECTIONS = {
     "Begin": ("init", "inspect", "airfoil", "wing", "extrude"),
     "Fit and move": ("fit", "move", "ride", "refine", "improve"),
     "Optimize": ("optimize", "sample"),
-    "Look at results": ("quality", "seams", "report", "cad"),
+    "Look at results": ("quality", "live", "seams", "report", "cad"),
     "This program": ("warm-up", "completion"),
 }
 """Commands as the help of the program lists them."""

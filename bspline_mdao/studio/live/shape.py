@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -26,10 +27,11 @@ from ...core.mesh.control_net import surface_normals
 from ...core.mesh.moving_mesh import MovingMesh
 from ...core.mesh.surface import SurfaceGrid
 from ...core.model.fitted_model import FittedModel
+from ...core.model.movable import ControlPointMap
 from ...core.movement.default_mover import default_mover
 from ...core.movement.mover import Mover
 from ...core.walls.grid_map import GridMap
-from ...errors import InputError
+from ...errors import InputError, MovementError
 from ...grids.cells.block_cells import chunk_measures
 from ...grids.cells.grid_quality import GridQuality
 from .history import Design
@@ -86,6 +88,18 @@ class LiveModel:
         self._start: Any = None  # factors of the mover, once they are made
         self._was_valid = self._measured(self.baseline)[1] > 0.0
 
+    def warm(self) -> None:
+        """Make once what moves share, so that the first one that is asked for is as quick as the others."""
+        slider = self.sliders[0] if self.sliders else None
+        if slider is not None:
+            with suppress(InputError, MovementError):  # whoever asks for it is told
+                self.at(self.neutral.with_value(0, slider.neutral + slider.step))
+
+    @property
+    def missing(self) -> tuple[tuple[str, str], ...]:
+        """What is not measured of the model, and why."""
+        return ("thickness of sections", self.thickness.why_not), ("lift", self.lift.why_not)
+
     @property
     def neutral(self) -> Design:
         """The design that is the model itself."""
@@ -109,7 +123,7 @@ class LiveModel:
         return self.model.map_meeting(self.surface.rows, self.model, self.mesh.slides)
 
     @cached_property
-    def free_map(self) -> GridMap:
+    def free_map(self) -> ControlPointMap:
         """Map to the grid of control points alone."""
         return self.model.map_sliding(self.mesh.slides, self.model)
 

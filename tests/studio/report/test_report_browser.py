@@ -1,32 +1,18 @@
 """The page works in a real browser: no error, a drawing in space that is not blank, two widths, light and dark."""
 
-import contextlib
-import io
-import shutil
-import time
-
 import numpy as np
 import pytest
+from browser_cases import needs_browser, open_browser, pixels_of, require_no_error, wait_for
 from report_cases import recorded_wing, small_model
 
 from bspline_mdao import write_report
 
-webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
+pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
 pytest.importorskip("plotly", reason="plotly is not installed")
 pytest.importorskip("jinja2", reason="jinja2 is not installed")
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-DRIVER = shutil.which("chromedriver")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not (BROWSER and DRIVER), reason="there is no Chromium with its driver"),
-]
-
-FLAGS = (
-    *("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--hide-scrollbars"),
-    *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),  # WebGL without a graphics card
-)
+pytestmark = [pytest.mark.slow, needs_browser]
 
 WIDTHS = {"phone": 390, "desktop": 1280}
 
@@ -42,30 +28,9 @@ def address(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
-    options = webdriver.ChromeOptions()
-    options.binary_location = BROWSER
-    for flag in FLAGS:
-        options.add_argument(flag)
-    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    with contextlib.closing(_Driver(options)) as driver:
-        yield driver.browser
-
-
-class _Driver:
-    def __init__(self, options):
-        self.browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
-
-    def close(self):
-        self.browser.quit()
-
-
-def wait_for(browser, condition):
-    """Wait until a condition in JavaScript holds."""
-    end = time.monotonic() + 60.0
-    while not browser.execute_script(f"return Boolean({condition});"):
-        assert time.monotonic() < end, condition
-        time.sleep(0.05)
+    driver = open_browser(tmp_path_factory.mktemp("profile"))
+    yield driver
+    driver.quit()
 
 
 def emulate(browser, width, scheme):
@@ -83,18 +48,13 @@ def opened(browser, address, width, scheme):
     require_no_error(browser)
 
 
-def require_no_error(browser):
-    assert [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
-
-
 def picture(browser):
     """Pixels of the drawing in space, shape (height, width, 3)."""
     browser.execute_script(
         "document.getElementById('plot-space').scrollIntoView({block: 'center', behavior: 'instant'})"
     )
     browser.execute_async_script("const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done))")
-    shot = browser.find_element("id", "plot-space").screenshot_as_png
-    return image.imread(io.BytesIO(shot), format="png")[..., :3].astype(float)
+    return pixels_of(browser.find_element("id", "plot-space"))
 
 
 def walls_in(pixels):

@@ -1,0 +1,64 @@
+"""The command ``live``: a model in a browser, deformed while one looks on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ...base.numerics.progress import progress_bar
+from ...base.text import counted
+from ...core.background.mesh_file import is_mesh_model
+from ...core.mesh.boundary import moving_mesh
+from ...core.model.fitted_model import FittedModel
+from ...errors import InputError
+from ..live.page import LOOPBACK, Page, require_trame
+from ..live.session import Session
+from ..live.shape import LiveModel
+from .movers import MoverOptions
+from .output import print_lines, print_title, print_warnings
+
+__all__ = ["LiveOptions", "open_live"]
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """Options of the command ``live``; those of movement are as of ``move``."""
+
+    output: Path = Path(".")  # folder of files that the page writes
+    host: str = LOOPBACK  # address that is listened on
+    port: int = 0  # one that is free with 0
+    has_browser: bool = True  # whether a browser is opened
+    deform: tuple[str, ...] = ()  # deformations that get a slider, up to what is given
+    design: tuple[str, ...] = ()
+    slide: tuple[str, ...] = ()
+    fix: tuple[str, ...] = ()
+    release: tuple[str, ...] = ()
+    mover: MoverOptions = field(default_factory=MoverOptions)
+
+
+def open_live(model_file: Path, options: LiveOptions) -> None:
+    """Serve the page of a model until it is interrupted."""
+    require_trame()
+    if options.output.exists() and not options.output.is_dir():
+        raise InputError(f"{options.output}: is a file; name a folder for what the page writes")
+    if is_mesh_model(model_file):
+        raise InputError(f"{model_file}: is of a mesh without structure, which live does not show; see move and report")
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        model = FittedModel.load(model_file)
+        if not model.header.patches:
+            raise InputError(
+                f"{model_file}: its grid has no patches, so nothing says what moves; fit it again with --patches"
+            )
+        progress(0.2, "preparing")
+        mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
+        live = LiveModel(model, mesh, options.mover.make(mesh), options.design or None, options.deform)
+        progress(0.5, "trying a move")
+        live.warm()
+        progress(0.9, "drawing")
+        page = Page(Session(live, options.output))
+    n_points = f"{counted(len(mesh.surface_ids), 'control point')} of the surface"
+    print_title(f"{model_file}: {counted(model.n_nodes, 'node')}, {counted(len(live.sliders), 'slider')}, {n_points}")
+    print_warnings([f"no {what}: {why}" for what, why in live.missing if why])
+    page.on_ready(lambda port: print_lines([f"http://{options.host}:{port}/ is open; Ctrl+C ends it"]))
+    page.serve(options.host, options.port, options.has_browser)

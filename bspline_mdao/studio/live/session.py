@@ -1,0 +1,157 @@
+"""What a page has open: a model, the design of the moment and its shape, and what buttons do to them.
+
+Nothing here knows of a browser. What cannot be made leaves the last shape that could, with the reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import openmdao.api as om
+
+from ...base.text import counted
+from ...errors import InputError, MovementError
+from .history import Design, History
+from .outputs import free_name, write_shape
+from .shape import LiveModel
+
+__all__ = ["Row", "Session"]
+
+KEPT = (0.9, 1.1)
+"""Ratios of heights of first cells that are shown as kept."""
+
+THINNER = 0.99
+"""A section is shown as thinner below this part of what it was."""
+
+_WRONG = (InputError, MovementError, om.AnalysisError, OSError)
+
+
+class Row(NamedTuple):
+    """A number as the page shows it."""
+
+    name: str
+    value: str
+    was: str  # on the baseline
+    is_bad: bool = False
+
+
+class Session:
+    """A model that is being deformed."""
+
+    def __init__(self, live: LiveModel, folder: Path) -> None:
+        self.live, self.folder = live, folder
+        self.history = History(live.neutral)
+        self.shape = self.baseline = live.at(live.neutral)
+        self.complaint = ""  # why the design of the moment has no shape
+        self.picked: int | None = None  # row of the control point that is picked
+
+    @property
+    def design(self) -> Design:
+        """The design of the moment."""
+        return self.history.now
+
+    def set(self, number: int, value: float) -> None:
+        """Put a slider to a value within its range."""
+        slider = self.live.sliders[number]
+        value = round(min(max(float(value), slider.low), slider.high), 10)
+        self.history.change(self.design.with_value(number, value), slider)
+
+    def pull(self, displacement: tuple[float, float, float]) -> None:
+        """Put the control point that is picked to a displacement (m)."""
+        if self.picked is not None:
+            x, y, z = (round(float(each), 12) for each in displacement)
+            self.history.change(self.design.with_pull(self.picked, (x, y, z)), self.picked)
+
+    def nudge(self, height: float) -> None:
+        """Pull the control point that is picked along its normal, by a height (m), from where it is."""
+        if self.picked is not None:
+            there = np.array(self.displacement) + height * self.live.normals[self.picked]
+            self.pull((there[0], there[1], there[2]))
+
+    @property
+    def displacement(self) -> tuple[float, float, float]:
+        """Displacement of the control point that is picked (m)."""
+        none = (0.0, 0.0, 0.0)
+        return none if self.picked is None else self.design.displacements.get(self.picked, none)
+
+    def reset(self) -> None:
+        """Go back to the model, as a step that can be taken back."""
+        self.history.change(self.live.neutral, None)
+        self.history.settle()
+
+    def update(self, with_lift: bool = False) -> bool:
+        """Make the shape of the design of the moment; False where that cannot be done."""
+        try:
+            self.shape = self.live.at(self.design, with_lift)
+        except _WRONG as error:
+            self.complaint = " ".join(str(error).split())
+            return False
+        self.complaint = ""
+        return True
+
+    def add_lift(self) -> None:
+        """Solve the flow about the shape of the moment."""
+        if self.shape.lift is None:
+            self.shape = replace(self.shape, lift=self.live.lift.at(self.shape.nodes))
+
+    def write(self, suffix: str) -> str:
+        """Write the shape of the moment under a name that is free; says what was written, or why nothing was."""
+        stem = f"{self.live.model.file.stem if self.live.model.file else 'model'}_live"
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            written = write_shape(free_name(self.folder, stem, suffix), self.live, self.shape)
+        except _WRONG as error:
+            return f"nothing was written: {' '.join(str(error).split())}"
+        return f"{', '.join(map(str, written))} written"
+
+    @property
+    def command(self) -> str:
+        """The command that makes the grid of the moment; empty where no words say it."""
+        words = self.live.words(self.shape.design)
+        return f"--deform {words}" if words and not self.shape.design.pulls else ""
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with the shape; empty where nothing is."""
+        if not self.shape.n_inverted:
+            return ""
+        worst = int(self.shape.worst[0])
+        return (
+            f"{counted(self.shape.n_inverted, 'cell')} inverted that were not, the worst {self.live.place_of(worst)}: "
+            f"move would refuse this grid"
+        )
+
+    def rows(self) -> list[Row]:
+        """Numbers of the shape, with those of the baseline."""
+        now, was = self.shape, self.baseline
+        moved = float(np.linalg.norm(now.nodes - was.nodes, axis=1).max())
+        rows = [
+            Row("largest displacement", f"{moved:.4g}", "0"),
+            Row("smallest Q", f"{now.q.min():.3f}", f"{was.q.min():.3f}"),
+            Row("smallest corner", f"{now.corners.min():.3f}", f"{was.corners.min():.3f}", bool(now.n_inverted)),
+            Row("inverted cells, new", f"{now.n_inverted:,}", "0", bool(now.n_inverted)),
+        ]
+        if now.heights.size:
+            low, high = np.quantile(now.heights, [0.01, 0.99])
+            is_off = bool(low < KEPT[0] or high > KEPT[1])
+            rows.append(Row("first heights, 98 % within", f"{low:.3f} to {high:.3f}", "1", is_off))
+        rows += [
+            Row(f"t/c, {name}", f"{a:.4f}", f"{b:.4f}", bool(a < THINNER * b))
+            for name, a, b in zip(self.live.thickness.names, now.thickness, was.thickness)
+        ]
+        if was.lift is not None:
+            lift = "..." if now.lift is None else f"{now.lift:.4f}"
+            of = self.live.lift
+            rows.append(Row(f"lift, {of.alpha:g} deg, Mach {of.mach:g}", lift, f"{was.lift:.4f}"))
+        return rows
+
+    def worst_cells(self, most: int = 3) -> list[str]:
+        """Name the worst cells."""
+        return [f"{self.live.place_of(int(cell))}: {self.shape.corners[cell]:.3f}" for cell in self.shape.worst[:most]]
+
+    def numbers(self) -> list[dict[str, Any]]:
+        """Return `rows` for a page."""
+        return [row._asdict() for row in self.rows()]
