@@ -1,10 +1,12 @@
 """The page of ``live`` in a real browser: sliders and control points move the grid, without an error, on loopback."""
 
+import json
 import re
 import socket
 import subprocess
 import sys
 import time
+from http.client import HTTPConnection
 
 import numpy as np
 import pytest
@@ -238,6 +240,21 @@ def test_sliders_and_control_points_move_the_grid_in_the_browser(browser, addres
     require_no_error(browser)
     asked = "return performance.getEntriesByType('resource').map(e => e.name)"
     assert {name.split("/")[2] for name in browser.execute_script(asked)} == {address.split("/")[2]}
+
+
+@pytest.mark.slow
+def test_the_secret_of_the_socket_is_told_to_this_machine_by_its_address_alone(address):
+    port = int(re.search(r":(\d+)/", address)[1])
+    answers = []
+    for host in (f"127.0.0.1:{port}", f"elsewhere.example:{port}"):
+        connection = HTTPConnection("127.0.0.1", port, timeout=20.0)
+        connection.request("POST", "/paraview/", body="{}", headers={"Host": host})
+        answers.append(connection.getresponse())
+    assert [answer.status for answer in answers] == [200, 403]
+    told = json.loads(answers[0].read())
+    assert told["sessionURL"] == f"ws://127.0.0.1:{port}/ws"
+    assert len(told["secret"]) > 20
+    assert answers[0].headers.get("Access-Control-Allow-Origin") is None
 
 
 @pytest.mark.slow
