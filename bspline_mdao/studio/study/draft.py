@@ -152,7 +152,7 @@ def _curve() -> Iterator[str]:
     """The section as one curve."""
     yield "[variables.shape]  # of the section as one curve; hicks_henne, camber_modes, thickness_modes are there too"
     yield 'kind = "class_shape"  # weights in chords: of the nose, of the upper side, of the lower side'
-    yield "degree = 5"
+    yield "degree = 5  # where weak shocks stay, as ripples of the pressures, try 8: twice the evaluations"
     yield f"lower = {-SHAPE}"
     yield f"upper = {SHAPE}"
     yield ""
