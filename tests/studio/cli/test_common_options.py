@@ -15,7 +15,7 @@ from bspline_mdao.studio.cli.program import SECTIONS
 
 GRID = "@onera_m6:7x9x7"
 
-REPLACING = {"optimize", "sample"}
+REPLACING = {"live", "optimize", "sample"}
 """Commands of folders, which have rules of their own."""
 
 
