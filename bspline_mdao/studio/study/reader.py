@@ -470,7 +470,9 @@ class _Reader(Tables):
                         ("constraints", *constraint.split(".")),
                         f"does not go with the optimizer {name}, which takes no {what}; take SLSQP or LD_SLSQP",
                     )
-        elif fault := fault_of_options(options, constraints | {each: {"equals": None} for each in evened}, n_variables):
+            return driver
+        bounded: dict[str, Table] = {**constraints, **{each: {"equals": None} for each in evened}}
+        if fault := fault_of_options(options, bounded, n_variables):
             raise self.refuse(("driver",), f"has what does not go together: {fault}")
         return driver
 
