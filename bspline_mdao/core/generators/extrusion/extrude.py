@@ -19,10 +19,10 @@ from ..first_cell import first_cell_of
 from .background import with_background
 from .layers import layer_heights
 from .marching import Conditions, March, Marching, march
+from .repeats import Repeats
 from .rims import KINDS, Plane, Rim
 from .rings import fans_of
 from .surface import SurfaceMesh
-from .ties import Ties
 
 FAR = 20.0
 """Outer distance by default, relative to the longest extent of the surface."""
@@ -142,14 +142,14 @@ def extrude_surface(
     if height is None:
         raise InputError("extrusion: first cells of no height; give one, or y+ and a Reynolds number")
     steps = layer_heights(height, layers, growth, outer)
-    fans = fans_of(mesh, Ties.none(len(mesh.points)))
+    fans = fans_of(mesh, Repeats.none(len(mesh.points)))
     rim = Rim.of(mesh, fans, symmetry, constant, periodic)
-    ties = rim.ties(mesh)
-    rings = rim.rings(fans_of(mesh, ties), ties)
-    leaning = rim.splay(mesh, fans, ties, np.deg2rad(splay))
+    repeats = rim.repeats(mesh)
+    rings = rim.rings(fans_of(mesh, repeats), repeats)
+    leaning = rim.splay(mesh, fans, repeats, np.deg2rad(splay))
     places, areas = mesh.places
     conditions = Conditions(
-        ties, rings, *rim.constraints(ties), leaning, mesh.is_side[ties.first], ties.unknown[places], areas
+        repeats, rings, *rim.constraints(repeats), leaning, mesh.is_side[repeats.first], repeats.unknown[places], areas
     )
     with progress_bar("extruding", progress) as report_progress:
         found = march(mesh, conditions, steps, settings or Marching(), allow_invalid, report_progress)

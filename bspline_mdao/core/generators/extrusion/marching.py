@@ -15,11 +15,11 @@ from ....base.numerics.progress import Progress
 from ....base.numerics.vectors import dots
 from .first_layer import with_exact_heights
 from .front import differences, normals_and_areas, smallest_corner, smooth
+from .repeats import Repeats
 from .rings import Rings
 from .solver import solve
 from .step_system import FREE, assemble
 from .surface import SurfaceMesh
-from .ties import Ties
 
 LARGEST_STRETCH = 2.0
 """How much a step is lengthened at most, so that layers have their heights in the mean."""
@@ -79,7 +79,7 @@ class Conditions:
     """What nodes may do, see `bspline_mdao.core.generators.extrusion.rims`."""
 
     # arrays are of the n nodes that march
-    ties: Ties
+    repeats: Repeats
     rings: Rings
     constraint: np.ndarray  # int (n,)
     projectors: np.ndarray  # (n_projectors, 3, 3)
@@ -107,7 +107,7 @@ def march(
     progress: Progress,
 ) -> March:
     """March over layers, all of them or up to the first with inverted cells."""
-    ties, front, fronts, corners = conditions.ties, mesh.points[conditions.ties.first], [mesh.points], []
+    repeats, front, fronts, corners = conditions.repeats, mesh.points[conditions.repeats.first], [mesh.points], []
     previous = np.zeros(0)
     for number, step in enumerate(steps):
         level = (number / max(1, len(steps) - 1)) ** ONSET
@@ -115,11 +115,11 @@ def march(
         for retry in range(settings.retries + 1):
             make = _layer if number else _first_layer
             after, lengths = make(front, previous, conditions, step, level, settings, 2.0**retry)
-            tries.append((*smallest_corner(fronts[-1], ties.all(after), mesh.quads), after, lengths))
+            tries.append((*smallest_corner(fronts[-1], repeats.all(after), mesh.quads), after, lengths))
             if tries[-1][0] > 0.0:
                 break
         corner, quad, front, previous = max(tries, key=lambda each: np.nan_to_num(each[0], nan=-np.inf))
-        fronts.append(ties.all(front))
+        fronts.append(repeats.all(front))
         corners.append((corner, quad))
         if not (corner > 0.0 or through) or not np.isfinite(front).all():
             break

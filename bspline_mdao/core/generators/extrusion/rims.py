@@ -14,10 +14,10 @@ from scipy.sparse.csgraph import connected_components
 
 from ....base.numerics.vectors import dots, is_line, lengths, nearest_plane, unit_vectors
 from ....errors import InputError
+from .repeats import Repeats
 from .rings import Fans, Rings, complete_rings
 from .step_system import FREE
 from .surface import SurfaceMesh, half_edges
-from .ties import Ties
 
 FLATNESS = 1e-5
 """Distance of nodes from a plane, relative to the extent of the rim, within which they are in it."""
@@ -109,14 +109,14 @@ class Rim:
         labels = connected_components(graph, directed=False)[1][:n]
         return [numbers[labels == label] for label in np.unique(labels)]
 
-    def ties(self, mesh: SurfaceMesh) -> Ties:
+    def repeats(self, mesh: SurfaceMesh) -> Repeats:
         """Nodes of periodic edges, as one where a translation puts them onto each other."""
-        ties = Ties.none(len(mesh.points))
+        repeats = Repeats.none(len(mesh.points))
         for plane in np.unique(self.planes[self.kinds == KINDS.index("periodic")]):
-            ties = ties.joined(mesh, np.unique(self.edges[self.planes == plane]), self.normals[plane])
-        return ties
+            repeats = repeats.joined(mesh, np.unique(self.edges[self.planes == plane]), self.normals[plane])
+        return repeats
 
-    def rings(self, fans: Fans, ties: Ties) -> Rings:
+    def rings(self, fans: Fans, repeats: Repeats) -> Rings:
         """Neighbours of the nodes that march, completed at the rim."""
         mirrors = np.eye(3) - 2.0 * self.normals[:, :, None] * self.normals[:, None, :]
         maps = np.concatenate([np.eye(3)[None], -np.eye(3)[None], mirrors])
@@ -124,12 +124,12 @@ class Rim:
         kinds = np.zeros((len(fans.is_open), 2), np.int64)
         rim = np.flatnonzero(fans.is_open)
         ends = np.concatenate([self.edges, self.edges[:, ::-1]])
-        directed = ties.directed(*ends.T)
+        directed = repeats.directed(*ends.T)
         order = np.argsort(directed)
         for side, at in enumerate((fans.starts[rim], fans.starts[rim + 1] - 1)):
-            wanted = (rim * len(ties.first) + fans.nodes[at]) * ties.n_shifts + fans.shift[at]
+            wanted = (rim * len(repeats.first) + fans.nodes[at]) * repeats.n_shifts + fans.shift[at]
             kinds[rim, side] = np.tile(of_edges, 2)[order[np.searchsorted(directed[order], wanted)]]
-        return complete_rings(fans, kinds, maps, ties.shifts)
+        return complete_rings(fans, kinds, maps, repeats.shifts)
 
     def _find(self, pairs: np.ndarray) -> np.ndarray:
         """Numbers of the edges between pairs of nodes; -1 where there is none."""
@@ -146,29 +146,29 @@ class Rim:
         """Whether edges stay in a plane, bool (n_edges,)."""
         return np.isin(self.kinds, [KINDS.index("symmetry"), KINDS.index("constant")])
 
-    def constraints(self, ties: Ties) -> tuple[np.ndarray, np.ndarray]:
+    def constraints(self, repeats: Repeats) -> tuple[np.ndarray, np.ndarray]:
         """Constraint of each node that marches, (n,), see `FREE`, and projectors, (n_projectors, 3, 3)."""
-        on_plane = np.zeros((len(ties.first), max(1, len(self.normals))), bool)
+        on_plane = np.zeros((len(repeats.first), max(1, len(self.normals))), bool)
         bound = self._is_bound
-        on_plane[ties.unknown[self.edges[bound]].ravel(), np.repeat(self.planes[bound], 2)] = True
+        on_plane[repeats.unknown[self.edges[bound]].ravel(), np.repeat(self.planes[bound], 2)] = True
         sets, constraint = np.unique(np.vstack([np.zeros_like(on_plane[:1]), on_plane]), axis=0, return_inverse=True)
         projectors = [_projector(self.normals[row[: len(self.normals)]]) for row in sets]
         constraint = constraint.ravel()[1:].astype(np.int64)
-        constraint[ties.unknown[self.edges[self.kinds == 0]].ravel()] = FREE
+        constraint[repeats.unknown[self.edges[self.kinds == 0]].ravel()] = FREE
         return constraint, np.array(projectors)
 
-    def splay(self, mesh: SurfaceMesh, fans: Fans, ties: Ties, angle: float) -> np.ndarray:
+    def splay(self, mesh: SurfaceMesh, fans: Fans, repeats: Repeats, angle: float) -> np.ndarray:
         """Part of a step that nodes at free edges go outwards, (n, 3) of those that march; fans are of all nodes."""
-        outwards = np.zeros((len(ties.first), 3))
-        nodes = np.unique(ties.unknown[self.edges[self.kinds == 0]])
+        outwards = np.zeros((len(repeats.first), 3))
+        nodes = np.unique(repeats.unknown[self.edges[self.kinds == 0]])
         counts = np.diff(fans.starts)
         owner = np.repeat(np.arange(len(counts)), counts)
         vectors = unit_vectors(mesh.points[owner] - mesh.points[fans.nodes], np.zeros(3), 1e-300)
-        np.add.at(outwards, ties.unknown[owner], vectors)
+        np.add.at(outwards, repeats.unknown[owner], vectors)
         shift = np.zeros_like(outwards)
         shift[nodes] = np.tan(angle) * unit_vectors(outwards[nodes], np.zeros(3), 1e-6)
         for number in np.unique(self.planes[self._is_bound]):
-            normal, there = self.normals[number], np.unique(ties.unknown[self.edges[self.planes == number]])
+            normal, there = self.normals[number], np.unique(repeats.unknown[self.edges[self.planes == number]])
             shift[there] -= dots(shift[there], normal)[:, None] * normal
         return shift
 

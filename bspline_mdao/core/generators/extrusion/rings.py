@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 
 from ....errors import InputError
+from .repeats import Repeats
 from .surface import SurfaceMesh
-from .ties import Ties
 
 
 class Rings(NamedTuple):
@@ -31,11 +31,11 @@ class Fans(NamedTuple):
 
     starts: np.ndarray  # int (n + 1,)
     nodes: np.ndarray  # int (n_neighbours,)
-    shift: np.ndarray  # int (n_neighbours,), translation of each, see `Ties`
+    shift: np.ndarray  # int (n_neighbours,), translation of each, see `Repeats`
     is_open: np.ndarray  # bool (n,), nodes at the rim
 
 
-def fans_of(mesh: SurfaceMesh, ties: Ties) -> Fans:
+def fans_of(mesh: SurfaceMesh, repeats: Repeats) -> Fans:
     """Sort the neighbours of the nodes that march; refuse nodes at which parts of the surface touch in a point."""
     # around the corner of a quad, the neighbour after it is followed by the one before it
     quads = mesh.quads
@@ -44,19 +44,19 @@ def fans_of(mesh: SurfaceMesh, ties: Ties) -> Fans:
     following = np.roll(quads, -1, axis=1)
     real = following != quads  # of a node that comes twice in a row, the second stands for both
     here, after, before = quads[real], following[real], previous[real]
-    here, after, before = ties.unknown[here], ties.keys(here, after), ties.keys(here, before)
+    here, after, before = repeats.unknown[here], repeats.keys(here, after), repeats.keys(here, before)
     order = np.lexsort((after, here))
     here, after, before = here[order], after[order], before[order]
-    n = len(ties.first)
+    n = len(repeats.first)
     corner_starts = np.searchsorted(here, np.arange(n + 1))
     nodes, starts, is_open, bad = _chain(n, corner_starts, after, before)
     if bad >= 0:
-        x, y, z = mesh.points[ties.first[bad]]
+        x, y, z = mesh.points[repeats.first[bad]]
         raise InputError(
             f"{mesh.source}: parts of the surface touch in the point ({x:.6g}, {y:.6g}, {z:.6g}) alone; give a surface "
             f"without such points"
         )
-    nodes, shift = np.divmod(nodes[: starts[-1]], ties.n_shifts)
+    nodes, shift = np.divmod(nodes[: starts[-1]], repeats.n_shifts)
     return Fans(starts, nodes, shift, is_open)
 
 

@@ -19,7 +19,7 @@ REPEATED = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Ties:
+class Repeats:
     """Which nodes march, and how many times by which translation the others are off them."""
 
     unknown: np.ndarray  # int (n,), number of the marching node in the place of each
@@ -28,11 +28,11 @@ class Ties:
     translations: np.ndarray  # (n_translations, 3) (m)
 
     @classmethod
-    def none(cls, n: int) -> Ties:
+    def none(cls, n: int) -> Repeats:
         """All nodes march."""
         return cls(np.arange(n), np.arange(n), np.zeros((n, 0), np.int64), np.zeros((0, 3)))
 
-    def joined(self, mesh: SurfaceMesh, nodes: np.ndarray, normal: np.ndarray) -> Ties:
+    def joined(self, mesh: SurfaceMesh, nodes: np.ndarray, normal: np.ndarray) -> Repeats:
         """With the nodes at both ends along a normal, (n_nodes,) of the mesh, as one."""
         heights = mesh.points[nodes] @ normal
         is_high = heights > 0.5 * (heights.min() + heights.max())
