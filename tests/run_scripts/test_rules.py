@@ -11,7 +11,7 @@ from public_imports import hidden_names
 
 SCRIPTS = sorted(Path(__file__).parents[2].glob("run_scripts/*.py"))
 ALLOWED = {"bspline_mdao", "openmdao", "mphys", "numpy", "matplotlib", "scipy", "threadpoolctl", "gmsh"} | {
-    *("adflow", "baseclasses"),
+    *("adflow", "baseclasses", "jax", "smt", "torch"),
 }
 STANDARD = {"__future__", "csv", "functools", "itertools", "os", "pathlib", "re", "tempfile", "time", "typing"} | {
     *("collections.abc", "dataclasses", "importlib.util", "shutil", "warnings"),

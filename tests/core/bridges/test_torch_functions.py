@@ -3,11 +3,13 @@
 import doctest
 
 import numpy as np
+import openmdao.api as om
 import pytest
-from bridge_cases import ASKED, case, largest_difference, random_like, wing
+from bridge_cases import ASKED, case, largest_difference, random_like, shape, wing
 
 import bspline_mdao.torch as ours
 from bspline_mdao.errors import InputError, MovementError
+from bspline_mdao.sampling import Designs, Sobol, sample
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
@@ -103,6 +105,19 @@ def test_a_design_that_cannot_be_moved_says_so():
     of = case("variables")
     with pytest.raises(MovementError, match="'twist' is not finite"):
         of.make(ours)({name: torch.full_like(value, np.nan) for name, value in given(of, of.points).items()})
+
+
+def test_sampled_designs_are_read_back_by_one_line(tmp_path):
+    problem = om.Problem(wing().grid_movement([shape().variables[0]], quality=False, fit=False), reports=None)
+    problem.model.add_design_var("twist", lower=-3.0, upper=3.0, units="deg")
+    problem.setup()
+    designs = sample(problem, wing().model, Sobol(5), tmp_path / "designs.h5", single=True)
+    loader = torch.utils.data.DataLoader(Designs(tmp_path / "designs.h5"), batch_size=2)
+    values, nodes = zip(*loader)
+    assert [len(part) for part in nodes] == [2, 2, 1]
+    assert nodes[0].dtype == torch.float32
+    np.testing.assert_array_equal(torch.cat(values).numpy(), designs.values)
+    np.testing.assert_array_equal(nodes[1][0].numpy(), designs[2][1])
 
 
 @pytest.mark.parametrize("name", ours.__all__)
