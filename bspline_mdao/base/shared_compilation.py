@@ -48,8 +48,9 @@ def shared_compilation(
             if found is not None:
                 owned.drop(index)
         shipped = getattr(self, "_shipped", None)  # of a wheel, see `shipped_kernels`
-        is_shipped = found is not None and shipped is not None and not os.path.exists(index)
-        noted(shipped._index_path if is_shipped else index, str(signature), found is None)
+        if found is not None and shipped is not None and not os.path.exists(index):
+            index = shipped._index_path
+        noted(index, str(signature), found is None)
         return found
 
     def save_overload(self: Any, *arguments: Any) -> Any:

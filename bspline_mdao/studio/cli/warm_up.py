@@ -14,7 +14,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from ...base.kernel_cache import PACKAGE, kernel_folder
 from ...base.numerics.progress import COMPILING, Progress, is_terminal, progress_bar
@@ -87,7 +87,8 @@ def compile_kernels(
     n_processes = min(wanted, len(names)) if HAS_LOCKS else 1
     n_commands, n_ran, n_compiled = sum(len(CHAINS[name]) for name in names), 0, 0
     needed: set[tuple[str, str]] = set()
-    waiting, running = list(names), {}
+    waiting: list[str] = list(names)
+    running: dict[str, subprocess.Popen] = {}
     lines: queue.SimpleQueue[tuple[str, str]] = queue.SimpleQueue()  # name of the chain and what its process says
     with tempfile.TemporaryDirectory() as scratch:
         locks = Path(scratch, "locks")
@@ -121,8 +122,8 @@ def _start(name: str, folder: Path, locks: Path, lines: queue.SimpleQueue) -> su
     environment = {**os.environ, **one, "PYTHONPATH": paths, "OPENMDAO_REPORTS": "0", "OPENMDAO_WORKDIR": str(folder)}
     arguments = [sys.executable, "-m", "bspline_mdao.studio.cli.warm_up_worker", name, str(locks)]
     with open(folder / "stderr.txt", "w") as said:
-        streams = {"stdout": subprocess.PIPE, "stderr": said, "text": True}
-        worker: subprocess.Popen = subprocess.Popen(arguments, cwd=folder, env=environment, **streams)
+        streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": said, "text": True}
+        worker = subprocess.Popen(arguments, cwd=folder, env=environment, **streams)
 
     def read(pipe: IO[str]) -> None:
         with pipe:
