@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -253,6 +255,56 @@ def test_collar_around_a_stub_on_a_body_has_no_inverted_cell():
     assert corners.min() > 0.2
     assert np.quantile(corners, 0.01) > 0.38
     assert np.mean(np.abs(heights_of(grid) / 1e-3 - 1.0) < 0.01) > 0.99
+
+
+def section_of(base: float) -> np.ndarray:
+    """A symmetric section from its trailing edge around, (49, 2); blunt by the base."""
+    x = 0.5 * (1.0 + np.cos(np.linspace(0.0, np.pi, 25)))
+    side = 0.6 * (0.2969 * np.sqrt(x) - 0.126 * x - 0.3516 * x**2 + 0.2843 * x**3 - 0.1036 * x**4) + 0.5 * base * x
+    side[0] = 0.5 * base  # the polynomial closes to round-off
+    return np.concatenate([np.stack([x, -side], 1), np.stack([x, side], 1)[-2::-1]])
+
+
+def wing_on_body(base: float, n: int = 21) -> Grid:
+    """A wing with a blunt trailing edge on a cylinder, and an O-grid on that around its root."""
+    back = np.stack([np.ones(5), base * np.linspace(0.5, -0.5, 5)], 1)
+    section = np.concatenate([section_of(base), back[1:]]) - [0.5, 0.0]
+    strip = np.stack([np.append(section, np.full((len(section), 1), z), 1) for z in (0.0, 0.2)], axis=1)
+    around = extrude_surface(sheet(strip), 2e-3, layers=n - 1, outer=0.4, symmetry=("z",)).blocks[0].nodes
+    plan = around.take(0, axis=around.shape.index(2))[..., :2]
+    body = np.concatenate([plan, np.sqrt(2.25 - plan[..., 1:] ** 2)], axis=-1)
+    up = np.append(0.0, np.cumsum(1.25 ** np.arange(n - 1.0)))
+    return sheet(body, body[:, :1] + (0.8 / up[-1]) * up[:, None] * np.eye(3)[2])
+
+
+@pytest.mark.parametrize(("base", "least"), [(0.001, 0.08), (0.01, 0.3), (0.06, 0.2)])
+def test_wings_with_thin_blunt_edges_on_bodies_have_no_inverted_cell(base, least):
+    surface = wing_on_body(base)
+    mesh = SurfaceMesh.of(surface)
+    corners = mesh.points[mesh.quads[0]]
+    inward = bool(np.cross(corners[2] - corners[0], corners[3] - corners[1])[2] < 0.0)
+    grid = extrude_surface(surface, 1e-4, layers=40, outer=0.3, inward=inward)
+    assert corners_of(grid).min() > least
+    assert np.quantile(corners_of(grid), 0.01) > 0.7
+    assert np.mean(np.abs(heights_of(grid) / 1e-4 - 1.0) < 0.01) > 0.97
+
+
+@pytest.mark.parametrize("first", [1e-4, 2e-3])
+def test_sharp_edge_of_a_section_may_have_first_cells_half_as_high_as_wide(first):
+    strip = np.stack([np.append(section_of(0.0), np.full((49, 1), z), 1) for z in (0.0, 0.2)], axis=1)
+    grid = extrude_surface(sheet(strip), first, layers=20, outer=0.4, symmetry=("z",))
+    assert corners_of(grid).min() > 0.14  # the sine of half the angle of the wedge
+
+
+@pytest.mark.parametrize("settings", [None, Marching()])
+@pytest.mark.parametrize("first", [1e-5, 1e-2])
+def test_tips_that_come_to_a_line_are_refused_by_the_one_error(first, settings):
+    section, span = section_of(0.0), np.linspace(0.0, 1.0, 9)
+    skin = np.stack([section[:, :1] + 0 * span, section[:, 1:] * (1 - span**4), 0 * section[:, :1] + 2 * span], -1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match="inverted, first in layer 1 around"):
+            extrude_surface(sheet(skin), first, layers=20, outer=5.0, symmetry=("z",), settings=settings)
 
 
 def bumpy_tube(n_along: int, shift: np.ndarray) -> np.ndarray:

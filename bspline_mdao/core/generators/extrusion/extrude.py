@@ -33,6 +33,10 @@ NEAR = 0.5
 LAYERS = 64
 """Number of layers by default."""
 
+OTHERS = Marching(mitre=1.0), Marching(dissipation=1.3, cycles=200), Marching(dissipation=2.0, cycles=200)
+"""What is tried where cells are inverted otherwise: caps that end in a point at sharp edges ask for mitres, thin wings
+on bodies and tips as thin as first cells for smoothing."""
+
 
 def extrude_surface(
     surface: Grid,
@@ -98,7 +102,7 @@ def extrude_surface(
         of which the far field is at the box. Its cells are as wide as those it meets at the outer boundary of the
         others, and grow from there. It ends at planes of symmetry.
     settings : Marching, optional
-        How the front marches.
+        How the front marches; by default as suits most surfaces, and in three other ways where that inverts cells.
     allow_invalid : bool
         Give the grid even if cells of it are inverted.
     progress : callable or bool, optional
@@ -152,7 +156,7 @@ def extrude_surface(
         repeats, rings, *rim.constraints(repeats), leaning, mesh.is_side[repeats.first], repeats.unknown[places], areas
     )
     with progress_bar("extruding", progress) as report_progress:
-        found = march(mesh, conditions, steps, settings or Marching(), allow_invalid, report_progress)
+        found = _march(mesh, conditions, steps, settings, allow_invalid, report_progress)
     _require_valid(mesh, found, surface.length_unit, allow_invalid)
     grid = _volume(surface, mesh, rim, found)
     return grid if background is None else with_background(grid, mesh, rim, background)
@@ -168,6 +172,25 @@ def plate_length(surface: Grid, length: float | None, reynolds: float | None) ->
     if reynolds is None:
         raise InputError("extrusion: a length, but no Reynolds number that it is of; give both or none")
     return length
+
+
+def _march(
+    mesh: SurfaceMesh,
+    conditions: Conditions,
+    steps: np.ndarray,
+    settings: Marching | None,
+    allow_invalid: bool,
+    progress: Progress,
+) -> March:
+    """March as is asked, or in the first way that inverts no cell; of ways that all do, the one that comes farthest."""
+    tries = []
+    for each in (settings,) if settings else (Marching(), *OTHERS):
+        tries.append(march(mesh, conditions, steps, each, False, progress))
+        if tries[-1].is_valid:
+            return tries[-1]
+    if allow_invalid:
+        return march(mesh, conditions, steps, settings or Marching(), True, progress)
+    return max(tries, key=lambda found: len(found.corners))
 
 
 def _require_valid(mesh: SurfaceMesh, found: March, unit: str, allow_invalid: bool) -> None:

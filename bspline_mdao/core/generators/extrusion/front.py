@@ -87,7 +87,7 @@ def smooth(values, starts, nodes, weight, cycles):
 @njit(cache=True, error_model="numpy")
 def smallest_corner(x, y, quads):
     """Smallest triple product of unit edges of the cells between two fronts, each (n, 3), and its quad."""
-    # Corners of edges without length, at poles, are left out.
+    # Corners of edges without length, at poles, are left out; what is no number is the smallest of all.
     least, worst = np.inf, -1
     for q in range(len(quads)):
         for c in range(4):
@@ -103,6 +103,8 @@ def smallest_corner(x, y, quads):
                 triple = ux * (ay * bz - az * by) + uy * (az * bx - ax * bz) + uz * (ax * by - ay * bx)
                 a, b = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
                 corner = triple / (height * a * b)
-                if not corner >= least:
+                if corner != corner:
+                    return corner, q
+                if corner < least:
                     least, worst = corner, q
     return least, worst

@@ -47,8 +47,10 @@ class Marching(OneLine):
     blend : float
         How much a cycle of smoothing blends areas with those of neighbours.
     cycles : int
-        Such cycles at the last layer; none at the first. 20 invert cells where a thin stub meets a body, 100 at blunt
+        Such cycles at the last layer; none at the first. 50 invert cells where a thin wing meets a body, 100 at blunt
         tips.
+    mitre : float
+        Power of mitres beyond the first layer: with 0 edges of convex surfaces become round, with 1 they stay sharp.
     tolerance : float
         Relative residual of the systems; 1e-5 moves no quantile of corners by 1e-3.
     iterations : int
@@ -69,6 +71,7 @@ class Marching(OneLine):
     explicit: float = 0.5
     blend: float = 0.25
     cycles: int = 50
+    mitre: float = 0.0
     tolerance: float = 1e-3
     iterations: int = 200
     retries: int = 3
@@ -97,6 +100,11 @@ class March:
     corners: np.ndarray  # (n_layers,), smallest triple product of unit edges at corners of the cells of each layer
     worst: np.ndarray  # int (n_layers,), quad below it
 
+    @property
+    def is_valid(self) -> bool:
+        """Whether no cell is inverted."""
+        return bool((self.corners > 0.0).all() and np.isfinite(self.fronts).all())
+
 
 def march(
     mesh: SurfaceMesh,
@@ -114,7 +122,8 @@ def march(
         tries = []
         for retry in range(settings.retries + 1):
             make = _layer if number else _first_layer
-            after, lengths = make(front, previous, conditions, step, level, settings, 2.0**retry)
+            with np.errstate(all="ignore"):  # what is no number is seen as an inverted cell
+                after, lengths = make(front, previous, conditions, step, level, settings, 2.0**retry)
             tries.append((*smallest_corner(fronts[-1], repeats.all(after), mesh.quads), after, lengths))
             if tries[-1][0] > 0.0:
                 break
@@ -142,7 +151,7 @@ def _first_layer(
     d, lengths = differences(front, *rings)
     normals, mitres, areas = normals_and_areas(d, rings.starts, conditions.is_side)
     rates, shortest = mitres * _rates(areas, rings, level, settings), np.minimum.reduceat(lengths, rings.starts[:-1])
-    largest = settings.explicit * shortest / step
+    largest = effort * settings.explicit * shortest / step
     exact = front + step * _explicit(normals * rates[:, None], conditions, largest)
     is_low = rates <= largest
     if is_low.all():
@@ -165,8 +174,8 @@ def _layer(
     for last in range(settings.steps - 1, -1, -1):
         d, lengths = differences(front, *rings)
         normals, mitres, areas = normals_and_areas(d, rings.starts, conditions.is_side & (level == 0.0))
-        # beyond the first layer edges become round: where three faces meet, offsets of all of them narrow the corners
-        rates = (mitres if level == 0.0 else 1.0) * _rates(areas, rings, level, settings)
+        # where three faces meet, offsets of all of them narrow the corners from layer to layer
+        rates = (mitres if level == 0.0 else mitres**settings.mitre) * _rates(areas, rings, level, settings)
         ratio = step * float((rates / np.minimum.reduceat(lengths, rings.starts[:-1])).max())
         part = left / max(1, math.ceil(left * ratio * effort / settings.ratio)) if last and np.isfinite(ratio) else left
         before = previous if len(previous) else lengths
