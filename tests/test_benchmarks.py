@@ -53,7 +53,7 @@ def test_a_first_start_beyond_its_budget_is_named(loaded):
     assert bench["beyond"]({"imports": 1.0}) == []
 
 
-def test_a_first_start_runs_the_example_of_the_readme_without_its_picture(loaded):
+def test_a_first_start_runs_the_program_of_the_page_on_python_without_its_picture(loaded):
     example = loaded("bench_cold_start")["example"]()
     compile(example, "example.py", "exec")
     assert "run_driver()" in example

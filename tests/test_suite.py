@@ -231,7 +231,7 @@ def test_the_suite_leaves_nothing_in_the_temporary_folder(tmp_path):
             "no:cacheprovider",
             "tests/test_suite.py",
             "-k",
-            "commands_of_the_readme",
+            "readme_is_one_screen",
         ],
         capture_output=True,
         text=True,

@@ -1,4 +1,4 @@
-"""First start: what is compiled and how many CPU seconds it takes, of small commands and of README's example.
+"""First start: what is compiled and how many CPU seconds it takes, of small commands and of a program in Python.
 
 Each runs in a process of its own, the first time with a folder of kernels that holds what those before it have
 compiled, at the beginning nothing, and again. ``--check`` ends with 1 where more specialisations are compiled, or more
@@ -18,6 +18,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import dedent
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = ("-m", "bspline_mdao")
@@ -75,9 +76,10 @@ def main(calls: Sequence[str] = tuple(CALLS), *, again: bool = True) -> dict:
 
 
 def example() -> str:
-    """Python lines of the README, without the picture at their end, which needs an extra."""
-    (found,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
-    return "".join(line for line in found.splitlines(keepends=True) if "plot" not in line)
+    """Lines of the program of the page on Python, without the picture at their end, which needs an extra."""
+    page = (ROOT / "docs/in_python.rst").read_text(encoding="utf-8")
+    program = re.findall(r"code-block:: python\n\n((?:   .*\n|\n)+)", page)[0]
+    return "".join(line for line in dedent(program).splitlines(keepends=True) if "plot" not in line)
 
 
 def beyond(results: dict) -> list[str]:

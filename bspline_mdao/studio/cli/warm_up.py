@@ -22,7 +22,7 @@ from ...base.shared_compilation import HAS_LOCKS
 from ...base.text import counted
 from ...errors import InputError
 from .output import check_outputs, print_lines, written_json
-from .warm_up_worker import CHAINS, chains
+from .warm_up_chains import CHAINS, chains
 from .words import PROGRAM
 
 

@@ -6,7 +6,6 @@ begins with a word: ``ran`` and a command, ``compiles`` and a kernel, ``needs`` 
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import sys
@@ -17,75 +16,7 @@ from typing import TextIO
 
 from ...base.shared_compilation import shared_compilation
 from .main import run
-
-TINY = "@onera_m6:9x9x7"
-"""Grid of chains that solve a flow. Where it is larger, the move factorizes by other kernels: the chain of these has
-the default size."""
-
-EULER = """
-[grid]
-file = "m6.h5"
-
-[variables.twist]
-stations = 3
-values = [2, 3]
-lower = -6.0
-upper = 6.0
-ref = 3.0
-
-[flow]
-kind = "euler"
-Mach_number = 0.5
-trim = true
-CL_target = 0.25
-
-[objective]
-of = "CD_induced"
-ref = 0.005
-
-[constraints.corner_ks]
-lower = 0.05
-
-[driver]
-optimizer = "LD_SLSQP"
-max_iterations = 2
-"""
-"""Study of the Euler equations, which is README's example: `init` drafts it where no vortex lattice is there."""
-
-FIT = ("fit", TINY, "-o", "m6.h5")
-
-CHAINS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "flow": (FIT, ("optimize", "euler.toml", "-o", "flow")),
-    "move": (
-        ("fit", "@onera_m6", "-o", "m6.h5"),
-        ("move", "m6.h5", "--deform", "twist=10deg", "-o", "moved.vtm"),
-        ("inspect", "m6.h5"),
-    ),
-    "airfoil": (
-        ("airfoil", "naca0012", "-o", "foil.h5", "--around", "32", "--away", "16"),
-        ("init", "foil.h5", "-o", "foil.toml"),
-        ("optimize", "foil.toml", "-o", "foil", "--max-iterations", "1"),
-    ),
-    "quality": (
-        ("quality", TINY),
-        ("fit", "@onera_m6:17x13x11", "-o", "m6.h5"),
-        ("refine", "m6.h5", "-o", "fine.vtm"),
-    ),
-    "lattice": (
-        FIT,
-        ("init", "m6.h5", "-o", "wing.toml"),
-        ("optimize", "wing.toml", "-o", "wing", "--max-iterations", "1"),
-    ),
-}
-"""Commands that are run one after the other, in processes of their own. Long chains come first."""
-
-EXTRAS = {"lattice": "openaerostruct"}
-"""Modules that chains need, which not everybody has."""
-
-
-def chains() -> list[str]:
-    """Names of the chains that can run here."""
-    return [name for name in CHAINS if name not in EXTRAS or importlib.util.find_spec(EXTRAS[name])]
+from .warm_up_chains import CHAINS, EULER
 
 
 def run_chain(
