@@ -42,13 +42,19 @@ def code_blocks(page, language):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def made(tmp_path_factory):
     """Folder with the grid and the model that the pages speak of, small."""
     folder = tmp_path_factory.mktemp("docs")
     grid = onera_m6_grid((15, 17, 13))
     write_grid(folder / "wing.xyz", grid)
     fit_grid(grid).save(folder / "m6.h5")
     return folder
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    """A folder of its own for each page, with these files."""
+    return Path(shutil.copytree(made, tmp_path / "page"))
 
 
 def run_blocks(page, **contents):

@@ -2,9 +2,11 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from textwrap import dedent
 
 import pytest
 
@@ -67,15 +69,15 @@ def needed_by(folder, commands, *script):
 
 
 @pytest.mark.slow
-def test_commands_and_the_example_of_the_readme_need_nothing_that_is_not_warmed_up(tmp_path):
+def test_commands_and_the_program_of_the_page_on_python_need_nothing_that_is_not_warmed_up(tmp_path):
     warmed = warm_up.compile_kernels(["flow", "move", "quality"], None, lambda fraction, what: None).needed
     usual, example = tmp_path / "usual", tmp_path / "example"
     usual.mkdir(), example.mkdir()
     needed = needed_by(usual, USUAL)
     assert len(needed) > 50
     assert needed - warmed == set()
-    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
-    lines = readme.partition("```python\n")[2].partition("```")[0].splitlines()
+    page = (Path(__file__).parents[3] / "docs/in_python.rst").read_text(encoding="utf-8")
+    lines = dedent(re.findall(r"code-block:: python\n\n((?:   .*\n|\n)+)", page)[0]).splitlines()
     (example / "example.py").write_text("\n".join(line for line in lines if "plot" not in line))
     needed = needed_by(example, (), "example.py")
     assert len(needed) > 100

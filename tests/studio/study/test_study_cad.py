@@ -134,7 +134,7 @@ def test_the_optimum_is_a_file_of_the_same_names_and_unit_that_walls_of_the_grid
     assert run(arguments) == 0
     numbers = json.loads((tmp_path / "out.json").read_text())["cad"][0]
     assert numbers["result"] == "wing_after.step"
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join("".join(capsys.readouterr()).split())
     assert "wing_after.step: faces move walls by up to" in said
     assert ("the grid has too few control points for such moves" in said) == (
         numbers["missed"] > 0.1 * numbers["moved"]
@@ -164,7 +164,7 @@ def test_twist_beside_control_points_leaves_no_file_and_the_command_says_so(wing
     (wing / "twist.toml").write_text(text)
     arguments = ["optimize", str(wing / "twist.toml"), "-o", str(tmp_path / "out"), "--max-iterations", "1"]
     assert run(arguments) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join("".join(capsys.readouterr()).split())
     assert "no CAD file will be written with the optimum: twist moves walls as well" in said
     assert not (tmp_path / "out" / "wing_after.step").exists()
 
