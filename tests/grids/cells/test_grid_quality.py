@@ -379,9 +379,9 @@ def test_the_command_compares_heights_at_walls_with_a_baseline(tmp_path, monkeyp
     (floor,) = json.loads(Path("q.json").read_text())["heights"]
     assert (floor["patch"], floor["ratio_min"], floor["ratio_max"]) == ("floor", pytest.approx(1.0), pytest.approx(1.5))
     assert floor["highest"]["block"] == "block 2"
-    table = capsys.readouterr().out
+    said = capsys.readouterr().err
     assert (
-        "warning: the first cells at 'floor' are 1 to 1.5 times as high as before (1 % to 99 %), and so is y+" in table
+        "warning: the first cells at 'floor' are 1 to 1.5 times as high as before (1 % to 99 %), and so is y+" in said
     )
     assert run(["quality", "floor.h5", "--json", "q.json"]) == 0
     (floor,) = json.loads(Path("q.json").read_text())["heights"]

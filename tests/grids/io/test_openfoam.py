@@ -242,7 +242,7 @@ def test_the_command_line_writes_for_openfoam_twice_over(tmp_path, monkeypatch):
     fit_grid(onera_m6_grid((9, 9, 9))).save("m6.h5")
     Path("case/constant").mkdir(parents=True)
     for factor, n_cells in ((1, 12 * 8**3), (0.5, 12 * 4**3)):
-        assert run(["refine", "m6.h5", "--factor", str(factor), "-o", "case/constant/polyMesh"]) == 0
+        assert run(["refine", "m6.h5", "--factor", str(factor), "-o", "case/constant/polyMesh", "--overwrite"]) == 0
         mesh = read(Path("case/constant/polyMesh"))
         assert mesh.owner.max() + 1 == n_cells
         assert set(mesh.boundary) == {"wing_upper", "wing_lower", "symmetry", "farfield"}

@@ -17,8 +17,8 @@ PACKAGE = Path(__file__).parents[3] / "bspline_mdao"
 COMMANDS = bspline_mdao.commands
 """The commands by name."""
 
-NOT_COMMANDS = {"run_script.py"}
-"""Files whose options are those of scripts."""
+NOT_COMMANDS = {"run_script.py", "page.py"}
+"""Files whose options are those of scripts, and of trame."""
 
 OPTION = r"--[a-z][a-z-]*[a-z]"
 NAMED = rf"(?<![\w-]){OPTION}"
