@@ -216,6 +216,9 @@ def test_an_airfoil_becomes_a_grid_and_an_optimum_as_the_page_says(tmp_path, mon
     assert re.search(r"CD +0\.0172973", printed)
     contents = run_blocks("howto/airfoil.rst")
     assert contents["model"].report.n_invalid == 0
+    (study,) = code_blocks("howto/airfoil.rst", "toml")
+    Path("case_1.toml").write_text(study)
+    assert list(read_study(Path("case_1.toml")).variables) == ["thickness_points"]
 
 
 def test_sectors_move_as_the_page_says(tmp_path, monkeypatch):
