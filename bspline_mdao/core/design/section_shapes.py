@@ -243,7 +243,18 @@ class ClassShape(OfSections):
 
 
 @dataclass(frozen=True, eq=False)
-class CamberModes(OfSections):
+class _Counted(OfSections):
+    """A number of shapes that the user chooses."""
+
+    n: int = 4
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_whole(self.n, self.name, "n")
+
+
+@dataclass(frozen=True, eq=False)
+class CamberModes(_Counted):
     """Add modes of camber to sections: both sides move alike; values are heights in chords, upwards positive.
 
     The modes are the Bernstein polynomials of degree n + 1 but for the first and the last, divided by their largest
@@ -278,13 +289,8 @@ class CamberModes(OfSections):
     array([0.  , 0.02, 0.  ])
     """
 
-    n: int = 4
     leading: bool = field(default=False, kw_only=True)
     trailing: bool = field(default=False, kw_only=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _require_whole(self.n, self.name, "n")
 
     def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
         """Heights of every mode, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
@@ -294,7 +300,7 @@ class CamberModes(OfSections):
 
 
 @dataclass(frozen=True, eq=False)
-class ThicknessModes(OfSections):
+class ThicknessModes(_Counted):
     r"""Add modes of thickness to sections: sides move apart; values are thicknesses in chords.
 
     The modes are :math:`\sqrt x \, B_k^n(x)` for k from 0 to n - 1, half of it up and half of it down, divided by their
@@ -327,12 +333,7 @@ class ThicknessModes(OfSections):
     array([0., 0., 0.])
     """
 
-    n: int = 4
     nose: bool = field(default=True, kw_only=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _require_whole(self.n, self.name, "n")
 
     def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
         """Heights of every mode, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
@@ -344,7 +345,7 @@ class ThicknessModes(OfSections):
 
 
 @dataclass(frozen=True, eq=False)
-class ThicknessPoints(OfSections):
+class ThicknessPoints(_Counted):
     r"""Add a spline of thickness to sections by its control points: sides move apart; values are thicknesses in chords.
 
     The spline is cubic and odd in :math:`\sqrt x`, so that the nose stays round. Its knots are closer together at the
@@ -377,10 +378,6 @@ class ThicknessPoints(OfSections):
     """
 
     n: int = 9
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _require_whole(self.n, self.name, "n")
 
     def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
         """Heights of every control point, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""

@@ -14,14 +14,12 @@ import openmdao.api as om
 
 from ...base.text import counted
 from ...errors import InputError, MovementError
+from ...grids.cells.wall_heights import KEPT
 from .history import Design, History
 from .outputs import free_name, write_shape
 from .shape import LiveModel
 
 __all__ = ["Row", "Session"]
-
-KEPT = (0.9, 1.1)
-"""Ratios of heights of first cells that are shown as kept."""
 
 THINNER = 0.99
 """A section is shown as thinner below this part of what it was."""
