@@ -37,11 +37,9 @@ from .core.om.grid_evaluate import GridEvaluate as GridEvaluate
 from .core.om.grid_movement import GridMovement as GridMovement
 from .core.om.interior_control import InteriorControl as InteriorControl
 from .core.om.live_grid_evaluate import LiveGridEvaluate as LiveGridEvaluate
-from .core.om.monotonic import Monotonic as Monotonic
 from .core.om.point_set import PointSet as PointSet
 from .core.om.quality import Quality as Quality
 from .core.om.ride import Ride as Ride
-from .core.om.seam_measure import SeamMeasure as SeamMeasure
 from .core.om.surface_control import SurfaceControl as SurfaceControl
 from .core.om.surface_control_fit import SurfaceControlFit as SurfaceControlFit
 from .core.om.surface_evaluate import SurfaceEvaluate as SurfaceEvaluate

@@ -6,3 +6,4 @@ from .core.design.linear_constraints import Mirrored as Mirrored
 from .core.design.linear_constraints import Opposite as Opposite
 from .core.design.linear_constraints import Pinned as Pinned
 from .core.design.tangent_continuity import TangentContinuity as TangentContinuity
+from .core.om.monotonic import Monotonic as Monotonic

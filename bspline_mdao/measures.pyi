@@ -18,3 +18,4 @@ from .core.measures.volume import EnclosedVolume as EnclosedVolume
 from .core.measures.wing_edges import LeadingEdgeRadius as LeadingEdgeRadius
 from .core.measures.wing_edges import TrailingEdgeAngle as TrailingEdgeAngle
 from .core.mesh.surface import SurfaceGrid as SurfaceGrid
+from .core.om.seam_measure import SeamMeasure as SeamMeasure

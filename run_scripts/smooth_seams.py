@@ -73,7 +73,7 @@ class Ball:
         problem.model.add_subsystem("volume", bm.SurfaceMeasure(measure=volume), promotes=["*"])
         if bound is not None:
             jumps = bm.measures.SeamSmoothness.curvature_jumps(self.model, self.mesh)
-            problem.model.add_subsystem("jumps", bm.SeamMeasure(measure=jumps), promotes=["*"])
+            problem.model.add_subsystem("jumps", bm.measures.SeamMeasure(measure=jumps), promotes=["*"])
             problem.model.add_constraint(jumps.name, lower=-bound, upper=bound)
         problem.model.add_design_var("swelling", ref=0.2)
         problem.model.add_objective("surface_area", ref=10.0)

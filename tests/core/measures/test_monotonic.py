@@ -4,7 +4,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import Monotonic
+from bspline_mdao.constraints import Monotonic
 from bspline_mdao.core.measures.monotonic import neighbour_differences
 from bspline_mdao.errors import InputError
 

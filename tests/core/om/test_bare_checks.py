@@ -16,7 +16,6 @@ from bspline_mdao import (
     LiveGridEvaluate,
     PointSet,
     Quality,
-    SeamMeasure,
     SurfaceControlFit,
     SurfaceEvaluate,
     SurfaceMeasure,
@@ -26,7 +25,7 @@ from bspline_mdao.generators import ball_grid
 from bspline_mdao.grids.cells.aggregates import AGGREGATES
 from bspline_mdao.grids.io.files import read_grid
 from bspline_mdao.grids.topology.grid import Block, Grid
-from bspline_mdao.measures import EnclosedVolume, SeamSmoothness, SurfaceGrid
+from bspline_mdao.measures import EnclosedVolume, SeamMeasure, SeamSmoothness, SurfaceGrid
 from bspline_mdao.movers import LinearElasticity, TorsionalSprings, moving_mesh
 from bspline_mdao.names import CONTROL_POINTS, GRID, SURFACE, SURFACE_CONTROL_POINTS
 from bspline_mdao.testing import central_difference
