@@ -34,14 +34,12 @@ from ...base.numerics.processes import summed, summed_number
 from ...base.numerics.vectors import dots
 from .far_field import FarVortex
 from .flow_grid import FlowGrid, area_vectors, area_vectors_jvp, area_vectors_vjp
-from .flux import ROUNDING
+from .flux import CV, ROUNDING
 from .gas import GAMMA, N_STATES, free_stream, free_stream_partials
 from .reconstruction import SLIP
 from .residual import Discretization
 
 __all__ = ["EntropyCoefficient", "EntropyDrag", "entropy_flux", "entropy_scale", "relative_entropy"]
-
-_CV = 1.0 / (GAMMA - 1.0)
 
 _HEAT = GAMMA * (GAMMA - 1.0)
 """One by the temperature of the stream times the specific heat at constant volume."""
@@ -232,8 +230,8 @@ def far_terms(
     s2, ds2, q2, dq2 = dots(s, s), 2.0 * dots(s, ds), dots(v, v), 2.0 * dots(v, dv)
     stream, d_stream, cs, dcs = s @ u, ds @ u + s @ du, dots(c, s), dots(dc, s) + dots(c, ds)
     cc, dcc, cj, dcj = dots(c, c), 2.0 * dots(c, dc), dots(c, ju), dots(dc, ju) + dots(c, dju)
-    heat = _CV * (GAMMA * e - w[:, 0]) / r
-    rest, d_rest = heat + 0.5 * cc, (_CV * (GAMMA * de - dr) - heat * dr) / r + 0.5 * dcc
+    heat = CV * (GAMMA * e - w[:, 0]) / r
+    rest, d_rest = heat + 0.5 * cc, (CV * (GAMMA * de - dr) - heat * dr) / r + 0.5 * dcc
     A = np.sqrt(GAMMA * p / r * s2)
     dA = 0.5 * A * (de / p - dr / r + ds2 / s2)
     k, dk = (ROUNDING * A) ** 2, ROUNDING**2 * A * dA
@@ -249,8 +247,8 @@ def far_terms(
     dQ = (d_sigma * jp + sigma * djp - sigma * jp * de / p) / (GAMMA * p)
     dQ += (d_delta * jU + delta * djU - delta * jU * dA / A) / A
     through, d_through = U - 0.5 * Q, dU - 0.5 * dQ
-    loss = _CV * (jp - jr) + 0.5 * cc * jr + r * cj
-    d_loss = _CV * (djp - djr) + 0.5 * (dcc * jr + cc * djr) + dr * cj + r * dcj
+    loss = CV * (jp - jr) + 0.5 * cc * jr + r * cj
+    d_loss = CV * (djp - djr) + 0.5 * (dcc * jr + cc * djr) + dr * cj + r * dcj
     value = value - (r * through * rest - e * stream - 0.5 * (P * cs + l0 * loss))
     change = change - (dr * through + r * d_through) * rest - r * through * d_rest + de * stream + e * d_stream
     return value, change + 0.5 * (dP * cs + P * dcs + dl0 * loss + l0 * d_loss)

@@ -16,7 +16,7 @@ J. Nocedal, Updating quasi-Newton matrices with limited storage, *Mathematics of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import openmdao.api as om
@@ -38,29 +38,43 @@ from .euler_flow import EulerFlow
 
 __all__ = ["ErrorSearch", "flow_problem", "limits_of"]
 
-FACTOR = 2.0
-"""Cells per direction of the finer member, divided by those of the grid."""
-
-WIDTH = 0.1
-"""Contributions below this part of their mean count by their squares."""
-
-CORNER, CORNER_SHARPNESS, CORNER_PART = "corner_ks", 300.0, 0.25
-"""The smooth bound of the corners of all cells, its sharpness, and the part of it that is kept."""
-
-FAILED = 1e3
-"""Loss of a grid whose flow cannot be solved: it has the optimiser make smaller steps."""
-
-DISTANCE = 2.0
-"""What the square of a distance from the limit counts, nu, beside a bound."""
+CORNER = "corner_ks"
+"""The smooth bound of the corners of all cells, which is kept in part."""
 
 PARTS = (1.0, 0.5, 0.25, 0.125)
 """Parts of what a round finds, one of which is taken: with less of it adjoints change less."""
 
-GRADIENT_TOLERANCE = 1e-5
-"""Residual of the adjoint systems of gradients."""
 
-CLOSEST = 1e-12
-"""Distance from the limit, at least, that errors are measured by."""
+@dataclass(frozen=True)
+class SearchSettings:
+    """What the loss weighs, and how far flows and adjoints are solved."""
+
+    factor: float = 2.0
+    """Cells per direction of the finer member, divided by those of the grid."""
+
+    width: float = 0.1
+    """Contributions below this part of their mean count by their squares."""
+
+    corner_sharpness: float = 300.0
+    """Sharpness rho of the smooth bound of corners."""
+
+    corner_part: float = 0.25
+    """Part of the bound that is kept."""
+
+    failed: float = 1e3
+    """Loss of a grid whose flow cannot be solved: it has the optimiser make smaller steps."""
+
+    distance: float = 2.0
+    """What the square of a distance from the limit counts, nu, beside a bound."""
+
+    gradient_tolerance: float = 1e-5
+    """Residual of the adjoint systems of gradients."""
+
+    closest: float = 1e-12
+    """Distance from the limit, at least, that errors are measured by."""
+
+
+SEARCH = SearchSettings()
 
 
 class ErrorSearch:
@@ -79,9 +93,9 @@ class ErrorSearch:
         self.mach, self.alpha, self.options = mach, RADIAN * alpha, options
         self.evaluator, grid = model.evaluator(), model.regenerate()
         self.nodes = grid.to_vector().reshape(-1, 3)
-        self.quality = GridQuality.of_baseline(grid, rho=CORNER_SHARPNESS)
+        self.quality = GridQuality.of_baseline(grid, rho=SEARCH.corner_sharpness)
         bound = self.quality.evaluate(self.nodes, (CORNER,)).aggregates[CORNER]
-        self.least_corner = bound - (1.0 - CORNER_PART) * abs(bound)
+        self.least_corner = bound - (1.0 - SEARCH.corner_part) * abs(bound)
         self.flows, self.stiff = 0, StiffValues.of(model, shift)
         self.values = shift.initial
         self.before: dict[str, ErrorEstimate] = {}
@@ -95,7 +109,7 @@ class ErrorSearch:
         self.flow, self.forces = (self.problem.model.state.options[name] for name in ("flow", "forces"))
         self.stream = free_stream(self.mach, self.alpha, self.flow.axes)
         axes = self.problem.model.options["axes"]
-        self.member = finer_member(self.model, self.flow, self.forces, self.nodes_at(values), axes, FACTOR)
+        self.member = finer_member(self.model, self.flow, self.forces, self.nodes_at(values), axes, SEARCH.factor)
 
     def nodes_at(self, values: np.ndarray) -> np.ndarray:
         """Nodes of the grid (m): those that no control point moves keep every bit."""
@@ -126,7 +140,7 @@ class ErrorSearch:
     def score(self, estimates: Mapping[str, ErrorEstimate]) -> float:
         """What grids are compared by: the loss without the price of corners."""
         ratios = (self.distance(estimate.value, name) ** 2 for name, estimate in estimates.items())
-        return DISTANCE * sum(ratios) + sum(e.bound / self.before[name].bound for name, e in estimates.items())
+        return SEARCH.distance * sum(ratios) + sum(e.bound / self.before[name].bound for name, e in estimates.items())
 
     def distance(self, value: float, name: str) -> float:
         """Distance of a coefficient from its limit, by that on the grid that was given."""
@@ -134,7 +148,7 @@ class ErrorSearch:
 
     def scale(self, name: str) -> float:
         """Distance from the limit on the grid that was given."""
-        return max(abs(self.before[name].value - self.limits[name]), CLOSEST)
+        return max(abs(self.before[name].value - self.limits[name]), SEARCH.closest)
 
     def solve(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Nodes and states of the flow."""
@@ -159,7 +173,7 @@ class ErrorSearch:
             value = self.problem.get_val(name).item()
             estimates[name] = self.member.estimate(value, name, psi, finer, self.alpha, self.mach)
             bound = (self.before or estimates)[name].bound
-            adjoints.append(WeightedAdjoint(psi, bound, WIDTH * bound / len(states)))
+            adjoints.append(WeightedAdjoint(psi, bound, SEARCH.width * bound / len(states)))
         self.estimate_loss = EstimateLoss(self.member, adjoints, self.stream)
         return estimates
 
@@ -172,7 +186,7 @@ class ErrorSearch:
         try:
             error, error_bar = self.error_loss(values)
         except om.AnalysisError:
-            error, error_bar = FAILED, np.zeros_like(nodes_bar)
+            error, error_bar = SEARCH.failed, np.zeros_like(nodes_bar)
         return loss + error, self.shift.vjp(self.evaluator.adjoint(nodes_bar + error_bar))
 
     def error_loss(self, values: np.ndarray) -> tuple[float, np.ndarray]:
@@ -182,10 +196,10 @@ class ErrorSearch:
         bars = {}
         for name in self.limits:
             off = self.distance(self.problem.get_val(name).item(), name)
-            loss += DISTANCE * off**2
-            bars[name] = np.array([2.0 * DISTANCE * off / self.scale(name)])
+            loss += SEARCH.distance * off**2
+            bars[name] = np.array([2.0 * SEARCH.distance * off / self.scale(name)])
         from_states, from_nodes, _, _ = self.forces.vjp(states, nodes, self.alpha, self.mach, bars)
-        adjoint = self.problem.model.state.adjoint(states_bar + from_states, GRADIENT_TOLERANCE)
+        adjoint = self.problem.model.state.adjoint(states_bar + from_states, SEARCH.gradient_tolerance)
         tangent = self.flow.at(nodes).linearize(states, self.flow.areas(nodes), self.stream)
         return loss, nodes_bar + from_nodes - self.flow.nodes_vjp(nodes, tangent, adjoint)
 
@@ -204,8 +218,8 @@ def limits_of(
 ) -> dict[str, float]:
     """Limits of second order, by the flows on a grid and on its finer member."""
     values = []
-    for member in (model, model.member(FACTOR)):
+    for member in (model, model.member(SEARCH.factor)):
         problem = flow_problem(member, mach, alpha, options)
         problem.run_model()
         values.append([problem.get_val(name).item() for name in names])
-    return {name: fine - (coarse - fine) / (FACTOR**2 - 1.0) for name, coarse, fine in zip(names, *values)}
+    return {name: fine - (coarse - fine) / (SEARCH.factor**2 - 1.0) for name, coarse, fine in zip(names, *values)}

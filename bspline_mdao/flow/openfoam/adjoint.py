@@ -200,10 +200,12 @@ class AdjointRun(OneLine):
         adjoint = {"laminar": "adjointLaminar"}.get(model, f"adjoint{model}")
         files = {
             "constant/adjointRASProperties": f"adjointRASModel {adjoint}; adjointTurbulence on; printCoeffs off;",
-            "system/controlDict": CONTROL % {"n": 2 * self.max_iterations + 1},
-            "system/fvSchemes": (case / "system" / "fvSchemes").read_text() + SCHEMES,
-            "system/fvSolution": (case / "system" / "fvSolution").read_text() + SOLUTION,
-            "system/optimisationDict": OPTIMISATION
+            "system/controlDict": DICTIONARIES["controlDict"] % {"n": 2 * self.max_iterations + 1},
+            **{
+                f"system/{name}": (case / "system" / name).read_text() + DICTIONARIES[name]
+                for name in ("fvSchemes", "fvSolution")
+            },
+            "system/optimisationDict": DICTIONARIES["optimisationDict"]
             % {
                 "n": self.max_iterations,
                 "tolerance": self.tolerance,
@@ -293,13 +295,12 @@ def _head(kind: str, name: str) -> str:
     return f"FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
 
 
-CONTROL = """
+DICTIONARIES = {
+    "controlDict": """
 application adjointOptimisationFoam; startFrom startTime; startTime 0; stopAt endTime; endTime %(n)d; deltaT 1;
 writeControl timeStep; writeInterval %(n)d; writeFormat ascii; writePrecision 16; timePrecision 8;
-"""
-"""What is read beside the schemes and solvers of the flow, which come first in the files below: later entries win."""
-
-SCHEMES = """
+""",
+    "fvSchemes": """
 gradSchemes { gradUaConv Gauss linear; gradNuaTildaConv Gauss linear; }
 divSchemes
 {
@@ -308,9 +309,9 @@ divSchemes
     div(-phi,nuaTilda) bounded Gauss linearUpwind gradNuaTildaConv;
     div(-yPhi,da) Gauss linearUpwind grad(da);
 }
-"""
-
-SOLUTION = """
+""",
+    # the program relaxes the flow as SIMPLE has to be: with the factors of SIMPLEC it diverges
+    "fvSolution": """
 solvers
 {
     "pa|ma" { solver PCG; preconditioner DIC; tolerance 1e-12; relTol 0.01; }
@@ -322,10 +323,9 @@ relaxationFactors
     fields { p 0.3; pa 0.3; }
     equations { U 0.7; nuTilda 0.5; Ua 0.7; nuaTilda 0.5; da 0.7; }
 }
-"""
-"""The program relaxes the flow as SIMPLE has to be: with the factors of SIMPLEC it diverges."""
-
-OPTIMISATION = """
+""",
+    # derivatives by points, not by areas, with the adjoint of the movement; and of the distance, where a model has one
+    "optimisationDict": """
 optimisationManager singleRun;
 primalSolvers
 {
@@ -362,5 +362,6 @@ optimisation
         adjointEikonalSolver { iters 1000; tolerance 1e-6; epsilon 0.1; }
     }
 }
-"""
-"""Derivatives by points, not by areas, with the adjoint of the movement; and of the distance, where a model has one."""
+""",
+}
+"""What is read beside the schemes and solvers of the flow, which come first in their files: later entries win."""
