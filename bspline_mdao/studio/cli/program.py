@@ -6,7 +6,7 @@ Names that help shows come from the tables of what there is.
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import wraps
 from inspect import cleandoc
 from pathlib import Path
@@ -147,8 +147,53 @@ json_option = click.option(
 )
 
 
-class _InSections(click.Group):
+COMMON = ("--json", "--quiet", "--verbose", "--help")
+"""Options that many commands have; the help lists them last."""
+
+
+class _Colours(click.HelpFormatter):
+    """Help with headings in bold type and names in colour, which click leaves out where no terminal shows them."""
+
+    def write_usage(self, prog: str, args: str = "", prefix: str | None = None) -> None:
+        """Write the line that shows how a command is called."""
+        super().write_usage(prog, args, click.style(prefix or "Usage: ", bold=True))
+
+    def write_heading(self, heading: str) -> None:
+        """Write the title of a section."""
+        super().write_heading(click.style(heading, bold=True))
+
+    def write_dl(self, rows: Iterable[tuple[str, str]], col_max: int = 30, col_spacing: int = 2) -> None:
+        """Write a list of names and what they mean."""
+        super().write_dl([(click.style(name, fg="cyan"), text) for name, text in rows], col_max, col_spacing)
+
+
+class _Context(click.Context):
+    formatter_class = _Colours
+
+
+class _Command(click.Command):
+    """A command whose help lists the options of many commands after its own."""
+
+    context_class = _Context
+
+    def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options in two sections."""
+        sections: dict[str, list[tuple[str, str]]] = {"Options": [], "Common options": []}
+        for option in self.get_params(context):
+            record = option.get_help_record(context) if isinstance(option, click.Option) else None
+            if record is not None:
+                sections["Common options" if set(COMMON) & set(option.opts) else "Options"].append(record)
+        for title, records in sections.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+class _Group(click.Group):
     """Commands in sections."""
+
+    command_class = _Command
+    context_class = _Context
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the names of commands and what they do."""
@@ -162,7 +207,7 @@ class _InSections(click.Group):
 
 
 @click.group(
-    cls=_InSections,
+    cls=_Group,
     context_settings=CONTEXT,
     invoke_without_command=True,
     epilog=example(

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -83,8 +84,17 @@ def test_all_commands_have_the_common_options(name):
 
 def test_every_command_is_in_one_section_of_the_help():
     assert sorted(name for names in SECTIONS.values() for name in names) == sorted(bspline_mdao.commands)
-    text = bspline_mdao.get_help(click.Context(bspline_mdao))
+    text = click.unstyle(bspline_mdao.get_help(click.Context(bspline_mdao)))
     assert all(f"\n{title}:\n  {names[0]} " in text for title, names in SECTIONS.items())
+
+
+def test_help_lists_what_many_commands_have_last_and_in_colour():
+    command = bspline_mdao.commands["quality"]
+    text = command.get_help(command.context_class(command))
+    assert "\x1b[36m--bins N\x1b[0m" in text
+    own, common = click.unstyle(text).split("Common options:\n")
+    assert "--bins N" in own.split("Options:\n")[1]
+    assert re.findall(r"--\w+", common.split("Example:")[0]) == ["--json", "--quiet", "--verbose", "--help"]
 
 
 @pytest.mark.parametrize("shell", SHELLS)
