@@ -94,7 +94,7 @@ def study_draft(
     has_flow = body.is_wing or _is_flown(body)
     lines = [
         f"# A study of {name}: run it by 'bspline-mdao optimize THIS_FILE -o out'.",
-        "# Everything below is a guess or a default: go through it, above all where it says so.",
+        "# Everything below is a guess or a default: check it, above all where it says 'guessed' or 'set yours'.",
         "",
         "[grid]",
         f"file = {json.dumps(name)}",
@@ -104,7 +104,7 @@ def study_draft(
         *_design(body, free_form, aim, list(_cad(body, cad_file, cad_faces)) if cad_file else []),
         *_cells(body),
         "[driver]",
-        'optimizer = "LD_SLSQP"  # of NLopt; SLSQP is that of SciPy',
+        'optimizer = "LD_SLSQP"  # of NLopt; SciPy has SLSQP',
         # a skin changes by thousandths, drag by percents, and of lift by drag hundredths of 1 are enough
         f"tolerance = {1e-4 if aim.is_ratio else 1e-6 if has_flow else 1e-8:g}",
         "max_iterations = 50",
@@ -116,10 +116,10 @@ def study_draft(
 def _walls(body: Body) -> Iterator[str]:
     """Which walls are designed, and which are measured."""
     if body.design == body.walls:
-        yield f"# design = {json.dumps(list(body.walls))}  # the walls; name some of them to design these alone"
+        yield f"# design = {json.dumps(list(body.walls))}  # the walls; name only those that are to be designed"
         return
     others = ", ".join(name for name in body.walls if name not in body.design)
-    yield f"design = {json.dumps(list(body.design))}  # guessed: thin, as a wing is; what stays is {others}"
+    yield f"design = {json.dumps(list(body.design))}  # guessed: thin, like a wing; fixed: {others}"
 
 
 def _is_flown(body: Body) -> bool:
@@ -139,20 +139,20 @@ def _design(body: Body, free_form: list[str], aim: Aim, cad: list[str]) -> Itera
 def _cad(body: Body, file: str, faces: Sequence[str]) -> Iterator[str]:
     """Control points of the faces of a CAD file."""
     yield "[variables.shape]"
-    yield 'kind = "cad_points"  # control points of faces; the optimum is written as such a file, with the same names'
+    yield 'kind = "cad_points"  # control points of faces; the optimum is written to a file with the same names'
     yield f"file = {json.dumps(file)}"
-    yield f"faces = {json.dumps(list(dict.fromkeys(faces)))}  # all there are: name those that move, and check them"
-    yield f'direction = "{"xyz"[np.abs(body.frame.axes[1]).argmax()]}"  # up: guessed; or several of x, y and z'
-    yield "# low = [-inf, -inf, -inf]  # corners of a box whose points alone move"
+    yield f"faces = {json.dumps(list(dict.fromkeys(faces)))}  # all faces: name those that move"
+    yield f'direction = "{"xyz"[np.abs(body.frame.axes[1]).argmax()]}"  # up, guessed; or several of x, y and z'
+    yield "# low = [-inf, -inf, -inf]  # corners of a box; only points in it move"
     yield "# high = [inf, inf, inf]"
     yield from _bounds(body.frame.chord, "the chord")
 
 
 def _curve() -> Iterator[str]:
     """The section as one curve."""
-    yield "[variables.shape]  # of the section as one curve; hicks_henne, camber_modes, thickness_modes are there too"
-    yield 'kind = "class_shape"  # weights in chords: of the nose, of the upper side, of the lower side'
-    yield "degree = 5  # where weak shocks stay, as ripples of the pressures, try 8: twice the evaluations"
+    yield "[variables.shape]  # the section as one curve; or hicks_henne, camber_modes, thickness_modes"
+    yield 'kind = "class_shape"  # weights in chords: nose, upper side, lower side'
+    yield "degree = 5  # if weak shocks remain, as ripples of the pressure, try 8: twice the evaluations"
     yield f"lower = {-SHAPE}"
     yield f"upper = {SHAPE}"
     yield ""
@@ -162,13 +162,13 @@ def _section(body: Body, variables: list[str], aim: Aim) -> Iterator[str]:
     """Variables, flow, objective, area and thickness of a section."""
     yield from variables
     yield from _ratio(body, aim) if aim.is_ratio else _least_drag(body, aim)
-    yield "[constraints.section_area]  # by that of the baseline"
-    yield "equals = 1.0  # without friction thicker sections have no more drag: with lower = 1.0 they grow"
+    yield "[constraints.section_area]  # divided by the baseline's"
+    yield "equals = 1.0  # thickness costs no drag without friction: with lower = 1.0 the section grows"
     yield ""
     yield "[constraints.section_thickness]  # a smooth bound of the largest thickness over chord"
-    yield f"equals = {body.thickness:.8f}  # that of the baseline"
+    yield f"equals = {body.thickness:.8f}  # the baseline's"
     yield ""
-    yield "[constraints.thickness]  # at parts of the chord, by those of the baseline"
+    yield "[constraints.thickness]  # at fractions of the chord, divided by the baseline's"
     yield "lower = 0.8"
     yield ""
     yield "[measures.thickness]"
@@ -183,27 +183,27 @@ def _least_drag(body: Body, aim: Aim) -> Iterator[str]:
     (mach, lift), *others = points.values()
     yield "[flow]"
     yield 'kind = "euler"'
-    yield "trim = true  # the angle of attack is solved for, so that all designs have one lift"
-    yield f"CL_target = {lift:g}  # set yours; by the chord, per unit of span: cl"
+    yield "trim = true  # solves for the angle of attack, so that all designs have the same lift"
+    yield f"CL_target = {lift:g}  # set yours; cl, per unit span and chord"
     yield from _mach_number(mach, aim)
     yield from _frame(body)
     if others:
         for name, (mach, lift) in points.items():
             yield from _condition(name, mach, [f"CL_target = {lift:g}"], "drags")
     else:
-        yield "# [conditions.faster]  # one such table for each of several flight conditions, see init --mach"
+        yield "# [conditions.faster]  # a table per flight condition, see init --mach"
         yield f"# Mach_number = {mach + 0.02:.2f}"
         yield "# weight = 0.5"
         yield ""
     yield "[objective]"
-    yield 'of = "CD"  # cd; at one lift the least of it is the most of CL / CD'
+    yield 'of = "CD"  # cd; at fixed lift the least drag is the largest CL / CD'
     yield ""
 
 
 def _ratio(body: Body, aim: Aim) -> Iterator[str]:
     """Flow and objective: lift by drag at any angle, or the mean of several."""
     points = aim.points(body.drag_rise)
-    yield "[variables.alpha]  # angle of attack, degrees: the lift is what comes out"
+    yield "[variables.alpha]  # angle of attack, degrees; the lift follows"
     yield f"lower = {ALPHA - 5.0}"
     yield f"upper = {ALPHA + 3.0}"
     yield ""
@@ -218,7 +218,7 @@ def _ratio(body: Body, aim: Aim) -> Iterator[str]:
             yield from _condition(name, mach, [], "ratios")
     ratios = [f"{name}.CL / ({name}.CD + {FRICTION})" for name in points] if others else [f"CL / (CD + {FRICTION})"]
     yield "[objective]"
-    yield f'of = "{" + ".join(ratios)}"  # {FRICTION}: drag of friction, which this flow has not; set yours'
+    yield f'of = "{" + ".join(ratios)}"  # {FRICTION}: friction drag, which this flow does not have; set yours'
     yield "maximize = true"
     yield f"ref = {10.0 * len(ratios):g}"
     yield ""
@@ -226,7 +226,7 @@ def _ratio(body: Body, aim: Aim) -> Iterator[str]:
 
 def _mach_number(mach: float, aim: Aim) -> Iterator[str]:
     """Mach number of the flow, and whether it is a guess."""
-    guessed = "" if aim.machs else "  # set yours: guessed of the thickness, so that there is a shock to lose"
+    guessed = "" if aim.machs else "  # set yours: guessed from the thickness, so that there is a shock"
     yield f"Mach_number = {mach:g}{guessed}"
 
 
@@ -235,14 +235,14 @@ def _condition(name: str, mach: float, more: list[str], summed: str) -> Iterator
     yield f"[conditions.{name}]"
     yield f"Mach_number = {mach:g}"
     yield from more
-    yield f"weight = 1.0  # in the mean of {summed} that the objective is"
+    yield f"weight = 1.0  # in the objective, the mean of {summed}"
     yield ""
 
 
 def _frame(body: Body) -> Iterator[str]:
     """Axes and references of a section."""
     yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
-    yield f"# reference_area = {body.area:.6g}  # chord by depth of the grid, taken by default"
+    yield f"# reference_area = {body.area:.6g}  # chord times depth of the grid, the default"
     yield ""
 
 
@@ -251,18 +251,18 @@ def _end(aim: Aim) -> Iterator[str]:
     if not aim.is_ratio:
         yield ""
         yield "[driver.options]"
-        yield f"ftol_abs = {LITTLE:g}  # of drag in hundredths: it ends where a step changes it by 0.02 counts"
+        yield f"ftol_abs = {LITTLE:g}  # of the scaled drag: stops at changes of 0.02 counts"
     yield ""
     yield "[output]"
-    yield f"solved_on = {CONFIRMED}  # times the cells per direction: flows before and after on a finer grid"
-    yield "estimate_errors = false  # of these numbers, which are solved for instead"
+    yield f"solved_on = {CONFIRMED}  # factor on the cells per direction: flows before and after on a finer grid"
+    yield "estimate_errors = false  # the finer grid is solved instead"
 
 
 def _twist() -> Iterator[str]:
     """Twist of a wing."""
     yield "[variables.twist]  # degrees at stations from root to tip, nose up"
-    yield "stations = 3  # few: with more the twist waves, for gains that are not there in another flow model"
-    yield "values = [2, 3]  # the root stays: turning all of the wing is what the angle of attack does"
+    yield "stations = 3  # few: with more the twist oscillates, for gains that another flow model does not show"
+    yield "values = [2, 3]  # the root stays: the angle of attack rotates the whole wing"
     yield "lower = -6.0"
     yield "upper = 6.0"
     yield ""
@@ -270,16 +270,16 @@ def _twist() -> Iterator[str]:
 
 def _planform(body: Body) -> Iterator[str]:
     """What else a wing has, as comments."""
-    yield "# [variables.chord]  # factors; sweep, dihedral, span, taper, camber, thickness are there too"
+    yield "# [variables.chord]  # factors; or sweep, dihedral, span, taper, camber, thickness"
     yield "# stations = 3"
     yield "# lower = 0.7"
     yield "# upper = 1.3"
     yield ""
-    yield "# [variables.flap]  # angle of a flap about a hinge along the chord, degrees, trailing edge down"
+    yield "# [variables.flap]  # flap angle about a hinge at a fraction of the chord, degrees, trailing edge down"
     yield '# kind = "rotation"'
     yield "# chord = 0.75"
     yield "# span = [0.3, 0.6]"
-    yield f"# blend = {float(f'{0.05 * body.frame.chord:.1g}')}  # fades ahead of the hinge; behind a gap give patches"
+    yield f"# blend = {float(f'{0.05 * body.frame.chord:.1g}')}  # fades ahead of the hinge; give patches for a gap"
     yield "# lower = -10.0"
     yield "# upper = 10.0"
     yield ""
@@ -289,7 +289,7 @@ def _wing(body: Body, variables: list[str], others: list[str]) -> Iterator[str]:
     """Variables, flow, objective and lift of a wing."""
     yield from variables
     if not body.why_no_lattice:
-        yield "[variables.alpha]  # angle of attack, degrees: it keeps the lift"
+        yield "[variables.alpha]  # angle of attack, degrees, for the lift constraint"
         yield f"lower = {ALPHA - 6.0}"
         yield f"upper = {ALPHA + 6.0}"
         yield ""
@@ -297,32 +297,32 @@ def _wing(body: Body, variables: list[str], others: list[str]) -> Iterator[str]:
     yield "[flow]"
     if body.why_no_lattice:
         yield f'kind = "euler"  # guessed: no vortex lattice, for {_line(body.why_no_lattice)}'
-        yield "trim = true  # the angle of attack is solved for, so that all designs have one lift"
-        yield f"CL_target = {body.elliptical_lift}  # set yours: this is about the lift at {ALPHA:g} degrees"
+        yield "trim = true  # solves for the angle of attack, so that all designs have the same lift"
+        yield f"CL_target = {body.elliptical_lift}  # set yours: about the lift at {ALPHA:g} degrees"
     else:
         yield from _lattice(body)
         yield f"alpha = {ALPHA}  # angle of attack of the baseline, degrees: set yours, and its lift below"
     known = EULER if body.why_no_lattice else LATTICE
     yield f"Mach_number = {MACH}  # set yours; {known.lowest:g} to {known.highest:g} were compared with others"
     yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
-    yield f"# reference_area = {body.area:.6g}  # planform area of the walls in units of the grid, taken by default"
+    yield f"# reference_area = {body.area:.6g}  # planform area of the walls in units of the grid, the default"
     yield ""
-    yield "# [conditions.cruise]  # one such table for each of several flight conditions; the objective is their mean"
+    yield "# [conditions.cruise]  # a table per flight condition; the objective is their mean"
     yield f"# Mach_number = {MACH}"
     yield "# weight = 2.0"
     yield ""
     yield "[objective]"
-    yield 'of = "CD_induced"  # CD of the pressures holds the errors of the grid as well'
+    yield 'of = "CD_induced"  # the pressure drag CD includes errors of the grid'
     yield ""
     if not body.why_no_lattice:
         yield "[constraints.CL]"
         if body.lattice_lift is None:
             yield f"equals = {body.elliptical_lift}  # set yours: about the lift of the baseline"
         else:
-            yield f"equals = {body.lattice_lift}  # the lift of the baseline, so that both are comparable"
+            yield f"equals = {body.lattice_lift}  # the baseline's lift, for a fair comparison"
         yield ""
     if not body.why_no_volume:
-        yield "# [constraints.volume]  # by that of the baseline"
+        yield "# [constraints.volume]  # divided by the baseline's"
         yield "# lower = 1.0"
         yield ""
 
@@ -330,10 +330,10 @@ def _wing(body: Body, variables: list[str], others: list[str]) -> Iterator[str]:
 def _lattice(body: Body) -> Iterator[str]:
     """Kind of the flow, and what else there is."""
     if body.moves_points:
-        yield 'kind = "lattice"  # guessed: one half of a wing; "euler" for the Euler equations on the grid, with'
-        yield "# trim = true and CL_target in the place of alpha, [variables.alpha] and [constraints.CL]"
+        yield 'kind = "lattice"  # guessed: half a wing; "euler" for the Euler equations on the grid, with'
+        yield "# trim = true and CL_target instead of alpha, [variables.alpha] and [constraints.CL]"
     else:
-        yield f'kind = "lattice"  # guessed: one half of a wing; {_line(body.why_no_euler)}'
+        yield f'kind = "lattice"  # guessed: half a wing; {_line(body.why_no_euler)}'
 
 
 def _shape(body: Body, variables: list[str]) -> Iterator[str]:
@@ -341,25 +341,25 @@ def _shape(body: Body, variables: list[str]) -> Iterator[str]:
     lack = body.why_no_lattice if body.is_thin or body.is_section else "the walls are no wing"
     yield f"# No [flow] was drafted: {_line(lack)};"
     yield f"# {_line(body.why_no_euler) or 'lift and drag of wings and sections alone are drafted'}."
-    yield "# The wetted area is the objective: put yours in its place, or connect that of your own solver in Python."
+    yield "# The objective is the wetted area: replace it by yours, or connect your own solver in Python."
     yield from variables
     yield "[objective]"
     yield 'of = "surface_area"'
-    yield "ref = 0.01  # of 1 on the baseline, so that the optimizer sees what small changes do"
+    yield "ref = 0.01  # it is 1 on the baseline; small changes matter"
     yield ""
     if body.why_no_volume:
         yield f"# no constraint on the volume: {_line(body.why_no_volume)}"
-        yield "[constraints.planform_area]  # by that of the baseline"
+        yield "[constraints.planform_area]  # divided by the baseline's"
     else:
-        yield f"[constraints.volume]  # by that of the baseline{': its area' if body.is_section else ''}"
+        yield f"[constraints.volume]  # divided by the baseline's{': its area' if body.is_section else ''}"
     yield "lower = 1.0"
     yield ""
     if body.design != body.walls and not body.why_no_volume:
         yield "[measures.volume]"
-        yield f"patches = {json.dumps(list(body.walls))}  # what is designed alone is open where it meets others"
+        yield f"patches = {json.dumps(list(body.walls))}  # all walls: the designed ones alone are not closed"
         yield ""
     if body.is_thin and not (body.is_section or body.moves_points or body.why_no_volume):
-        yield "[constraints.planform_area]  # by that of the baseline"
+        yield "[constraints.planform_area]  # divided by the baseline's"
         yield "lower = 1.0"
         yield ""
 
@@ -393,7 +393,7 @@ def _box(body: Body) -> Iterator[str]:
     else:
         yield from _bounds(body.surface.size, "the size of the walls")
     if body.is_thin and not body.is_section:
-        yield "[variables.chord]  # factors; twist, sweep, dihedral, span, taper, camber, thickness are there too"
+        yield "[variables.chord]  # factors; or twist, sweep, dihedral, span, taper, camber, thickness"
         yield "stations = 4  # from root to tip"
         yield "values = [2, 3, 4]  # the root stays"
         yield "lower = 0.7"
@@ -402,10 +402,10 @@ def _box(body: Body) -> Iterator[str]:
 
 
 def _free_form(body: Body, box_file: str, boxes: Sequence[str]) -> Iterator[str]:
-    """Variables of free form in the place of those above, or beside them, as comments."""
-    yield "# [variables.free_form]  # in the place of those above, or beside them"
+    """Variables of free form instead of the above, or in addition, as comments."""
+    yield "# [variables.free_form]  # instead of the above, or in addition"
     if boxes:
-        yield '# kind = "ffd"  # a box in the file of the mesh'
+        yield '# kind = "ffd"  # a box in the mesh file'
         yield f"# file = {json.dumps(box_file)}"
         yield f"# box = {json.dumps(boxes[0])}" + (f"  # or {', '.join(boxes[1:])}" if boxes[1:] else "")
     else:
@@ -437,7 +437,7 @@ def _cells(body: Body) -> Iterator[str]:
         yield f"lower = {lower}"
     yield ""
     if not body.moves_points:
-        yield "# [constraints.height_low_ks]  # and height_high_ks: of the first nodes at walls, by those before"
+        yield "# [constraints.height_low_ks]  # and height_high_ks: heights of first nodes, divided by the baseline's"
         yield "# lower = 0.9"
         yield ""
 

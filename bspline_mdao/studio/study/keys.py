@@ -55,21 +55,23 @@ __all__ = [
 GRID = {
     "file": Key(
         TEXT,
-        "PLOT3D or CGNS file, mesh without structure, MODEL.h5 of either, or built-in grid such as @onera_m6",
+        "PLOT3D or CGNS file, unstructured mesh, MODEL.h5 of either, or built-in grid such as @onera_m6",
         is_required=True,
     ),
     "patches": Key(
-        TEXT, "patches of the grid: a TOML or NMF file; kinds of markers of a mesh", otherwise="those of the grid file"
+        TEXT,
+        "patches of the grid: a TOML or NMF file; for a mesh, kinds of its markers",
+        otherwise="from the grid file",
     ),
     "spacing": Key(
         POSITIVE,
-        "spans of the lattice around the walls of a mesh without structure (m)",
+        "spans of the lattice around the walls of an unstructured mesh (m)",
         otherwise="a tenth of the walls' size",
     ),
     "n_control": Key(TRIPLE, "control points per direction in every block", otherwise="chosen from the grid"),
     "order": Key(whole(2, 16), "order of the B-splines, degree plus one", otherwise="4, or 3 in short directions"),
     "corrections": Key(whole(0, 100), "cycles of parameter correction of the fit", 0),
-    "design": Key(NAMES, "patches that are designed", otherwise="all walls"),
+    "design": Key(NAMES, "designed patches", otherwise="all walls"),
     "fixed": Key(NAMES, "patches that stay where they are", otherwise="see moving_mesh"),
     "released": Key(NAMES, "patches that move freely with the grid", otherwise="none"),
     "sliding": Key(
@@ -80,10 +82,10 @@ GRID = {
 }
 """Table ``[grid]``."""
 
-_RELATIVE = {"relative": Key(FLAG, "whether it is divided by that of the baseline", True)}
-_MEASURED = {"patches": Key(NAMES, "patches that are measured", otherwise="those that are designed")}
+_RELATIVE = {"relative": Key(FLAG, "whether to divide by the baseline's value", True)}
+_MEASURED = {"patches": Key(NAMES, "measured patches", otherwise="the designed patches")}
 _MEASURE_STATIONS = {
-    "stations": Key(FRACTIONS, "fractions of the span", otherwise="0.1, 0.5 and 0.9; of a section, its middle")
+    "stations": Key(FRACTIONS, "fractions of the span", otherwise="0.1, 0.5 and 0.9; for a section its middle")
 }
 
 
@@ -110,18 +112,18 @@ MEASURES = {
         "thickness on a grid of lines between the edges",
         {
             "n_chord": Key(whole(2, 200), "lines along the chord", 5),
-            "n_span": Key(whole(1, 200), "lines along the span", otherwise="5; of a section, 1"),
-            "chord": Key(PARTS, "parts of the chord between which they are", [0.05, 0.95]),
-            "span": Key(PARTS, "parts of the span between which they are", [0.02, 0.98]),
+            "n_span": Key(whole(1, 200), "lines along the span", otherwise="5; for a section 1"),
+            "chord": Key(PARTS, "range of the chord that they cover, as fractions", [0.05, 0.95]),
+            "span": Key(PARTS, "range of the span that they cover, as fractions", [0.02, 0.98]),
             **_RELATIVE,
         },
         "Thickness.grid",
         is_number=False,
     ),
     "thickness_at": MeasureKind(
-        "thickness at parts of the chord of sections",
+        "thickness of sections at fractions of the chord",
         {
-            "parts": Key(BETWEEN, "parts of the chord", [0.1, 0.3, 0.5, 0.7, 0.9]),
+            "parts": Key(BETWEEN, "fractions of the chord", [0.1, 0.3, 0.5, 0.7, 0.9]),
             **_MEASURE_STATIONS,
             **_RELATIVE,
         },
@@ -131,7 +133,7 @@ MEASURES = {
     "section_area": MeasureKind("area of a section", _RELATIVE, "SectionArea.of"),
     "section_thickness": MeasureKind(
         "smooth bound of the largest thickness over chord of sections",
-        _MEASURE_STATIONS | {"smallest": Key(FLAG, "whether the smallest is bounded instead", False)},
+        _MEASURE_STATIONS | {"smallest": Key(FLAG, "whether to bound the smallest instead", False)},
         "SectionThickness.at",
         is_number=False,
     ),
@@ -147,14 +149,14 @@ MEASURES = {
     ),
     "curvature": MeasureKind("integral of the curvature", _RELATIVE, "Curvature.integral"),
     "clearance": MeasureKind(
-        "smooth lower bound of the distance (m) of the nodes of patches from those of others, which they do not touch",
+        "smooth lower bound of the distance (m) between the nodes of patches and of others that they do not touch",
         {
             "patches": Key(NAMES, "patches on one side, such as a flap", is_required=True),
             "to": Key(NAMES, "patches on the other side", is_required=True),
             "rho": Key(
                 POSITIVE,
-                "sharpness: 1 / rho of the distance on the baseline, times the logarithm of the number "
-                "of pairs, is what the bound is below it",
+                "sharpness: the bound is at most ln(number of pairs) / rho of the baseline's distance below the "
+                "distance",
                 200.0,
             ),
         },
@@ -170,10 +172,10 @@ _DEGREES = number("a number from -90 to 90", -90.0, 90.0)
 _SUBSONIC, _MACH = number("a number from 0.001 to 0.99", 1e-3, 0.99), number("a number from 0.001 to 10", 1e-3, 10.0)
 _FREE_STREAM = "Mach number of the free stream"
 _STREAM = {
-    "reference_area": Key(POSITIVE, "of what the grid shows, of the half wing if it shows one half (m^2)",
+    "reference_area": Key(POSITIVE, "reference area of what is in the grid, so for half a wing half the area (m^2)",
                           otherwise="planform area of the design surface"),
-    "reference_chord": Key(POSITIVE, "for moments (m)", 1.0),
-    "moment_reference": Key(POINT, "point that moments are about, in the axes of the grid (m)", [0.0, 0.0, 0.0]),
+    "reference_chord": Key(POSITIVE, "reference length of moments (m)", 1.0),
+    "moment_reference": Key(POINT, "point about which moments are taken, in the axes of the grid (m)", [0.0, 0.0, 0.0]),
     "axes": Key(AXES, "axes of the grid downstream, along the span, up", "xzy"),
 }  # fmt: skip
 _ALPHA = {"alpha": Key(_DEGREES, "angle of attack (deg)", 2.0)}
@@ -202,7 +204,7 @@ FLOWS = {
             "Mach_number": Key(_SUBSONIC, _FREE_STREAM, 0.3),
             **_STREAM,
             "n_chord": Key(whole(2, 100), "nodes of the lattice along the chord", 5),
-            "n_span": Key(whole(3, 400), "and along the span", 17),
+            "n_span": Key(whole(3, 400), "nodes of the lattice along the span", 17),
         },
         numbers("lattice"),
     ),
@@ -214,10 +216,12 @@ FLOWS = {
             **_ALPHA,
             "Mach_number": Key(_MACH, _FREE_STREAM, 0.3),
             **_STREAM,
-            "trim": Key(FLAG, "whether the angle of attack is solved for at the lift CL_target", False),
-            "CL_target": Key(NUMBER, "lift coefficient of the trim", otherwise="needed with trim"),
-            "tolerance": Key(POSITIVE, "residual, relative to that of the uniform stream, of a solution", 1e-12),
-            "anchored": Key(FLAG, "whether a flow starts from that of the last gradient, not from the last one", False),
+            "trim": Key(FLAG, "whether to solve for the angle of attack that gives the lift CL_target", False),
+            "CL_target": Key(NUMBER, "lift coefficient of the trim", otherwise="required with trim"),
+            "tolerance": Key(POSITIVE, "residual of a solution, relative to the uniform stream", 1e-12),
+            "anchored": Key(
+                FLAG, "whether a flow starts from the flow of the last gradient instead of the last flow", False
+            ),
         },
         numbers("euler"),
     ),
@@ -225,25 +229,25 @@ FLOWS = {
 """Table ``[flow]`` by its key ``kind``."""
 
 _POINT = {
-    "alpha": Key(_DEGREES, "angle of attack (deg)", otherwise="that of [flow]"),
-    "weight": Key(WEIGHT, "weight in the mean that the objective is; 0 for constraints alone", 1.0),
+    "alpha": Key(_DEGREES, "angle of attack (deg)", otherwise="from [flow]"),
+    "weight": Key(WEIGHT, "weight in the mean objective; 0 for a condition with constraints only", 1.0),
 }
 _LIFT = {"CL_target": Key(NUMBER, "lift coefficient at which alpha is solved for", otherwise="see [flow]")}
 CONDITIONS = {
-    "lattice": {"Mach_number": Key(_SUBSONIC, _FREE_STREAM, otherwise="that of [flow]"), **_POINT},
-    "euler": {"Mach_number": Key(_MACH, _FREE_STREAM, otherwise="that of [flow]"), **_POINT, **_LIFT},
+    "lattice": {"Mach_number": Key(_SUBSONIC, _FREE_STREAM, otherwise="from [flow]"), **_POINT},
+    "euler": {"Mach_number": Key(_MACH, _FREE_STREAM, otherwise="from [flow]"), **_POINT, **_LIFT},
 }
 """Tables ``[conditions.NAME]`` by the kind of the flow."""
 
 _OF = Key(
     TEXT,
-    "a measure, an aggregate of the cells' quality, an output of the flow or of one condition such as cruise.CL, or an "
-    "expression of those that are one number, such as 'CD_induced + CD_entropy'",
+    "a measure, a quality of the cells, an output of the flow or of one condition such as cruise.CL, or an "
+    "expression of scalars such as 'CD_induced + CD_entropy'",
 )
 OBJECTIVE = {
     "of": Key(_OF.kind, _OF.meaning, is_required=True),
-    "maximize": Key(FLAG, "whether it is to be as large as possible", False),
-    "ref": Key(POSITIVE, "value that the driver sees as 1", otherwise="0.01 for drag, 1 for others"),
+    "maximize": Key(FLAG, "whether to maximise it", False),
+    "ref": Key(POSITIVE, "value that the driver sees as 1", otherwise="0.01 for drag, otherwise 1"),
 }
 """Table ``[objective]``."""
 
@@ -251,17 +255,17 @@ CONSTRAINT = {
     "of": Key(_OF.kind, _OF.meaning, otherwise="the name of the table"),
     "lower": Key(NUMBER, "lower bound"),
     "upper": Key(NUMBER, "upper bound"),
-    "equals": Key(NUMBER, "value that it is to have"),
-    "ref": Key(POSITIVE, "value that the driver sees as 1", otherwise="size of the bound, 1 if that is 0"),
+    "equals": Key(NUMBER, "required value"),
+    "ref": Key(POSITIVE, "value that the driver sees as 1", otherwise="magnitude of the bound, 1 if it is 0"),
 }
 """Tables ``[constraints.NAME]``."""
 
 JUNCTION = {
-    "body": Key(NAMES, "patches of a body that the rest of what is designed slides on", is_required=True),
+    "body": Key(NAMES, "patches of the body on which the other designed patches slide", is_required=True),
     "reach": Key(POSITIVE, "distance from the junction over which displacements fade (m)", is_required=True),
     "rigid": Key(
         number("a number from 0 to 1e20", 0.0),
-        "distance within which all goes along wholly, such as a fillet (m); below reach",
+        "distance within which everything moves rigidly, such as a fillet (m); less than reach",
         0.0,
     ),
     "shape": Key(OF_VARIABLES, "variables of the body's own shape, such as one of the kind radius", otherwise="none"),
@@ -269,10 +273,10 @@ JUNCTION = {
 """Table ``[junction]``; none without it."""
 
 MOVEMENT = {
-    "mover": Key(one_of("rotations", "elasticity"), "what carries the control mesh along", "rotations"),
-    "comoving": Key(FLAG, "whether the far field goes along with the rigid part of the motion", False),
+    "mover": Key(one_of("rotations", "elasticity"), "what moves the control mesh", "rotations"),
+    "comoving": Key(FLAG, "whether the far field follows the rigid part of the motion", False),
     "increments": Key(
-        whole(1, 1000), "increments of elasticity", otherwise="the least of 1, 2, 5, 10 that bounds need"
+        whole(1, 1000), "increments of elasticity", otherwise="smallest of 1, 2, 5, 10 that the bounds need"
     ),
     "poisson_ratio": Key(NUMBER, "Poisson's ratio of elasticity", -0.2),
 }
@@ -289,41 +293,40 @@ SCIPY = {
 
 DRIVER = {
     "optimizer": Key(TEXT, "of NLopt, such as LD_SLSQP, or of SciPy: " + ", ".join(SCIPY), "LD_SLSQP"),
-    "tolerance": Key(POSITIVE, "change of the objective at which it ends: relative (NLopt), or SciPy's tol", 1e-6),
-    "max_iterations": Key(whole(1, 10**9), "at most so many evaluations (NLopt) or iterations (SciPy)", 100),
+    "tolerance": Key(POSITIVE, "relative change of the objective at which it ends (NLopt), or SciPy's tol", 1e-6),
+    "max_iterations": Key(whole(1, 10**9), "largest number of evaluations (NLopt) or iterations (SciPy)", 100),
     "even_pressures": Key(
         OF_VARIABLES,
-        "variables of which the driver sees combinations along which pressures change evenly; bounds are constraints",
+        "variables that the driver sees as combinations along which pressures change evenly; their bounds become "
+        "constraints",
         otherwise="none",
     ),
-    "options": Key(OPTIONS, "other options of NLoptDriver or ScipyDriver by their names", otherwise="none"),
+    "options": Key(OPTIONS, "other options of NLoptDriver or ScipyDriver, by name", otherwise="none"),
 }
 """Table ``[driver]``."""
 
 OUTPUT = {
     "grid": Key(
         one_of("xyz", "fmt", "cgns", "vtm"),
-        "suffix of the grids before and after",
+        "format of the grids before and after, as a suffix",
         otherwise="cgns for CGNS, else xyz",
     ),
-    "report": Key(
-        FLAG, "whether the report page is written; it needs plotly and jinja2", otherwise="if they are there"
-    ),
+    "report": Key(FLAG, "whether to write the report page; needs plotly and jinja2", otherwise="if they are installed"),
     "picture": Key(
         FLAG,
-        "whether pressures and section before and after are drawn, of a section in Euler flow; it needs matplotlib",
-        otherwise="if it is there",
+        "whether to draw a section and its pressures before and after; Euler flow, needs matplotlib",
+        otherwise="if it is installed",
     ),
     "estimate_errors": Key(
         FLAG,
-        "whether lift and drag in Euler flow, at the end, come with estimates for a grid of half as many cells again "
-        "per direction; on one process",
+        "whether to estimate lift and drag of the optimum in Euler flow on a grid with 1.5 times the cells per "
+        "direction; one process",
         True,
     ),
     "solved_on": Key(
         FINER,
-        "cells per direction, relative to the grid, of a finer one on which the Euler flow is solved again, before and "
-        "after, so that the gain is confirmed; on one process",
+        "factor on the cells per direction of a finer grid on which the Euler flow is solved again, before and after, "
+        "to confirm the gain; one process",
         otherwise="none",
     ),
 }

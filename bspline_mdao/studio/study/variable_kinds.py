@@ -39,25 +39,25 @@ __all__ = ["VARIABLES", "VariableKind"]
 _BOUNDS = {
     "lower": Key(BOUND, "lower bound", is_required=True),
     "upper": Key(BOUND, "upper bound", is_required=True),
-    "start": Key(BOUND, "value to start from", otherwise="that of the baseline"),
-    "ref": Key(POSITIVE, "change that the driver sees as 1", otherwise="half the distance of the bounds"),
+    "start": Key(BOUND, "initial value", otherwise="the baseline's"),
+    "ref": Key(POSITIVE, "change that the driver sees as 1", otherwise="half the distance between the bounds"),
 }
 _AT = {
     "at": Key(
         number("a number from -10 to 10", -10.0, 10.0),
-        "part of the chord where the axis is, 0 leading and 1 trailing edge",
+        "position of the axis along the chord, from 0 (leading edge) to 1 (trailing edge)",
         0.25,
     )
 }
 _OF_PART = {
-    "patches": Key(NAMES, "patches that move, with an axis or a box of their own", otherwise="all that are designed")
+    "patches": Key(NAMES, "patches that move, with an axis or a box of their own", otherwise="all designed patches")
 }
 _STATIONS = {
     **_AT,
     **_OF_PART,
-    "stations": Key(STATIONS, "stations along the axis with a value each", 1),
+    "stations": Key(STATIONS, "stations along the axis, one value each", 1),
     "order": Key(one_of(2, 4), "order of the spline between them: 2 straight lines, 4 cubics", 4),
-    "values": Key(NUMBERS, "which stations are variables, from 1 at the root; others stay", otherwise="all"),
+    "values": Key(NUMBERS, "stations that are variables, from 1 at the root; the others stay", otherwise="all"),
 }
 
 _SECTIONS = {
@@ -70,18 +70,18 @@ _MODES = whole(1, 50)
 _COORDINATES = {"direction": Key(COORDINATES, "direction of the displacements", "xyz")}
 _WHERE = {"where": Key(SLICES, "which points move, as slices in x, y and z from 0 on", otherwise="all")}
 _LIMITS = {
-    "low": Key(CORNER, "lower corner of the box whose points move, with its sides (m)", otherwise="no limit"),
-    "high": Key(CORNER, "upper corner of that box (m)", otherwise="no limit"),
+    "low": Key(CORNER, "lower corner of the region whose points move (m), limits included", otherwise="no limit"),
+    "high": Key(CORNER, "upper corner of that region (m)", otherwise="no limit"),
 }
 _CAD = {
-    "file": Key(TEXT, "STEP or IGES file of the walls, to whose nearest face each node is tied", is_required=True),
-    "scale": Key(POSITIVE, "lengths of the grid by metres of that file", otherwise="by the unit of the grid"),
-    "patches": Key(NAMES, "patches that are tied to it", otherwise="all that are designed"),
+    "file": Key(TEXT, "STEP or IGES file of the walls; each node is tied to its nearest face", is_required=True),
+    "scale": Key(POSITIVE, "length in the grid per metre in the file", otherwise="from the unit of the grid"),
+    "patches": Key(NAMES, "patches that are tied to it", otherwise="all designed patches"),
 }
 _HINGE = {
-    "axis": Key(LINE, "two points of the hinge (m); angles turn by the right hand about it", otherwise="see chord"),
-    "chord": Key(PART, "part of the chord along which the hinge is; angles turn the rear down", otherwise="see axis"),
-    "span": Key(PARTS, "parts of the span between which it is", [0.0, 1.0]),
+    "axis": Key(LINE, "two points of the hinge (m); right-hand rule", otherwise="see chord"),
+    "chord": Key(PART, "position of the hinge along the chord; positive is trailing edge down", otherwise="see axis"),
+    "span": Key(PARTS, "ends of the hinge along the span, as fractions", [0.0, 1.0]),
 }
 
 
@@ -108,7 +108,7 @@ def _n_places(places: int | list[float]) -> int:
 
 
 VARIABLES = {
-    "twist": VariableKind("angles (deg) of sections about the axis, nose up positive", _STATIONS, "Twist", "deg"),
+    "twist": VariableKind("rotation of sections about the axis (deg), nose up positive", _STATIONS, "Twist", "deg"),
     "sweep": VariableKind("angles (deg) by which sections shear downstream along the axis", _STATIONS, "Sweep", "deg"),
     "dihedral": VariableKind(
         "angles (deg) by which sections shear upwards along the span", _STATIONS, "Dihedral", "deg"
@@ -116,7 +116,7 @@ VARIABLES = {
     "span": VariableKind("factors on lengths along the span", _STATIONS, "Span", neutral=1.0),
     "chord": VariableKind(
         "factors on the chord",
-        _STATIONS | {"scales_thickness": Key(FLAG, "whether thickness over chord stays", True)},
+        _STATIONS | {"scales_thickness": Key(FLAG, "whether thickness divided by chord stays the same", True)},
         "Chord",
         neutral=1.0,
     ),
@@ -124,10 +124,10 @@ VARIABLES = {
     "thickness": VariableKind("factors on the thickness of sections", _STATIONS, "ThicknessFactor", neutral=1.0),
     "camber": VariableKind("camber added to sections, in chords", _STATIONS, "Camber"),
     "hicks_henne": VariableKind(
-        "heights in chords, upwards, of bumps of Hicks and Henne on sides of sections; the upper ones first",
+        "heights of Hicks-Henne bumps on the sides of sections (chords), upwards; upper side first",
         {
-            "places": Key(PLACES, "parts of the chord where they are highest, or how many", 6),
-            "power": Key(number("a number from 0.1 to 100", 0.1, 100.0), "the larger, the narrower they are", 3.0),
+            "places": Key(PLACES, "positions of the peaks along the chord, or their number", 6),
+            "power": Key(number("a number from 0.1 to 100", 0.1, 100.0), "larger is narrower", 3.0),
             "sides": Key(one_of("both", "upper", "lower"), "sides that have bumps", "both"),
             **_SECTIONS,
         },
@@ -135,7 +135,7 @@ VARIABLES = {
         modes=lambda table: _n_places(table["places"]) * (2 if table["sides"] == "both" else 1),
     ),
     "class_shape": VariableKind(
-        "weights in chords, upwards, of class-shape functions (CST): of the nose, above, below, of the trailing edge",
+        "weights of class-shape functions (CST, chords), upwards: nose, upper side, lower side, trailing edge",
         {
             "degree": Key(_MODES, "degree of the Bernstein polynomials", 5),
             "nose": Key(FLAG, "whether the radius of the nose changes", True),
@@ -146,9 +146,9 @@ VARIABLES = {
         modes=lambda table: 2 * table["degree"] + table["nose"] + table["trailing"],
     ),
     "camber_modes": VariableKind(
-        "heights in chords of modes of camber, from the leading edge on",
+        "heights of camber modes (chords), from the leading edge",
         {
-            "n_modes": Key(_MODES, "number of modes but those of the edges", 4),
+            "n_modes": Key(_MODES, "number of modes, without those of the edges", 4),
             "leading": Key(FLAG, "whether the height of the leading edge is a value", False),
             "trailing": Key(FLAG, "whether the height of the trailing edge is a value", False),
             **_SECTIONS,
@@ -157,7 +157,7 @@ VARIABLES = {
         modes=lambda table: table["n_modes"] + table["leading"] + table["trailing"],
     ),
     "thickness_modes": VariableKind(
-        "thicknesses in chords of modes of thickness, from the leading edge on",
+        "heights of thickness modes (chords), from the leading edge",
         {
             "n_modes": Key(_MODES, "number of modes", 4),
             "nose": Key(FLAG, "whether the radius of the nose changes", True),
@@ -167,23 +167,23 @@ VARIABLES = {
         modes=lambda table: table["n_modes"],
     ),
     "thickness_points": VariableKind(
-        "thicknesses in chords of control points of a spline of thickness, from the leading edge on",
-        {"n_points": Key(_MODES, "number of control points but those at the edges", 9), **_SECTIONS},
+        "thickness at control points of a spline (chords), from the leading edge",
+        {"n_points": Key(_MODES, "number of control points, without those at the edges", 9), **_SECTIONS},
         "ThicknessPoints",
         modes=lambda table: table["n_points"],
     ),
     "curve_points": VariableKind(
-        "displacements (m) of the control points of a section, those of all planes along the span alike",
+        "displacements (m) of the control points of a section, the same in all planes along the span",
         {
             "direction": Key(DIRECTION, "direction of the displacements", "normal"),
-            "edges": Key(FLAG, "whether points at the leading and the trailing edge are among them", False),
+            "edges": Key(FLAG, "whether points at the leading and trailing edge are included", False),
             **_OF_PART,
         },
         "CurvePoints",
         "m",
     ),
     "radius": VariableKind(
-        "factors on the distance from an axis, at stations along it: hubs, casings, nozzles, bodies",
+        "factors on the distance from an axis, at stations along it, for hubs, casings, nozzles and bodies",
         {
             "axis": Key(LINE, "two points of the axis (m), station 0 and station 1", is_required=True),
             **{key: _STATIONS[key] for key in ("stations", "order", "values", "patches")},
@@ -192,7 +192,7 @@ VARIABLES = {
         neutral=1.0,
     ),
     "translation": VariableKind(
-        "displacements (m) of the surface as it is, or of patches: a wing along a fuselage",
+        "displacements (m) of the whole surface or of patches, such as a wing along a fuselage",
         {"direction": Key(COORDINATES, "direction of the displacements", "xyz"), **_OF_PART},
         "Translation",
         "m",
@@ -214,7 +214,7 @@ VARIABLES = {
             **_WHERE,
             "margin": Key(
                 number("a number from 0 to 10", 0.0, 10.0),
-                "part of each extent by which the box is larger at both ends",
+                "fraction of each extent by which the box is enlarged at both ends",
                 0.05,
             ),
             **_OF_PART,
@@ -227,9 +227,9 @@ VARIABLES = {
         {
             "file": Key(TEXT, "file of the box, in the units of the grid", is_required=True),
             "box": Key(TEXT, "name of the box (FFD_TAG) in a mesh of SU2", otherwise="the only one"),
-            "parent": Key(TEXT, "variable above whose box this one is in, and moves with", otherwise="none"),
+            "parent": Key(TEXT, "earlier variable whose box contains this one and moves it", otherwise="none"),
             "continuity": Key(
-                whole(-1, 100), "derivatives that are continuous where the surface leaves the box; -1 fixes nothing", 1
+                whole(-1, 100), "continuous derivatives where the surface leaves the box; -1 for none", 1
             ),
             **_COORDINATES,
             **_WHERE,
@@ -240,9 +240,11 @@ VARIABLES = {
         "m",
     ),
     "free_lattice": VariableKind(
-        "displacements (m) of those points near the walls of the lattice around a mesh without structure",
+        "displacements (m) of points near the walls of the lattice around an unstructured mesh",
         {
-            "spacing": Key(POSITIVE, "spans of the lattice around the walls (m)", otherwise="those that move the mesh"),
+            "spacing": Key(
+                POSITIVE, "spans of the lattice around the walls (m)", otherwise="as in the lattice that moves the mesh"
+            ),
             **_COORDINATES,
             **_LIMITS,
         },
@@ -250,10 +252,10 @@ VARIABLES = {
         "m",
     ),
     "cad_points": VariableKind(
-        "displacements (m) of the control points of faces of a CAD file, which is written anew with the optimum",
+        "displacements (m) of the control points of faces of a CAD file; the optimum is written as a new CAD file",
         {
             **_CAD,
-            "faces": Key(NAMES, "faces whose control points move; those of others are as they are", otherwise="all"),
+            "faces": Key(NAMES, "faces whose control points move; the others stay", otherwise="all"),
             **_COORDINATES,
             **_LIMITS,
         },
@@ -261,22 +263,22 @@ VARIABLES = {
         "m",
     ),
     "cad_shapes": VariableKind(
-        "parts of the way from a CAD file to others of the same faces: 0 as it is, 1 there",
-        {**_CAD, "to": Key(FILES, "files that have the same faces moved, with a value each", is_required=True)},
+        "interpolation from one CAD file (0) to others with the same faces (1)",
+        {**_CAD, "to": Key(FILES, "files with the same faces, moved; one value each", is_required=True)},
         "CadShapes",
     ),
     "rotation": VariableKind(
-        "angle (deg) by which a part of the design surface turns about a hinge: flaps, tails, blades, bodies",
+        "rotation (deg) of a part of the design surface about a hinge: flaps, tails, blades, bodies",
         {
             **_HINGE,
-            "hinge": Key(TEXT, "variable above, of the kind hinge, about whose hinge it is", otherwise="see chord"),
-            "patches": Key(
-                NAMES, "patches that turn as wholes, such as those of a flap behind a gap", otherwise="none"
+            "hinge": Key(TEXT, "earlier variable of kind hinge", otherwise="see chord"),
+            "patches": Key(NAMES, "patches that rotate rigidly, such as a flap behind a gap", otherwise="none"),
+            "blend": Key(
+                POSITIVE, "distance ahead of the hinge (m) over which the rotation fades", otherwise="see patches"
             ),
-            "blend": Key(POSITIVE, "distance ahead of the hinge (m) over which turning fades", otherwise="see patches"),
             "ends": Key(
                 number("a number from 0 to 1e20", 0.0),
-                "distance beyond the ends of the hinge (m) over which turning fades; 0: not at all",
+                "distance beyond the ends of the hinge (m) over which the rotation fades; 0 for a sharp end",
                 otherwise="as blend",
             ),
         },
@@ -284,7 +286,7 @@ VARIABLES = {
         "deg",
     ),
     "hinge": VariableKind(
-        "displacements (m) of the two points of a hinge, of the first and then of the second",
+        "displacements (m) of the two points of a hinge, first point first",
         {**_HINGE, **_COORDINATES},
         "HingePoints",
         "m",

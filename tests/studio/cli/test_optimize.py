@@ -399,7 +399,7 @@ def test_the_objective_of_several_conditions_is_their_mean_and_the_report_has_ea
 def test_the_study_that_is_drafted_of_a_wing_runs(workplace, capsys):
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     assert run(["init", "@onera_m6:9x9x7", "-o", "m6.toml"]) == 0
-    assert 'kind = "lattice"  # guessed: one half of a wing' in capsys.readouterr().out
+    assert 'kind = "lattice"  # guessed: half a wing' in capsys.readouterr().out
     assert run(["init", "@onera_m6:9x9x7", "-o", "m6.toml"]) == 2
     assert "m6.toml: is there already; give --overwrite, or another name" in capsys.readouterr().err
     assert run(["optimize", "m6.toml", "-o", "out", "--max-iterations", "8"]) == 0

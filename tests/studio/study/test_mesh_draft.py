@@ -88,4 +88,4 @@ def test_of_a_wing_beside_a_body_the_wing_is_designed_and_all_is_measured(drafte
     assert study.measures["volume"]["patches"] == ["body", "lid"]
     assert study.measures["surface_area"]["patches"] is None
     assert study.variables["shape"]["where"] == "1:-1, 2:, :"
-    assert "what stays is body" in text
+    assert "fixed: body" in text

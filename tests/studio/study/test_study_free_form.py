@@ -129,7 +129,7 @@ def test_a_draft_of_a_mesh_names_the_box_in_its_file(workplace):
     (workplace / "body.su2").write_text(su2_text(mesh_around_a_body()[0]) + SU2_BOX + corners + "\n")
     assert run(["init", "body.su2", "-o", "study.toml"]) == 0
     lines = Path("study.toml").read_text().splitlines()
-    at = lines.index("# [variables.free_form]  # in the place of those above, or beside them")
+    at = lines.index("# [variables.free_form]  # instead of the above, or in addition")
     asked = [line.removeprefix("# ") for line in lines[at : at + 7] if not line.startswith("# or")]
     table = study_of(workplace, "\n".join([HEAD.replace("@onera_m6", "body.su2"), *asked, ""])).variables["free_form"]
     assert (table["kind"], table["file"], table["box"]) == ("ffd", "body.su2", "MAIN")
