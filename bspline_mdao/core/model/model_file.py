@@ -128,6 +128,7 @@ def read_model(
         iblanks = tuple(stored.get(f"iblank/{b}") for b in range(len(document["header"].names)))
         header = replace(document["header"], iblanks=iblanks)
         rest = {"parameters": parameters, "residual": stored.get("residual"), "header": header}
+        rest["residual_lengths"] = _checked_lengths(path, stored, is_turned=False)  # found anew before version 4
         return make(**fields_of_model | rest)
 
 

@@ -21,6 +21,7 @@ from ...grids.topology.node_numbering import (
     NodeNumbering,
     NodesByRow,
     boundary_rows,
+    each_once,
     face_layer_rows,
     face_rows,
     node_copies,
@@ -98,7 +99,7 @@ class GridWalls:
                 key = tuple(np.round(sign * np.append(plane.normal, plane.offset / size), 5))
                 normal, parts = planes.setdefault(key, (sign * plane.normal, []))
                 parts.append(rows if area @ normal > 0.0 else rows.T)
-        found = tuple((np.unique(np.concatenate([f.ravel() for f in faces])), n) for n, faces in planes.values())
+        found = tuple((each_once(np.concatenate([f.ravel() for f in faces])), n) for n, faces in planes.values())
         is_met = [np.isin(rows, surface.rows) for rows, _ in found]
         of_wall = [(np.searchsorted(surface.rows, rows[m]), n) for (rows, n), m in zip(found, is_met) if m.any()]
         quads, faces = surface.quads, surface.quad_faces

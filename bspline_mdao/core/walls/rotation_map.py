@@ -29,9 +29,11 @@ from numba import njit
 from scipy.sparse import coo_array, csr_array, eye_array
 
 from ...base.numerics.mean_planes import mean_planes, near_enough
+from ...base.numerics.threads import run_tasks, thread_count
+from ...errors import InputError
 from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.boundary_surface import quads_in_turn
-from ...grids.topology.node_numbering import NodeNumbering, face_rows
+from ...grids.topology.node_numbering import NodeNumbering, each_once, face_rows
 from ...grids.topology.periodic_ties import Ties, control_ties, tied_sides
 from ...grids.topology.sharing import boundary_sides
 from ..evaluation.evaluator import Evaluator
@@ -83,6 +85,11 @@ class RotationMap:
         places, ids = corner_numbers(numbering.topology, mesh)
         corners = _corner_evaluator(mesh, places, ids, evaluator.n_threads)
         points = corners.forward(control_points)
+        if lengths.shape != (len(points),):
+            raise InputError(
+                f"grid: lengths of the residual of shape {lengths.shape}, and its spans have {len(points)} corners; "
+                f"fit the grid again"
+            )
         faces = _boundary_faces(numbering, ids, points)
         groups, plane = _groups(faces, ids, points, lengths, control_ties(numbering.topology, ids))
         planes = [face for face in faces if face.plane is not None]
@@ -90,8 +97,8 @@ class RotationMap:
             np.concatenate([f.quads for f in planes if f.plane == k]) for k in range(len({f.plane for f in planes}))
         ]
         cells = _cells(mesh, ids, evaluator, parameters, numbering)
-        rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(face.rows for face in planes)]))
-        flat = _face_nodes(rows, cells, planes, plane)
+        rows = each_once(np.concatenate([np.zeros(0, dtype=int), *(face.rows for face in planes)]))
+        flat = _face_nodes(rows, cells, planes, plane, evaluator.n_rows)
         flat = flat.part(np.flatnonzero((flat.planes >= 0).any(axis=1)))
         copies = numbering.copies[np.isin(numbering.copies[:, 1], flat.rows)]
         normals = tuple(map(PlaneNormal.of_quads, quads))
@@ -409,20 +416,26 @@ def _boundary_faces(numbering: NodeNumbering, ids: Sequence[np.ndarray], points:
 
 
 def _face_nodes(
-    rows: np.ndarray, cells: Sequence[SpanNodes], faces: Sequence[_BoundaryFace], plane_of_corner: np.ndarray
+    rows: np.ndarray,
+    cells: Sequence[SpanNodes],
+    faces: Sequence[_BoundaryFace],
+    plane_of_corner: np.ndarray,
+    n_rows: int,
 ) -> FaceNodes:
     """Weights and planes of nodes by their rows; ``faces`` are those in planes."""
-    places, found = [], []
+    places, found, place = [], [], np.full(n_rows, -1)
+    place[rows] = np.arange(len(rows))
     for cell in cells:
-        belongs = cell.nodes.rows[: cell.nodes.n_nodes]
-        nodes = np.flatnonzero(np.isin(belongs, rows))
-        places.append(np.searchsorted(rows, belongs[nodes]))
+        belongs = place[cell.nodes.rows[: cell.nodes.n_nodes]]
+        nodes = np.flatnonzero(belongs >= 0)
+        places.append(belongs[nodes])
         found.append(cell.weights(nodes))
     order = np.argsort(np.concatenate(places))
     corners, weights = (np.concatenate(parts)[order] for parts in zip(*found))
     planes, count = np.full((len(rows), 3), -1), np.zeros(len(rows), dtype=int)
     for k in sorted({face.plane for face in faces if face.plane is not None}):
-        is_in = np.isin(rows, np.concatenate([face.rows for face in faces if face.plane == k]))
+        is_in = np.zeros(len(rows), dtype=bool)
+        is_in[place[np.concatenate([face.rows for face in faces if face.plane == k])]] = True
         sees_more = ((plane_of_corner[corners] != k) & (weights > 0.0)).any(axis=1)
         at = np.flatnonzero(is_in & sees_more & (count < 3))
         planes[at, count[at]] = k
@@ -465,11 +478,16 @@ def _cells(
     numbering: NodeNumbering,
 ) -> tuple[SpanNodes, ...]:
     """Place the nodes of all volumes in their spans."""
-    cells, place = [], np.empty(evaluator.n_rows, dtype=np.int64)
-    for volume, corners, nodes, x, numbers in zip(mesh.volumes, ids, evaluator.nodes, parameters, numbering.numbers):
+    place = np.empty(evaluator.n_rows, dtype=np.int64)
+    for numbers in numbering.numbers:
         place[numbers] = np.arange(len(numbers))
-        cells.append(SpanNodes.of(volume, corners, nodes, x[place[nodes.rows[: nodes.n_nodes]]]))
-    return tuple(cells)
+
+    def cell(given: tuple) -> SpanNodes:
+        volume, corners, nodes, x = given
+        return SpanNodes.of(volume, corners, nodes, x[place[nodes.rows[: nodes.n_nodes]]])
+
+    volumes = list(zip(mesh.volumes, ids, evaluator.nodes, parameters))
+    return tuple(run_tasks(cell, volumes, thread_count(evaluator.n_threads)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -29,6 +29,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ...base.numerics.threads import run_tasks, thread_count
 from ...errors import InputError, MovementError
+from ...grids.topology.node_numbering import each_once
 from ...grids.topology.periodic_ties import Ties
 from .planes import MirrorMeans
 from .polar import nearest_rotations, rotation_changes
@@ -349,7 +350,8 @@ def _neighbours(points: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.n
     """First neighbour of every point, the numbers of the neighbours, each once, and the scales of the edges."""
     n = len(points)
     ends = np.concatenate([edges, edges[:, ::-1]])
-    ends = np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0)
+    keys = each_once((ends[:, 0] * n + ends[:, 1])[ends[:, 0] != ends[:, 1]])
+    ends = np.stack([keys // n, keys % n], axis=1)
     squares = np.sum((points[ends[:, 1]] - points[ends[:, 0]]) ** 2, axis=1)
     negligible = (NO_LENGTH * _size(points)) ** 2
     scales = np.divide(squares, (squares + negligible) ** 2, out=np.zeros(len(ends)), where=squares > 0.0)

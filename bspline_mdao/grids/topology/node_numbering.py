@@ -102,7 +102,17 @@ class NodeNumbering:
     @classmethod
     def of_grid(cls, topology: Topology) -> NodeNumbering:
         """Hold all nodes of a grid, in its order."""
-        return cls.of(topology, np.arange(topology.n_nodes))
+        # nothing is sorted or looked up, which takes `of` five times as long
+        copies, is_copy = node_copies(topology), np.zeros(topology.n_nodes, dtype=bool)
+        is_copy[copies[:, 0]] = True
+        numbers, places = [], []
+        for segment in topology.segments:
+            rows, is_own = face_rows(topology, segment), np.zeros(segment.shape, dtype=bool)
+            inner = tuple(slice(int(lo > 0), None) for lo in segment.lo)  # the segment before has what they share
+            is_own[inner] = ~is_copy[rows[inner]]
+            places.append(np.flatnonzero(is_own))
+            numbers.append(rows.ravel()[places[-1]])
+        return cls(topology, np.arange(topology.n_nodes), topology.n_nodes, copies, tuple(numbers), tuple(places))
 
     @property
     def n_nodes(self) -> int:
@@ -125,7 +135,8 @@ class NodeNumbering:
 
     @cached_property
     def _sorted(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.unique(self.rows, return_index=True)
+        is_rising = bool((self.rows[1:] > self.rows[:-1]).all())
+        return (self.rows, np.arange(len(self.rows))) if is_rising else np.unique(self.rows, return_index=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -176,6 +176,18 @@ def test_a_file_of_version_3_is_read_by_one_process_and_refused_by_several(saved
     np.testing.assert_array_equal(LocalModel.load(saved).residual_lengths, model.residual_lengths)
 
 
+def test_lengths_of_the_residual_are_taken_from_the_file(saved):
+    found, stored = replace(FittedModel.load(saved)).residual_lengths, FittedModel.load(saved).__dict__
+    np.testing.assert_array_equal(stored["residual_lengths"], found)
+    for lengths, message in ((found[1:], r"have \d+ corners; fit"), (-1.0 - found, "damaged")):
+        with h5py.File(saved, "a") as file:
+            del file["residual_lengths"]
+            file["residual_lengths"] = lengths
+        as_version(saved, 5, lambda document: None)
+        with pytest.raises(InputError, match=message):
+            FittedModel.load(saved).grid_map()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["control_points", "document", "parameters/1", "knots/0/2"])
 def test_a_changed_or_missing_part_is_noticed(saved, name):
