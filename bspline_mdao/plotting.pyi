@@ -17,7 +17,7 @@ from .studio.plotting.figures import figure as figure
 from .studio.plotting.figures import require as require
 from .studio.plotting.histories import draw_history as draw_history
 from .studio.plotting.histories import draw_optimality as draw_optimality
-from .studio.plotting.histories import driver_colors as driver_colors
+from .studio.plotting.histories import driver_styles as driver_styles
 from .studio.plotting.html import html_of as html_of
 from .studio.plotting.panels import Panel as Panel
 from .studio.plotting.panels import camera_of as camera_of

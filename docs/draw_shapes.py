@@ -108,13 +108,16 @@ def draw_airfoil(points, grid, optimum) -> None:
     draw_net(grid, net[..., :2], color=GRAY, linewidth=0.4)
     grid.set(aspect="equal", xlim=(-0.5, 1.5), ylim=(-0.6, 0.6), xlabel="x / c")
     quads = wall_quads(model)
+    section = optimum.inset_axes((0.0, 0.0, 1.0, 0.3), sharex=optimum)
     for found, color, name in ((before, GRAY, "before"), (after, BLUE, "after")):
-        nodes = found["grid"].reshape(-1, 3)
-        draw_pressures(
-            optimum, nodes[quads], found["Cp"], 0.5, color=color, label=f"{name}: {1e4 * found['CD'].item():.1f} counts"
-        )
+        nodes, counts = found["grid"].reshape(-1, 3), 1e4 * found["CD"].item()
+        label = f"{name}: {counts:.0f} counts" if counts > 1.0 else f"{name}: no drag but the grid's error"
+        draw_pressures(optimum, nodes[quads], found["Cp"], 0.5, color=color, label=label)
         around = nodes.reshape(*model.regenerate().blocks[0].nodes.shape)[:, 0, 0]
-        optimum.plot(around[:, 0], 2.1 - 2.0 * around[:, 1], color=color)
+        section.plot(around[:, 0], around[:, 1], color=color)
+    optimum.set(ylim=(3.0, -1.6), yticks=(1.0, 0.0, -1.0))
+    section.set_aspect("equal", adjustable="datalim")
+    section.axis("off")
     optimum.legend(framealpha=1.0, edgecolor="none", fontsize=8, loc="upper right")
 
 

@@ -27,7 +27,7 @@ from bspline_mdao.plotting import (
     draw_history,
     draw_optimality,
     draw_pressures,
-    driver_colors,
+    driver_styles,
     figure,
     wall_quads,
 )
@@ -184,11 +184,11 @@ def drag_at(found: om.Problem, problem: om.Problem, states: Path | None = None) 
 def draw(canvas, model: bm.FittedModel, start: om.Problem, runs) -> None:
     """Draw sections, pressures and histories."""
     axes = canvas.subplot_mosaic([["pressure", "section"], ["history", "optimality"]])
-    colors, quads = {"NACA 0012": GRAY, **driver_colors(runs)}, wall_quads(model)
+    styles, quads = {"NACA 0012": {"color": GRAY}, **driver_styles(runs)}, wall_quads(model)
     for name, problem in {"NACA 0012": start, **{name: each.problem for name, each in runs.items()}}.items():
         corners = problem.get_val(GRID).reshape(-1, 3)[quads]
-        axes["section"].plot(*corners.mean(axis=1)[:, :2].T, color=colors[name], label=name)
-        draw_pressures(axes["pressure"], corners, problem.get_val("Cp"), 0.5, color=colors[name], label=name)
+        axes["section"].plot(*corners.mean(axis=1)[:, :2].T, **styles[name], label=name)
+        draw_pressures(axes["pressure"], corners, problem.get_val("Cp"), 0.5, **styles[name], label=name)
     axes["section"].set(aspect="equal", xlabel="$x / c$", ylabel="$y / c$")
     axes["pressure"].legend(fontsize=8, loc="lower center")
     draw_history(axes["history"], runs, "CD", "drag (counts)", lambda values: values * 1e4)

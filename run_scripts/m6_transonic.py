@@ -24,7 +24,7 @@ from bspline_mdao.plotting import (
     draw_optimality,
     draw_pressures,
     draw_sections,
-    driver_colors,
+    driver_styles,
     faces_around,
     figure,
     wall_quads,
@@ -175,9 +175,9 @@ def summary(model: bm.FittedModel, problem: om.Problem) -> dict:
 def draw(canvas, model: bm.FittedModel, start: om.Problem, runs) -> None:
     """Draw the pressures at the stations, the sections and the histories."""
     pressures, (sections, history, optimality) = canvas.subplots(2, 3)
-    colors, quads = {"ONERA M6": GRAY, **driver_colors(runs)}, wall_quads(model)
+    styles, quads = {"ONERA M6": {"color": GRAY}, **driver_styles(runs)}, wall_quads(model)
     for name, problem in {"ONERA M6": start, **{name: each.problem for name, each in runs.items()}}.items():
-        nodes, style = problem.get_val(GRID).reshape(-1, 3), {"color": colors[name], "label": name}
+        nodes, style = problem.get_val(GRID).reshape(-1, 3), styles[name] | {"label": name}
         draw_sections(sections, model, nodes, STATIONS, **style)
         for axes, part in zip(pressures, STATIONS):
             draw_pressures(axes, nodes[quads], problem.get_val("Cp"), part * nodes[quads][..., 2].max(), **style)

@@ -21,7 +21,7 @@ from bspline_mdao.plotting import (
     draw_history,
     draw_optimality,
     draw_pressures,
-    driver_colors,
+    driver_styles,
     figure,
     wall_quads,
 )
@@ -165,13 +165,13 @@ def summary(problem: om.Problem) -> dict:
 def draw(canvas, model: bm.FittedModel, start: om.Problem, runs) -> None:
     """Draw the sections, the pressures at both Mach numbers and the histories."""
     axes = canvas.subplot_mosaic([["slow", "fast", "section"], ["history", "history", "optimality"]])
-    colors, quads = {"NACA 0012": GRAY, **driver_colors(runs)}, wall_quads(model)
+    styles, quads = {"NACA 0012": {"color": GRAY}, **driver_styles(runs)}, wall_quads(model)
     for name, problem in {"NACA 0012": start, **{name: each.problem for name, each in runs.items()}}.items():
         corners = problem.get_val(GRID).reshape(-1, 3)[quads]
-        axes["section"].plot(*corners.mean(axis=1)[:, :2].T, color=colors[name], label=name)
+        axes["section"].plot(*corners.mean(axis=1)[:, :2].T, **styles[name], label=name)
         for point, mach in MACH_NUMBERS.items():
             pressures = problem.get_val(f"flows.{point}.Cp")
-            draw_pressures(axes[point], corners, pressures, 0.5, color=colors[name], label=name)
+            draw_pressures(axes[point], corners, pressures, 0.5, **styles[name], label=name)
             axes[point].set_title(f"M {mach:g}")
     axes["section"].set(aspect="equal", xlabel="$x / c$", ylabel="$y / c$")
     axes["slow"].legend(fontsize=8)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+from .color_ranges import color_map_about_zero
 
 __all__ = ["FIELD_STYLES", "MESH_STYLES", "SURFACES", "FieldStyle"]
 
@@ -33,6 +36,8 @@ class FieldStyle:
         Whether it needs a problem that has run.
     surfaces : tuple of str
         What is coloured where no surface is named.
+    is_about_zero : bool
+        Whether it has two signs: zero is white then, and ``colors`` is of no account.
     """
 
     field: str
@@ -40,6 +45,11 @@ class FieldStyle:
     colors: str
     is_of_flow: bool = False
     surfaces: tuple[str, ...] = ("walls", "symmetry")
+    is_about_zero: bool = False
+
+    def color_map(self, limits: tuple[float, float]) -> Any:
+        """Colour map of matplotlib, or its name, for a range."""
+        return color_map_about_zero(limits) if self.is_about_zero else self.colors
 
 
 FIELD_STYLES = {
@@ -48,7 +58,7 @@ FIELD_STYLES = {
     "wall height": FieldStyle("wall_height", "height of the first cell (m)", "viridis", surfaces=("walls",)),
     "block": FieldStyle("block", "block", "tab20"),
     "patch": FieldStyle("patch", "patch", "tab20", surfaces=("boundary",)),
-    "Cp": FieldStyle("Cp", "pressure coefficient", "RdYlBu_r", True),
+    "Cp": FieldStyle("Cp", "pressure coefficient", "RdBu_r", True, is_about_zero=True),
     "Mach": FieldStyle("Mach", "Mach number", "turbo", True),
     "entropy": FieldStyle("entropy", "entropy", "magma", True),
     "delta_Cp": FieldStyle("delta_Cp", "pressure difference below - above", "viridis", True, ("lattice", "symmetry")),

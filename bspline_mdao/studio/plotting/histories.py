@@ -12,14 +12,11 @@ from .figures import BLUE, GREEN, ORANGE, PURPLE
 if TYPE_CHECKING:  # the framework is not needed to draw
     from ...core.om.drivers.recorded_run import RecordedRun
 
-__all__ = ["draw_history", "draw_optimality", "driver_colors"]
-
-LEAST = 1e-12
-"""Violations below it are drawn as if they were this, since a logarithmic axis has no zero."""
+__all__ = ["draw_history", "draw_optimality", "driver_styles"]
 
 
-def driver_colors(names: Iterable[str]) -> dict[str, str]:
-    """Give every driver a colour: the first is orange, the second blue.
+def driver_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Give the lines of every driver a colour and a width: a wide orange one, and a thin blue one that lies on it.
 
     Parameters
     ----------
@@ -28,10 +25,11 @@ def driver_colors(names: Iterable[str]) -> dict[str, str]:
 
     Returns
     -------
-    dict of str
-        Colours by name.
+    dict of dict
+        Keywords of ``plot`` by name.
     """
-    return {name: (ORANGE, BLUE, GREEN, PURPLE)[n % 4] for n, name in enumerate(names)}
+    looks = (ORANGE, 3.0), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
+    return {name: dict(zip(("color", "linewidth"), looks[n % len(looks)])) for n, name in enumerate(names)}
 
 
 def draw_history(
@@ -59,9 +57,9 @@ def draw_history(
     log : bool
         Whether the axis is logarithmic.
     """
-    colors = driver_colors(runs)
+    styles = driver_styles(runs)
     for name, run in runs.items():
-        axes.plot(function(run.history[response].ravel()), color=colors[name], label=name, linewidth=1.0)
+        axes.plot(function(run.history[response].ravel()), label=name, **styles[name])
     axes.set(xlabel="evaluation", ylabel=label, yscale="log" if log else "linear")
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.legend()
@@ -70,6 +68,8 @@ def draw_history(
 def draw_optimality(axes: Any, runs: Mapping[str, RecordedRun]) -> None:
     """Draw the optimality of every driver, relative to that of its first gradient, and the violations of constraints.
 
+    The axis ends at the decade of the smallest optimality: violations below it are not seen, nor those that are zero.
+
     Parameters
     ----------
     axes : matplotlib.axes.Axes
@@ -77,13 +77,16 @@ def draw_optimality(axes: Any, runs: Mapping[str, RecordedRun]) -> None:
     runs : mapping of str to RecordedRun
         Optimisations by the names of their drivers.
     """
-    colors = driver_colors(runs)
+    styles, least = driver_styles(runs), 1.0
     for name, run in runs.items():
-        found, style = run.convergence, {"color": colors[name], "linewidth": 1.0, "markersize": 3}
+        found, style = run.convergence, styles[name]
         relative = found.residuals / found.residuals[0]
-        axes.semilogy(found.differentiated, relative, "o-", label=f"{name}: optimality", **style)
+        least = min(least, relative[relative > 0.0].min())
+        dots = {"markersize": 2.5 + style["linewidth"]}
+        axes.semilogy(found.differentiated, relative, "o-", label=f"{name}: optimality", **style | dots)
         if found.violations.any():
-            axes.semilogy(np.maximum(found.violations, LEAST), ":", label="violation", **style)
+            axes.semilogy(found.violations, ":", label=f"{name}: violation", **style)
+    axes.set_ylim(bottom=10.0 ** np.floor(np.log10(least)))
     axes.set(xlabel="evaluation", ylabel="optimality relative to the first, violation")
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.legend(fontsize=8)

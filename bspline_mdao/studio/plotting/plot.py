@@ -17,6 +17,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...flow.om.snapshots import Snapshot
+from .color_ranges import round_ticks
 from .field_styles import SURFACES, FieldStyle
 from .figures import figure, require
 from .panels import Panel, camera_of
@@ -174,8 +175,13 @@ def _limits(panels: Sequence[Panel], look: FieldStyle | None) -> tuple[float, fl
     if look.field in ("Q", "smallest_corner"):
         low, high = min(0.0, low), 1.0
     if look.field == "block":
-        low, high = low - 0.5, high + 0.5
-    return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)
+        return float(low) - 0.5, float(high) + 0.5
+    if look.is_about_zero:
+        low, high = min(0.0, low), max(0.0, high)
+    if not high > low:
+        return float(low) - 0.5, float(low) + 0.5
+    ticks = round_ticks(low, high)
+    return float(ticks[0]), float(ticks[-1])
 
 
 def _show(plotter: Any) -> Any:
@@ -258,4 +264,4 @@ def draw_panel(
 def _paint(sheets: Sequence[AnySheet], look: FieldStyle, limits: tuple[float, float]) -> Paint:
     """Faces of sheets in the colours of a field."""
     values = np.concatenate([np.ravel(sheet.values[look.field]) for sheet in sheets]).astype(float)
-    return Paint(*joined_sheets(sheets), values, limits, look.colors)
+    return Paint(*joined_sheets(sheets), values, limits, look.color_map(limits))

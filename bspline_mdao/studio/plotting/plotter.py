@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .color_ranges import round_ticks
 from .field_styles import FieldStyle
 from .figures import RED, require
 from .panels import camera_of
@@ -131,13 +132,13 @@ def add_sheets(
         elif painted and look is not None:
             scale = plotter.window_size[1] / 800
             n_steps = round(limits[1] - limits[0]) if look.field == "block" else 256
-            bar = {"title": f"{look.label}\n", "color": "black", "n_labels": 5, "title_font_size": round(18 * scale)}
-            bar |= {"fmt": "%.0f" if look.field == "block" else "%.3g", "label_font_size": round(15 * scale)}
-            bar |= {"width": 0.5, "position_x": 0.25, "height": 0.07, "position_y": 0.02}
+            bar = {"title": f"{look.label}\n", "color": "black", "n_labels": 5, "title_font_size": round(24 * scale)}
+            bar |= {"fmt": "%.0f" if look.field == "block" else "%.4g", "label_font_size": round(21 * scale)}
+            bar |= {"width": 0.5, "position_x": 0.25, "height": 0.09, "position_y": 0.02}
             plotter.add_mesh(
                 as_polydata(painted, look.field),
                 scalars=look.field,
-                cmap=look.colors,
+                cmap=look.color_map(limits),
                 n_colors=n_steps,
                 clim=limits,
                 nan_color="#dddddd",
@@ -146,6 +147,15 @@ def add_sheets(
                 name=f"{kind}, {look.field}",
                 **edges,
             )
+            if look.field != "block":
+                _place_ticks(plotter.scalar_bars[bar["title"]], limits)
+
+
+def _place_ticks(bar: Any, limits: tuple[float, float]) -> None:
+    """Have the labels of a colour bar at round numbers."""
+    ticks = round_ticks(*limits)
+    bar.SetCustomLabels(require("pyvista").convert_array(ticks[(ticks >= limits[0]) & (ticks <= limits[1])]))
+    bar.SetUseCustomLabels(True)
 
 
 def _add_patches(plotter: Any, sheets: Sequence[AnySheet], style: dict) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from ...base.extras import INSTALL
 from ...core.model.fitted_model import FittedModel
 from ...grids.topology.index_space import Window
+from .color_ranges import color_map_about_zero
 from .figures import RED, net_quads, require
 
 __all__ = ["Camera", "Faces", "Paint", "Scene", "draw_scene", "has_renderer", "patch_faces", "polygons"]
@@ -63,20 +64,24 @@ class Paint:
         The scalar.
     limits : tuple of float
         Range of the colours.
-    colors : str
-        Name of matplotlib's colour map.
+    colors : str or matplotlib.colors.Colormap, optional
+        Colour map of matplotlib; by default blue below zero, white at zero and red above.
     """
 
     points: np.ndarray
     quads: np.ndarray
     values: np.ndarray
     limits: tuple[float, float]
-    colors: str = "RdYlBu_r"
+    colors: Any = None
+
+    def color_map(self) -> Any:
+        """Give the colour map of matplotlib, or its name."""
+        return color_map_about_zero(self.limits) if self.colors is None else self.colors
 
     def mappable(self) -> Any:
         """Make what matplotlib's ``colorbar`` takes."""
         return require("matplotlib.cm").ScalarMappable(
-            require("matplotlib.colors").Normalize(*self.limits), self.colors
+            require("matplotlib.colors").Normalize(*self.limits), self.color_map()
         )
 
 
@@ -264,7 +269,7 @@ def _add_paint(plotter: Any, paint: Paint) -> None:
     mesh = require("pyvista").PolyData(paint.points, polygons(paint.quads))
     mesh.cell_data["scalar"] = paint.values
     mesh = mesh.cell_data_to_point_data()
-    look = {"cmap": paint.colors, "clim": paint.limits, "show_scalar_bar": False}
+    look = {"cmap": paint.color_map(), "clim": paint.limits, "show_scalar_bar": False}
     plotter.add_mesh(mesh, scalars="scalar", lighting=False, n_colors=256, **look)
 
 

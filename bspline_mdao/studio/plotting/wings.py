@@ -17,7 +17,8 @@ from ...core.background.mesh_model import MeshModel
 from ...core.model.fitted_model import FittedModel
 from ...names import GRID
 from .figures import GRAY
-from .histories import draw_history, draw_optimality, driver_colors
+from .histories import draw_history, draw_optimality, driver_styles
+from .smooth_lines import curve_through, outline_through
 from .wing_lines import section_of, sides_of, strips_of
 
 if TYPE_CHECKING:  # the framework is not needed to draw
@@ -97,7 +98,7 @@ def draw_planform(axes: Any, model: FittedModel | MeshModel, nodes: np.ndarray, 
         Keywords of ``plot``.
     """
     upper, _ = wing_sides(model, nodes)
-    outline = np.concatenate([upper[0], upper[:, -1], upper[-1][::-1]])
+    outline = np.concatenate([curve_through(edge) for edge in (upper[0], upper[:, -1], upper[-1][::-1])])
     axes.plot(outline[:, 2], outline[:, 0], **style)
     axes.set(xlabel="$z$ (m)", ylabel="$x$ (m)", aspect="equal")
     if not axes.yaxis_inverted():
@@ -123,7 +124,7 @@ def draw_sections(
         Keywords of ``plot``.
     """
     for number, part in enumerate(parts):
-        section = wing_section(model, nodes, part)
+        section = outline_through(wing_section(model, nodes, part))
         leading = section[np.argmin(section[:, 0])]
         shape = (section - leading) / np.ptp(section[:, 0])
         axes.plot(shape[:, 0], shape[:, 1] - BELOW * number, **(style if number == 0 else style | {"label": None}))
@@ -146,7 +147,8 @@ def draw_twist(axes: Any, model: FittedModel | MeshModel, nodes: np.ndarray, **s
     """
     upper, _ = wing_sides(model, nodes)
     chords = upper[-1] - upper[0]
-    axes.plot(upper[0, :, 2] / upper[0, -1, 2], np.degrees(np.arctan2(-chords[:, 1], chords[:, 0])), **style)
+    angles = np.degrees(np.arctan2(-chords[:, 1], chords[:, 0]))
+    axes.plot(*curve_through(np.stack([upper[0, :, 2] / upper[0, -1, 2], angles], axis=1)).T, **style)
     axes.set(xlabel="$2 y / b$", ylabel="twist (deg)")
 
 
@@ -173,7 +175,7 @@ def span_load_edges(model: FittedModel | MeshModel, problem: om.Problem) -> np.n
 
 
 def draw_span_load(axes: Any, edges: np.ndarray, load: np.ndarray, **style: Any) -> None:
-    """Draw the load of strips along the half span, relative to its mean, in the middles of the strips.
+    """Draw the load of strips along the half span, relative to its mean: dots in their middles, and a curve.
 
     Parameters
     ----------
@@ -187,7 +189,9 @@ def draw_span_load(axes: Any, edges: np.ndarray, load: np.ndarray, **style: Any)
         Keywords of ``plot``.
     """
     mean = load @ np.abs(np.diff(edges)) / np.ptp(edges)
-    axes.plot(0.5 * (edges[1:] + edges[:-1]) / np.abs(edges).max(), load / mean, **style)
+    dots = np.stack([0.5 * (edges[1:] + edges[:-1]) / np.abs(edges).max(), load / mean], axis=1)
+    (line,) = axes.plot(*curve_through(dots).T, **style)
+    axes.plot(*dots.T, ".", color=line.get_color(), markersize=2.5 + line.get_linewidth())
 
 
 def draw_ellipse(axes: Any, **style: Any) -> None:
@@ -236,9 +240,9 @@ def draw_designs(
         What the response is divided by.
     """
     (planform, sections), (load, twist), (history, optimality) = canvas.subplots(3, 2)
-    colors = {"initial": GRAY, **driver_colors(runs)}
+    styles = {"initial": {"color": GRAY}, **driver_styles(runs)}
     for name, problem in {"initial": start, **{name: run.problem for name, run in runs.items()}}.items():
-        style, nodes = {"color": colors[name], "label": name}, problem.get_val(GRID)
+        style, nodes = styles[name] | {"label": name}, problem.get_val(GRID)
         draw_planform(planform, model, nodes, **style)
         draw_sections(sections, model, nodes, PARTS, **style)
         draw_span_load(load, span_load_edges(model, problem), problem.get_val("span_load"), **style)

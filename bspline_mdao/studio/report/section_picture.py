@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ...core.mesh.surface import SurfaceGrid
 from ...core.model.fitted_model import FittedModel
@@ -17,6 +16,7 @@ from ...flow.euler.gas import critical_pressure
 from ..plotting.cuts import cut_lines
 from ..plotting.figures import BLUE, GRAY, figure
 from ..plotting.pressures import draw_pressures
+from ..plotting.smooth_lines import outline_through
 from .block_subject import BlockSubject
 from .contents import RECORD, axes_of, shapes_of
 
@@ -24,12 +24,6 @@ __all__ = ["plot_section"]
 
 WIDTH, HEIGHT = 5.2, 6.2
 """Inches of a picture for each flight condition, and in all; the least width is 6.5."""
-
-PIECES = 8
-"""Pieces that the curve between two nodes is drawn of."""
-
-CORNER = np.cos(np.radians(60.0))
-"""Cosine of the angle between neighbouring segments from which on an edge is sharp; noses of 32 cells turn by 40."""
 
 NEAR = 1e-9
 """Distance of the cut from the plane of the first nodes, in depths of the grid: along edges, not between nodes."""
@@ -142,31 +136,4 @@ def _outlines(
 ) -> list[np.ndarray]:  # each (m, 2), of every element (m)
     """The curves through the nodes in the first plane of a section, smooth but for sharp edges."""
     first, depth = points[:, 2].min(), np.ptp(points[:, 2])
-    lines = []
-    for line in cut_lines(points, quads, 2, first + NEAR * depth):
-        line = line[:, :2]
-        is_new = np.linalg.norm(np.diff(line, axis=0, prepend=line[:1] + 1.0), axis=1) > 1e3 * NEAR * np.ptp(line)
-        lines.append(_smooth(_from_the_tail(line[is_new])))
-    return lines
-
-
-def _from_the_tail(line: np.ndarray) -> np.ndarray:
-    """A closed line from its last point downstream on; an open one as it is."""
-    if np.linalg.norm(line[0] - line[-1]) > 1e3 * NEAR * np.ptp(line):
-        return line
-    line = np.roll(line[:-1], -int(np.argmax(line[:-1, 0])), axis=0)
-    return np.concatenate([line, line[:1]])
-
-
-def _smooth(line: np.ndarray) -> np.ndarray:
-    """Cubic splines through the points of a line between its sharp edges, shape (n, 2)."""
-    steps = np.diff(line, axis=0)
-    directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
-    edges = 1 + np.flatnonzero(np.sum(directions[1:] * directions[:-1], axis=1) < CORNER)
-    parts = []
-    for start, end in zip([0, *edges], [*edges, len(steps)]):
-        piece = line[start : end + 1]
-        lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(piece, axis=0), axis=1))])
-        dense = np.interp(np.arange(PIECES * (len(piece) - 1) + 1) / PIECES, np.arange(len(piece)), lengths)
-        parts.append(CubicSpline(lengths, piece)(dense) if len(piece) > 3 else piece)
-    return np.concatenate(parts)
+    return [outline_through(line[:, :2]) for line in cut_lines(points, quads, 2, first + NEAR * depth)]

@@ -7,7 +7,7 @@ from test_nlopt_recovery import Walled
 
 from bspline_mdao import optimality_of
 from bspline_mdao.drivers import disagreement, nlopt, recorded, run_at, scipy_slsqp
-from bspline_mdao.plotting import draw_history, draw_optimality, driver_colors, figure
+from bspline_mdao.plotting import draw_history, draw_optimality, driver_styles, figure
 
 DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
 
@@ -130,14 +130,16 @@ def test_histories_are_drawn_as_they_were_recorded(runs, tmp_path):
     assert all(place == round(place) for axes in (values, optimality) for place in axes.get_xticks())
     for line, (name, run) in zip(values.lines, runs.items()):
         np.testing.assert_array_equal(line.get_ydata(), run.history["f"].ravel() - 1.0)
-        assert (line.get_label(), line.get_color()) == (name, driver_colors(runs)[name])
+        assert (line.get_label(), line.get_color()) == (name, driver_styles(runs)[name]["color"])
     assert optimality.get_yscale() == "log"
     found = [line for line in optimality.lines if line.get_label().endswith("optimality")]
     assert len(found) == 2
-    assert sum(line.get_label() == "violation" for line in optimality.lines) >= 1  # SciPy's never violates it
+    assert sum(line.get_label().endswith("violation") for line in optimality.lines) >= 1  # SciPy's never violates it
     for line, run in zip(found, runs.values()):
         np.testing.assert_array_equal(line.get_xdata(), run.convergence.differentiated)
         np.testing.assert_allclose(line.get_ydata()[0], 1.0)
+    least = min(np.min(line.get_ydata()) for line in found)
+    assert 0.1 * least < optimality.get_ylim()[0] <= least  # no decades without a curve
 
 
 def walled_problem():

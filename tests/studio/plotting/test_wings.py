@@ -140,11 +140,12 @@ def test_twist_is_positive_with_the_leading_edge_up(model, nodes, axes):
 def test_a_span_load_is_drawn_relative_to_its_mean(axes):
     edges = np.array([2.0, 1.5, 0.5, 0.0])
     draw_span_load(axes, edges, np.array([1.0, 2.0, 3.0]))
-    y, load = axes.lines[0].get_data()
+    curve, (y, load) = axes.lines[0].get_xydata(), axes.lines[1].get_data()
     np.testing.assert_allclose(y, [0.875, 0.5, 0.125])
     np.testing.assert_allclose(load, np.array([1.0, 2.0, 3.0]) / 2.0)
+    np.testing.assert_allclose(curve[:: len(curve) // 2], axes.lines[1].get_xydata())
     draw_ellipse(axes)
-    y, load = axes.lines[1].get_data()
+    y, load = axes.lines[2].get_data()
     assert np.trapezoid(load, y) == pytest.approx(1.0, abs=1e-3)
 
 

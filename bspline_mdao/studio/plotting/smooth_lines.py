@@ -1,0 +1,61 @@
+"""Smooth curves through the points of coarse grids, so that pictures show shapes and not polygons."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator, CubicSpline
+
+__all__ = ["curve_through", "outline_through"]
+
+PIECES = 8
+"""Pieces that the curve between two points is drawn of."""
+
+CORNER = np.cos(np.radians(60.0))
+"""Cosine of the angle between neighbouring segments from which on an edge is sharp; noses of 32 cells turn by 40."""
+
+SAME = 1e-6
+"""Distance, relative to the size of an outline, below which points are one."""
+
+
+def outline_through(
+    points: np.ndarray,  # (n, d), around a section; of a closed one the last is the first
+) -> np.ndarray:  # (m, d), of a closed one from its last point downstream on
+    """Cubic splines around a section between its sharp edges."""
+    is_new = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1] + 1.0), axis=1) > SAME * np.ptp(points)
+    line = _from_the_tail(points[is_new], SAME * np.ptp(points))
+    steps = np.diff(line, axis=0)
+    directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    edges = 1 + np.flatnonzero(np.sum(directions[1:] * directions[:-1], axis=1) < CORNER)
+    parts = []
+    for start, end in zip([0, *edges], [*edges, len(steps)]):
+        piece = line[start : end + 1]
+        parts.append(CubicSpline(lengths := _lengths(piece), piece)(_dense(lengths)) if len(piece) > 3 else piece)
+    return np.concatenate(parts)
+
+
+def curve_through(
+    points: np.ndarray,  # (n, d), along an edge or a distribution
+) -> np.ndarray:  # (m, d)
+    """Modified Akima splines, which leave straight parts straight beside a kink, and add no waves."""
+    points = points[np.linalg.norm(np.diff(points, axis=0, prepend=points[:1] + 1.0), axis=1) > 0.0]
+    lengths = _lengths(points)
+    return Akima1DInterpolator(lengths, points, method="makima")(_dense(lengths)) if len(points) > 2 else points
+
+
+def _lengths(points: np.ndarray) -> np.ndarray:
+    """Length of a polygon up to each of its points."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
+def _dense(lengths: np.ndarray) -> np.ndarray:
+    """Places at and between points."""
+    n = len(lengths)
+    return np.interp(np.arange(PIECES * (n - 1) + 1) / PIECES, np.arange(n), lengths)
+
+
+def _from_the_tail(line: np.ndarray, near: float) -> np.ndarray:
+    """A closed line from its last point downstream on; an open one as it is."""
+    if np.linalg.norm(line[0] - line[-1]) > near:
+        return line
+    line = np.roll(line[:-1], -int(np.argmax(line[:-1, 0])), axis=0)
+    return np.concatenate([line, line[:1]])
