@@ -3,7 +3,7 @@
 Each map is a frozen dataclass with an ``amount`` (an angle in radians, a factor or a height in metres) and one method
 ``apply``. A map moves every point by itself, by a formula that holds for complex numbers too, so that complex steps
 give all derivatives exactly: with respect to the points and to the amount, `jvp`, `vjp` and `amount_jvp`. What the
-maps do to wing sections is in `section_formulas`, which the design variables of `planform` share. Theory:
+maps do to wing sections is in `section_maps`, which the design variables of `planform` share. Theory:
 ``docs/theory/deformations.rst``.
 """
 
@@ -23,7 +23,7 @@ from ..mesh.frame import Frame, Plane
 from ..mesh.moving_mesh import MovingMesh
 from ..movement.mover import PLANE_TOLERANCE
 from .hinge import RotatedPart, about_axis
-from .section_formulas import rotation, scaling, shear
+from .section_maps import rotation, scaling, shear
 
 __all__ = [
     "Bend",

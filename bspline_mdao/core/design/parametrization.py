@@ -191,7 +191,7 @@ class Parametrization(OneLine):
             If points or values are missing, too many or too few.
         """
         rows, initial = self._moved(initial, values), np.asarray(initial)
-        displacement = rows[self.layout.rows()] - initial
+        displacement = rows[: len(initial)] - initial
         return initial + (self._matrix @ displacement.reshape(-1)).reshape(-1, 3)
 
     def hinge_points(self, initial: np.ndarray, values: Values) -> dict[str, np.ndarray]:

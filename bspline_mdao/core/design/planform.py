@@ -3,7 +3,7 @@
 Each works about the axis as the variables before it have left it, so that they can be given in any order. The usual one
 is from the section outwards: thickness and camber, chord and taper, twist, then span, sweep and dihedral. All but
 `Camber` are maps of two kinds: `SectionMap` multiplies sections in their planes, `ShiftMap` shifts them as wholes, by
-the formulas of `section_formulas`. Theory: ``docs/theory/parametrization.rst``.
+the formulas of `section_maps`. Theory: ``docs/theory/parametrization.rst``.
 """
 
 from __future__ import annotations
@@ -18,11 +18,10 @@ from scipy.sparse import csr_array
 
 from ...base.display import OneLine
 from ...errors import InputError
-from .axis_maps import SectionMap, ShiftMap, along_vectors
 from .displacement import Displacement
 from .lattice import Lattice
 from .reference_axis import AttachedRows, ReferenceAxis, StationSpline
-from .section_formulas import rotation, scaling, shear
+from .section_maps import SectionMap, ShiftMap, along_vectors, rotation, scaling, shear
 from .variable import AuxiliaryPoints, DesignMap, Layout
 
 __all__ = [
@@ -98,8 +97,8 @@ class _InSections(AtStations):
     """A variable that multiplies sections, in their planes about the axis, by a matrix."""
 
     def _bind(self, attached: AttachedRows) -> SectionMap:
-        spline = self.spline.matrix(attached.stations)
-        return SectionMap(self.neutral, attached, self._axes(attached), spline, self._matrices)
+        along, spline = (attached.weights, attached.axis_rows), self.spline.matrix(attached.stations)
+        return SectionMap(self.neutral, *along, self._axes(attached), spline, self._matrices)
 
     def _axes(self, attached: AttachedRows) -> np.ndarray:
         return attached.section_axes
@@ -255,7 +254,8 @@ class Taper(AlongAxis):
     """
 
     def _bind(self, attached: AttachedRows) -> SectionMap:
-        return SectionMap(1.0, attached, attached.section_axes, csr_array(attached.stations[:, None]), _similar)
+        along, spline = (attached.weights, attached.axis_rows), csr_array(attached.stations[:, None])
+        return SectionMap(1.0, *along, attached.section_axes, spline, _similar)
 
 
 def _similar(factor: np.ndarray) -> np.ndarray:
@@ -325,7 +325,9 @@ class _Shifting(AtStations):
         self, attached: AttachedRows, coordinate: int, paths: np.ndarray, slopes: Callable[[Any], Any]
     ) -> ShiftMap:
         """Shift along the stream (0), the normal (1) or the span (2) by slopes along paths."""
-        return ShiftMap(self.neutral, attached, attached.frame.axes[coordinate], paths, self.spline, slopes)
+        along, direction = (attached.weights, attached.axis_rows), attached.frame.axes[coordinate]
+        means = np.diff(self.spline.integral(attached.knots), axis=0) / np.diff(attached.knots)[:, None]
+        return ShiftMap(self.neutral, *along, direction, paths, means, slopes)
 
     @staticmethod
     def _along_span(attached: AttachedRows) -> np.ndarray:

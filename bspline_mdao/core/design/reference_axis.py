@@ -24,7 +24,7 @@ from ..mesh.frame import Frame, Plane, mesh_frame, mesh_planes
 from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..mesh.surface import SurfaceGrid
 from ..movement.mover import PLANE_TOLERANCE
-from .section_formulas import rotation
+from .section_maps import rotation
 from .variable import Layout
 
 __all__ = ["AttachedRows", "ChordLines", "ReferenceAxis", "StationSpline", "chord_lines"]
@@ -220,7 +220,7 @@ class AttachedRows(OneLine):
     # chord lines at the axis' own points; those of the control mesh by default
     lines: ChordLines | None = None
 
-    @property
+    @cached_property
     def axis_rows(self) -> np.ndarray:
         """Rows of the axis' own points, shape (n_axis,)."""
         rows = self.layout.rows(self.axis)
@@ -235,10 +235,6 @@ class AttachedRows(OneLine):
         weights[:, :2] += inboard[:, None] * [-1.0, 1.0]
         weights[:, -2:] += outboard[:, None] * [-1.0, 1.0]
         return csr_array(weights)
-
-    def centres(self, points: np.ndarray) -> np.ndarray:
-        """Point of the axis at the station of every row, shape (n_rows, 3), where all rows are at ``points``."""
-        return self.weights @ points[self.axis_rows]
 
     @cached_property
     def section_axes(self) -> np.ndarray:

@@ -51,7 +51,7 @@ class Layout(OneLine):
     mesh: MovingMesh  # its surface points are the first rows, in the order of ``mesh.surface_ids``
     auxiliary: tuple[AuxiliaryPoints, ...] = ()  # the rows of their points follow, in this order
 
-    @property
+    @cached_property
     def n_surface(self) -> int:
         """Number of surface control points."""
         return len(self.mesh.surface_ids)

@@ -1,6 +1,10 @@
-"""Maps of points along a reference axis: sections multiplied in their planes, and shifted as wholes.
+"""Maps of wing sections: the formulas of rotation, scaling and shear, and maps of points along an axis by them.
 
-The variables of `bspline_mdao.core.design.planform` are made of them. Theory: ``docs/theory/parametrization.rst``.
+A named deformation applies a formula by one amount (`bspline_mdao.core.design.deformation`: `RotateSections`,
+`ScaleChord`, `ScaleThickness`, `ShearDownstream`, `ShearUpwards`); a design variable by one amount per station along
+an axis (`bspline_mdao.core.design.planform`: `Twist`, `Chord`, `ThicknessFactor`, `Taper`, `Sweep`, `Dihedral`), which
+multiplies sections in their planes, `SectionMap`, or shifts them as wholes, `ShiftMap`. All are complex-safe in the
+amount. Theory: ``docs/theory/parametrization.rst`` and ``docs/theory/deformations.rst``.
 """
 
 from __future__ import annotations
@@ -12,10 +16,32 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from .reference_axis import AttachedRows, StationSpline
 from .variable import MapPartials, rates_of
 
-__all__ = ["SectionMap", "ShiftMap", "along_vectors"]
+__all__ = ["SectionMap", "ShiftMap", "along_vectors", "rotation", "scaling", "shear"]
+
+
+def rotation(
+    angle: np.ndarray | float,  # ndarray, any shape, angles (rad)
+) -> np.ndarray:  # (..., 2, 2)
+    """Return matrices of stream and normal coordinates that rotate sections, upstream end up."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return _matrices(cos, sin, -sin, cos)
+
+
+def scaling(stream: np.ndarray | float, normal: np.ndarray | float) -> np.ndarray:
+    """Return matrices, shape (..., 2, 2), that scale stream and normal coordinates by factors of any shape."""
+    stream, normal = np.broadcast_arrays(stream, normal)
+    return _matrices(stream, 0.0 * stream, 0.0 * normal, normal)  # zeros that are complex where the factors are
+
+
+def shear(angle: np.ndarray | float) -> np.ndarray:
+    """Return the shift of sections per length of span that is sheared by an angle (rad)."""
+    return np.tan(angle)
+
+
+def _matrices(a: np.ndarray | float, b: np.ndarray | float, c: np.ndarray | float, d: np.ndarray | float) -> np.ndarray:
+    return np.stack([np.stack([a, b], axis=-1), np.stack([c, d], axis=-1)], axis=-2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +52,9 @@ class SectionMap:
     # - c)``.
 
     neutral: float  # amount, and value, at which nothing moves
-    attached: AttachedRows  # the rows, attached to the axis
+    # (n_rows, n_axis), which give the point of the axis at the station of every row
+    weights: csr_array
+    axis_rows: np.ndarray  # (n_axis,) of int, rows of the axis' own points
     axes: np.ndarray  # (n_rows, 2, 3), two orthonormal directions in the plane of each row's section
     spline: csr_array  # (n_rows, n_values), amounts of sections, less the neutral one, of values less the neutral one
     # matrices, shape (n_rows, 2, 2), of amounts, shape (n_rows,); complex-safe
@@ -55,16 +83,16 @@ class SectionMap:
 
     def _in_plane(self, points: np.ndarray) -> np.ndarray:
         """Coordinates about the axis in the plane of the section, shape (n_rows, 2)."""
-        return np.einsum("nij,nj->ni", self.axes, points - self.attached.centres(points))
+        return np.einsum("nij,nj->ni", self.axes, points - self.weights @ points[self.axis_rows])
 
     def _in_space(self, local: np.ndarray) -> np.ndarray:
         return np.einsum("nij,ni->nj", self.axes, local)
 
     def _points_jacobian(self, changes: np.ndarray) -> csr_array:
         """Derivative with respect to the row itself and to the points of the axis, of changes (n_rows, 3, 3)."""
-        weights, n = self.attached.weights.tocoo(), len(changes)
+        weights, n = self.weights.tocoo(), len(changes)
         influenced = np.concatenate([np.arange(n), weights.row])
-        influences = np.concatenate([np.arange(n), self.attached.axis_rows[weights.col]])
+        influences = np.concatenate([np.arange(n), self.axis_rows[weights.col]])
         d_axis = -weights.data[:, None, None] * changes[weights.row]
         data = np.concatenate([np.eye(3) + changes, d_axis])
         rows = np.broadcast_to(3 * influenced[:, None, None] + np.arange(3)[:, None], data.shape)
@@ -94,55 +122,51 @@ class ShiftMap:
     # [i < q] l_i B_ik m_k``. So sections stay attached at their stations.
 
     neutral: float  # value at which the slope is none
-    attached: AttachedRows  # the rows, attached to the axis
+    # (n_rows, n_axis), which give the point of the axis at the station of every row
+    weights: csr_array
+    axis_rows: np.ndarray  # (n_axis,) of int, rows of the axis' own points
     direction: np.ndarray  # (3,), in which sections are shifted
     paths: np.ndarray  # (n_axis - 1, 3), unit vector for every segment of the axis, along which its length counts
-    spline: StationSpline  # between the values
+    means: np.ndarray  # (n_axis - 1, n_values), mean influence of every value over every segment
     slopes: Callable[[np.ndarray], np.ndarray]  # slopes, shape (n_values,), of values; complex-safe, one by one
 
     @property
     def initial(self) -> np.ndarray:
         """Values at which nothing moves, shape (n_values,)."""
-        return np.full(self.spline.n_values, self.neutral)
+        return np.full(self.means.shape[1], self.neutral)
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Move all rows, shape (n_rows, 3), in metres."""
-        shifts = self._sums @ (self._lengths(points) * (self._means @ self.slopes(values)))
+        shifts = self._sums @ (self._lengths(points) * (self.means @ self.slopes(values)))
         return points + shifts[:, None] * self.direction
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
         """Differentiate `apply`."""
         rates = rates_of(self.slopes, values)
-        d_values = self._sums @ (self._lengths(points)[:, None] * self._means * rates)
-        d_points = (self._sums * (self._means @ self.slopes(values))) @ self._steps
+        d_values = self._sums @ (self._lengths(points)[:, None] * self.means * rates)
+        d_points = (self._sums * (self.means @ self.slopes(values))) @ self._steps
         return MapPartials(self._points_jacobian(d_points), self._matrix(d_values, self._influence_of_values))
 
     def _lengths(self, points: np.ndarray) -> np.ndarray:
-        return np.sum(np.diff(points[self.attached.axis_rows], axis=0) * self.paths, axis=1)
-
-    @cached_property
-    def _means(self) -> np.ndarray:
-        """Mean influence of every value over every segment, shape (n_axis - 1, n_values)."""
-        knots = self.attached.knots
-        return np.diff(self.spline.integral(knots), axis=0) / np.diff(knots)[:, None]
+        return np.sum(np.diff(points[self.axis_rows], axis=0) * self.paths, axis=1)
 
     @cached_property
     def _sums(self) -> np.ndarray:
         """Sums of the slopes over segments up to every row, as weights of shape (n_rows, n_axis - 1)."""
-        n = len(self.attached.knots)
-        return self.attached.weights @ np.tri(n, n - 1, -1)
+        n = len(self.axis_rows)
+        return self.weights @ np.tri(n, n - 1, -1)
 
     @cached_property
     def _steps(self) -> np.ndarray:
         """Derivatives of the lengths of segments in the points of the axis, shape (n_axis - 1, 3 n_axis)."""
-        n = len(self.attached.knots)
+        n = len(self.axis_rows)
         differences = np.eye(n)[1:] - np.eye(n)[:-1]
         return (differences[:, :, None] * self.paths[:, None]).reshape(n - 1, 3 * n)
 
     @cached_property
     def _influence_of_values(self) -> np.ndarray:
         """Whether each row may depend on each value, shape (n_rows, n_values)."""
-        return (self._sums != 0.0) @ (self._means != 0.0)
+        return (self._sums != 0.0) @ (self.means != 0.0)
 
     @cached_property
     def _influence_of_points(self) -> np.ndarray:
@@ -152,7 +176,7 @@ class ShiftMap:
     def _points_jacobian(self, rates: np.ndarray) -> csr_array:
         """Derivative of the rows with respect to the rows, from that of the shifts with respect to the axis."""
         shifts = self._matrix(rates, self._influence_of_points).tocoo()
-        columns = (3 * self.attached.axis_rows[:, None] + np.arange(3)).ravel()
+        columns = (3 * self.axis_rows[:, None] + np.arange(3)).ravel()
         n = shifts.shape[0]
         data = np.concatenate([np.ones(n), shifts.data])
         rows, columns = np.append(np.arange(n), shifts.row), np.append(np.arange(n), columns[shifts.col])
