@@ -8,6 +8,7 @@ Theory: ``docs/theory/sparse.rst``.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -48,6 +49,7 @@ class Routines(NamedTuple):
     gemv: int
 
 
+@functools.cache  # looked up once: a small substitution takes no longer than the look-up
 def routines(dtype: DTypeLike) -> Routines:
     """Routines for real numbers of this precision, single or double."""
     letter = "s" if np.dtype(dtype) == np.float32 else "d"

@@ -18,9 +18,9 @@ from ...base.checks import require_kind
 from ...base.display import OneLine
 from ...errors import InputError
 from ..mesh.frame import mesh_frame
-from .section_maps import along_vectors
 from .displacement import Direction, Displacement, directions_of, displacements
 from .hinge import BehindHinge, Hinge, about_axis, about_axis_rates
+from .section_maps import along_vectors
 from .selection import Where, rows_of
 from .variable import AuxiliaryPoints, Layout, MapPartials
 

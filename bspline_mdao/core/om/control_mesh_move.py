@@ -19,8 +19,7 @@ from ...names import (
     CONTROL_POINTS_INITIAL,
     SURFACE_CONTROL_POINTS,
 )
-from ..mesh.element_corners import ElementCorners
-from ..mesh.moving_mesh import MovingMesh
+from ..mesh.moving_mesh import ElementCorners, MovingMesh
 from ..model.certify import require_valid_splines
 from ..model.movable import Movable
 from ..movement.mover import Movement, MovementReport, Mover, differentiable
