@@ -1,9 +1,9 @@
 """The mesh that a mover moves: hexahedra, and the directions in which each of their points may move.
 
 A control mesh and a fine grid are the same thing to a mover. `bspline_mdao.core.mesh.boundary` makes either from a
-fitted model or a grid and its patches. Whether its elements are still valid is told exactly, for messages, by
-`Tangling`, and as a smooth function of the points, for a constraint, by `ElementCorners`: the aggregate ``corner_ks``
-of grids, taken over the elements of a mesh whose blocks share points.
+fitted model or a grid and its patches. Which elements are still valid `Tangling` has exactly, for messages, and
+`ElementCorners` as a smooth function of the points, for a constraint: the aggregate ``corner_ks`` of grids, taken over
+the elements of a mesh whose blocks share points.
 
 Theory: ``docs/theory/movers.rst``, ``docs/theory/quality.rst``.
 """

@@ -18,7 +18,6 @@ from ...base.numerics.mean_planes import mean_planes
 from ...base.numerics.processes import from_all, together
 from ...errors import InputError
 from ...grids.cells.cell_judge import BlocksJudge
-from ...grids.cells.grid_quality import GridQuality
 from ...grids.cells.pieces import Pieces
 from ...grids.topology.grid import Grid
 from ...grids.topology.node_numbering import NodeNumbering, face_rows, node_copies, source_rows
@@ -170,7 +169,7 @@ class Model(Movable):
             if subdomain is None:
                 nodes = self.local_nodes()
                 grid = self.header.grid(self.topology.shapes, nodes)
-                return BlocksJudge(GridQuality.of_baseline(grid, **settings), nodes)
+                return BlocksJudge.of_baseline(grid, baseline=nodes, **settings)
             windows = subdomain.windows
             if windows is None:
                 raise InputError(
@@ -179,7 +178,7 @@ class Model(Movable):
             nodes = nodes_at(self, subdomain.rows)
         partition = Partition(subdomain.shapes_of_grid, tuple(from_all(comm, windows)))
         pieces = Pieces(partition, self.header.names, self.header.patches, self.header.source, comm)
-        return BlocksJudge(GridQuality.of_pieces(pieces, nodes, **settings), nodes)
+        return BlocksJudge.of_pieces(pieces, nodes, baseline=nodes, **settings)
 
     def fits(self, subdomain: Subdomain) -> bool:
         """Whether the model is of the whole grid, or made for just these nodes."""

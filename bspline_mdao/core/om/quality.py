@@ -168,9 +168,9 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         with failures_as_analysis_errors(self):
             refuse_complex_step(self)
             nodes = finite_points(inputs[GRID], GRID, self.msginfo)
-        if self.options["require_valid"]:
-            self._refuse_inverted(nodes)
         values = self._values(nodes)
+        if self.options["require_valid"] and not (values.min_corner is not None and values.min_corner > 0.0):
+            self._refuse_inverted(nodes)
         for name, value in values.aggregates.items():
             outputs[name] = value
         if values.q is not None:

@@ -57,7 +57,7 @@ class KreisselmeierSteinhauser(OneLine):
 
     def join(self, parts: Sequence[Part]) -> Part:
         """Sum over all parts."""
-        smallest = min(part.extreme for part in parts)
+        smallest = float(np.min([part.extreme for part in parts]))  # NaN where a part is
         scales = (np.exp(-self.rho * (part.extreme - smallest)) * part.total for part in parts if part.total)
         return Part(smallest, sum(scales))
 

@@ -1,6 +1,6 @@
 """What judges the cells of a mesh, whatever their kinds: bounds with derivatives, reports, cells that are inverted.
 
-Of grids of blocks that is `GridQuality` with its reports (`BlocksJudge`), of meshes of mixed cells
+Of grids of blocks that is `GridQuality` with its baseline and reports (`BlocksJudge`), of meshes of mixed cells
 `.mixed_quality.MixedQuality`.
 
 Theory: ``docs/theory/quality.rst``.
@@ -9,12 +9,11 @@ Theory: ``docs/theory/quality.rst``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
-from ...base.display import OneLine
 from ...base.numerics.processes import from_all, together
 from ..topology.block_layout import BlockLayout
 from .block_cells import Chunk
@@ -68,59 +67,32 @@ class CellJudge(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class BlocksJudge(OneLine):
+class BlocksJudge(GridQuality):
     """The cells of a grid of blocks, or of the pieces of it that processes hold."""
 
-    quality: GridQuality
-    baseline: np.ndarray  # (n_nodes, 3), nodes of this process on the baseline (m)
-
-    @property
-    def n_cells(self) -> int:
-        """Cells of this process."""
-        return self.quality.n_cells
+    baseline: np.ndarray = field(kw_only=True)  # (n_nodes, 3), nodes of this process on the baseline (m)
 
     @property
     def lines(self) -> Sequence[np.ndarray]:
         """The pieces."""
-        return BlockLayout.of(piece.shape for piece in self.quality.pieces.local).numbers
-
-    @property
-    def aggregates(self) -> tuple[str, ...]:
-        """Names of the aggregates that the grid has."""
-        return self.quality.aggregates
-
-    def require(self, names: Sequence[str], cells: bool = False) -> None:
-        """Refuse names of aggregates that do not exist, or not on this grid."""
-        self.quality.require(names)
-
-    def evaluate(self, nodes: np.ndarray, names: Sequence[str] | None = None, cells: bool = False) -> GridValues:
-        """See `GridQuality.evaluate`."""
-        return self.quality.evaluate(nodes, names, cells)
-
-    def jvp(self, nodes: np.ndarray, d_nodes: np.ndarray, values: GridValues) -> GridValues:
-        """See `GridQuality.jvp`."""
-        return self.quality.jvp(nodes, d_nodes, values)
-
-    def vjp(self, nodes: np.ndarray, values: GridValues, bar: GridValues) -> np.ndarray:
-        """See `GridQuality.vjp`."""
-        return self.quality.vjp(nodes, values, bar)
+        return BlockLayout.of(piece.shape for piece in self.pieces.local).numbers
 
     def report(self, nodes: np.ndarray, n_bins: int) -> QualityReport:
         """See `report_quality`."""
-        return report_quality(self.quality, nodes, n_bins)
+        return report_quality(self, nodes, n_bins)
 
     def summary(self, nodes: np.ndarray) -> dict[str, float]:
         """Smallest Q, corner and volume, mean Q, inverted cells, and heights at walls by those of the baseline."""
-        with together(self.quality.pieces.comm):
-            rows = np.array([(0, 0, 0.0, *3 * [np.inf]), *self.quality.over_cells(nodes, _numbers_of)])
+        with together(self.pieces.comm):
+            rows = np.array([(0, 0, 0.0, *3 * [np.inf]), *self.over_cells(nodes, _numbers_of)])
             (n_inverted, n_new, total), least = rows[:, :3].sum(axis=0).tolist(), rows[:, 3:].min(axis=0)
-            ratios = self.quality.first_cells.ratios(nodes)
+            ratios = self.first_cells.ratios(nodes)
             low, high = float(ratios.min(initial=np.inf)), float(ratios.max(initial=0.0))
-        parts = from_all(self.quality.pieces.comm, (int(n_inverted), int(n_new), total, low, high, *least.tolist()))
+        parts = from_all(self.pieces.comm, (int(n_inverted), int(n_new), total, low, high, *least.tolist()))
         counted, new, sums, lows, highs, q_min, min_corner, min_volume = zip(*parts)
         found = {
             "q_min": min(q_min),
-            "q_mean": sum(sums) / self.quality.pieces.n_cells_of_all,
+            "q_mean": sum(sums) / self.pieces.n_cells_of_all,
             "min_corner": min(min_corner),
             "min_volume": min(min_volume),
             "n_inverted": sum(counted),
@@ -130,7 +102,7 @@ class BlocksJudge(OneLine):
 
     def newly_inverted(self, nodes: np.ndarray) -> str:
         """Name the worst cell, its corner, and the patches of such cells."""
-        inverted = inverted_cells(self.quality, self.quality.cells_in_turn(nodes), newly=True)
+        inverted = inverted_cells(self, self.cells_in_turn(nodes), newly=True)
         if not inverted:
             return ""
         adjacent = ", ".join(f"'{name}'" for name in patches_of(inverted))

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -43,6 +43,12 @@ class GridValues(OneLine):
     aggregates: Mapping[str, float]
     # Q of every cell: blocks in order, each in C order of its cells. In an adjoint None stands for zeros
     q: np.ndarray | None = None  # (n_cells,), or None
+    # smallest corner triple product of a grid of solid blocks, where ``corner_ks`` was asked for: above zero all cells
+    # are valid
+    min_corner: float | None = None
+
+
+_Quality = TypeVar("_Quality", bound="GridQuality")
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,21 +84,21 @@ class GridQuality(OneLine):
 
     @classmethod
     def of_baseline(
-        cls,
+        cls: type[_Quality],
         grid: Grid,  # the grid. Its walls are its patches of kind ``"wall"``
         **settings: Any,  # ``rho``, ``p``, ``rho_height`` and ``n_threads``
-    ) -> GridQuality:
+    ) -> _Quality:
         """Decide about the cells of a baseline grid, and about the first cells at its walls."""
         # `InputError` if all nodes of a block are at one point, or no block has cells
         return cls.of_pieces(Pieces.of_grid(grid), grid.to_vector().reshape(-1, 3), **settings)
 
     @classmethod
     def of_pieces(
-        cls,
+        cls: type[_Quality],
         pieces: Pieces,  # the pieces, and the processes that hold them
         nodes: np.ndarray,  # (n_nodes, 3), nodes of the pieces of this process (m)
         **settings: Any,  # see `of_baseline`
-    ) -> GridQuality:  # decisions are those of the whole blocks
+    ) -> _Quality:  # decisions are those of the whole blocks
         """Decide about the cells of a baseline grid in pieces; all processes call it."""
         # `InputError` see `of_baseline`
         frames = pieces.frames(nodes)
@@ -153,8 +159,8 @@ class GridQuality(OneLine):
         areas = summed(self.pieces.comm, areas)
         return {block.window.block: unit_normal(areas[block.window.block]) for block, _ in planes}
 
-    def require(self, names: Sequence[str]) -> None:
-        """Refuse names of aggregates that do not exist, or not on this grid."""
+    def require(self, names: Sequence[str], cells: bool = False) -> None:
+        """Refuse names of aggregates that do not exist, or not on this grid; Q of every cell there is."""
         missing = next((name for name in names if name not in self.aggregates), None)
         if missing in AGGREGATES:
             raise InputError(
@@ -185,7 +191,10 @@ class GridQuality(OneLine):
         if of_cells or cells:
             for name, column in zip(of_cells, zip(*self._over_chunks(work))):
                 parts[name] = self._rule(name).join(column)
-        return GridValues(self._joined(names, parts), q)
+        whole, signs = self._joined(names, parts), _height_signs(names)
+        found = {name: signs.get(name, 1.0) * self._rule(name).value(part) for name, part in whole.items()}
+        has_corners = "corner_ks" in whole and not self.pieces.has_planes
+        return GridValues(found, q, whole["corner_ks"].extreme if has_corners else None)
 
     def jvp(
         self,
@@ -248,15 +257,11 @@ class GridQuality(OneLine):
         ratios = self.first_cells.ratios(nodes) if signs else np.empty(0)
         return {name: self._rule(name).part(sign * ratios) for name, sign in signs.items()}
 
-    def _joined(self, names: Collection[str], parts: Mapping[str, Part]) -> dict[str, float]:
-        """Aggregates of the whole grid from the parts of this process, and those of the others."""
+    def _joined(self, names: Collection[str], parts: Mapping[str, Part]) -> dict[str, Part]:
+        """Parts of the whole grid from those of this process, and of the others."""
         none = {name: self._rule(name).part(np.zeros(0)) for name in names}
         tables = gathered(self.pieces.comm, np.array([[parts.get(name, none[name]) for name in names]]))
-        signs, found = _height_signs(names), {}
-        for n, name in enumerate(names):
-            whole = self._rule(name).join([Part(*table[n]) for table in tables])
-            found[name] = signs.get(name, 1.0) * self._rule(name).value(whole)
-        return found
+        return {name: self._rule(name).join([Part(*row[n]) for row in tables]) for n, name in enumerate(names)}
 
     def _height_changes(self, nodes: np.ndarray, d_nodes: np.ndarray, values: Mapping[str, float]) -> dict[str, float]:
         """Changes of the aggregates of heights that there are values of."""

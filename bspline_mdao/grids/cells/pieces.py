@@ -88,6 +88,11 @@ class Pieces(OneLine):
         return frozenset(block for block, n in counts.items() if n > 1)
 
     @cached_property
+    def has_planes(self) -> bool:
+        """Whether a block of the grid is planar."""
+        return any(1 in shape for shape in self.shapes)
+
+    @cached_property
     def has_split_planes(self) -> bool:
         """Whether a planar block is split."""
         return any(1 in self.shapes[block] for block in self.split)

@@ -300,8 +300,9 @@ def test_totals_of_all_outputs_agree_with_differences():
     np.testing.assert_allclose(central_difference(outputs, 2e-4, levels=5), exact, atol=1e-8 * np.abs(exact).max())
 
 
-def test_an_inverted_cell_is_an_analysis_error_where_validity_is_required_and_runs_go_on_after_it():
-    problem = component(require_valid=True)
+@pytest.mark.parametrize("aggregates", [None, ("volume_ks",)], ids=["with corners", "without corners"])
+def test_an_inverted_cell_is_an_analysis_error_where_validity_is_required_and_runs_go_on_after_it(aggregates):
+    problem = component(require_valid=True, aggregates=aggregates)
     start = problem["grid"].copy()
     nodes = problem["grid"].reshape(-1, 3)[: 7 * 8 * 6].reshape(7, 8, 6, 3)
     nodes[3, 4, 2] = nodes[5, 6, 4]
@@ -309,7 +310,24 @@ def test_an_inverted_cell_is_an_analysis_error_where_validity_is_required_and_ru
         problem.run_model()
     problem["grid"] = start
     problem.run_model()
-    assert problem.get_val("corner_ks") > 0.0
+    assert problem.get_val("volume_ks") > 0.0
+
+
+@every_grid
+@pytest.mark.parametrize("amount", [0.0, 0.05, 3.0])
+def test_the_smallest_corner_of_solid_blocks_comes_with_their_bound(blocks, amount):
+    grid = grid_of(*blocks)
+    judge = BlocksJudge.of_baseline(grid, baseline=nodes_of(grid))
+    nodes = nodes_of(grid) + amount * np.random.default_rng(8).uniform(-1.0, 1.0, (grid.n_nodes, 3))
+    found = judge.evaluate(nodes).min_corner
+    assert judge.evaluate(nodes, ["quality_ks"]).min_corner is None
+    if 1 in np.ravel(grid.shapes):
+        assert found is None
+    else:
+        assert found == pytest.approx(min(cells.min_corner.min() for cells in judge.cells(nodes)), rel=1e-12)
+        assert (judge.newly_inverted(nodes) == "") == (found > 0.0)
+        nodes[-1] = np.nan
+        assert np.isnan(judge.evaluate(nodes).min_corner)
 
 
 def test_an_unknown_aggregate_is_refused():
@@ -425,13 +443,13 @@ def test_the_command_names_inverted_cells_and_measures_models(tmp_path, capsys):
 def test_numbers_to_keep_of_a_grid_are_those_of_its_cells(blocks, amount):
     grid = grid_of(*blocks)
     nodes = grid.to_vector().reshape(-1, 3)
-    judge = BlocksJudge(GridQuality.of_baseline(grid, n_threads=1), nodes)
+    judge = BlocksJudge.of_baseline(grid, baseline=nodes, n_threads=1)
     nodes = nodes + amount * np.random.default_rng(8).uniform(-1.0, 1.0, nodes.shape)
-    found, cells = judge.summary(nodes), judge.quality.cells(nodes)
+    found, cells = judge.summary(nodes), judge.cells(nodes)
     q, corners, volumes = (
         np.concatenate([getattr(of, name).ravel() for of in cells]) for name in ("q", "min_corner", "volume")
     )
-    were = np.concatenate([block.first_cell + block.was_invalid for block in judge.quality.blocks]).astype(int)
+    were = np.concatenate([block.first_cell + block.was_invalid for block in judge.blocks]).astype(int)
     expected = [q.min(), q.mean(), corners.min(), volumes.min()]
     names = "q_min", "q_mean", "min_corner", "min_volume"
     np.testing.assert_allclose([found[name] for name in names], expected, rtol=1e-12)
