@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
 from ...errors import MovementError
-from .blocks import LinearSolution
+from .blocks import LinearSolution, relative_residual
 
 __all__ = ["ScalarCholesky", "ScalarFactor"]
 
@@ -68,18 +68,19 @@ class ScalarFactor:
         return float(error / np.abs(known).max(initial=EPSILON) / EPSILON)
 
     def _solved(self, right: np.ndarray) -> np.ndarray:
-        """Solution of a right-hand side."""
+        """Solution of a right-hand side, shape (n,), or of several, shape (n, m)."""
         x = np.empty_like(right)
         for rows, factor in self._pieces:
-            x[rows] = factor.solve(right[rows])
+            sides = right[rows]
+            x[rows] = factor.solve(sides.reshape(len(rows), -1)).reshape(sides.shape)
         return x
 
     def solve(self, right: np.ndarray) -> LinearSolution:
-        """Solve for a right-hand side, shape (n,)."""
-        start, size = time.perf_counter(), np.linalg.norm(right)
+        """Solve for a right-hand side, shape (n,), or for several, shape (n, m)."""
+        start = time.perf_counter()
         x = self._solved(right)
-        residual = float(np.linalg.norm(right - self.matrix @ x) / size) if size else 0.0
-        return LinearSolution(x, 0, residual, time.perf_counter() - start)
+        rest = (right - self.matrix @ x)[:, None]
+        return LinearSolution(x, 0, relative_residual(rest, right[:, None]), time.perf_counter() - start)
 
 
 def _factored(matrix: csc_array) -> SuperLU:

@@ -31,6 +31,7 @@ from ...base.display import OneLine
 from ...base.numerics.processes import ONE, together
 from ...base.sparse.blocks import BlockMatrix, BlockPattern, slots
 from ...base.sparse.distributed import DistributedPattern
+from ...base.sparse.solved_together import Task, solved
 from ...errors import MovementError
 from ...grids.topology.periodic_ties import Ties
 from ..mesh.moving_mesh import MovingMesh
@@ -167,7 +168,8 @@ class EquilibriumMover(IncrementalMover):
             factor = equilibrium.factorized(elements)
         prescribed, surface_ids = np.zeros_like(before), self.mesh.surface_ids
         prescribed[surface_ids] = surface - before[surface_ids]
-        balance = equilibrium.balance(elements, factor, prescribed, np.zeros((1, 1, 1)), REFINE_ABOVE)
+        nothing = np.zeros((1, 1, 1))
+        balance = solved(equilibrium.balance_task(elements, factor, prescribed, nothing, REFINE_ABOVE))
         if not np.isfinite(balance.parts).all():
             raise MovementError("movement: the displacements are not finite; take a smaller step or more increments")
         points = before + balance.parts[0]
@@ -213,7 +215,8 @@ class EquilibriumStep:
     def _balance(self, prescribed: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Parts of the displacement that is prescribed on the surface and balances a load on the free points."""
         factor = self.factor or self.equilibrium.factorized(self.elements)
-        return self.equilibrium.balance(self.elements, factor, prescribed, load, REFINE_PRODUCTS_ABOVE).parts
+        task = self.equilibrium.balance_task(self.elements, factor, prescribed, load, REFINE_PRODUCTS_ABOVE)
+        return solved(task).parts
 
 
 @dataclass(eq=False)
@@ -245,14 +248,14 @@ class Equilibrium:
             pattern = unknowns.pattern
         return cls(mesh, unknowns, solver.analyze(pattern, mesh.points[unknowns.row_ids[unknowns.rows]]))
 
-    def balance(
+    def balance_task(
         self,
         elements: Balanced,  # their forces are F
         factor: Any,  # of their stiffness
         prescribed: np.ndarray,  # (n_points, 3), displacement of the surface (m), 0 elsewhere
         load: np.ndarray,  # (n_parts, n_points, 3), load on the points, as a sum of parts
         above: float,  # estimate of the relative error above which the displacement is refined
-    ) -> Balance:
+    ) -> Task[Balance]:
         """Find the displacement u that is prescribed on the surface and has ``F(u) = load`` at the free points."""
         # Iterative refinement [Wilkinson 1963; Higham, Accuracy and Stability of Numerical Algorithms (2002), 12]:
         #
@@ -262,7 +265,7 @@ class Equilibrium:
         # 4. stop where corrections do not shrink any more: what is left is rounding;
         # 5. add c to both parts of u, and stop where the next correction promises to be below `TOLERANCE`.
         gather, scatter = self.unknowns.gather, self.unknowns.scatter
-        solution = factor.solve(gather(less(load, elements.force(prescribed[None]))))  # step 1
+        solution = yield factor, gather(less(load, elements.force(prescribed[None])))  # step 1
         parts, error = (prescribed + scatter(solution.x))[None], EPSILON * factor.cancellation
         size, last, n_steps = np.abs(solution.x).max(initial=0.0), 1.0, solution.iterations
         if size == 0.0 or not np.isfinite(size):
@@ -272,14 +275,14 @@ class Equilibrium:
         parts = in_two(parts)
         for _ in range(MAX_CORRECTIONS):
             residual = less(load, elements.force(parts))  # step 2
-            solved = factor.solve(gather(residual))  # step 3
-            correction = scatter(solved.x)
+            correction_of = yield factor, gather(residual)  # step 3
+            correction = scatter(correction_of.x)
             change = np.abs(correction).max() / size
             if not change < LEAST_GAIN * last:  # step 4; also where it is not a number
                 error = change
                 break
             # step 5; corrections shrink by change / last, so that the next one is about error
-            parts, n_steps = corrected(parts, correction), n_steps + max(solved.iterations, 1)
+            parts, n_steps = corrected(parts, correction), n_steps + max(correction_of.iterations, 1)
             error, last = change * change / last, change
             if error <= TOLERANCE:
                 break

@@ -32,6 +32,7 @@ from ...base.checks import as_array
 from ...base.display import OneLine
 from ...base.sparse.cholesky import Cholesky
 from ...base.sparse.scalar import ScalarCholesky
+from ...base.sparse.solved_together import Task, solved
 from ...errors import InputError
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.sliding_points import SlidPoints
@@ -139,6 +140,12 @@ class Rotations(OneLine):
             If a coordinate is not finite, a surface point leaves its symmetry plane, the surface is turned inside out,
             a system cannot be solved, or a point is moved far beyond what the surface does.
         """
+        return solved(self.move_task(initial, surface, start))
+
+    def move_task(
+        self, initial: np.ndarray, surface: np.ndarray, start: RotatedStart | None = None
+    ) -> Task[RotatedMovement]:
+        """Task of `move`, see `bspline_mdao.core.movement.moved_together`."""
         began, mesh = time.perf_counter(), self.mesh
         initial = np.array(as_array(initial, "movement: points"), dtype=float)
         surface = np.array(as_array(surface, "movement: surface points"), dtype=float)
@@ -148,13 +155,14 @@ class Rotations(OneLine):
         at_rest = initial[mesh.surface_ids]
         surface = met_alike(mesh, at_rest, surface)
         vectors = SurfaceVectors.of(self._surface, at_rest, surface, mesh.surface_ties)  # step 1
-        extension = start.rotations.field(vectors.values)  # step 2
+        extension = yield from start.rotations.field_task(vectors.values)  # step 2
         of_elements = extension.values[mesh.elements].mean(axis=1)
-        displacements = [start.displacements.field(surface - at_rest, turns(of_elements))]  # step 3
+        displacement = surface - at_rest
+        displacements = [(yield from start.displacements.field_task(displacement, turns(of_elements)))]  # step 3
         repetitions = []
         for _ in range(self.n_repetitions):  # step 4
             repetitions.append(ElementRotations.of(displacements[-1].elements, displacements[-1].balance.parts))
-            displacements.append(start.displacements.field(surface - at_rest, repetitions[-1].turns))
+            displacements.append((yield from start.displacements.field_task(displacement, repetitions[-1].turns)))
         points = initial + displacements[-1].balance.parts[0]
         points[mesh.surface_ids] = surface
         check_reach(mesh, initial, surface, points)
@@ -219,38 +227,47 @@ class RotatedMovement(OneLine):
         d_surface: np.ndarray,  # (n_surface, 3), change of the surface points after the move
     ) -> np.ndarray:
         """Change of the points, shape (n_points, 3)."""
-        d_at_rest = d_initial[self.surface_ids]
-        d_surface = d_at_rest + self._mesh.alike(d_surface - d_at_rest)
-        d_vectors = self.vectors.jvp(d_at_rest, d_surface)
-        d_extension = self.extension.jvp(d_initial, d_vectors, None)
-        d_target = turns_jvp(self.of_elements, d_extension.sum(axis=0)[self._mesh.elements].mean(axis=1))
-        d_displacement = self.displacements[0].jvp(d_initial, d_surface - d_at_rest, d_target)
-        for rotations, displacement in zip(self.repetitions, self.displacements[1:]):
-            d_target = rotations.jvp(d_initial, d_displacement)
-            d_displacement = displacement.jvp(d_initial, d_surface - d_at_rest, d_target)
-        d_points = d_initial + d_displacement.sum(axis=0)
-        d_points[self.surface_ids] = d_surface
-        return d_points if self.slid is None else self.slid.jvp(d_initial, d_points)
+        return solved(self.jvp_task(d_initial, d_surface))
 
     def vjp(
         self,
         bar: np.ndarray,  # (n_points, 3), derivative of a scalar with respect to the points
     ) -> tuple[np.ndarray, np.ndarray]:  # initial_bar: (n_points, 3); surface_bar: (n_surface, 3)
         """Transpose of `jvp`."""
+        return solved(self.vjp_task(bar))
+
+    def jvp_task(self, d_initial: np.ndarray, d_surface: np.ndarray) -> Task[np.ndarray]:
+        """Task of `jvp`."""
+        d_at_rest = d_initial[self.surface_ids]
+        d_surface = d_at_rest + self._mesh.alike(d_surface - d_at_rest)
+        d_vectors = self.vectors.jvp(d_at_rest, d_surface)
+        d_extension = yield from self.extension.jvp_task(d_initial, d_vectors, None)
+        d_target = turns_jvp(self.of_elements, d_extension.sum(axis=0)[self._mesh.elements].mean(axis=1))
+        d_relative = d_surface - d_at_rest
+        d_displacement = yield from self.displacements[0].jvp_task(d_initial, d_relative, d_target)
+        for rotations, displacement in zip(self.repetitions, self.displacements[1:]):
+            d_target = rotations.jvp(d_initial, d_displacement)
+            d_displacement = yield from displacement.jvp_task(d_initial, d_relative, d_target)
+        d_points = d_initial + d_displacement.sum(axis=0)
+        d_points[self.surface_ids] = d_surface
+        return d_points if self.slid is None else self.slid.jvp(d_initial, d_points)
+
+    def vjp_task(self, bar: np.ndarray) -> Task[tuple[np.ndarray, np.ndarray]]:
+        """Task of `vjp`."""
         by_slides, bar = (0.0, bar) if self.slid is None else self.slid.vjp(bar)
         mesh, initial_bar, surface_bar = self._mesh, bar.copy(), np.zeros((len(self.surface_ids), 3))
         parts_bar = bar[None]
         for rotations, displacement in zip(self.repetitions[::-1], self.displacements[:0:-1]):
-            by_points, by_surface, target_bar = displacement.vjp(parts_bar)
+            by_points, by_surface, target_bar = yield from displacement.vjp_task(parts_bar)
             by_gradient, parts_bar = rotations.vjp(target_bar)
             initial_bar += by_points + by_gradient
             surface_bar += by_surface
-        by_points, by_surface, target_bar = self.displacements[0].vjp(parts_bar)
+        by_points, by_surface, target_bar = yield from self.displacements[0].vjp_task(parts_bar)
         surface_bar += by_surface
         of_elements_bar = 0.125 * turns_vjp(self.of_elements, target_bar)
         at_corners = np.repeat(of_elements_bar[:, None], 8, axis=1)
         extension_bar = add_at_corners(mesh.elements, at_corners, mesh.n_points)
-        by_extension, vectors_bar, _ = self.extension.vjp(extension_bar[None])
+        by_extension, vectors_bar, _ = yield from self.extension.vjp_task(extension_bar[None])
         at_rest_bar, by_vectors = self.vectors.vjp(vectors_bar)
         initial_bar += by_points + by_extension
         initial_bar[self.surface_ids] += at_rest_bar - surface_bar

@@ -27,6 +27,7 @@ from numba import njit
 
 from ...base.display import OneLine
 from ...base.numerics.vectors import add, dot, scaled
+from ...base.sparse.solved_together import Task
 from ...errors import MovementError
 from ..mesh.moving_mesh import MovingMesh
 from .equilibrium import ALL, REFINE_ABOVE, REFINE_PRODUCTS_ABOVE, Balance, Equilibrium
@@ -126,13 +127,12 @@ class TargetGradientSystem(OneLine):
         elements = TargetGradientElements.of(equilibrium.mesh, stiffness, law, points)
         return cls(equilibrium, elements, equilibrium.factorized(elements))
 
-    def field(self, surface_values: np.ndarray, target: np.ndarray | None = None) -> TargetGradientField:
+    def field_task(self, surface_values: np.ndarray, target: np.ndarray | None = None) -> Task[TargetGradientField]:
         """Solve for the field that has values, shape (n_surface, 3), on the surface; zero where nothing is free."""
         elements = self.elements if target is None else replace(self.elements, target=target)
         nothing = np.zeros((1, 1, 1))
-        balance = self.equilibrium.balance(
-            elements, self.factor, self.on_surface(surface_values), nothing, REFINE_ABOVE
-        )
+        prescribed = self.on_surface(surface_values)
+        balance = yield from self.equilibrium.balance_task(elements, self.factor, prescribed, nothing, REFINE_ABOVE)
         if not np.isfinite(balance.parts).all():
             raise MovementError("movement: the displacements are not finite; take a smaller step")
         return TargetGradientField(self, elements, balance)
@@ -143,9 +143,11 @@ class TargetGradientSystem(OneLine):
         values[self.equilibrium.mesh.surface_ids] = surface_values
         return values
 
-    def response(self, prescribed: np.ndarray, load: np.ndarray) -> np.ndarray:
+    def response_task(self, prescribed: np.ndarray, load: np.ndarray) -> Task[np.ndarray]:
         """Parts of the field that is prescribed on the surface and balances a load, without a target."""
-        return self.equilibrium.balance(self.elements, self.factor, prescribed, load, REFINE_PRODUCTS_ABOVE).parts
+        of_factor = self.elements, self.factor
+        balance = yield from self.equilibrium.balance_task(*of_factor, prescribed, load, REFINE_PRODUCTS_ABOVE)
+        return balance.parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,16 +163,18 @@ class TargetGradientField:
         """The field at all points, shape (n_points, 3)."""
         return self.balance.parts.sum(axis=0)
 
-    def jvp(self, d_points: np.ndarray, d_surface_values: np.ndarray, d_target: np.ndarray | None) -> np.ndarray:
+    def jvp_task(
+        self, d_points: np.ndarray, d_surface_values: np.ndarray, d_target: np.ndarray | None
+    ) -> Task[np.ndarray]:
         """Change of the field, shape (n_parts, n_points, 3): as a sum of parts."""
         if d_target is None:
             d_target = np.zeros_like(self.elements.target)
         d_force = self.elements.force_jvp(in_two(self.balance.parts), d_points, d_target)
-        return self.system.response(self.system.on_surface(d_surface_values), -d_force)
+        return (yield from self.system.response_task(self.system.on_surface(d_surface_values), -d_force))
 
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of `jvp`, for a sum of parts: for the points, the values on the surface, and the target."""
-        adjoint = self.system.response(np.zeros_like(bar[0]), -bar)
+    def vjp_task(self, bar: np.ndarray) -> Task[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Transpose of `jvp_task`, for a sum of parts: for the points, the values on the surface, and the target."""
+        adjoint = yield from self.system.response_task(np.zeros_like(bar[0]), -bar)
         points_bar, target_bar, prescribed_bar = self.elements.force_vjp(self.balance.parts, adjoint)
         total = bar.sum(axis=0) + prescribed_bar
         return points_bar, total[self.system.equilibrium.mesh.surface_ids], target_bar
