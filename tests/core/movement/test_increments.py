@@ -115,6 +115,41 @@ def test_a_mesh_is_good_while_it_keeps_three_per_cent_of_its_smallest_corner_tri
 
 
 @dataclass(frozen=True)
+class Listed:
+    """Keeps the part of a list by its number of increments, and notes what was tried; gives up where there is none."""
+
+    parts: dict
+    tried: list
+    mesh: object
+    n_increments: int = 1
+
+    def move(self, initial, surface):
+        self.tried.append(self.n_increments)
+        if self.parts[self.n_increments] is None:
+            raise MovementError("listed: no")
+        part = self.parts[self.n_increments]
+        return SimpleNamespace(report=SimpleNamespace(increments=[SimpleNamespace(corner_ratio=part)]))
+
+
+@pytest.mark.parametrize(
+    ("parts", "needed", "n_tried"),
+    [
+        ((-2.3, -1.8, -2.0, 1.0), 2, 3),  # five keep less than two: ten are not tried
+        ((-0.1, -0.3, -0.3, 1.0), 1, 3),
+        ((-0.5, -0.8, -0.1, 0.2), 10, 4),  # two keep less than one, which says nothing of five
+        ((-0.5, -0.8, 0.1, None), 5, 3),
+        ((-2.3, None, None, 0.1), 10, 4),  # to give up is no comparison
+        ((-2.3, -1.8, -1.7, -1.9), 5, 4),
+    ],
+)
+def test_ten_increments_are_tried_unless_five_keep_no_more_than_two(parts, needed, n_tried):
+    mesh, tried = plate_mesh(), []
+    mover = Listed(dict(zip((1, 2, 5, 10), parts)), tried, mesh)
+    assert increments_for(mover, [mesh.points[mesh.surface_ids]]) == needed
+    assert tried == [1, 2, 5, 10][:n_tried]
+
+
+@dataclass(frozen=True)
 class Fragile(IncrementalMover):
     """Gives up when the surface goes too far at once."""
 
