@@ -147,7 +147,7 @@ class RotationMap:
 
     def rows(self, rows: np.ndarray) -> FaceNodes:
         """Weights and planes of nodes on boundary faces by their rows, which are evaluated ones in ascending order."""
-        return _face_nodes(rows, self.cells, self.faces, self.plane_of_corner)
+        return _face_nodes(rows, self.cells, self.faces, self.plane_of_corner, self.evaluator.n_rows)
 
 
 @dataclass(frozen=True, eq=False)
