@@ -20,7 +20,7 @@ import su2_stand_in
 from mesh_cases import sector_mesh
 from overset_cases import two_cylinders
 from periodic_cases import PITCH, passage
-from riding_cases import mesh, su2_text
+from riding_cases import SPACING, mesh, plane_su2_text, section, su2_text
 
 from bspline_mdao import FittedModel, design_summary, fit_grid, load_best, read_grid, write_grid
 from bspline_mdao.core.om.drivers.case_history import read_history
@@ -65,10 +65,15 @@ def run_blocks(page, **contents):
     return contents
 
 
-def run_commands(page, **more):
+def commands_of(page):
+    """Arguments of the command lines of a page, in their order."""
+    lines = re.sub(r" *\\\n *", " ", "\n".join(code_blocks(page, "sh"))).splitlines()
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("bspline-mdao")]
+
+
+def run_commands(page, but=(), **more):
     """Run the command lines of a page here, with more arguments by the command; return the commands."""
-    lines = "\n".join(code_blocks(page, "sh")).splitlines()
-    commands = [shlex.split(line)[1:] for line in lines if line.startswith("bspline-mdao")]
+    commands = [command for command in commands_of(page) if not set(command) & set(but)]
     for command in commands:
         assert cli([*command, *more.get(command[0], [])]) == 0
     return [command[0] for command in commands]
@@ -169,14 +174,21 @@ def test_many_designs_are_made_as_the_page_says(tmp_path, monkeypatch):
     assert np.ptp(contents["designs"].outputs["area"]) > 1e-6
 
 
-def test_points_of_other_meshes_follow_as_the_page_says(folder, monkeypatch):
-    monkeypatch.chdir(folder)
+def test_points_of_other_meshes_follow_as_the_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run_commands("howto/foreign_points.rst") == ["fit"]
     contents = run_blocks("howto/foreign_points.rst")
     assert np.abs(contents["embedded"].forward(contents["moved"]) - contents["probes"]).max() > 0.01
 
 
-def test_a_mesh_rides_along_as_the_page_says(folder, monkeypatch):
-    monkeypatch.chdir(folder)
+def test_a_mesh_rides_along_as_the_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_grid("wing.xyz", onera_m6_grid((9, 11, 9), SPACING))
+    (tmp_path / "mesh.su2").write_text(su2_text(mesh()))
+    (tmp_path / "airfoil.su2").write_text(plane_su2_text())
+    commands = ["inspect", "fit", "ride", "init", "optimize", "ride", "airfoil", "ride"]
+    assert run_commands("howto/ride.rst", optimize=["--max-iterations", "1"]) == commands
+    assert {"twisted.su2", "optimum.su2", "pitched.su2"} <= set(os.listdir())
     contents = run_blocks("howto/ride.rst")
     assert np.abs(contents["state"].nodes - contents["corners"])[:, 2].max() > 0.01
 
@@ -219,6 +231,40 @@ def test_an_airfoil_becomes_a_grid_and_an_optimum_as_the_page_says(tmp_path, mon
     (study,) = code_blocks("howto/airfoil.rst", "toml")
     Path("case_1.toml").write_text(study)
     assert list(read_study(Path("case_1.toml")).variables) == ["thickness_points"]
+
+
+@pytest.mark.parametrize(
+    ("page", "but", "commands"),
+    [
+        ("faq.rst", (), ["inspect", "fit"]),
+        ("viscous.rst", (), ["fit", "move", "inspect"]),
+        ("install.rst", ("--version", "warm-up"), ["fit"]),
+        ("howto/flaps.rst", ("mesh.h5",), ["move", "move"]),
+    ],
+)
+def test_commands_of_a_page_run_on_the_grid_that_it_names(tmp_path, monkeypatch, page, but, commands):
+    monkeypatch.chdir(tmp_path)
+    grid = onera_m6_grid((9, 9, 9))
+    for name in "wing.xyz", "wing.cgns":
+        write_grid(name, grid)
+    fit_grid(grid).save("wing.h5")
+    section().save("tail.h5")
+    assert run_commands(page, but, fit=["--overwrite"]) == commands
+
+
+def test_every_page_with_commands_is_run():
+    """But for synopses, for lines of pages that are run elsewhere, and for other programs and several processes."""
+    pages = [*DOCS.glob("*.rst"), *(DOCS / "howto").glob("*.rst")]
+    with_commands = {str(page.relative_to(DOCS)) for page in pages if commands_of(page)}
+    text = Path(__file__).read_text()
+    run = {
+        *re.findall(r'run_commands\("([\w/]+\.rst)"', text),
+        *re.findall(r'^        \("([\w/]+\.rst)", \(', text, re.M),
+    }
+    synopses, of_other_pages, opens_a_browser = {"command_line.rst"}, {"index.rst", "report.rst"}, {"howto/live.rst"}
+    by_its_program, by_its_study = {"tutorial.rst"}, {"studies.rst"}
+    known = synopses | of_other_pages | opens_a_browser | by_its_program | by_its_study
+    assert with_commands - run == known
 
 
 def test_sectors_move_as_the_page_says(tmp_path, monkeypatch):
