@@ -434,8 +434,11 @@ def _face_nodes(
     corners, weights = (np.concatenate(parts)[order] for parts in zip(*found))
     planes, count = np.full((len(rows), 3), -1), np.zeros(len(rows), dtype=int)
     for k in sorted({face.plane for face in faces if face.plane is not None}):
-        is_in = np.zeros(len(rows), dtype=bool)
-        is_in[place[np.concatenate([face.rows for face in faces if face.plane == k])]] = True
+        of_plane, is_in = (
+            place[np.concatenate([face.rows for face in faces if face.plane == k])],
+            np.zeros(len(rows), bool),
+        )
+        is_in[of_plane[of_plane >= 0]] = True
         sees_more = ((plane_of_corner[corners] != k) & (weights > 0.0)).any(axis=1)
         at = np.flatnonzero(is_in & sees_more & (count < 3))
         planes[at, count[at]] = k

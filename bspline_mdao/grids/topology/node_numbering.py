@@ -107,10 +107,10 @@ class NodeNumbering:
         is_copy[copies[:, 0]] = True
         numbers, places = [], []
         for segment in topology.segments:
-            rows, is_own = face_rows(topology, segment), np.zeros(segment.shape, dtype=bool)
+            rows, is_first = face_rows(topology, segment), np.zeros(segment.shape, dtype=bool)
             inner = tuple(slice(int(lo > 0), None) for lo in segment.lo)  # the segment before has what they share
-            is_own[inner] = ~is_copy[rows[inner]]
-            places.append(np.flatnonzero(is_own))
+            is_first[inner] = ~is_copy[rows[inner]]
+            places.append(np.flatnonzero(is_first))
             numbers.append(rows.ravel()[places[-1]])
         return cls(topology, np.arange(topology.n_nodes), topology.n_nodes, copies, tuple(numbers), tuple(places))
 
