@@ -54,8 +54,6 @@ def open_live(model_file: Path, options: LiveOptions) -> None:
         mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
         live = LiveModel(model, mesh, options.mover.make(mesh), options.design or None, options.deform)
         progress(0.5, "trying a move")
-        live.warm()
-        progress(0.9, "drawing")
         page = Page(Session(live, options.output))
     n_points = f"{counted(len(mesh.surface_ids), 'control point')} of the surface"
     print_title(f"{model_file}: {counted(model.n_nodes, 'node')}, {counted(len(live.sliders), 'slider')}, {n_points}")

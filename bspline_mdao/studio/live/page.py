@@ -1,7 +1,7 @@
 """The page on which a model is deformed: trame serves it, and the browser draws what VTK's objects describe.
 
 What moves the shape only notes what is asked. One task makes shapes of it, the newest first, so that a slider that is
-faster than the shapes skips some; the flow is solved when the hand rests.
+faster than the shapes skips some. While the hand moves what is seen is made, and the rest, and the flow, when it rests.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LOOPBACK = "127.0.0.1"
 _NEED = "the command live needs trame and VTK"
 
 RESTS = 0.25
-"""Time (s) without a change after which the flow is solved."""
+"""Time (s) without a change after which all of the grid is made and the flow is solved."""
 
 _FILES = {"report": ".html", "STEP": ".step", "PLOT3D": ".xyz", "study.toml": ".toml", "points": ".csv"}
 """Buttons that write, and the suffixes of their files."""
@@ -61,6 +61,7 @@ class Page:
     def __init__(self, session: Session, name: str = "bspline_mdao live") -> None:
         require_trame()
         self.session, self.scene = session, Scene(session.live)
+        session.live.warm(self.scene.part(View()))
         self.server = library("trame.app", _NEED, "live").get_server(name)
         self.server.client_type = "vue3"
         self.state, self.ctrl = self.server.state, self.server.controller
@@ -128,6 +129,7 @@ class Page:
                 "command": session.command,
                 "can_undo": bool(session.history.before),
                 "can_redo": bool(session.history.after),
+                "is_part": session.shape.part is not None,
                 "milliseconds": round(1e3 * sum(session.shape.seconds.values())),
             }
         )
@@ -147,6 +149,7 @@ class Page:
 
     def _view_changed(self, **_: Any) -> None:
         if self.view is not None:
+            self.session.complete()  # what is seen now may not be in the part
             self.show()
 
     def ask(self) -> None:
@@ -158,19 +161,19 @@ class Page:
             self._task = asyncio.get_running_loop().create_task(self._follow())
 
     async def _follow(self) -> None:
-        """Make shapes as long as some are asked for, and then the flow of the last one."""
+        """Make what is seen of shapes as long as some are asked for, and then all of the last one."""
         while self._is_asked:
             self._is_asked = False
-            self.session.update()
+            self.session.update(self.scene.part(self.seen))
             with self.state:
                 self.show()
             await asyncio.sleep(0.0)  # what the browser has sent meanwhile comes first
             if not self._is_asked:
                 await asyncio.sleep(RESTS)
                 if not self._is_asked and not self.session.complaint:
-                    self.session.add_lift()
+                    self.session.complete()
                     with self.state:
-                        self._show_numbers()
+                        self.show()
 
     def _put_state(self) -> None:
         """Put sliders to where the design of the moment has them."""
@@ -368,6 +371,7 @@ class Page:
                     html.Td("{{ row.name }}", classes="px-1")
                     html.Td("{{ row.value }}", classes=("row.is_bad ? 'px-1 text-red font-weight-bold' : 'px-1'",))
                     html.Td("{{ row.was }}", classes="px-1 text-medium-emphasis")
+            html.Div("of what is seen; of all cells in a moment", v_if=("is_part",), classes="text-caption")
             html.Div("Worst cells, by their smallest corner", classes="text-subtitle-2 mt-3")
             html.Div("{{ cell }}", v_for="cell in worst", key="cell", classes="text-caption")
             html.Div("{{ command }}", id="command", classes="text-caption mt-3", style="font-family: monospace")

@@ -12,6 +12,7 @@ from ...base.extras import library
 from ...core.mesh.frame import surface_frame
 from ...errors import InputError
 from .drawn import Drawn
+from .part import Part
 from .shape import LiveModel, Shape
 
 __all__ = ["COLOURS", "Camera", "Scene", "View", "vtk_library"]
@@ -117,6 +118,7 @@ class Scene:
         self._renderer.SetBackground(1.0, 1.0, 1.0)
         self._drawn = Drawn.of(live.model.topology)
         self._drawn_as: tuple[bool, int | None, float] = (False, None, 0.5)
+        self._part: tuple[Drawn, Part] | None = None
         self._sheets, self._mapper = self._surfaces()
         self._control = self._markers((0.10, 0.10, 0.12), 6.0)
         self._worst = self._markers((0.84, 0.10, 0.11), 13.0)
@@ -200,6 +202,13 @@ class Scene:
         self._put_markers(self._control, self.surface, view.has_points)
         self._put_markers(self._worst, live.middles(shape.nodes, shape.worst))
         return ends
+
+    def part(self, view: View) -> Part:
+        """Part of the grid that a view needs, made once for all shapes."""
+        self._lay_out(view)
+        if self._part is None or self._part[0] is not self._drawn:
+            self._part = self._drawn, self.live.part_of(self._drawn.cells)
+        return self._part[1]
 
     def _values(self, shape: Shape, colour: str) -> tuple[np.ndarray, bool, tuple[float, float]]:
         """Values of what is drawn, whether they are of cells, and their range."""

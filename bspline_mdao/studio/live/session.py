@@ -5,7 +5,7 @@ Nothing here knows of a browser. What cannot be made leaves the last shape that 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,8 @@ from ...errors import InputError, MovementError
 from ...grids.cells.wall_heights import KEPT
 from .history import Design, History
 from .outputs import free_name, write_shape
-from .shape import LiveModel
+from .part import Part
+from .shape import LiveModel, Shape
 
 __all__ = ["Row", "Session"]
 
@@ -80,23 +81,27 @@ class Session:
         self.history.change(self.live.neutral, None)
         self.history.settle()
 
-    def update(self, with_lift: bool = False) -> bool:
-        """Make the shape of the design of the moment; False where that cannot be done."""
+    def update(self, part: Part | None = None) -> bool:
+        """Make the shape of the design of the moment, or a part of it; False where that cannot be done."""
+        return self._try(lambda: self.live.at(self.design, False, part))
+
+    def complete(self) -> bool:
+        """Make all of the shape of the moment, and solve the flow about it; False where that cannot be done."""
+        return self._try(lambda: self.live.completed(self.shape))
+
+    def _try(self, make: Callable[[], Shape]) -> bool:
         try:
-            self.shape = self.live.at(self.design, with_lift)
+            self.shape = make()
         except _WRONG as error:
             self.complaint = " ".join(str(error).split())
             return False
         self.complaint = ""
         return True
 
-    def add_lift(self) -> None:
-        """Solve the flow about the shape of the moment."""
-        if self.shape.lift is None:
-            self.shape = replace(self.shape, lift=self.live.lift.at(self.shape.nodes))
-
     def write(self, suffix: str) -> str:
         """Write the shape of the moment under a name that is free; says what was written, or why nothing was."""
+        if self.shape.part is not None and not self.complete():
+            return f"nothing was written: {self.complaint}"
         stem = f"{self.live.model.file.stem if self.live.model.file else 'model'}_live"
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -125,9 +130,8 @@ class Session:
     def rows(self) -> list[Row]:
         """Numbers of the shape, with those of the baseline."""
         now, was = self.shape, self.baseline
-        moved = float(np.linalg.norm(now.nodes - was.nodes, axis=1).max())
         rows = [
-            Row("largest displacement", f"{moved:.4g}", "0"),
+            Row("largest displacement", f"{now.largest_displacement(was.nodes):.4g}", "0"),
             Row("smallest Q", f"{now.q.min():.3f}", f"{was.q.min():.3f}"),
             Row("smallest corner", f"{now.corners.min():.3f}", f"{was.corners.min():.3f}", bool(now.n_inverted)),
             Row("inverted cells, new", f"{now.n_inverted:,}", "0", bool(now.n_inverted)),

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -34,14 +34,20 @@ from ...core.walls.grid_map import GridMap
 from ...errors import InputError, MovementError
 from ...grids.cells.block_cells import chunk_measures
 from ...grids.cells.grid_quality import GridQuality
+from .drawn import Drawn
 from .history import Design
 from .numbers import Lift, Thickness
+from .part import Part, corners_of
 from .variables import Slider, sliders_of, words_of
 
 __all__ = ["LiveModel", "Shape"]
 
 MOST_WORST = 10
 """Cells that are pointed at, at most."""
+
+N_WATCHED = 200
+"""Cells with the smallest corners, and with the smallest Q, of the baseline that every part has: a tenth of a percent
+of 200,000, which costs a tenth of what is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +56,13 @@ class Shape(OneLine):
 
     design: Design
     control_points: np.ndarray  # (n_control_points, 3), of the whole mesh (m)
-    nodes: np.ndarray  # (n_nodes, 3), the grid (m)
-    q: np.ndarray  # (n_cells,), orthogonality of every cell
-    corners: np.ndarray  # (n_cells,), smallest corner triple product of every cell; not positive where it is inverted
+    wall: np.ndarray | None  # (n, 3), where nodes of walls are asked to be (m); None where control points say it
+    part: Part | None  # what of the grid was made; all of it where there is none
+    nodes: np.ndarray  # (n_nodes, 3), the grid (m); no numbers beyond the part
+    # (n_cells,), orthogonality and smallest corner triple product of every cell, not positive where it is inverted;
+    # infinite beyond the part
+    q: np.ndarray
+    corners: np.ndarray
     new: np.ndarray  # int, cells that are inverted and were not
     worst: np.ndarray  # int, cells with the smallest corners, the worst first, at most `MOST_WORST`
     heights: np.ndarray  # (n_entries,), heights of first cells by those before
@@ -64,6 +74,11 @@ class Shape(OneLine):
     def n_inverted(self) -> int:
         """Number of cells that are inverted and were not."""
         return len(self.new)
+
+    def largest_displacement(self, baseline: np.ndarray) -> float:
+        """Largest displacement (m) from nodes of the baseline, shape (n_nodes, 3)."""
+        rows = slice(None) if self.part is None else self.part.rows
+        return float(np.linalg.norm(self.nodes[rows] - baseline[rows], axis=1).max())
 
 
 class LiveModel:
@@ -86,14 +101,16 @@ class LiveModel:
         self.baseline = model.regenerate().to_vector().reshape(-1, 3)
         self.quality = GridQuality.of_baseline(model.regenerate())
         self._start: Any = None  # factors of the mover, once they are made
-        self._was_valid = self._measured(self.baseline)[1] > 0.0
+        q, corners = self._measured(self.baseline)
+        self._was_valid = corners > 0.0
+        self._watched = np.concatenate([_lowest(q, N_WATCHED), _lowest(corners, N_WATCHED)])
 
-    def warm(self) -> None:
+    def warm(self, part: Part | None = None) -> None:
         """Make once what moves share, so that the first one that is asked for is as quick as the others."""
         slider = self.sliders[0] if self.sliders else None
         if slider is not None:
             with suppress(InputError, MovementError):  # whoever asks for it is told
-                self.at(self.neutral.with_value(0, slider.neutral + slider.step))
+                self.completed(self.at(self.neutral.with_value(0, slider.neutral + slider.step), part=part))
 
     @property
     def missing(self) -> tuple[tuple[str, str], ...]:
@@ -173,7 +190,12 @@ class LiveModel:
         slid = Deformation(self.mesh, ()).slide(displacement)
         return self.mesh.with_copies(slid) if len(self.mesh.copies) else slid
 
-    def at(self, design: Design, with_lift: bool = True) -> Shape:
+    def part_of(self, cells: np.ndarray) -> Part:
+        """Take cells, those at walls and the worst of the baseline."""
+        cells = np.concatenate([cells, Drawn.of(self.model.topology).cells, self._watched])
+        return Part.of(self.model, self.surface, self.mesh.slides, cells, self.quality.blocks)
+
+    def at(self, design: Design, with_lift: bool = True, part: Part | None = None) -> Shape:
         """Make the grid of a design and measure it.
 
         Parameters
@@ -182,6 +204,8 @@ class LiveModel:
             Values of the sliders, and control points that are pulled.
         with_lift : bool
             Whether the flow is solved as well, which takes as long as a small grid.
+        part : Part, optional
+            What of the grid is made; all of it by default.
 
         Returns
         -------
@@ -197,16 +221,38 @@ class LiveModel:
         clock.stop("surface")
         points = self._moved(surface, is_at_rest=design == self.neutral)
         clock.stop("movement")
+        return self._shape(design, points, wall, with_lift and part is None, part, clock)
+
+    def completed(self, shape: Shape) -> Shape:
+        """Make all of the grid of a shape of which there is a part, and solve the flow about it."""
+        if shape.part is None:
+            return shape if shape.lift is not None else replace(shape, lift=self.lift.at(shape.nodes))
+        return self._shape(shape.design, shape.control_points, shape.wall, True, None, _Clock())
+
+    def _shape(
+        self,
+        design: Design,
+        points: np.ndarray,
+        wall: np.ndarray | None,
+        with_lift: bool,
+        part: Part | None,
+        clock: _Clock,
+    ) -> Shape:
+        """Make the grid of control points of the whole mesh, and measure it."""
+        of = self if part is None else part
         if wall is not None:
-            nodes = self.wall_map.at(points, wall).nodes
+            nodes = of.wall_map.at(points, wall).nodes
         elif design.pulls:
-            nodes = self.free_map.at(points).nodes
+            nodes = of.free_map.at(points).nodes
         else:
-            nodes = self.baseline
+            nodes = self.baseline if part is None else self.baseline[part.rows]
+        nodes = nodes if part is None else part.spread(nodes)
         clock.stop("grid")
-        q, corners = self._measured(nodes)
-        inverted = np.flatnonzero(~(corners > 0.0))
-        worst = _lowest(corners)
+        q, corners = self._measured(nodes) if part is None else part.measured(nodes)
+        inverted, worst = np.flatnonzero(~(corners > 0.0)), _lowest(corners)
+        if part is not None:
+            inverted, worst = part.cells[inverted], part.cells[worst]
+            q, corners = part.among_all(q, self.quality.n_cells), part.among_all(corners, self.quality.n_cells)
         clock.stop("quality")
         heights = self.quality.first_cells.ratios(nodes) if self.quality.first_cells.n_of_all else np.zeros(0)
         clock.stop("heights")
@@ -215,7 +261,8 @@ class LiveModel:
         lift = self.lift.at(nodes) if with_lift else None
         clock.stop("lift")
         new = inverted[self._was_valid[inverted]]
-        return Shape(design, points, nodes, q, corners, new, worst, heights, thickness, lift, clock.seconds)
+        made = wall, part, nodes, q, corners, new, worst
+        return Shape(design, points, *made, heights, thickness, lift, clock.seconds)
 
     def _moved(self, surface: np.ndarray, is_at_rest: bool) -> np.ndarray:
         """Move the control mesh behind its surface, with the factor of the move before."""
@@ -237,15 +284,9 @@ class LiveModel:
                 measures.triples.min(axis=0, out=corners[chunk.in_grid])
         return q, corners
 
-    def corners_of(self, cells: np.ndarray) -> np.ndarray:
-        """Rows of the nodes of some cells, shape (n, 8)."""
-        layout = self.model.topology.layout
-        blocks, index = layout.cells.unravel(cells)
-        return np.stack([layout.ravel(blocks, index + np.array(step)) for step in np.ndindex(2, 2, 2)], axis=1)
-
     def middles(self, nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
         """Middles of some cells (m), shape (n, 3)."""
-        return nodes[self.corners_of(cells)].mean(axis=1)
+        return nodes[corners_of(self.model, cells)].mean(axis=1)
 
     def place_of(self, cell: int) -> str:
         """Say where a cell is: ``(i, j, k) of block 2``, from 1."""
@@ -253,10 +294,10 @@ class LiveModel:
         return f"({', '.join(str(n + 1) for n in index.tolist())}) of block {block + 1}"
 
 
-def _lowest(corners: np.ndarray) -> np.ndarray:
-    """Cells with the smallest corners, the worst first; what is no number is worst."""
-    values = np.where(np.isnan(corners), -np.inf, corners)
-    n = min(MOST_WORST, len(values))
+def _lowest(measure: np.ndarray, most: int = MOST_WORST) -> np.ndarray:
+    """Cells with the smallest values of a measure, the worst first; what is no number is worst."""
+    values = np.where(np.isnan(measure), -np.inf, measure)
+    n = min(most, len(values))
     found = np.argpartition(values, n - 1)[:n]
     return found[np.argsort(values[found], kind="stable")]
 

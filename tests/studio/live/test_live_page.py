@@ -12,26 +12,12 @@ import numpy as np
 import pytest
 from browser_cases import needs_browser, open_browser, pixels_of, require_no_error, wait_for
 
-from bspline_mdao import FittedModel, fit_grid
 from bspline_mdao.errors import InputError
-from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.studio.cli.main import run
+from bspline_mdao.studio.live.drawn import Drawn
 from bspline_mdao.studio.live.page import require_trame
 from bspline_mdao.studio.live.scene import COLOURS, Camera, Scene, View
 from bspline_mdao.studio.live.session import Session
-from bspline_mdao.studio.live.shape import LiveModel
-
-
-@pytest.fixture(scope="module")
-def wing_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("live") / "wing.h5"
-    fit_grid(onera_m6_grid((9, 8, 7)), n_control=(5, 5, 4)).save(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def live(wing_file):
-    return LiveModel(FittedModel.load(wing_file))
 
 
 def test_one_line_names_the_extra_that_is_missing(wing_file, monkeypatch, capsys):
@@ -75,10 +61,25 @@ def test_a_session_nudges_along_the_normal_and_keeps_sliders_within_their_ranges
     np.testing.assert_allclose(session.displacement, 0.003 * live.normals[3], atol=1e-11)
     session.set(0, 100.0)
     assert session.design.values[0] == live.sliders[0].high
-    assert session.update(with_lift=False)
-    session.add_lift()
+    assert session.update()
+    assert session.complete()
     if live.lift.lattice is not None:
         assert session.shape.lift is not None
+
+
+def test_a_session_makes_what_is_seen_and_then_the_rest(live, tmp_path):
+    session, part = Session(live, tmp_path), live.part_of(Drawn.of(live.model.topology).cells)
+    assert session.update(part)
+    at_rest = session.rows()
+    assert [row.value for row in at_rest[:4]] == [row.was for row in at_rest[:4]]
+    session.set(2, 7.0)
+    assert session.update(part)
+    assert session.shape.part is part
+    assert session.write(".xyz").endswith("written")
+    assert session.shape.part is None
+    expected = live.at(session.design)
+    np.testing.assert_array_equal(session.shape.nodes, expected.nodes)
+    assert session.shape.lift == expected.lift
 
 
 def test_a_click_takes_the_control_point_that_is_seen_there():

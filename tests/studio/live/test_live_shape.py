@@ -6,26 +6,15 @@ import pytest
 
 from bspline_mdao import FittedModel, LatticeFlow, fit_grid, read_grid
 from bspline_mdao.errors import InputError, MovementError
-from bspline_mdao.generators import airfoil_grid, brick_grid, onera_m6_grid
+from bspline_mdao.generators import airfoil_grid, brick_grid
 from bspline_mdao.grids import GridQuality, judge_move, report_quality
 from bspline_mdao.studio.cli.main import run
 from bspline_mdao.studio.live.drawn import Drawn
 from bspline_mdao.studio.live.history import Design, History
 from bspline_mdao.studio.live.outputs import free_name, write_shape
+from bspline_mdao.studio.live.part import corners_of
 from bspline_mdao.studio.live.shape import LiveModel
 from bspline_mdao.studio.live.variables import asked_slider
-
-
-@pytest.fixture(scope="module")
-def wing_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("live") / "wing.h5"
-    fit_grid(onera_m6_grid((9, 8, 7)), n_control=(5, 5, 4)).save(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def live(wing_file):
-    return LiveModel(FittedModel.load(wing_file))
 
 
 def number(live, name):
@@ -94,6 +83,36 @@ def test_measures_are_those_of_the_whole_grid(live):
     assert shape.corners[shape.worst[0]] == pytest.approx(first.corner, rel=1e-12)
     assert live.place_of(shape.worst[0]).startswith(f"({first.i}, {first.j}, {first.k}) of")
     np.testing.assert_allclose(live.middles(shape.nodes, shape.worst[:1])[0], first.place, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seen", [(), (True, 2, 0.4), (False, 0, 1.0)])
+def test_a_part_has_the_bits_of_the_whole_grid(live, seen):
+    part = live.part_of(Drawn.of(live.model.topology, *seen).cells)
+    turned = live.neutral.with_value(number(live, "twist"), 7.0)
+    for design in (live.neutral, turned, turned.with_pull(a_row(live), (0.3, 0.01, 0.0))):
+        shape, whole = live.at(design, part=part), live.at(design)
+        np.testing.assert_array_equal(shape.nodes[part.rows], whole.nodes[part.rows])
+        np.testing.assert_array_equal(shape.q[part.cells], whole.q[part.cells])
+        np.testing.assert_array_equal(shape.corners[part.cells], whole.corners[part.cells])
+        np.testing.assert_array_equal(shape.heights, whole.heights)
+        np.testing.assert_array_equal(shape.thickness, whole.thickness)
+        np.testing.assert_array_equal(shape.new, np.intersect1d(whole.new, part.cells))
+        assert np.isin(shape.worst, part.cells).all()
+        assert np.isinf(np.delete(shape.q, part.cells)).all()
+        again = live.completed(shape)
+        np.testing.assert_array_equal(again.nodes, whole.nodes)
+        np.testing.assert_array_equal(again.worst, whole.worst)
+        assert again.lift == whole.lift
+    assert len(part.rows) < len(live.baseline)
+
+
+def test_a_part_has_the_worst_cells_of_the_baseline(live):
+    part, whole = live.part_of(np.zeros(0, dtype=int)), live.at(live.neutral)
+    shape = live.at(live.neutral, part=part)
+    assert np.isin(whole.worst, part.cells).all()
+    assert shape.q.min() == whole.q.min()
+    np.testing.assert_array_equal(shape.heights, whole.heights)
+    np.testing.assert_array_equal(shape.thickness, whole.thickness)
 
 
 def test_the_lift_is_that_of_the_lattice_flow(live):
@@ -168,7 +187,7 @@ def test_what_is_drawn_is_of_the_grid(live):
     for symmetry, direction in ((True, None), (True, 2), (False, 0)):
         drawn = Drawn.of(topology, symmetry, direction, 0.4)
         assert len(drawn.quads) > drawn.n_walls == walls.n_walls
-        corners = live.corners_of(drawn.cells)  # rows of the nodes of the cell at each quad
+        corners = corners_of(live.model, drawn.cells)  # rows of the nodes of the cell at each quad
         assert all(np.isin(rows, of_cell).all() for rows, of_cell in zip(drawn.rows[drawn.quads], corners))
     rows = live.quality.first_cells.wall_rows
     found = walls.of_nodes(rows, np.full(len(rows), 2.0), 1.0)
