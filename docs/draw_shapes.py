@@ -115,7 +115,7 @@ def draw_airfoil(points, grid, optimum) -> None:
         draw_pressures(optimum, nodes[quads], found["Cp"], 0.5, color=color, label=label)
         around = nodes.reshape(*model.regenerate().blocks[0].nodes.shape)[:, 0, 0]
         section.plot(around[:, 0], around[:, 1], color=color)
-    optimum.set(ylim=(3.0, -1.6), yticks=(1.0, 0.0, -1.0))
+    optimum.set(ylim=(3.0, -2.2), yticks=(1.0, 0.0, -1.0))
     section.set_aspect("equal", adjustable="datalim")
     section.axis("off")
     optimum.legend(framealpha=1.0, edgecolor="none", fontsize=8, loc="upper right")
@@ -141,7 +141,7 @@ def draw_body(sheet, volume, optimum) -> None:
             optimum.plot(cut[:, row, 0, 0], cut[:, row, 0, 1], color=color, label=name if row == 0 else None)
     for axes in (sheet, volume, optimum):
         axes.set(aspect="equal", xlim=(-2.0, 6.0), ylim=(-3.2, 3.2), xlabel="x (m)")
-    optimum.legend(framealpha=1.0, edgecolor="none", fontsize=8, loc="upper right")
+    optimum.legend(framealpha=1.0, edgecolor="none", fontsize=8, loc="upper right", handlelength=0.8)
 
 
 if __name__ == "__main__":

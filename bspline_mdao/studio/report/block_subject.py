@@ -12,6 +12,8 @@ from ...core.mesh.surface import SurfaceGrid
 from ...core.model.fitted_model import FittedModel
 from ...core.sliding.fixed_surface import Plane
 from ...core.sliding.sliding_nodes import Slide, SlidingNodes
+from ...errors import InputError
+from ...grids.cells.cell_faces import CellFaces
 from ...grids.cells.first_cells import FirstCells
 from ...grids.cells.grid_quality import GridQuality
 from ...grids.cells.report import WorstCell, report_quality
@@ -21,9 +23,9 @@ from ...grids.topology.sharing import boundary_sections
 from ...grids.topology.topology import describe
 from .charts import Chart, quality_chart
 from .shape import Axes, Shape
-from .subject import Judgement, Layer, Mark, Subject, off_surfaces, subject_of
+from .subject import Judgement, Layer, Mark, Subject, WallQuality, off_surfaces, subject_of
 from .tables import Table, fit_table, number, quality_table, worst_table
-from .walls import DrawnWalls, Walls, boundary_faces, every_line, lines_near, net_lines, wall_quads
+from .walls import DrawnWalls, Walls, boundary_faces, every_line, lines_near, net_lines
 
 __all__ = ["BlockSubject"]
 
@@ -71,9 +73,25 @@ class BlockSubject(Subject):
         return dict(zip(("lines", "control", "symmetry", "worst", "blocks"), names))
 
     @cached_property
+    def _faces(self) -> CellFaces | None:
+        """Faces of the cells, as a flow has them; None where blocks have no cells for one."""
+        try:
+            return CellFaces.of(self.model.topology, self.nodes_at())
+        except InputError:
+            return None
+
+    @property
     def pressure_faces(self) -> np.ndarray | None:
         """Wall faces of `EulerFlow`."""
-        return wall_quads(self.model.topology, self.nodes_at())
+        return None if self._faces is None else self._faces.corners_of("wall")
+
+    def wall_quality(self, nodes: np.ndarray) -> WallQuality | None:
+        """Q of Eq. (9)."""
+        faces = self._faces
+        if faces is None or not len(walls := faces.faces_of("wall")):
+            return None
+        q = np.concatenate([cells.q.ravel() for cells in self._quality.cells(nodes)])
+        return WallQuality("Orthogonality Q", faces.corners[walls], q[faces.left[walls]])
 
     @cached_property
     def across_symmetry(self) -> int | None:

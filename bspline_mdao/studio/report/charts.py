@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.om.drivers.case_history import CaseHistory, Quantity
+from ...core.om.drivers.case_history import FEASIBLE, CaseHistory, Quantity
 from ...grids.cells.report import QualityReport
 from ..plotting.cuts import cut
 from ..plotting.figures import BLUE, GRAY, GREEN, ORANGE, PURPLE, RED
@@ -37,9 +37,6 @@ STATIONS = (0.05, 0.35, 0.65, 0.95)
 
 MOST_LINES = 8
 """Values of a vector that have a line each; of more the smallest and the largest are drawn."""
-
-LEAST = 1e-12
-"""Violations below it are drawn as if they were this, since a logarithmic axis has no zero."""
 
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, "#56b4e9", "#b8860b", "#c05a9a")
 """Colours of lines."""
@@ -122,12 +119,14 @@ def history_charts(history: CaseHistory) -> list[Chart]:
     convergence = history.convergence
     if convergence is None:
         return charts
-    numbers, violations = np.arange(len(convergence.violations)), np.maximum(convergence.violations, LEAST)
-    data = [_line("largest violation", numbers, violations, {"color": ORANGE, "width": 1.6, "dash": "dot"})]
+    residuals, violations = convergence.residuals, convergence.violations
+    least = FEASIBLE if not residuals.size else min(FEASIBLE, residuals.min(where=residuals > 0.0, initial=np.inf))
+    shown = np.where(violations < least, np.nan, violations)  # no empty decades below
+    data = [_line("largest violation", np.arange(len(shown)), shown, {"color": ORANGE, "width": 1.6, "dash": "dot"})]
     text = f"Largest violation of a constraint at the best evaluation: {convergence.violations[history.best]:.2g}."
-    if convergence.residuals.size:
-        residuals, style = convergence.residuals, {"color": BLUE, "width": 1.8}
-        line = _line("optimality", convergence.differentiated, np.maximum(residuals, LEAST), style)
+    if residuals.size:
+        above, style = np.where(residuals > 0.0, residuals, np.nan), {"color": BLUE, "width": 1.8}
+        line = _line("optimality", convergence.differentiated, above, style)
         data.insert(0, line | {"mode": "lines+markers"})
         text += f" First-order optimality from {residuals[0]:.2g} to {residuals[-1]:.2g}."
     layout = {

@@ -13,6 +13,8 @@ from ...core.background.end_planes import EndPlane
 from ...core.background.mesh_model import MeshModel
 from ...core.sliding.sliding_nodes import Slide
 from ...errors import InputError
+from ...grids.cells.mesh_quality import mesh_quality
+from ...grids.cells.mixed_cells import face_keys
 from ...grids.cells.mixed_quality import MixedQuality
 from ...grids.cells.node_heights import NodeHeights
 from ...grids.cells.quads import edges_of
@@ -21,7 +23,7 @@ from .mesh_charts import section_charts
 from .mesh_quality import judge
 from .mesh_walls import MeshWalls, edge_lines
 from .shape import Axes, Shape
-from .subject import Judgement, Layer, Subject, off_surfaces, subject_of
+from .subject import Judgement, Layer, Subject, WallQuality, off_surfaces, subject_of
 from .tables import Table, number
 from .walls import Walls, lines_near, net_lines
 
@@ -99,6 +101,14 @@ class MeshSubject(Subject):
     @property
     def pressure_faces(self) -> None:
         """None: no flow of this package is about such a mesh."""
+
+    def wall_quality(self, nodes: np.ndarray) -> WallQuality:
+        """Non-orthogonality of the cells, as ``checkMesh`` has it."""
+        faces, cells = self.model.mesh.cell_faces
+        keys = face_keys(self.model.walls.faces, self.n_nodes)
+        found = np.flatnonzero(np.isin(face_keys(faces, self.n_nodes), keys))
+        angles = mesh_quality(self.model.mesh, nodes).cell_angles
+        return WallQuality("Non-orthogonality (deg)", faces[found], angles[cells[found]])
 
     @property
     def across_symmetry(self) -> int | None:

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from ..plotting.color_ranges import colors_about_zero, round_ticks
 from .shape import Axes, Shape
 from .subject import Mark, Subject
-from .walls import WallHeights, Walls
+from .walls import Walls
 
 __all__ = ["DRAWN", "camera", "space_traces"]
 
@@ -59,20 +60,23 @@ def space_traces(
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:  # traces; colors: names of the colours by their keys
     """Traces of plotly for all shapes, and the colours of walls that there are."""
     colors = {"plain": "Plain"}
-    corners = subject.pressure_faces if any(shape.pressures for shape in shapes) else None
-    values = [_values(shape, walls, corners, subject.heights) for shape in shapes]
+    values = [_values(shape, subject, walls) for shape in shapes]
+    if len(shapes) > 1:
+        for shape, of_shape in zip(shapes, values):
+            ways = np.linalg.norm((shape.nodes - shapes[0].nodes)[walls.rows], axis=1)
+            of_shape["displacement"] = _Field("Displacement (m)", ways)
     for of_shape in values:
-        colors |= {key: name for key, (name, _) in of_shape.items()}
-    limits = {key: _limits([v[key][1] for v in values if key in v]) for key in colors if key != "plain"}
+        colors |= {key: painted.name for key, painted in of_shape.items()}
+    looks = {key: _look([v[key] for v in values if key in v]) for key in colors if key != "plain"}
     light = np.zeros(3)
     light[[axes.downstream, axes.span, axes.up]] = FAR * np.array([-0.5, 0.4, 1.0])
     traces: list[dict[str, Any]] = []
     for number, (shape, of_shape, worst) in enumerate(zip(shapes, values, marks)):
         points = shape.nodes[walls.rows]
         traces.append(_mesh(points, walls, light, {"layer": "walls", "shape": number, "color": "plain"}))
-        for key, (name, numbers) in of_shape.items():
+        for key, painted in of_shape.items():
             mesh = _mesh(points, walls, light, {"layer": "walls", "shape": number, "color": key})
-            traces.append(mesh | _painted(name, numbers, limits[key]))
+            traces.append(mesh | _painted(painted) | looks[key])
         traces.append(_wire("lines", number, walls.lines(shape.nodes)))
         for layer in subject.layers_of(shape, walls):
             if len(layer.lines):
@@ -107,26 +111,45 @@ def _is_drawn(layer: str) -> bool:
     return layer == "walls" or layer in DRAWN
 
 
-def _values(
-    shape: Shape, walls: Walls, corners: np.ndarray | None, first_cells: WallHeights | None
-) -> dict[str, tuple[str, np.ndarray]]:
-    """Names and values of what colours the walls of a shape."""
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """What colours the walls of a shape."""
+
+    name: str
+    values: np.ndarray  # (n,), at the nodes that are drawn
+    is_about_zero: bool = False
+
+
+def _values(shape: Shape, subject: Subject, walls: Walls) -> dict[str, _Field]:
+    """What colours the walls of a shape, by its key in the page."""
     found = {}
-    if corners is not None:
-        for name, pressures in shape.pressures.items():
-            found[name] = (name, walls.of_faces(corners, pressures))
-    if first_cells is not None and walls.are_walls:
+    for name, pressures in shape.pressures.items():
+        assert subject.pressure_faces is not None  # or there would be no pressures
+        found[name] = _Field(name, walls.of_faces(subject.pressure_faces, pressures), is_about_zero=True)
+    quality = subject.wall_quality(shape.nodes)
+    if quality is not None:
+        found["quality"] = _Field(quality.name, walls.of_faces(quality.corners, quality.values))
+    heights = subject.heights
+    if heights is not None and walls.are_walls:
         with np.errstate(divide="ignore", invalid="ignore"):  # of cells that are flat or folded
-            heights = np.log10(walls.of_nodes(first_cells.wall_rows, first_cells.heights(shape.nodes)))
-        if np.isfinite(heights).all():
-            found["height"] = ("Height of first cells (log10 of m)", heights)
+            logarithms = np.log10(walls.of_nodes(heights.wall_rows, heights.heights(shape.nodes)))
+        if np.isfinite(logarithms).all():
+            found["height"] = _Field("Height of first cells (log10 of m)", logarithms)
     return found
 
 
-def _limits(values: list[np.ndarray]) -> tuple[float, float]:
-    """Range of the colours of several shapes, without the outermost hundredths."""
-    low, high = np.quantile(np.concatenate(values), [0.005, 0.995]).tolist()
-    return (low, high) if high > low else (low - 0.5, low + 0.5)
+def _look(fields: Sequence[_Field]) -> dict[str, Any]:
+    """Colours of a field of several shapes, without the outermost hundredths, with round ends."""
+    low, high = np.quantile(np.concatenate([each.values for each in fields]), [0.005, 0.995]).tolist()
+    is_about_zero = fields[0].is_about_zero
+    if is_about_zero:
+        low, high = min(low, 0.0), max(high, 0.0)
+    if not high > low:
+        low, high = low - 0.5, low + 0.5
+    ticks = round_ticks(low, high)
+    low, high = float(ticks[0]), float(ticks[-1])
+    scale = colors_about_zero(low, high) if is_about_zero else "Viridis"
+    return {"cmin": low, "cmax": high, "colorscale": scale}
 
 
 def _mesh(points: np.ndarray, walls: Walls, light: np.ndarray, meta: dict) -> dict[str, Any]:
@@ -147,21 +170,17 @@ def _mesh(points: np.ndarray, walls: Walls, light: np.ndarray, meta: dict) -> di
     }
 
 
-def _painted(name: str, values: np.ndarray, limits: tuple[float, float]) -> dict[str, Any]:
+def _painted(painted: _Field) -> dict[str, Any]:
     """Keywords that colour the walls by values at their nodes."""
-    title = {"text": name, "side": "top"}
-    bar = {"title": title, "orientation": "h", "thickness": 10, "len": 0.8, "y": 0.01, "yanchor": "bottom"}
+    title = {"text": painted.name, "side": "top"}
+    bar = {"title": title, "orientation": "h", "thickness": 10, "len": 0.8, "y": 1.0, "yanchor": "top"}
     return {
-        "intensity": values.astype(np.float32),
-        "cmin": limits[0],
-        "cmax": limits[1],
-        "colorscale": "RdYlBu",
-        "reversescale": True,
+        "intensity": painted.values.astype(np.float32),
         "showscale": True,
         "colorbar": bar,
         "lighting": LIGHT | {"ambient": 0.8, "diffuse": 0.25, "specular": 0.03},
         "hoverinfo": "x+y+z+text",
-        "hovertemplate": name + " %{intensity:.4g}<br>(%{x:.4g}, %{y:.4g}, %{z:.4g})<extra></extra>",
+        "hovertemplate": painted.name + " %{intensity:.4g}<br>(%{x:.4g}, %{y:.4g}, %{z:.4g})<extra></extra>",
     }
 
 

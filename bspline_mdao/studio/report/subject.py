@@ -17,7 +17,7 @@ from .shape import Axes, Shape
 from .tables import Table
 from .walls import WallHeights, Walls
 
-__all__ = ["Judgement", "Layer", "Mark", "Subject", "off_surfaces", "subject_of"]
+__all__ = ["Judgement", "Layer", "Mark", "Subject", "WallQuality", "off_surfaces", "subject_of"]
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,15 @@ class Layer:
     key: str  # one of those of `.space.STYLES`
     lines: np.ndarray  # (n, 3), with gaps (m)
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (m, 3) (m)
+
+
+@dataclass(frozen=True, eq=False)
+class WallQuality:
+    """Quality of the cells behind wall faces."""
+
+    name: str
+    corners: np.ndarray  # (n, 4) of int, rows of the corners of the faces
+    values: np.ndarray  # (n,)
 
 
 @dataclass(frozen=True)
@@ -84,6 +93,10 @@ class Subject(ABC):
     @abstractmethod
     def pressure_faces(self) -> np.ndarray | None:
         """Corners of the wall faces in the order of ``Cp``, shape (n, 4); None where there is no flow about them."""
+
+    @abstractmethod
+    def wall_quality(self, nodes: np.ndarray) -> WallQuality | None:
+        """Quality of the cells at walls with nodes (m); None where it is not known which these are."""
 
     @property
     @abstractmethod

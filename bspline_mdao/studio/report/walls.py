@@ -9,14 +9,12 @@ from typing import Protocol
 
 import numpy as np
 
-from ...errors import InputError
-from ...grids.cells.cell_faces import CellFaces
 from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.boundary_surface import facing, quads_in_turn
 from ...grids.topology.node_numbering import face_layer_rows, node_copies, source_rows
 from ...grids.topology.topology import Topology
 
-__all__ = ["DrawnWalls", "WallHeights", "Walls", "lines_near", "means_at", "net_lines", "wall_quads"]
+__all__ = ["DrawnWalls", "WallHeights", "Walls", "lines_near", "means_at", "net_lines"]
 
 
 class Walls(Protocol):
@@ -180,14 +178,6 @@ def boundary_faces(topology: Topology, nodes: np.ndarray, kind: str | None) -> t
     windows = [face.window for face in topology.boundary if kind is None or face.kind == kind]
     layers = [face_layer_rows(topology, window) for window in windows if 1 in window.shape]
     return tuple(facing(*layer, nodes) for layer in layers if layer[0].ndim == 2 and min(layer[0].shape) > 1)
-
-
-def wall_quads(topology: Topology, nodes: np.ndarray) -> np.ndarray | None:
-    """Corners of the wall faces in the order of ``Cp``, shape (n, 4); None where blocks have no cells for a flow."""
-    try:
-        return CellFaces.of(topology, nodes).corners_of("wall")
-    except InputError:
-        return None
 
 
 def _n_triangles(face: np.ndarray) -> int:

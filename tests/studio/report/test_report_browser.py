@@ -114,3 +114,30 @@ def test_tools_change_the_drawing_and_the_diagram_opens(browser, address):
     require_no_error(browser)
     asked = "return performance.getEntriesByType('resource').map(e => e.name).filter(n => /^https?:/.test(n))"
     assert browser.execute_script(asked) == []
+
+
+def test_a_wipe_shows_both_shapes_from_one_place(browser, address):
+    opened(browser, address, WIDTHS["desktop"], "light")
+    camera = {"eye": {"x": -0.7, "y": 1.1, "z": 0.9}, "up": {"x": 0.0, "y": 1.0, "z": 0.0}}
+    turn = "Plotly.relayout(arguments[0], {'scene.camera': arguments[1]}).then(() => setTimeout(arguments[2], 400))"
+    choose(browser, "input[name=shape][value='wipe']", True)
+    wait_for(browser, "document.querySelector('#plot-other canvas') && !wipe.hidden")
+    wait_for(browser, "other._fullLayout && other._fullLayout.scene.xaxis.autorange === false")
+    for moved, follower in (("plot-space", "plot-other"), ("plot-other", "plot-space")):
+        camera["eye"]["x"] -= 0.2
+        browser.execute_async_script(turn, browser.find_element("id", moved), camera)
+        found = browser.execute_script(f"return document.getElementById('{follower}').layout.scene.camera.eye")
+        assert found == pytest.approx(camera["eye"], abs=1e-6)
+    ranges = "return [space, other].map(d => ['x', 'y', 'z'].map(n => d._fullLayout.scene[n + 'axis'].range))"
+    first, second = np.array(browser.execute_script(ranges))
+    np.testing.assert_array_equal(first, second)
+    halves = []
+    for part in ("0", "100"):
+        slide = "wipe.value = arguments[0]; wipe.dispatchEvent(new Event('input'))"
+        browser.execute_script(slide, part)
+        halves.append(pixels_of(browser.find_element("id", "stage")))
+    assert np.mean(np.abs(halves[0] - halves[1]).max(axis=-1) > 0.1) > 0.002  # one shape each
+    assert min(walls_in(half) for half in halves) > 0.01
+    choose(browser, "input[name=shape][value='0']", True)
+    wait_for(browser, "wipe.hidden && other.hidden")
+    require_no_error(browser)

@@ -115,7 +115,7 @@ def test_both_shapes_and_their_pressures_are_drawn(page, model):
     traces = page.charts["space"]["data"]
     meshes = [t for t in traces if t["type"] == "mesh3d"]
     assert {(t["meta"]["shape"], t["meta"]["color"]) for t in meshes} == {
-        (shape, color) for shape in (0, 1) for color in ("plain", "Cp", "height")
+        (shape, color) for shape in (0, 1) for color in ("plain", "Cp", "quality", "height", "displacement")
     }
     assert sum(t["visible"] for t in meshes) == 1
     assert {t["name"] for t in page.charts["pressure-Cp"]["data"]} == {"Before", "After"}
