@@ -18,7 +18,7 @@ import openmdao.api as om
 import bspline_mdao as bm
 from bspline_mdao.drivers import disagreement, nlopt, recorded, scipy_slsqp
 from bspline_mdao.meshes import MeshModel, MixedMesh, marker_kinds
-from bspline_mdao.plotting import BLUE, GRAY, Camera, draw_history, figure, require
+from bspline_mdao.plotting import BLUE, GRAY, Camera, draw_history, figure
 from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
@@ -211,9 +211,11 @@ def draw(folder, mesh: MixedMesh, states: dict, runs: dict) -> None:
 
 def draw_faces(axes, corners: np.ndarray, color: str) -> None:
     """Draw triangles, shape (n, 3, 3), as they are seen from outboard, those at the back first."""
+    from matplotlib.collections import PolyCollection
+
     seen = VIEW.project(corners.reshape(-1, 3)).reshape(-1, 3, 3)
     seen = seen[np.argsort(seen[..., 2].mean(axis=1)), :, :2]
-    axes.add_collection(require("matplotlib.collections").PolyCollection(seen, fc=color, ec="black", lw=0.15))
+    axes.add_collection(PolyCollection(seen, fc=color, ec="black", lw=0.15))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from bspline_mdao.drivers import disagreement, nlopt, recorded, scipy_slsqp
 from bspline_mdao.grids import Block, Patch, Window
 from bspline_mdao.meshes import MeshModel, fit_mesh
 from bspline_mdao.movers import Cylinder
-from bspline_mdao.plotting import BLUE, GRAY, Camera, draw_history, figure, require
+from bspline_mdao.plotting import BLUE, GRAY, Camera, draw_history, figure
 from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
@@ -196,9 +196,11 @@ def draw(folder, model: MeshModel, states: dict, runs: dict) -> None:
 
 def draw_faces(axes, corners: np.ndarray, color: str) -> None:
     """Draw quads, shape (n, 4, 3), as they are seen from outboard, those at the back first."""
+    from matplotlib.collections import PolyCollection
+
     seen = VIEW.project(corners.reshape(-1, 3)).reshape(-1, 4, 3)
     seen = seen[np.argsort(seen[..., 2].mean(axis=1)), :, :2]
-    axes.add_collection(require("matplotlib.collections").PolyCollection(seen, fc=color, ec="black", lw=0.15))
+    axes.add_collection(PolyCollection(seen, fc=color, ec="black", lw=0.15))
 
 
 if __name__ == "__main__":

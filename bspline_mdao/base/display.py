@@ -78,7 +78,7 @@ class InNotebook(OneLine):
     def _repr_html_(self) -> str | None:
         """Show a small table and, where it is quick, a picture; None, so that the line is shown, if that fails."""
         try:
-            return _drawing().html_of(self)
+            return _drawing("html").html_of(self)
         except Exception:  # whatever is wrong, a notebook falls back to the line
             return None
 
@@ -110,9 +110,9 @@ class Plottable(InNotebook):
         InputError
             If there is nothing of the kind, the file is no PNG, or the libraries that draw are missing.
         """
-        return _drawing().plot(self, show, file, **how)
+        return _drawing("plot").plot(self, show, file, **how)
 
 
-def _drawing() -> Any:
-    """Import the package that draws, which is above all others."""
-    return importlib.import_module("bspline_mdao.plotting")
+def _drawing(name: str) -> Any:
+    """Import a module of the package that draws, which is above all others."""
+    return importlib.import_module(f"bspline_mdao.studio.plotting.{name}")

@@ -8,8 +8,8 @@ import pytest
 
 import bspline_mdao.plotting
 from bspline_mdao import InputError
-from bspline_mdao.plotting import draw_net, figure, require
-from bspline_mdao.studio.plotting.figures import net_quads
+from bspline_mdao.plotting import draw_net, figure
+from bspline_mdao.studio.plotting.figures import net_quads, require
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
 

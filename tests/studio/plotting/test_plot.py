@@ -14,16 +14,11 @@ from bspline_mdao.grids.cells.report import report_quality
 from bspline_mdao.grids.topology.grid import Grid
 from bspline_mdao.measures import SurfaceGrid
 from bspline_mdao.movers import moving_mesh
-from bspline_mdao.plotting import (
-    flow_sheets,
-    grid_sheets,
-    has_renderer,
-    plot,
-    sheets_of,
-    wall_quads,
-)
+from bspline_mdao.plotting import plot, sheets_of, wall_quads
 from bspline_mdao.studio.plotting import plot as drawing
 from bspline_mdao.studio.plotting.html import html_of
+from bspline_mdao.studio.plotting.scenes import has_renderer
+from bspline_mdao.studio.plotting.surfaces import flow_sheets, grid_sheets
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
 SIZE = (240, 160)

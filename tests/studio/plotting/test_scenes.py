@@ -7,8 +7,9 @@ import pytest
 
 from bspline_mdao import fit_grid
 from bspline_mdao.generators import onera_m6_grid
-from bspline_mdao.plotting import Camera, Paint, Scene, draw_scene, figure, has_renderer, patch_faces
+from bspline_mdao.plotting import Camera, Paint, Scene, draw_scene, figure, patch_faces
 from bspline_mdao.studio.plotting import scenes
+from bspline_mdao.studio.plotting.scenes import has_renderer
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
 CAMERA = Camera(focus=(1.0, 0.5, 0.0), direction=(0.0, 0.0, 1.0), height=2.0)
