@@ -42,10 +42,10 @@ from ..model.fitted_model import FittedModel
 from ..sliding.sliding_nodes import SlidNodes
 from ..splines.volume import Volume
 from ..walls.grid_map import GridMap
+from ..walls.layer import Followed
 from ..walls.node_vectors import Vectors
 from ..walls.rotation_map import RotationState
 from ..walls.sliding_correction import SlidingCorrection
-from ..walls.wall_following import Followed
 from .design_matrix import DesignMatrix, LiveMatrix, build_design_matrix
 from .edge_knots import joined_corners, knots_of_segment_jvp, knots_of_segment_vjp, knots_of_segments
 from .entities import Entity

@@ -37,7 +37,7 @@ from ..sliding.fixed_surface import Plane
 from ..sliding.sliding_nodes import Slide, SlidNodes
 from ..walls.embedded_points import ON_PLANE, planes_of
 from ..walls.frames import Frames
-from ..walls.wall_following import Followed
+from ..walls.layer import Followed
 from .riding_slides import RidingSlides
 from .riding_walls import RidingWalls
 from .section_span import require_planes_of_section

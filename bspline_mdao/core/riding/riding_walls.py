@@ -15,10 +15,9 @@ from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.cells.node_heights import NodeHeights
 from ...grids.cells.quads import area_vectors
 from ..walls.closest_points import TriangleTree
-from ..walls.layer import WallLayer
+from ..walls.layer import WallFollowing, WallLayer
 from ..walls.settings import MESH_LAYER
 from ..walls.wall import Wall
-from ..walls.wall_following import WallFollowing
 from ..walls.wall_images import WallImages
 from .wall_faces import WallFaces
 

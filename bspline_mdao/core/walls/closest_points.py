@@ -22,7 +22,7 @@ from .closest_search import MAX_CLOSEST, find_closest
 from .normal_cones import cones_of, unit_normals
 from .settings import LAYER
 
-__all__ = ["ClosestPoints", "TriangleTree"]
+__all__ = ["ClosestPoints", "TriangleTree", "smooth_corners"]
 
 LEAF = 4
 """Triangles in a box that is not halved, at most."""
@@ -46,6 +46,30 @@ class ClosestPoints:
     # (m,), how much the point follows the surface at each: those of a point sum to one on the surface, and to zero from
     # the surface's reach on
     weights: np.ndarray
+
+    def with_wall_nodes(self, tree: TriangleTree, n_wall: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Corners, coordinates and weights of closest points, the wall's nodes first; the nearest triangle of each."""
+        corners = np.concatenate(
+            [np.repeat(np.arange(n_wall, dtype=np.int32)[:, None], 3, axis=1), tree.triangles[self.triangles]]
+        )
+        barycentric = np.concatenate([np.tile([1.0, 0.0], (n_wall, 1)), self.barycentric[:, :2]])
+        first = np.zeros(len(tree.points), dtype=np.int64)
+        if n_wall:
+            first[tree.triangles[::-1].ravel()] = np.repeat(np.arange(len(tree.triangles))[::-1], 3)
+        return (
+            corners,
+            barycentric,
+            np.concatenate([np.ones(n_wall), self.weights]),
+            np.concatenate([first[:n_wall], self.triangles[self.starts[:-1]]]),
+        )
+
+    def slopes(self, tree: TriangleTree, points: np.ndarray) -> np.ndarray:
+        """Heights of points above their nearest closest points by the distances of these from the nearest corners."""
+        first = self.starts[:-1]
+        corners = tree.points[tree.triangles[self.triangles[first]]]
+        at = np.einsum("nk,nkd->nd", self.barycentric[first], corners)
+        off = np.linalg.norm(corners - at[:, None], axis=2).min(axis=1)
+        return np.divide(np.linalg.norm(points - at, axis=1), off, out=np.full(len(at), np.inf), where=off > 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +160,13 @@ class TriangleTree:
         found.append((*empty, np.empty((0, 3)), np.empty(0)))
         ids, counts, triangles, barycentric, weights = (np.concatenate(parts) for parts in zip(*found))
         return ClosestPoints(ids, np.concatenate([[0], np.cumsum(counts)]), triangles, barycentric, weights)
+
+
+def smooth_corners(barycentric: np.ndarray) -> np.ndarray:
+    """Weights of the first two corners, in proportion to b^2 (3 - 2 b) of all three barycentric coordinates b."""
+    b = np.column_stack([barycentric, 1.0 - barycentric.sum(axis=1)])
+    smooth = b * b * (3.0 - 2.0 * b)
+    return (smooth / smooth.sum(axis=1, keepdims=True))[:, :2]
 
 
 def _halves(points: np.ndarray, quads: np.ndarray) -> np.ndarray:

@@ -30,8 +30,7 @@ from ..evaluation.node_map import require_inputs
 from ..splines.mesh import BSplineMesh
 from .body_points import Body, BodyPoints
 from .grid_map import GridMap
-from .layer import WallLayer
-from .wall_following import Followed, WallFollowing
+from .layer import Followed, WallFollowing, WallLayer
 
 __all__ = ["EmbeddedPoints", "EmbeddedState", "planes_of"]
 

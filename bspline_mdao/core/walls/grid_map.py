@@ -35,11 +35,11 @@ from ..evaluation.node_map import require_inputs
 from ..sliding.sliding_nodes import SlidingNodes, SlidNodes
 from ..splines.mesh import BSplineMesh
 from .grid_walls import GridWalls
+from .layer import Followed, WallFollowing
 from .node_vectors import Vectors
 from .rotation_map import RotationMap, RotationState
 from .settings import LAYER, LayerSettings
 from .wall_correction import WallCorrection
-from .wall_following import Followed, WallFollowing
 
 __all__ = ["GridMap", "GridState"]
 

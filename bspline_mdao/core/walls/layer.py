@@ -15,7 +15,9 @@ above a corner, where their lines begin, they turn about the corner, whatever th
 facet would leave it. The weights beta_f sum to one on the wall and fade to zero at its reach. So a wall node goes
 exactly where it is given, the nodes above it keep their heights, and a rigid motion of the wall is one of its layer,
 wherever the closest points are. All this is a matter of places, not of grid lines: blocks of any topology, walls that
-end inside a grid, and points of other grids are treated alike.
+end inside a grid, and points of other grids are treated alike. Places of the wall's nodes, and normals of planes, are
+read off the nodes of the grid that the wall is of (`WallFollowing`); the points are these nodes, or others beside them
+(`.embedded_points`).
 
 Closest points and weights are those of the baseline and stay. The map is then linear in y and in the wall's places and
 rotations, and linear in x0 together with W, but for what is added where a point has several closest points, see
@@ -35,13 +37,15 @@ from numba import njit
 
 from ...base.numerics.threads import run_tasks, thread_count
 from ...errors import InputError
-from .closest_points import ClosestPoints, TriangleTree
+from .closest_points import smooth_corners
 from .corners import Corners, CornersMoved
 from .frames import Frames
 from .layer_pieces import Piece, add_up, cut
+from .planes import PlaneNormal, projectors_of
 from .wall import Wall
+from .wall_images import WallImages
 
-__all__ = ["Layered", "WallLayer"]
+__all__ = ["Followed", "Layered", "WallFollowing", "WallLayer"]
 
 INPUTS = ("initial", "mapped", "wall_initial", "wall_moved", "normals")
 """What points of a layer depend on."""
@@ -98,14 +102,14 @@ class WallLayer:
         closest = wall.tree.closest_points(points[free], n_threads)
         rows = np.concatenate([wall_rows, free[closest.points]])
         counts = np.concatenate([np.ones(len(wall_rows), dtype=np.int64), np.diff(closest.starts)])
-        projectors, plane_of = _projectors(planes, len(points))
+        projectors, plane_of = projectors_of(planes, len(points))
         plane_of[wall_rows] = 0
-        corners, barycentric, weights, places = _with_wall_nodes(wall.tree, closest, len(wall_rows))
+        corners, barycentric, weights, places = closest.with_wall_nodes(wall.tree, len(wall_rows))
         by_corners = np.full(len(rows), least_slope is not None)
         if least_slope:
-            by_corners[len(wall_rows) :] = _slopes(wall.tree, closest, points[free[closest.points]]) >= least_slope
+            by_corners[len(wall_rows) :] = closest.slopes(wall.tree, points[free[closest.points]]) >= least_slope
         turns, by_node = np.repeat(by_corners, counts), barycentric.copy()
-        by_node[turns] = _by_corners(barycentric[turns])
+        by_node[turns] = smooth_corners(barycentric[turns])
         pieces = cut(rows, counts, places, plane_of[rows], corners, by_node, weights, by_corners)
         among, kept = counts > 1, np.repeat(counts > 1, counts)
         several = Corners.of(
@@ -252,55 +256,98 @@ class Layered:
         return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)
 
 
+@dataclass(frozen=True, eq=False)
+class WallFollowing:
+    """Which points follow the walls of a grid, and where in it these are."""
+
+    layer: WallLayer  # the points that follow
+    rows: np.ndarray  # int (n_wall,), numbers of the nodes of all walls, each shared one once
+    plane_rows: np.ndarray  # int (n_plane,), numbers of the nodes on the outlines of planes that walls end on
+    planes: tuple[PlaneNormal, ...] | None  # normals of these planes, as functions of those nodes; None where they stay
+    images: WallImages | None = None  # walls beyond periodic sides, which the layer's wall has behind those nodes
+
+    def at(
+        self,
+        # places before the move, and of points where a map puts them; these are overwritten in place
+        initial: np.ndarray,  # (n, 3)
+        mapped: np.ndarray,  # (n, 3), C order
+        # the grid before and after the move; the latter may be `mapped`
+        grid_initial: np.ndarray,  # (n_nodes, 3)
+        grid: np.ndarray,  # (n_nodes, 3)
+    ) -> Followed:
+        """Move the points with the walls."""
+        # `MovementError` if the surroundings of a node of a wall are turned inside out
+        plane_points = grid[self.plane_rows]
+        walls = self._walls(grid_initial), self._walls(grid)
+        return Followed(self, self.layer.at(initial, mapped, *walls, self.normals(plane_points)), plane_points)
+
+    def _walls(self, grid: np.ndarray) -> np.ndarray:
+        """Nodes of walls, shape (wall.n_points, 3), of a grid, shape (n_nodes, 3)."""
+        nodes = grid[self.rows]
+        return nodes if self.images is None else self.images.beyond(nodes, self.layer.wall.tree.points[: len(nodes)])
+
+    def changes(self, change: np.ndarray) -> np.ndarray:
+        """Changes of the nodes of walls with those of a grid."""
+        nodes = change[self.rows]
+        return nodes if self.images is None else self.images.changes(nodes)
+
+    def add_changes_vjp(self, bar: np.ndarray, grid_bar: np.ndarray) -> None:
+        """Transpose of `changes`."""
+        grid_bar[self.rows] += bar if self.images is None else self.images.changes_vjp(bar)
+
+    def normals(self, plane_points: np.ndarray) -> np.ndarray | None:
+        """Normals, shape (n_planes, 3), of the planes that walls end on, from the points on their outlines."""
+        if self.planes is None:
+            return None
+        return np.reshape([plane.normal(plane_points) for plane in self.planes], (-1, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Points that followed the walls of a grid, and their derivative."""
+
+    of: WallFollowing
+    layered: Layered
+    plane_points: np.ndarray  # (n_plane, 3), nodes on the outlines of planes (m)
+
+    def jvp(
+        self,
+        change: np.ndarray,  # (n, 3), of the mapped points, overwritten in place by that of the points
+        d_grid: np.ndarray,  # (n_nodes, 3), of the grid; may be `change`
+        # of the grid before the move, whose nodes the points then are; None for none
+        d_initial: np.ndarray | None = None,  # (n_nodes, 3)
+    ) -> None:
+        """Change of the points."""
+        of, at, d_normals = self.of, self.plane_points, None
+        if of.planes is not None:
+            d_plane_points = d_grid[of.plane_rows]
+            d_normals = np.reshape([plane.normal_jvp(at, d_plane_points) for plane in of.planes], (-1, 3))
+        d_before = None if d_initial is None else of.changes(d_initial)
+        self.layered.jvp(d_initial, change, d_before, of.changes(d_grid), d_normals)
+
+    def add_vjp(
+        self,
+        bar: np.ndarray,  # (n, 3), of the points, overwritten in place by that of the mapped ones
+        # what is added to: derivatives with respect to the grid, which may be `bar`, and to the grid before the move
+        grid_bar: np.ndarray,  # (n_nodes, 3)
+        initial_bar: np.ndarray | None = None,  # (n_nodes, 3)
+    ) -> None:
+        """Transpose of `jvp`."""
+        wrt = ("mapped", "wall_moved", "normals")
+        bars = self.layered.vjp(bar, wrt if initial_bar is None else (*wrt, "initial", "wall_initial"))
+        planes_bar = np.zeros_like(self.plane_points)
+        for plane, normal_bar in zip(self.of.planes or (), bars["normals"]):
+            plane.add_normal_vjp(self.plane_points, normal_bar, planes_bar)
+        self.of.add_changes_vjp(bars["wall_moved"], grid_bar)
+        grid_bar[self.of.plane_rows] += planes_bar
+        if initial_bar is not None:
+            initial_bar += bars["initial"]
+            self.of.add_changes_vjp(bars["wall_initial"], initial_bar)
+
+
 def _packed(places: np.ndarray, matrices: np.ndarray, initial: np.ndarray) -> np.ndarray:
     """Places and rotations after a move and places before it side by side, shape (n, 15)."""
     return np.concatenate([places, matrices.reshape(-1, 9), initial], axis=1)
-
-
-def _projectors(planes: Sequence[tuple[np.ndarray, np.ndarray]], n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Different projectors onto planes, shape (m, 3, 3), the first one the identity; which one each point has."""
-    plane_of, found = np.zeros(n, dtype=np.int16), [np.eye(3)]
-    for ids, normal in planes:
-        normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
-        for number in np.unique(plane_of[ids]).tolist():
-            plane_of[ids[plane_of[ids] == number]] = len(found)
-            found.append(found[number] - np.outer(normal, normal @ found[number]))
-    return np.array(found), plane_of
-
-
-def _with_wall_nodes(
-    tree: TriangleTree, closest: ClosestPoints, n_wall: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Corners, coordinates and weights of all closest points, the wall's nodes first; each point's nearest triangle."""
-    corners = np.concatenate(
-        [np.repeat(np.arange(n_wall, dtype=np.int32)[:, None], 3, axis=1), tree.triangles[closest.triangles]]
-    )
-    barycentric = np.concatenate([np.tile([1.0, 0.0], (n_wall, 1)), closest.barycentric[:, :2]])
-    first = np.zeros(len(tree.points), dtype=np.int64)
-    if n_wall:
-        first[tree.triangles[::-1].ravel()] = np.repeat(np.arange(len(tree.triangles))[::-1], 3)
-    return (
-        corners,
-        barycentric,
-        np.concatenate([np.ones(n_wall), closest.weights]),
-        np.concatenate([first[:n_wall], closest.triangles[closest.starts[:-1]]]),
-    )
-
-
-def _slopes(tree: TriangleTree, closest: ClosestPoints, points: np.ndarray) -> np.ndarray:
-    """Heights of points above their nearest closest points by the distances of these from the nearest corners."""
-    first = closest.starts[:-1]
-    corners = tree.points[tree.triangles[closest.triangles[first]]]
-    at = np.einsum("nk,nkd->nd", closest.barycentric[first], corners)
-    off = np.linalg.norm(corners - at[:, None], axis=2).min(axis=1)
-    return np.divide(np.linalg.norm(points - at, axis=1), off, out=np.full(len(at), np.inf), where=off > 0.0)
-
-
-def _by_corners(barycentric: np.ndarray) -> np.ndarray:
-    """Weights of the first two corners, in proportion to b^2 (3 - 2 b) of all three barycentric coordinates b."""
-    b = np.column_stack([barycentric, 1.0 - barycentric.sum(axis=1)])
-    smooth = b * b * (3.0 - 2.0 * b)
-    return (smooth / smooth.sum(axis=1, keepdims=True))[:, :2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

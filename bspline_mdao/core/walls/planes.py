@@ -1,4 +1,4 @@
-"""Planes that nodes stay in: their unit normals as functions of points on them, and means of mirror images.
+"""Planes that nodes stay in: projectors onto them, unit normals as functions of points on them, and mirror images.
 
 The area vector of a planar part of the boundary is a sum of half cross products of pairs of arms, each the difference
 of two points: of the diagonals of its quads, or, since what is inside cancels, of the arms from one point to the ends
@@ -18,7 +18,7 @@ import numpy as np
 from ...errors import InputError
 from ...grids.topology.node_numbering import NodesByRow
 
-__all__ = ["MirrorMeans", "PlaneNormal"]
+__all__ = ["MirrorMeans", "PlaneNormal", "projectors_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +134,17 @@ class MirrorMeans:
             normals_bar[k] = -2.0 * (mirror_bar + mirror_bar.T) @ normal
             bar[ids] = 0.5 * (bar[ids] + _mirror(normal) @ bar[ids] @ _mirror(at_rest))
         return normals_bar
+
+
+def projectors_of(planes: Sequence[tuple[np.ndarray, np.ndarray]], n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Different projectors onto planes, shape (m, 3, 3), the first one the identity; which one each point has."""
+    plane_of, found = np.zeros(n, dtype=np.int16), [np.eye(3)]
+    for ids, normal in planes:
+        normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+        for number in np.unique(plane_of[ids]).tolist():
+            plane_of[ids[plane_of[ids] == number]] = len(found)
+            found.append(found[number] - np.outer(normal, normal @ found[number]))
+    return np.array(found), plane_of
 
 
 def _mirror(normal: np.ndarray) -> np.ndarray:
