@@ -96,16 +96,18 @@ class AtStations(AlongAxis):
 class _InSections(AtStations):
     """A variable that multiplies sections, in their planes about the axis, by a matrix."""
 
+    unit: ClassVar[float] = 1.0  # that values are in, in that of `_matrices`
+
     def _bind(self, attached: AttachedRows) -> SectionMap:
         along, spline = (attached.weights, attached.axis_rows), self.spline.matrix(attached.stations)
-        return SectionMap(self.neutral, *along, self._axes(attached), spline, self._matrices)
+        return SectionMap(self.neutral, *along, self._axes(attached), spline, self._matrices, self.unit)
 
     def _axes(self, attached: AttachedRows) -> np.ndarray:
         return attached.section_axes
 
     @abstractmethod
     def _matrices(self, amounts: np.ndarray) -> np.ndarray:
-        """Matrices, shape (n, 2, 2), of the values at sections, shape (n,)."""
+        """Matrices, shape (n, 2, 2), of the values at sections, shape (n,), times the unit."""
 
 
 class Twist(_InSections):
@@ -138,9 +140,8 @@ class Twist(_InSections):
     """
 
     units = "deg"
-
-    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
-        return rotation(np.radians(1.0) * amounts)
+    unit = np.radians(1.0)
+    _matrices = staticmethod(rotation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,12 +323,17 @@ class _Shifting(AtStations):
     """A variable that shifts sections as wholes along one coordinate."""
 
     def _shift(
-        self, attached: AttachedRows, coordinate: int, paths: np.ndarray, slopes: Callable[[Any], Any]
+        self,
+        attached: AttachedRows,
+        coordinate: int,
+        paths: np.ndarray,
+        formula: Callable[[Any], Any],
+        unit: float = 1.0,
     ) -> ShiftMap:
-        """Shift along the stream (0), the normal (1) or the span (2) by slopes along paths."""
+        """Shift along the stream (0), the normal (1) or the span (2) by slopes of a formula along paths."""
         along, direction = (attached.weights, attached.axis_rows), attached.frame.axes[coordinate]
         means = np.diff(self.spline.integral(attached.knots), axis=0) / np.diff(attached.knots)[:, None]
-        return ShiftMap(self.neutral, *along, direction, paths, means, slopes)
+        return ShiftMap(self.neutral, *along, direction, paths, means, formula, unit)
 
     @staticmethod
     def _along_span(attached: AttachedRows) -> np.ndarray:
@@ -402,7 +408,7 @@ class Sweep(_Shifting):
     units = "deg"
 
     def _bind(self, attached: AttachedRows) -> ShiftMap:
-        return self._shift(attached, 0, attached.directions, _slope_of_degrees)
+        return self._shift(attached, 0, attached.directions, shear, np.radians(1.0))
 
 
 class Dihedral(_Shifting):
@@ -438,12 +444,8 @@ class Dihedral(_Shifting):
     units = "deg"
 
     def _bind(self, attached: AttachedRows) -> ShiftMap:
-        return self._shift(attached, 1, self._along_span(attached), _slope_of_degrees)
+        return self._shift(attached, 1, self._along_span(attached), shear, np.radians(1.0))
 
 
 def _excess(factor: np.ndarray) -> np.ndarray:
     return factor - 1.0
-
-
-def _slope_of_degrees(angle: np.ndarray) -> np.ndarray:
-    return shear(np.radians(1.0) * angle)

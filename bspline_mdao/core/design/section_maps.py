@@ -26,13 +26,13 @@ def rotation(
 ) -> np.ndarray:  # (..., 2, 2)
     """Return matrices of stream and normal coordinates that rotate sections, upstream end up."""
     cos, sin = np.cos(angle), np.sin(angle)
-    return _matrices(cos, sin, -sin, cos)
+    return _matrix(cos, sin, -sin, cos)
 
 
 def scaling(stream: np.ndarray | float, normal: np.ndarray | float) -> np.ndarray:
     """Return matrices, shape (..., 2, 2), that scale stream and normal coordinates by factors of any shape."""
     stream, normal = np.broadcast_arrays(stream, normal)
-    return _matrices(stream, 0.0 * stream, 0.0 * normal, normal)  # zeros that are complex where the factors are
+    return _matrix(stream, 0.0 * stream, 0.0 * normal, normal)  # zeros that are complex where the factors are
 
 
 def shear(angle: np.ndarray | float) -> np.ndarray:
@@ -40,7 +40,7 @@ def shear(angle: np.ndarray | float) -> np.ndarray:
     return np.tan(angle)
 
 
-def _matrices(a: np.ndarray | float, b: np.ndarray | float, c: np.ndarray | float, d: np.ndarray | float) -> np.ndarray:
+def _matrix(a: np.ndarray | float, b: np.ndarray | float, c: np.ndarray | float, d: np.ndarray | float) -> np.ndarray:
     return np.stack([np.stack([a, b], axis=-1), np.stack([c, d], axis=-1)], axis=-2)
 
 
@@ -57,8 +57,9 @@ class SectionMap:
     axis_rows: np.ndarray  # (n_axis,) of int, rows of the axis' own points
     axes: np.ndarray  # (n_rows, 2, 3), two orthonormal directions in the plane of each row's section
     spline: csr_array  # (n_rows, n_values), amounts of sections, less the neutral one, of values less the neutral one
-    # matrices, shape (n_rows, 2, 2), of amounts, shape (n_rows,); complex-safe
-    matrices: Callable[[np.ndarray], np.ndarray]
+    # matrices, shape (n_rows, 2, 2), of amounts times the unit, shape (n_rows,); complex-safe
+    formula: Callable[[np.ndarray], np.ndarray]
+    unit: float = 1.0  # that amounts are in, in the formula's
 
     @property
     def initial(self) -> np.ndarray:
@@ -67,19 +68,22 @@ class SectionMap:
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Move all rows, shape (n_rows, 3), in metres."""
-        changes = self.matrices(self._amounts(values)) - np.eye(2)
+        changes = self._matrices(self._amounts(values)) - np.eye(2)
         return points + self._in_space(np.einsum("nij,nj->ni", changes, self._in_plane(points)))
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
         """Differentiate `apply`."""
         amounts = self._amounts(values)
-        changes = self.axes.swapaxes(1, 2) @ (self.matrices(amounts) - np.eye(2)) @ self.axes
-        rates = rates_of(self.matrices, amounts)
+        changes = self.axes.swapaxes(1, 2) @ (self._matrices(amounts) - np.eye(2)) @ self.axes
+        rates = rates_of(self._matrices, amounts)
         moved = self._in_space(np.einsum("nij,nj->ni", rates, self._in_plane(points)))
         return MapPartials(self._points_jacobian(changes), along_vectors(moved, self.spline))
 
     def _amounts(self, values: np.ndarray) -> np.ndarray:
         return self.neutral + self.spline @ (values - self.neutral)
+
+    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
+        return self.formula(self.unit * amounts)
 
     def _in_plane(self, points: np.ndarray) -> np.ndarray:
         """Coordinates about the axis in the plane of the section, shape (n_rows, 2)."""
@@ -128,7 +132,9 @@ class ShiftMap:
     direction: np.ndarray  # (3,), in which sections are shifted
     paths: np.ndarray  # (n_axis - 1, 3), unit vector for every segment of the axis, along which its length counts
     means: np.ndarray  # (n_axis - 1, n_values), mean influence of every value over every segment
-    slopes: Callable[[np.ndarray], np.ndarray]  # slopes, shape (n_values,), of values; complex-safe, one by one
+    # slopes, shape (n_values,), of values times the unit; complex-safe, one by one
+    formula: Callable[[np.ndarray], np.ndarray]
+    unit: float = 1.0  # that values are in, in the formula's
 
     @property
     def initial(self) -> np.ndarray:
@@ -137,15 +143,18 @@ class ShiftMap:
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Move all rows, shape (n_rows, 3), in metres."""
-        shifts = self._sums @ (self._lengths(points) * (self.means @ self.slopes(values)))
+        shifts = self._sums @ (self._lengths(points) * (self.means @ self._slopes(values)))
         return points + shifts[:, None] * self.direction
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
         """Differentiate `apply`."""
-        rates = rates_of(self.slopes, values)
+        rates = rates_of(self._slopes, values)
         d_values = self._sums @ (self._lengths(points)[:, None] * self.means * rates)
-        d_points = (self._sums * (self.means @ self.slopes(values))) @ self._steps
+        d_points = (self._sums * (self.means @ self._slopes(values))) @ self._steps
         return MapPartials(self._points_jacobian(d_points), self._matrix(d_values, self._influence_of_values))
+
+    def _slopes(self, values: np.ndarray) -> np.ndarray:
+        return self.formula(self.unit * values)
 
     def _lengths(self, points: np.ndarray) -> np.ndarray:
         return np.sum(np.diff(points[self.axis_rows], axis=0) * self.paths, axis=1)
