@@ -33,6 +33,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, kron
 
 from ...base.display import OneLine
+from ...base.numerics.rotation_group import turns, turns_jvp, turns_vjp
 from ...base.sparse.scalar_blocks import ScalarBlocksFactor, factorize_scalars
 from ..mesh.moving_mesh import MovingMesh
 from ..movement.mover import (
@@ -44,7 +45,6 @@ from ..movement.mover import (
     digits_of,
 )
 from ..movement.rotation_field import SurfaceVectors, surface_rotations
-from ..movement.rotation_vectors import turns, turns_jvp, turns_vjp
 from ..walls.rotations import LocalRotations
 from .background_lattice import BackgroundLattice
 from .lattice_frame import Directions

@@ -5,9 +5,7 @@ With the gradients H(u_g) / J_g of the displacement at the Gauss points g,
     M = I + 1/8 sum over g of H(u_g) / J_g
 
 has the nearest rotation R, by Newton's iteration for whatever is not folded much deeper than it was thick, and else by
-the largest eigenvector of Davenport's matrix, which is the same rotation.
-
-P. B. Davenport, "A vector approach to the algebra of rotations with applications", NASA TN D-4696, 1968.
+the largest eigenvector of Davenport's matrix, which is the same rotation (`rotation_group`).
 
 Theory: ``docs/theory/rotations.rst``.
 """
@@ -19,9 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from ...base.numerics.rotation_group import NO_ROTATION, nearest_rotations, nearest_to_any, rotation_changes
 from ...base.numerics.vectors import scaled
-from ..walls.polar import nearest_rotations, rotation_changes
-from .rotation_vectors import NO_ROTATION, nearest_to_any
 from .target_gradients import TargetGradientElements, times, transposed_times
 from .trilinear import (
     FAST,

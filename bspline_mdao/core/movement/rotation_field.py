@@ -21,6 +21,7 @@ import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array, eye_array, kron, tril
 
 from ...base.numerics.processes import ONE
+from ...base.numerics.rotation_group import unwrapped, vectors_jvp, vectors_vjp
 from ...base.sparse.blocks import graph_of
 from ...base.sparse.ordering import fill_reducing_order
 from ...grids.topology.periodic_ties import Ties
@@ -28,7 +29,6 @@ from ..mesh.control_net import surface_quads
 from ..mesh.moving_mesh import MovingMesh
 from ..walls.rotations import LocalRotations, Rotations
 from .equilibrium import Unknowns
-from .rotation_vectors import unwrapped, vectors_jvp, vectors_vjp
 
 __all__ = ["RotationUnknowns", "SurfaceVectors", "surface_rotations"]
 

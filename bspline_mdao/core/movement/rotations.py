@@ -30,6 +30,7 @@ import numpy as np
 
 from ...base.checks import as_array
 from ...base.display import OneLine
+from ...base.numerics.rotation_group import turns, turns_jvp, turns_vjp
 from ...base.sparse.cholesky import Cholesky
 from ...base.sparse.scalar import ScalarCholesky
 from ...base.sparse.solved_together import Task, solved
@@ -42,7 +43,6 @@ from .element_rotations import ElementRotations
 from .equilibrium import Equilibrium, Unknowns
 from .mover import IncrementReport, MovementReport, SolveReport, check_reach, check_request, digits_of, met_alike
 from .rotation_field import RotationUnknowns, SurfaceVectors, surface_rotations
-from .rotation_vectors import turns, turns_jvp, turns_vjp
 from .target_gradients import TargetGradientField, TargetGradientSystem
 from .trilinear import add_at_corners
 from .young_modulus import InverseVolumeLaw

@@ -25,8 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from ...base.numerics.rotation_group import cofactors
 from ...errors import InputError
-from .polar import cofactors
 from .rotations import MOVES, LocalRotations, Rotations
 from .settings import LAYER, LayerSettings
 

@@ -1,8 +1,8 @@
 """The rigid motion nearest to that of a set of points, in the sense of least squares, and its derivative.
 
 Points x0 go to x; with the means m0 and m, and M = sum (x - m) (x0 - m0)^T, it is the rotation R nearest to M (see
-`.polar`) and the shift m - R m0. Planes that have to stay where they are leave a rotation about the normal of one of
-them, or none where there are several, and shifts along all.
+`rotation_group`) and the shift m - R m0. Planes that have to stay where they are leave a rotation about the normal of
+one of them, or none where there are several, and shifts along all.
 
 P. H. Schoenemann, "A generalized solution of the orthogonal Procrustes problem", Psychometrika 31, 1966, pp. 1-10.
 """
@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.display import OneLine
+from ...base.numerics.rotation_group import nearest_rotations, rotation_changes
 from ...errors import MovementError
 from .planes import MirrorMeans
-from .polar import nearest_rotations, rotation_changes
 
 __all__ = ["RigidMotion", "RigidPart"]
 
@@ -65,7 +65,7 @@ class RigidMotion:
     arms: tuple[np.ndarray, np.ndarray]
     mean: np.ndarray  # (3,), mean of those before (m)
     in_planes: np.ndarray  # (3, 3), projector onto what shifts may do
-    stiffness: np.ndarray  # (1, 3, 3), ``tr(S) I - S``, see `.polar`
+    stiffness: np.ndarray  # (1, 3, 3), ``tr(S) I - S``, see `rotation_group`
     mirrored: MirrorMeans | None  # mean with the mirror image; None where nothing turns
 
     def apply(self, points: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ spacings of 1e-3 by 1 do not matter. Quads tell where a surface looks to: both s
 as vectors, add up as products. The scales ``|e|^2`` and ``|a|^2`` are those of the baseline and stay, so that M is
 linear in the points before and in the edges and areas after the move.
 
-Points of periodic sides that are tied see what their copies see, too (`.tied_sums`). `.polar` finds R, and its
+Points of periodic sides that are tied see what their copies see, too (`.tied_sums`). `rotation_group` finds R, and its
 derivative.
 
 Theory: ``docs/theory/wall_layer.rst``.
@@ -27,12 +27,12 @@ import numpy as np
 from numba import njit
 from scipy.sparse import coo_array, csr_array
 
+from ...base.numerics.rotation_group import nearest_rotations, rotation_changes
 from ...base.numerics.threads import run_tasks, thread_count
 from ...errors import InputError, MovementError
 from ...grids.topology.node_numbering import each_once
 from ...grids.topology.periodic_ties import Ties
 from .planes import MirrorMeans
-from .polar import nearest_rotations, rotation_changes
 from .tied_sums import TiedSums
 
 __all__ = ["LocalRotations", "Rotations"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao.core.movement.rotation_vectors import (
+from bspline_mdao.base.numerics.rotation_group import (
     turns,
     turns_jvp,
     turns_vjp,

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from mesh_cases import mesh_around_a_body, smooth_change
 
+from bspline_mdao.base.numerics.rotation_group import turns
 from bspline_mdao.core.background.lattice_settings import LatticeSettings
 from bspline_mdao.core.background.mesh_model import MeshModel
 from bspline_mdao.core.background.thin_plate import bending_energy
 from bspline_mdao.core.background.turned_gradients import TurnedGradients
-from bspline_mdao.core.movement.rotation_vectors import turns
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.cells.mixed_cells import MixedMesh
 from bspline_mdao.grids.io.marker_kinds import marker_kinds, undecided

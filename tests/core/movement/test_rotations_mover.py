@@ -22,13 +22,13 @@ from scipy.spatial.transform import Rotation
 from test_slivers import C_GRID, lost_in_differences, lost_in_products, noise, pitched, plate_in_its_wake, section
 from topology_cases import box, grid_of, patch
 
+from bspline_mdao.base.numerics.rotation_group import nearest_rotations
 from bspline_mdao.base.sparse.solved_together import solved
 from bspline_mdao.core.movement.element_rotations import ElementRotations
 from bspline_mdao.core.movement.rotations import Rotations
 from bspline_mdao.core.movement.target_gradients import TargetGradientElements
 from bspline_mdao.core.movement.trilinear import SLOPES
 from bspline_mdao.core.movement.young_modulus import InverseVolumeLaw
-from bspline_mdao.core.walls.polar import nearest_rotations
 from bspline_mdao.errors import InputError
 from bspline_mdao.grids.topology.index_space import Window
 from bspline_mdao.testing import central_difference
