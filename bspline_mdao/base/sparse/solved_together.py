@@ -29,10 +29,17 @@ Task = Generator[Asked, LinearSolution, T]
 
 def solved(task: Task[T]) -> T:
     """Result of one task. Raises what it raises."""
-    (found,) = solved_together([task])
-    if isinstance(found, MovementError):
-        raise found
-    return found
+    go_on: Any = task.send
+    answer: LinearSolution | MovementError | None = None
+    while True:
+        try:
+            factor, right = go_on(answer)
+        except StopIteration as end:
+            return end.value
+        try:
+            go_on, answer = task.send, factor.solve(right)
+        except MovementError as error:
+            go_on, answer = task.throw, error
 
 
 def solved_together(tasks: Sequence[Task[T]]) -> list[T | MovementError]:

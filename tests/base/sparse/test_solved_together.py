@@ -38,6 +38,7 @@ def test_tasks_of_any_length_go_in_step_with_one_pass_for_each_factor():
     for n, x in zip(lengths, found, strict=True):
         np.testing.assert_array_equal(x, (right + n) / first.diagonal**n)
     np.testing.assert_array_equal(last, right / second.diagonal**2)
+    np.testing.assert_array_equal(solved(powers(Diagonal(second.diagonal), right, 2)), last)
     assert first.passes == [(2, 3), (2, 2), (2,)]
     assert second.passes == [(2,), (2,)]
 
