@@ -380,8 +380,8 @@ def cad(**options: Any) -> None:
     write_cad_file(**options)
 
 
-@command("live wing.h5", "live wing.h5 --deform bend=60deg@0.7 --no-browser --port 8080")
-@click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@command("live wing.h5", "live wing.h5 --deform bend=60deg@0.7 --no-browser --port 8080", "live study.toml")
+@click.argument("file", metavar="MODEL.h5|STUDY.toml", type=click.Path(path_type=Path))
 @click.option(
     "--deform",
     multiple=True,
@@ -407,8 +407,10 @@ def cad(**options: Any) -> None:
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port; a free one by default.")
 @click.option("--no-browser", is_flag=True, help="Print the address and open no browser.")
 @moving_options
-def live(model: Path, no_browser: bool, **options: Any) -> None:
+def live(file: Path, no_browser: bool, **options: Any) -> None:
     """Open a model in the browser: sliders and control points move, and the grid and its numbers follow.
+
+    Of a study, sliders are its variables between their bounds, and the button of studies writes it with their values.
 
     The page shows the surface grid by quality, heights or displacement, the worst cells, thickness of sections, and
     the lift of a wing by a vortex lattice. Its buttons undo, and write a report, STEP, PLOT3D, control points or a
@@ -418,7 +420,7 @@ def live(model: Path, no_browser: bool, **options: Any) -> None:
         from .live import LiveOptions, open_live
 
     mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
-    open_live(model, LiveOptions(has_browser=not no_browser, mover=mover, **options))
+    open_live(file, LiveOptions(has_browser=not no_browser, mover=mover, **options))
 
 
 @command("seams wing.h5", "seams wing.h5 --deform bend=60deg@0.6 --patch 'wing*'")

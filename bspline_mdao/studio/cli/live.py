@@ -14,6 +14,9 @@ from ...errors import InputError
 from ..live.page import LOOPBACK, Page, require_trame
 from ..live.session import Session
 from ..live.shape import LiveModel
+from ..live.study_variables import StudyVariables
+from ..study.reader import read_study
+from ..study.shape_script import StudiedShape
 from .movers import MoverOptions
 from .output import print_lines, print_title, print_warnings
 
@@ -36,27 +39,44 @@ class LiveOptions:
     mover: MoverOptions = field(default_factory=MoverOptions)
 
 
-def open_live(model_file: Path, options: LiveOptions) -> None:
-    """Serve the page of a model until it is interrupted."""
+def open_live(file: Path, options: LiveOptions) -> None:
+    """Serve the page of a model, or of a study, until it is interrupted."""
     require_trame()
     if options.output.exists() and not options.output.is_dir():
         raise InputError(f"{options.output}: is a file; name a folder for what the page writes")
-    if is_mesh_model(model_file):
-        raise InputError(f"{model_file}: is of a mesh without structure, which live does not show; see move and report")
     with progress_bar() as progress:
         progress(0.0, "reading")
-        model = FittedModel.load(model_file)
-        if not model.header.patches:
-            raise InputError(
-                f"{model_file}: its grid has no patches, so nothing says what moves; fit it again with --patches"
-            )
-        progress(0.2, "preparing")
-        mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
-        live = LiveModel(model, mesh, options.mover.make(mesh), options.design or None, options.deform)
+        live = (_of_study if file.suffix == ".toml" else _of_model)(file, options)
         progress(0.5, "trying a move")
         page = Page(Session(live, options.output))
+    model, mesh = live.model, live.mesh
     n_points = f"{counted(len(mesh.surface_ids), 'control point')} of the surface"
-    print_title(f"{model_file}: {counted(model.n_nodes, 'node')}, {counted(len(live.sliders), 'slider')}, {n_points}")
+    print_title(f"{file}: {counted(model.n_nodes, 'node')}, {counted(len(live.sliders), 'slider')}, {n_points}")
+    if live.study is not None and live.study.n_values > len(live.sliders):
+        print_warnings([f"the first {len(live.sliders)} of {live.study.n_values:,} values have sliders"])
     print_warnings([f"no {what}: {why}" for what, why in live.missing if why])
     page.on_ready(lambda port: print_lines([f"http://{options.host}:{port}/ is open; Ctrl+C ends it"]))
     page.serve(options.host, options.port, options.has_browser)
+
+
+def _of_model(file: Path, options: LiveOptions) -> LiveModel:
+    """Take a fitted model, with deformations by name."""
+    if is_mesh_model(file):
+        raise InputError(f"{file}: is of a mesh without structure, which live does not show; see move and report")
+    model = FittedModel.load(file)
+    if not model.header.patches:
+        raise InputError(f"{file}: its grid has no patches, so nothing says what moves; fit it again with --patches")
+    mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
+    return LiveModel(model, mesh, options.mover.make(mesh), options.design or None, options.deform)
+
+
+def _of_study(file: Path, options: LiveOptions) -> LiveModel:
+    """Take the grid of a study, with its variables."""
+    of_models = ("deform", "design", "fix", "release", "slide", "mover")
+    if given := [name for name in of_models if getattr(options, name) != getattr(LiveOptions(), name)]:
+        raise InputError(f"{file}: a study says by itself what moves and how; leave out --{given[0]}")
+    shape = StudiedShape.of(read_study(file))
+    if not isinstance(shape.model, FittedModel):
+        raise InputError(f"{file}: is of a mesh without structure, which live does not show; see optimize")
+    design = shape.study.grid["design"]
+    return LiveModel(shape.model, shape.wing.mesh, shape.mover, design or None, study=StudyVariables.of(shape))

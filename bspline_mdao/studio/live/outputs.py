@@ -36,8 +36,8 @@ def write_shape(path: Path, live: LiveModel, shape: Shape) -> tuple[Path, ...]:
     ----------
     path : Path
         ``.html``, a report; ``.h5``, a model; ``.step`` or ``.igs``, its walls as CAD; ``.toml``, a study, and the
-        model that it begins with beside it; ``.csv``, control points of the surface, as ``move --deform`` reads them;
-        and the names of grids, such as ``.xyz``.
+        model that it begins with beside it, or the study whose variables are shown, with their values; ``.csv``,
+        control points of the surface, as ``move --deform`` reads them; and the names of grids, such as ``.xyz``.
     live : LiveModel
         What made the shape.
     shape : Shape
@@ -68,7 +68,7 @@ def free_name(folder: Path, stem: str, suffix: str) -> Path:
 def _write_report(path: Path, live: LiveModel, shape: Shape) -> tuple[Path, ...]:
     words = live.words(shape.design)
     pulled = f"{len(shape.design.pulls)} control points pulled" if shape.design.pulls else ""
-    said = ", ".join(filter(None, (words, pulled))) or "as fitted"
+    said = ", ".join(filter(None, (words, pulled))) or ("as fitted" if live.is_baseline(shape.design) else "moved")
     write_report(path, model_of(live, shape), title=f"{Path(live.model.header.source).name}: {said}")
     return (path,)
 
@@ -91,6 +91,13 @@ def _write_points(path: Path, live: LiveModel, shape: Shape) -> tuple[Path, ...]
 
 
 def _write_study(path: Path, live: LiveModel, shape: Shape) -> tuple[Path, ...]:
+    if live.study is not None:
+        if shape.design.pulls:
+            raise InputError("control points that were pulled are no variables of the study; take them back")
+        text = live.study.text(shape.design.values, path.parent)
+        with replaced_file(path) as part:
+            part.write_text(text, encoding="utf-8")
+        return (path,)
     model = model_of(live, shape)
     file = path.with_suffix(MODEL)
     if file.exists():

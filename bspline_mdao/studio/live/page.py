@@ -78,8 +78,8 @@ class Page:
     def _declare(self) -> None:
         """Declare what the browser and this side share."""
         live = self.session.live
-        for number, slider in enumerate(live.sliders):
-            self.state[f"slider_{number}"] = slider.neutral
+        for number, value in enumerate(self.session.design.values):
+            self.state[f"slider_{number}"] = value
         for axis in _AXES:
             self.state[f"pull_{axis}"] = 0.0
         self.state.update(
@@ -334,7 +334,7 @@ class Page:
 
     def _slider(self, v3: Any, html: Any, name: str, label: str, ends: tuple[float, float, float], unit: str) -> None:
         low, high, step = ends
-        digits = 4 if name.startswith("pull") else 2
+        digits = max(2, round(-np.log10(step)))
         with html.Div(classes="d-flex justify-space-between text-caption"):
             html.Span(label)
             html.Span(f"{{{{ Number({name}).toFixed({digits}) }}}}{unit}")

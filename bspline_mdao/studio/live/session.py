@@ -46,6 +46,9 @@ class Session:
         self.shape = self.baseline = live.at(live.neutral)
         self.complaint = ""  # why the design of the moment has no shape
         self.picked: int | None = None  # row of the control point that is picked
+        if live.first != live.neutral:
+            self.history.change(live.first, None)
+            self.update()
 
     @property
     def design(self) -> Design:
@@ -102,7 +105,8 @@ class Session:
         """Write the shape of the moment under a name that is free; says what was written, or why nothing was."""
         if self.shape.part is not None and not self.complete():
             return f"nothing was written: {self.complaint}"
-        stem = f"{self.live.model.file.stem if self.live.model.file else 'model'}_live"
+        source = self.live.model.file if self.live.study is None else self.live.study.shape.study.source
+        stem = f"{source.stem if source else 'model'}_live"
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             written = write_shape(free_name(self.folder, stem, suffix), self.live, self.shape)

@@ -38,6 +38,7 @@ from .drawn import Drawn
 from .history import Design
 from .numbers import Lift, Thickness
 from .part import Part, corners_of
+from .study_variables import StudyVariables
 from .variables import Slider, sliders_of, words_of
 
 __all__ = ["LiveModel", "Shape"]
@@ -91,11 +92,14 @@ class LiveModel:
         mover: Mover | None = None,  # what carries the control mesh along; the default one
         patches: Sequence[str] | None = None,  # patches that are the design surface, as those of the mesh
         asked: Sequence[str] = (),  # more deformations, such as ``bend=60deg@0.7``, each with a slider up to it
+        study: StudyVariables | None = None,  # variables that are the sliders, in place of deformations by name
     ) -> None:
+        self.study = study
         self.model, self.mesh = model, moving_mesh(model) if mesh is None else mesh
         self.mover: Any = default_mover(model, self.mesh) if mover is None else mover
         self.surface = SurfaceGrid.of(model, patches or None)
-        self.sliders: tuple[Slider, ...] = sliders_of(model, self.mesh, self.surface.is_section, asked)
+        of_names = sliders_of(model, self.mesh, self.surface.is_section, asked) if study is None else ()
+        self.sliders: tuple[Slider, ...] = of_names if study is None else study.sliders
         self.thickness = Thickness.of(self.surface)
         self.lift = Lift.of(model)
         self.baseline = model.regenerate().to_vector().reshape(-1, 3)
@@ -122,9 +126,18 @@ class LiveModel:
         """The design that is the model itself."""
         return Design(tuple(slider.neutral for slider in self.sliders))
 
+    @property
+    def first(self) -> Design:
+        """The design to begin with: the model itself, or where a study starts."""
+        return self.neutral if self.study is None else Design(self.study.first)
+
+    def is_baseline(self, design: Design) -> bool:
+        """Whether a design moves nothing."""
+        return not design.pulls and (self.study.is_baseline(design.values) if self.study else design == self.neutral)
+
     def words(self, design: Design) -> str:
-        """Say the sliders of a design as ``move --deform`` has them."""
-        return words_of(self.sliders, design.values)
+        """Say the sliders of a design as ``move --deform`` has them; variables of a study have no words."""
+        return words_of(self.sliders, design.values) if self.study is None else ""
 
     @cached_property
     def normals(self) -> np.ndarray:
@@ -174,7 +187,9 @@ class LiveModel:
             If the surface cannot be deformed so.
         """
         words, points, wall = self.words(design), self.model.control_points[self.mesh.surface_ids], None
-        if words:
+        if self.study is not None:
+            points = self.study.surface(design.values)
+        elif words:
             deformation = parse_deformation(words, self.model, self.mesh)
             wall = deformation.apply_to_nodes(self.surface.points, self._on_planes)
             points = self.follower.at(wall).control_points
@@ -219,7 +234,7 @@ class LiveModel:
         clock = _Clock()
         surface, wall = self.deformed(design)
         clock.stop("surface")
-        points = self._moved(surface, is_at_rest=design == self.neutral)
+        points = self._moved(surface, is_at_rest=self.is_baseline(design))
         clock.stop("movement")
         return self._shape(design, points, wall, with_lift and part is None, part, clock)
 
@@ -242,10 +257,10 @@ class LiveModel:
         of = self if part is None else part
         if wall is not None:
             nodes = of.wall_map.at(points, wall).nodes
-        elif design.pulls:
-            nodes = of.free_map.at(points).nodes
-        else:
+        elif self.is_baseline(design):
             nodes = self.baseline if part is None else self.baseline[part.rows]
+        else:
+            nodes = of.free_map.at(points).nodes
         nodes = nodes if part is None else part.spread(nodes)
         clock.stop("grid")
         q, corners = self._measured(nodes) if part is None else part.measured(nodes)

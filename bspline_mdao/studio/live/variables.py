@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,13 +33,13 @@ class Slider:
     low: float
     high: float
     neutral: float  # value that changes nothing
-    unit: str = ""  # deg, or none
+    unit: str = ""  # deg or m, or none
     place: str = ""  # what follows the value in the words: ``@0.7,length=0.2``
 
     @property
     def step(self) -> float:
-        """What the slider moves by: a hundredth of its range, or less, in digits that people read."""
-        return 0.1 if self.unit else 0.01
+        """What the slider moves by: a power of ten, by which its range has 60 steps or more."""
+        return 10.0 ** math.floor(math.log10((self.high - self.low) / 60.0))
 
     def words(self, value: float) -> str:
         """Say a value as ``move --deform`` has it."""

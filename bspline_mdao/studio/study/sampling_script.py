@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,9 @@ from .layout import python_text
 from .responses import Response
 from .script import Part, StudyScript, design_var, done
 from .script_shape import shape_part
+from .shape_script import shape_alone
 from .study import Study
 from .syntax import call, expression, statement
-from .variable_kinds import VARIABLES
 
 __all__ = ["DESIGNS", "PLANS", "SAMPLING_SCRIPT", "Sampling", "sampling_script"]
 
@@ -54,9 +54,7 @@ class Sampling:
 def sampling_script(study: Study, folder: Path, sampling: Sampling, is_plane: bool = False) -> str:
     """Write the script that samples a study, with names of files relative to its folder."""
     if not sampling.has_flow:
-        moving = {name: table for name, table in study.variables.items() if VARIABLES[table["kind"]].made_by}
-        objective = study.objective | {"of": next(iter(study.measures), "")}
-        study = replace(study, flow=None, conditions={}, variables=moving, constraints={}, objective=objective)
+        study = shape_alone(study)
     return python_text(_SamplingScript(study, folder, sampling, is_plane).parts())
 
 
