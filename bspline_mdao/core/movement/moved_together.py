@@ -16,10 +16,15 @@ from ...base.sparse.solved_together import solved_together
 from ...errors import MovementError
 from .mover import Movement, Mover
 
-__all__ = ["TOGETHER", "jvps_together", "moved_together", "vjps_together"]
+__all__ = ["TOGETHER", "goes_together", "jvps_together", "moved_together", "vjps_together"]
 
 TOGETHER = 16
 """Moves to make in step: a right-hand side then takes a quarter of its time alone, and twice as many save a tenth."""
+
+
+def goes_together(mover: Mover) -> bool:
+    """Whether moves of a mover, and products of its movements, take less time together."""
+    return hasattr(mover, "move_task")
 
 
 def moved_together(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,7 +14,7 @@ import openmdao.api as om
 from openmdao.vectors.vector import Vector
 
 from ...base.numerics.processes import on_first
-from ...errors import InputError
+from ...errors import InputError, MovementError
 from ...names import (
     CONTROL_CORNER_KS,
     CONTROL_POINTS,
@@ -22,6 +24,7 @@ from ...names import (
 from ..mesh.moving_mesh import ElementCorners, MovingMesh
 from ..model.certify import require_valid_splines
 from ..model.movable import Movable
+from ..movement.moved_together import goes_together, moved_together
 from ..movement.mover import Movement, MovementReport, Mover, differentiable
 from ..movement.shared import AUTO, WAYS, shared_mover
 from .checked_along_edges import check_along_edges
@@ -40,6 +43,9 @@ from .component import (
 
 INPUTS = (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
 OUTPUTS = (CONTROL_POINTS, CONTROL_CORNER_KS)
+
+Request = tuple[np.ndarray, ...]
+"""Initial points and surface points after a move, (n_points, 3) and (n_surface, 3) (m)."""
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -142,6 +148,8 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         self._start: Any = None
         self._shared: Any = None
         self._is_tangled = False
+        self._noted: list[Request] | None = None
+        self._ahead: list[tuple[Request, Movement | MovementError]] = []
 
     @property
     def report(self) -> MovementReport | None:
@@ -154,7 +162,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         mesh = mesh_of(self.options["mover"], self.msginfo)
         self._mover = differentiable(self.options["mover"]) if self._use_derivatives else self.options["mover"]
         self._last = self._start = self._shared = None
-        self._is_tangled = False
+        self._is_tangled, self._ahead = False, []
         try:
             self._corners = ElementCorners.of(mesh, self.options["rho"])
         except InputError as error:
@@ -168,8 +176,48 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         lines, sharpness = mesh.surface_lines, 10.0 * self.options["rho"]
         check_along_edges(self, SURFACE_CONTROL_POINTS, lines, sharpness, digits=100.0)
 
+    @property
+    def moves_together(self) -> bool:
+        """Whether moves that are known ahead take less time together."""
+        return self.comm.size == 1 and goes_together(self._mover)
+
+    @contextmanager
+    def noting(self) -> Iterator[list[Request]]:
+        """Note the moves that runs within ask for: initial points and surface, each (n, 3). Runs end there.
+
+        Raises
+        ------
+        om.AnalysisError
+            In ``compute``, where a move is noted.
+        """
+        self._noted = []
+        try:
+            yield self._noted
+        finally:
+            self._noted = None
+
+    def move_ahead(self, requests: Sequence[Request]) -> None:
+        """Make moves together that runs are going to ask for.
+
+        Each of them serves one run, and those that none asks for are forgotten in the next call.
+
+        Parameters
+        ----------
+        requests : sequence of (ndarray, ndarray)
+            From `noting`. What begins at other initial points than the first is left to its run.
+        """
+        self._ahead, initial = [], requests[0][0] if requests else None
+        alike = [request for request in requests if np.array_equal(request[0], initial)]
+        if len(alike) > 1:
+            surfaces = [surface for _, surface in alike]
+            movements = moved_together(self._mover, alike[0][0], surfaces, **self._options_at(alike[0][0]))
+            self._ahead = list(zip(alike, movements))
+
     def compute(self, inputs: Vector, outputs: Vector) -> None:
         """Move the control mesh, unless that was done for these inputs."""
+        if self._noted is not None:
+            self._noted.append(tuple(inputs[name].reshape(-1, 3).copy() for name in INPUTS))
+            raise om.AnalysisError(f"{self.msginfo}: the move is noted")
         last = self._move_at(inputs)
         outputs[CONTROL_POINTS] = last.movement.points.ravel()
         outputs[CONTROL_CORNER_KS] = last.corners.value(last.movement.points)
@@ -209,7 +257,13 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         return last
 
     def _move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
-        """Move, by whichever processes are to."""
+        """Move, by whichever processes are to, unless that was done ahead."""
+        for n, (request, movement) in enumerate(self._ahead):
+            if np.array_equal(request[0], initial) and np.array_equal(request[1], surface):
+                del self._ahead[n]
+                if isinstance(movement, MovementError):
+                    raise movement
+                return movement
         if self._shared is None:
             self._shared = shared_mover(self._mover, self.comm, self.options["processes"])
         return self._shared.move(initial, surface, **self._options_at(initial))

@@ -17,6 +17,7 @@ from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.core.mesh.boundary import moving_mesh
 from bspline_mdao.core.movement.elasticity import LinearElasticity
 from bspline_mdao.core.movement.fixed_interior import FixedInterior
+from bspline_mdao.core.movement.rotations import Rotations
 from bspline_mdao.core.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.core.om.grid_movement import GridMovement
 from bspline_mdao.errors import InputError, MovementError
@@ -95,6 +96,34 @@ def test_a_move_is_made_once_for_run_and_all_derivatives(mesh):
     assert len(mover.moves) == 1
     move_to(problem, lifted(mesh, 0.06))
     assert len(mover.moves) == 2
+
+
+def test_moves_that_are_made_ahead_are_those_of_the_runs_that_ask_for_them_each_with_its_own_error():
+    mesh = moving_mesh(fit_grid(flat_plate_grid((5, 5, 5))))
+    at_rest = mesh.points[mesh.surface_ids]
+    shears = [at_rest + np.outer(at_rest[:, 2], [0.0, slope, 0.0]) for slope in (0.1, 0.2, 0.05)]
+    shears[1] += [0.0, 0.0, 0.1]  # out of the plane of symmetry
+    surfaces = [shear.ravel() for shear in shears]
+    problem, alone = problem_of(Rotations(mesh)), problem_of(Rotations(mesh))
+    move = problem.model.move
+    assert move.moves_together
+    with move.noting() as requests:
+        for surface in surfaces:
+            with pytest.raises(om.AnalysisError, match="the move is noted"):
+                move_to(problem, surface)
+    move.move_ahead(requests)
+    for surface in (surfaces[2], surfaces[0]):
+        made = [movement for request, movement in move._ahead if np.array_equal(request[1].ravel(), surface)]
+        found, expected = move_to(problem, surface), move_to(alone, surface)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+        assert move.report is made[0].report
+    errors = []
+    for each in (problem, alone):
+        with pytest.raises(om.AnalysisError) as error:
+            move_to(each, surfaces[1])
+        errors.append(str(error.value))
+    assert errors[0] == errors[1]
+    assert not move._ahead
 
 
 def test_a_linearisation_at_other_inputs_is_right(mesh):

@@ -2,7 +2,11 @@
 
 A design is refused, with the reason, where a component raises `openmdao.api.AnalysisError`, or where a cell of its grid
 is inverted that was not on the baseline. Nothing of a design depends on those before it, so that a run that was stopped
-goes on where it was, and several processes give what one gives.
+goes on where it was, and several processes give what one gives, to rounding.
+
+Control meshes of several designs move together, which takes less time than one after the other, where nothing but our
+geometry comes before: runs up to the movement say where each surface goes. Then every design is run as a whole, so that
+one grid is in memory at a time.
 """
 
 from __future__ import annotations
@@ -11,12 +15,14 @@ import json
 import multiprocessing
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numba
 import numpy as np
 import openmdao.api as om
+from openmdao.core.component import Component
 
 from .... import __version__
 from ....base.numerics.progress import Progress, no_progress, progress_bar
@@ -26,7 +32,13 @@ from ....errors import InputError
 from ....grids.cells.cell_judge import CellJudge
 from ....names import CONTROL_POINTS, GRID
 from ...model.movable import Movable
+from ...movement.moved_together import TOGETHER
+from ..control_mesh_move import ControlMeshMove
 from ..drivers.scaled_model import ScaledModel
+from ..fit import Fit
+from ..surface_control import SurfaceControl
+from ..surface_evaluate import SurfaceEvaluate
+from ..surface_measure import SurfaceMeasure
 from .designs import NODES, PENDING, Column, Designs, Rows, make_designs, opened
 
 __all__ = ["sample"]
@@ -35,6 +47,9 @@ STORED = (NODES, "control_points", "")
 
 SAME = 1e-12
 """Grids are the same up to this part of the size of the control mesh."""
+
+LIGHT = (om.IndepVarComp, om.ExecComp, Fit, SurfaceControl, SurfaceEvaluate, SurfaceMeasure)
+"""Components that take little time beside a movement, and may be run twice for a design; a fit knows its last grid."""
 
 WAIT = 0.2
 """Seconds between looks at how far other processes are."""
@@ -144,6 +159,7 @@ class _Run:
     judge: CellJudge
     outputs: tuple[str, ...]  # besides objectives and constraints
     store: str
+    move: ControlMeshMove | None  # whose moves go together
 
     @classmethod
     def of(cls, problem: om.Problem, model: Movable, outputs: Sequence[str], store: str) -> _Run:
@@ -156,7 +172,7 @@ class _Run:
                 raise InputError(f"sample: the problem has no output '{name}' at its top; promote it") from None
         problem.run_model()
         judge = model.judge(None, problem.comm, rho=100.0, p=64, rho_height=1000.0)
-        return cls(problem, model, ScaledModel(driver), judge, tuple(outputs), store)
+        return cls(problem, model, ScaledModel(driver), judge, tuple(outputs), store, _together(problem.model))
 
     def columns(self, single: bool) -> list[Column]:
         """What is kept of a design."""
@@ -186,7 +202,9 @@ class _Run:
     def make(self, rows: np.ndarray, values: Mapping[str, np.ndarray], written: Rows, progress: Progress) -> None:
         """Make designs, by their places in the plan."""
         is_checked = self.store != CONTROL_POINTS
-        for number, row in enumerate(rows, start=1):
+        for number, row in enumerate(rows):
+            if number % TOGETHER == 0:
+                self._move_ahead(rows[number : number + TOGETHER], values)
             self.scaled.set_values({name: of[row] for name, of in values.items()})
             try:
                 self.problem.run_model()
@@ -198,7 +216,18 @@ class _Run:
                     self._require_regenerated()
                     is_checked = True
                 written.write(row, kept)
-            progress(number / len(rows), "")
+            progress((number + 1) / len(rows), "")
+
+    def _move_ahead(self, rows: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
+        """Move the control meshes of designs together; what fails before it is moved fails again when it is run."""
+        if self.move is None or len(rows) == 1:
+            return
+        with self.move.noting() as requests:
+            for row in rows:
+                self.scaled.set_values({name: of[row] for name, of in values.items()})
+                with suppress(om.AnalysisError):
+                    self.problem.run_model()
+        self.move.move_ahead(requests)
 
     def _require_regenerated(self) -> None:
         """Refuse to store control points alone where more than these decides on the grid."""
@@ -227,6 +256,16 @@ class _Run:
         sources = {name: meta["source"] for metas in (driver._objs, driver._cons) for name, meta in metas.items()}
         sources |= {name: model.get_source(name) for name in self.outputs}
         return {name: asked.get(name) or of_sources[source]["units"] or "" for name, source in sources.items()}
+
+
+def _together(model: om.Group) -> ControlMeshMove | None:
+    """What moves control meshes, where it does so together and all that comes before may be run once more."""
+    components = list(model.system_iter(recurse=True, typ=Component))
+    places = [n for n, component in enumerate(components) if isinstance(component, ControlMeshMove)]
+    if len(places) != 1 or not all(isinstance(component, LIGHT) for component in components[: places[0]]):
+        return None
+    move = components[places[0]]
+    return move if move.moves_together else None
 
 
 def _planned(plan: Any, variables: Mapping[str, Mapping[str, Any]], problem: om.Problem) -> dict[str, np.ndarray]:
