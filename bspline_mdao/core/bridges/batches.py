@@ -3,14 +3,15 @@
 Frameworks ask for values first and for products with derivatives later, at the same arrays, and know nothing of our
 states between. So the last places are kept, and found again by the bits of their arrays: a product at a place that is
 kept costs no more than the component's own. Batches are leading axes, of one size or of length 1 where an array is the
-same for all. Directions of one place go together: several right-hand sides for one factor.
+same for all. Control meshes of a batch move together, and so do products with their derivative: several right-hand
+sides for one factor. Grids, which take more memory, follow one by one.
 """
 
 from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from hashlib import blake2b
 from typing import Any
 
@@ -70,7 +71,11 @@ class Batches(OneLine):
 
     def values(self, batch: tuple[int, ...], points: Sequence[np.ndarray]) -> Tuple:
         """Evaluate the chain at a batch of points."""
-        return self._over(batch, list(self.inputs.values()), points, self.outputs, self._values_at)
+
+        def values_at(keys: list[bytes], places: list[ChainPlace], _: list[Arrays]) -> Iterator[Arrays]:
+            return (self._finished(key, place).values for key, place in zip(keys, places))
+
+        return self._over(batch, points, {}, [], self.outputs, values_at)
 
     def products(
         self,
@@ -80,64 +85,86 @@ class Batches(OneLine):
         is_transposed: bool,
     ) -> Tuple:
         """Multiply vectors with the derivative, or with its transpose."""
-        taken, given = (self.outputs, self.inputs) if is_transposed else (self.inputs, self.outputs)
-        shapes = [*self.inputs.values(), *taken.values()]
+        if is_transposed:
+            return self._over(batch, points, self.outputs, vectors, self.inputs, self._vjps)
+        return self._over(batch, points, self.inputs, vectors, self.outputs, self._jvps)
 
-        def products_at(arrays: list[np.ndarray]) -> list[np.ndarray]:
-            n = len(self.inputs)
-            place, along = self._place([array[0] for array in arrays[:n]]), arrays[n:]
-            product = place.vjp if is_transposed else place.jvp
-            rows = [product(dict(zip(taken, row))) for row in zip(*along)]
-            return [np.stack([np.asarray(row[name]) for row in rows]) for name in given]
+    def _jvps(self, keys: list[bytes], places: list[ChainPlace], along: list[Arrays]) -> Iterator[Arrays]:
+        """Products at places: the lead of all together, the rest one after the other."""
+        lead = self.chain.lead_jvps(places, along)
+        return (self._finished(key, place).rest_jvp(change) for key, place, change in zip(keys, places, lead))
 
-        return self._over(batch, shapes, [*points, *vectors], given, products_at, len(self.inputs))
-
-    def _values_at(self, arrays: list[np.ndarray]) -> list[np.ndarray]:
-        values = self._place([array[0] for array in arrays]).values
-        return [np.asarray(values[name])[None] for name in self.outputs]
+    def _vjps(self, keys: list[bytes], places: list[ChainPlace], along: list[Arrays]) -> list[Arrays]:
+        """Transpose of `_jvps`."""
+        back = [self._finished(key, place).rest_vjp(bars) for key, place, bars in zip(keys, places, along)]
+        return self.chain.lead_vjps(places, back)
 
     def _over(
         self,
         batch: tuple[int, ...],
-        shapes: Sequence[tuple[int, ...]],  # of one of every array
-        arrays: Sequence[np.ndarray],
+        points: Sequence[np.ndarray],  # all that the chain takes
+        along: Shapes,  # names and shapes of what else is of each of the batch
+        vectors: Sequence[np.ndarray],  # that
         given: Shapes,
-        work: Callable[[list[np.ndarray]], list[np.ndarray]],
-        n_points: int | None = None,  # how many arrays say where; all by default
+        work: Callable[[list[bytes], list[ChainPlace], list[Arrays]], Iterable[Arrays]],
     ) -> Tuple:
-        """Work through a batch, place by place."""
+        """Work through a batch, as many of its places together as the chain wants."""
         n = int(np.prod(batch, dtype=int))
-        # every array once for all, or one for each of the batch
-        rows = []
-        for shape, array in zip(shapes, arrays):
+        at, by = self._rows(batch, self.inputs, points), self._rows(batch, along, vectors)
+        found = {name: np.empty((n, *shape)) for name, shape in given.items()}
+        is_one_place, m = all(len(array) == 1 for array in at.values()), self.chain.n_together
+        with self._lock:
+            keys, places = self._begun([_row(at, 0)] if n and is_one_place else [])
+            for first in range(0, n, m):
+                members = range(first, min(n, first + m))
+                if is_one_place:
+                    keys, places = keys[:1] * len(members), places[:1] * len(members)
+                else:
+                    keys, places = self._begun([_row(at, i) for i in members])
+                for i, part in zip(members, work(keys, places, [_row(by, i) for i in members])):
+                    for name, whole in found.items():
+                        whole[i] = part[name]
+        return tuple(found[name].reshape((*batch, *shape)) for name, shape in given.items())
+
+    def _rows(self, batch: tuple[int, ...], shapes: Shapes, arrays: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+        """Arrays with one leading axis: of length 1, or that of the batch."""
+        rows = {}
+        for (name, shape), array in zip(shapes.items(), arrays):
             array = np.asarray(array, dtype=float)
             leading = array.shape[: array.ndim - len(shape)]
             if int(np.prod(leading, dtype=int)) > 1:
                 array = np.broadcast_to(array, (*batch, *shape))
-            rows.append(array.reshape(-1, *shape))
-        found = [np.empty((n, *shape)) for shape in given.values()]
-        with self._lock:
-            if n_points is not None and all(len(array) == 1 for array in rows[:n_points]):
-                along = [np.broadcast_to(array, (n, *array.shape[1:])) for array in rows[n_points:]]
-                parts = work([*rows[:n_points], *along]) if n else found
-                found = [np.asarray(part) for part in parts]
-            else:
-                for i in range(n):
-                    part = work([array[min(i, len(array) - 1)][None] for array in rows])
-                    for whole, of_one in zip(found, part):
-                        whole[i] = of_one[0]
-        return tuple(whole.reshape((*batch, *shape)) for whole, shape in zip(found, given.values()))
+            rows[name] = array.reshape(-1, *shape)
+        return rows
 
-    def _place(self, points: list[np.ndarray]) -> ChainPlace:
-        """Take the place that is kept for these points, or make it."""
-        digest = blake2b(digest_size=32)
-        for point in points:
-            digest.update(np.ascontiguousarray(point).data)
-        key = digest.digest()
+    def _begun(self, batch: list[Arrays]) -> tuple[list[bytes], list[ChainPlace]]:
+        """Keys and places of points: those that are kept, and the leads of others, each once."""
+        keys = [_key(points) for points in batch]
+        places = {key: self._places[key] for key in keys if key in self._places}
+        new = {key: points for key, points in zip(keys, batch) if key not in places}
+        if new:
+            copies = [{name: array.copy() for name, array in points.items()} for points in new.values()]
+            places |= zip(new, self.chain.begun(copies))
+        return keys, [places[key] for key in keys]
+
+    def _finished(self, key: bytes, place: ChainPlace) -> ChainPlace:
+        """Take the place that is kept, or finish this one and keep it."""
         if key not in self._places:
             while len(self._places) >= self.memory:
                 self._places.popitem(last=False)  # its memory serves the next one
-            arrays: Arrays = {name: point.copy() for name, point in zip(self.inputs, points)}
-            self._places[key] = self.chain.at(arrays)
+            self._places[key] = place.finished()
         self._places.move_to_end(key)
         return self._places[key]
+
+
+def _row(arrays: Arrays, i: int) -> dict[str, np.ndarray]:
+    """Arrays of one of a batch."""
+    return {name: array[min(i, len(array) - 1)] for name, array in arrays.items()}
+
+
+def _key(points: Arrays) -> bytes:
+    """The bits of arrays, in short."""
+    digest = blake2b(digest_size=32)
+    for point in points.values():
+        digest.update(np.ascontiguousarray(point).data)
+    return digest.digest()

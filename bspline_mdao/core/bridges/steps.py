@@ -22,6 +22,7 @@ from ..design.parametrization import Parametrization
 from ..evaluation.node_map import NodeState
 from ..fit.surface_fit import Follower
 from ..measures.measure import Measure
+from ..movement.moved_together import TOGETHER, goes_together, jvps_together, moved_together, vjps_together
 from ..movement.mover import Movement, Mover, differentiable
 from .chain import Arrays, Shapes
 
@@ -142,28 +143,54 @@ class MoveStep(OneLine):
         """The control points."""
         return {CONTROL_POINTS: self.mover.mesh.points.shape}
 
+    @property
+    def n_together(self) -> int:
+        """How many moves are worth their memory: one where each has factors of its own."""
+        return TOGETHER if goes_together(self.mover) else 1
+
     def at(self, values: Arrays) -> _Moved:
         """Move the control mesh."""
-        options = {} if self._start is None else {"start": self._start}
-        movement = self.mover.move(self.mover.mesh.points, values[SURFACE_CONTROL_POINTS], **options)
-        self._start = getattr(movement, "start", None)
-        return _Moved(movement, np.zeros_like(self.mover.mesh.points))
+        return self.at_all([values])[0]
+
+    def at_all(self, values: Sequence[Arrays]) -> list[_Moved]:
+        """Move the control mesh behind several surfaces."""
+        surfaces = [each[SURFACE_CONTROL_POINTS] for each in values]
+        found = []
+        for movement in moved_together(self.mover, self.mover.mesh.points, surfaces, self._start):
+            if isinstance(movement, MovementError):
+                raise movement
+            self._start = getattr(movement, "start", None)
+            found.append(_Moved(self, movement))
+        return found
+
+    def jvps(self, places: Sequence[_Moved], changes: Sequence[Arrays]) -> list[Arrays]:
+        """Changes of the control points of several moves."""
+        still = [np.zeros_like(self.mover.mesh.points)] * len(places)
+        surfaces = [change[SURFACE_CONTROL_POINTS] for change in changes]
+        found = jvps_together([place.movement for place in places], still, surfaces)
+        return [{CONTROL_POINTS: change} for change in found]
+
+    def vjps(self, places: Sequence[_Moved], bars: Sequence[Arrays]) -> list[Arrays]:
+        """Transpose of `jvps`."""
+        of_points = [np.ascontiguousarray(bar[CONTROL_POINTS]) for bar in bars]
+        found = vjps_together([place.movement for place in places], of_points)
+        return [{SURFACE_CONTROL_POINTS: bar} for _, bar in found]
 
 
 @dataclass(frozen=True, eq=False)
 class _Moved:
+    of: MoveStep
     movement: Movement
-    still: np.ndarray
 
     @property
     def values(self) -> Arrays:
         return {CONTROL_POINTS: self.movement.points}
 
     def jvp(self, changes: Arrays) -> Arrays:
-        return {CONTROL_POINTS: self.movement.jvp(self.still, changes[SURFACE_CONTROL_POINTS])}
+        return self.of.jvps([self], [changes])[0]
 
     def vjp(self, bars: Arrays) -> Arrays:
-        return {SURFACE_CONTROL_POINTS: self.movement.vjp(np.ascontiguousarray(bars[CONTROL_POINTS]))[1]}
+        return self.of.vjps([self], [bars])[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -206,11 +206,11 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         requests : sequence of (ndarray, ndarray)
             From `noting`. What begins at other initial points than the first is left to its run.
         """
-        self._ahead, initial = [], requests[0][0] if requests else None
-        alike = [request for request in requests if np.array_equal(request[0], initial)]
+        self._ahead = []
+        alike = [request for request in requests if np.array_equal(request[0], requests[0][0])]
         if len(alike) > 1:
-            surfaces = [surface for _, surface in alike]
-            movements = moved_together(self._mover, alike[0][0], surfaces, **self._options_at(alike[0][0]))
+            initial, surfaces = alike[0][0], [surface for _, surface in alike]
+            movements = moved_together(self._mover, initial, surfaces, **self._options_at(initial))
             self._ahead = list(zip(alike, movements))
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:

@@ -8,6 +8,8 @@ import openmdao.api as om
 import pytest
 from bridge_cases import ASKED, case, largest_difference, measured, random_like, shape, wing
 
+from bspline_mdao.base.sparse.cholesky import CholeskyFactor
+from bspline_mdao.core.bridges.chain import Chain
 from bspline_mdao.core.bridges.functions import grid_function, measures_function
 from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.testing import dot_test
@@ -75,7 +77,7 @@ def test_batches_give_what_their_members_give_and_directions_go_together():
     many = [np.stack([point, 1.1 * point, 0.9 * point]) for point in points]
     (together,) = of.batches.values((3,), many)
     for n in range(3):
-        np.testing.assert_array_equal(together[n], of.batches.values((), [point[n] for point in many])[0])
+        assert largest_difference([together[n]], of.batches.values((), [point[n] for point in many])) < 1e-13
     steps = [np.stack(three) for three in zip(*(random_like(shapes, seed).values() for seed in range(3)))]
     (changes,) = of.batches.products((3,), [point[None] for point in points], steps, False)
     for n in range(3):
@@ -83,12 +85,29 @@ def test_batches_give_what_their_members_give_and_directions_go_together():
         assert largest_difference([changes[n]], [alone]) < 1e-12
 
 
+@pytest.mark.parametrize("is_transposed", [False, True])
+def test_control_meshes_of_a_batch_move_together_and_so_do_products_of_several_places(is_transposed, monkeypatch):
+    batches, passes, solve = grid_function(wing().model, shape()), [], CholeskyFactor.solve
+    monkeypatch.setattr(CholeskyFactor, "solve", lambda self, right: passes.append(right.shape) or solve(self, right))
+    points = [np.stack([(1.0 + 0.1 * n) * point for n in range(18)]) for point in case("variables").points.values()]
+    shapes = batches.outputs if is_transposed else batches.inputs
+    vectors = [np.stack(many) for many in zip(*(random_like(shapes, seed).values() for seed in range(18)))]
+    (values,) = batches.values((18,), points)
+    products = batches.products((18,), points, vectors, is_transposed)
+    assert {shape[2:] for shape in passes} == {(16,), (2,)}
+    for n in (0, 15, 17):
+        alone = [point[n] for point in points]
+        assert largest_difference([values[n]], batches.values((), alone)) < 1e-13
+        expected = batches.products((), alone, [vector[n] for vector in vectors], is_transposed)
+        assert largest_difference([product[n] for product in products], expected) < 1e-11
+
+
 def test_designs_that_are_kept_are_not_made_again(monkeypatch):
     of = wing()
     batches = grid_function(of.model, shape(), memory=2)
     made = []
-    at = type(batches.chain).at
-    monkeypatch.setattr(type(batches.chain), "at", lambda self, values: made.append(0) or at(self, values))
+    begun = Chain.begun
+    monkeypatch.setattr(Chain, "begun", lambda self, batch: made.extend(batch) or begun(self, batch))
     points = list(case("variables").points.values())
     two = [np.stack([point, 0.5 * point]) for point in points]
     batches.values((2,), two)
