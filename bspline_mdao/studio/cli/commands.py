@@ -32,7 +32,7 @@ DEFORM = (
     "Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
     "dihedral, pitch, rotate=20deg@chord 0.7,blend=0.05, radius=1.1@axis(0,0,0 -> 1,0,0), axial, "
     "translate=0.1/0/0, bumps=0.01,seed=1, ffd=box.xyz,to=moved.xyz, cad=wing.step,to=moved.step; or a file of its new "
-    "control points (.csv, .npy). Several are done in turn."
+    "control points (.csv, .npy). May be repeated; deformations are applied in order."
 )
 """Help of the option that deforms."""
 
@@ -50,11 +50,10 @@ DEFORM = (
 @units_option
 @json_option
 def inspect(**options: Any) -> None:
-    """Show blocks, interfaces, boundary faces, first cells at walls and what looks wrong in a grid.
+    """Show blocks, interfaces, boundary faces, first cells at walls and faults of a grid.
 
-    GRID is a {read} file, a model MODEL.h5, of which the errors of the fit are shown as well, or a built-in grid:
-    {built_in}. Of a mesh without structure, {meshes}, cells and markers are shown, what these seem to be, and what has
-    to be declared.
+    GRID is a {read} file, a model MODEL.h5 (with the errors of its fit), or a built-in grid: {built_in}. For an
+    unstructured mesh, {meshes}, it shows cells and markers, what the markers seem to be, and what has to be declared.
     """
     with without_collector():
         from .inspect import inspect_grid
@@ -74,7 +73,7 @@ def inspect(**options: Any) -> None:
     "--order",
     type=click.IntRange(min=2),
     metavar="P",
-    help="Order of the B-splines, which is their degree plus one; by default 4, or 3 in short directions.",
+    help="Order of the B-splines, their degree plus one; by default 4, or 3 in short directions.",
 )
 @click.option(
     "--correct",
@@ -82,7 +81,7 @@ def inspect(**options: Any) -> None:
     default=0,
     show_default=True,
     metavar="N",
-    help="Cycles of parameter correction: a closer fit, more time.",
+    help="Cycles of parameter correction, for a closer fit in more time.",
 )
 @patches_option
 @click.option(
@@ -99,42 +98,42 @@ def inspect(**options: Any) -> None:
     show_default=True,
     help="Parameters of the nodes along grid lines.",
 )
-@click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
+@click.option("--no-residual", is_flag=True, help="Do not keep the residual, the difference between grid and splines.")
 @click.option("--no-wall-layer", is_flag=True, help="Do not let nodes near walls follow them as a rigid body.")
 @click.option("--no-certify", is_flag=True, help="Do not prove, element by element, that the splines are valid.")
 @click.option(
     "--lattice/--no-lattice",
     default=None,
-    help="Move all blocks of the grid by one lattice of B-splines around it, as a mesh without structure, or fit each "
-    "of them; by default, component grids that overlap move by a lattice.",
+    help="Move all blocks with one lattice of B-splines around the grid, like an unstructured mesh, or fit each block. "
+    "By default a lattice is used for overlapping component grids only.",
 )
 @click.option(
     "--spacing",
     type=POSITIVE,
     metavar="H",
-    help="Of a lattice: width of its spans around all walls, by default of each body its own, and less in gaps.",
+    help="Lattice: width of its spans around all walls; by default chosen for each body, and smaller in gaps.",
 )
 @click.option(
     "--spans",
     type=click.FloatRange(min=1.0),
     metavar="N",
-    help="Of a lattice: its spans along the longest side of each body, by default 10.",
+    help="Lattice: spans along the longest side of each body; 10 by default.",
 )
 @click.option(
     "--for",
     "moves",
     multiple=True,
     metavar="DEFORM",
-    help="Of a mesh without structure: refine the lattice for a move that is to come, as --deform of 'move' takes it, "
-    "such as those at the bounds of design variables. May be repeated.",
+    help="Unstructured mesh: refine the lattice for a later move, given as --deform of 'move', such as bounds of "
+    "design variables. May be repeated.",
 )
 @units_option
 @json_option
 def fit(**options: Any) -> None:
-    """Fit a grid with B-spline volumes, or lay a lattice around a mesh without structure, and write the model.
+    """Fit a grid with B-spline volumes, or put a lattice around an unstructured mesh, and write the model.
 
-    GRID is a {read} file, or a built-in grid: {built_in}. A mesh without structure is {meshes}; its walls are guessed
-    from names and places of its markers, or declared by --patches.
+    GRID is a {read} file, or a built-in grid: {built_in}. An unstructured mesh is {meshes}; its walls are guessed from
+    names and places of its markers, or declared by --patches.
     """
     with without_collector():
         from .fit import fit_model
@@ -150,22 +149,21 @@ def fit(**options: Any) -> None:
     default=1.0,
     show_default=True,
     metavar="F",
-    help="Cells per direction, by those of the grid; below 1 for a coarser member.",
+    help="Factor on the cells per direction; below 1 for a coarser member.",
 )
 @output_option("GRID", "Grid to write.")
 @click.option(
     "--degree",
     type=click.IntRange(1, 4),
     metavar="D",
-    help="Write curved hexahedra of degree 1 to 4, for solvers of high order; F counts elements then.",
+    help="Write curved hexahedra of degree 1 to 4, for high-order solvers; F then counts elements.",
 )
 @click.option("--allow-invalid", is_flag=True, help="Write curved hexahedra even if some of them are inverted.")
 @json_option
 def refine(**options: Any) -> None:
     """Write a finer or coarser member of the grid family of a model, or curved elements of high order.
 
-    The name of GRID gives the format: {written}. Curved hexahedra are written as {curved}. Folders that are missing are
-    made.
+    The name of GRID sets the format: {written}. Curved hexahedra are written as {curved}. Missing folders are made.
     """
     with without_collector():
         from .refine import refine_model
@@ -198,13 +196,12 @@ def refine(**options: Any) -> None:
 @click.option("--no-certify", is_flag=True, help="Do not prove, cell by cell, that the grid is valid everywhere.")
 @json_option
 def move(model: Path, output: Path, json: Path | None, **options: Any) -> None:
-    """Deform the design surface of a model, move the control mesh behind it and write the grid.
+    """Deform the design surface of a model, move the control mesh with it and write the grid.
 
-    The name of GRID gives the format: {written}. Folders that are missing are made. A mesh without structure is written
-    as it was read: with other nodes, and all else in its file kept.
+    The name of GRID sets the format: {written}. Missing folders are made. An unstructured mesh keeps its format and all
+    of its file but the nodes.
 
-    PATCH is a name or a pattern, such as 'wing*'; --deform, --design, --slide, --fix and --release may be given more
-    than once.
+    PATCH is a name or a pattern, such as 'wing*'; --deform, --design, --slide, --fix and --release may be repeated.
 
     {definitions}
     """
@@ -229,34 +226,34 @@ def move(model: Path, output: Path, json: Path | None, **options: Any) -> None:
     "--to",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Follow control points that are known, instead of a deformation: those of the best case of a case file "
-    "(.sql), or all of them as .csv or .npy.",
+    help="Use known control points instead of a deformation: the best case of a case file (.sql), or all control "
+    "points as .csv or .npy.",
 )
 @output_option("MESH", "Mesh to write.")
 @click.option(
     "--wall",
     multiple=True,
     metavar="MARKER",
-    help="Marker of the mesh that is a wall; by default those that lie on the walls of the fitted grid.",
+    help="Marker of the mesh that is a wall; by default the markers on walls of the fitted grid.",
 )
 @click.option(
     "--tolerance",
     type=click.FloatRange(min=0.0),
     metavar="D",
-    help="Distance up to which nodes may be outside the fitted grid; by default the size of its boundary faces there.",
+    help="Distance by which nodes may be outside the fitted grid; by default the size of its boundary faces there.",
 )
 @click.option(
-    "--hold-outside", is_flag=True, help="Hold nodes that are farther outside, where the boundary of the grid stays."
+    "--hold-outside", is_flag=True, help="Fix nodes that are farther outside, if the grid's boundary is fixed there."
 )
 @moving_options
 @click.option("--allow-invalid", is_flag=True, help="Write the mesh even if cells of it are inverted.")
 @json_option
 def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: Any) -> None:
-    """Take an unstructured mesh along with the control mesh of a model.
+    """Move an unstructured mesh with the control mesh of a model.
 
-    MESH is {meshes}. It is written in the format that it is read in; all but its nodes stays as it is. Its walls go
-    where the deformation puts them, and nodes near them follow as a rigid body. A mesh of two dimensions (.su2, .cgns,
-    .msh, .vtu) goes along with a section: a model of a grid between two planes of symmetry.
+    MESH is {meshes}. The output has the same format, and only its nodes differ. Walls go where the deformation puts
+    them, and nodes near them follow as a rigid body. A two-dimensional mesh (.su2, .cgns, .msh, .vtu) moves with a
+    section: a model of a grid between two planes of symmetry.
     """
     with without_collector():
         from .ride import RideOptions, ride_along
@@ -276,7 +273,7 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: An
     default=0.4,
     show_default=True,
     metavar="R",
-    help="How far control points may go, by the distance to their nearest neighbours.",
+    help="How far control points may move, as a fraction of the distance to their nearest neighbours.",
 )
 @click.option(
     "--height-tolerance",
@@ -284,7 +281,7 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: An
     default=0.01,
     show_default=True,
     metavar="T",
-    help="By how much the heights of first cells at walls may change, relative to what they are.",
+    help="Relative change allowed for the heights of first cells at walls.",
 )
 @click.option(
     "--slide",
@@ -298,16 +295,16 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options: An
     default=60,
     show_default=True,
     metavar="N",
-    help="Iterations in each of four rounds, at most.",
+    help="Largest number of iterations in each of four rounds.",
 )
 @units_option
 @json_option
 def improve(grid_name: str, output: Path, json: Path | None, **options: Any) -> None:
-    """Raise the worst cells of a grid by moving interior control points; the surface stays.
+    """Improve the worst cells of a grid by moving interior control points; the surface stays.
 
-    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. The name of the output gives the
+    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. The name of the output sets the
     format: {written}.
-    The worst Q of no block falls and no cell is inverted; where that leaves nothing to gain, nothing is written.
+    The worst Q does not fall in any block and no cell is inverted. If nothing can be gained, nothing is written.
     """
     with without_collector():
         from .improve import ImproveOptions
@@ -321,8 +318,8 @@ def improve(grid_name: str, output: Path, json: Path | None, **options: Any) -> 
 @click.option(
     "--baseline",
     metavar="GRID",
-    help="Grid or model before the move: compare the heights of the first cells at walls with it, and name cells that "
-    "are inverted now and were not.",
+    help="Grid or model before the move: compare the heights of first cells at walls, and list cells that have become "
+    "inverted.",
 )
 @patches_option
 @click.option(
@@ -338,9 +335,9 @@ def improve(grid_name: str, output: Path, json: Path | None, **options: Any) -> 
 def quality(**options: Any) -> None:
     """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells, first cells at walls.
 
-    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. Of a CGNS file of curved
-    hexahedra, as refine --degree writes it, Jacobians are measured; of a mesh without structure, {meshes}, volumes,
-    inverted cells, and the non-orthogonality and skewness of its faces as OpenFOAM's checkMesh has them.
+    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. For a CGNS file of curved
+    hexahedra, from refine --degree, it measures Jacobians. For an unstructured mesh, {meshes}, it measures volumes,
+    inverted cells, and the non-orthogonality and skewness of faces as OpenFOAM's checkMesh does.
 
     {definitions}
     """
@@ -357,8 +354,7 @@ def quality(**options: Any) -> None:
     "--tolerance",
     type=POSITIVE,
     metavar="T",
-    help="Largest distance (m) from walls with curved knots, which are refitted; 1e-6 of the size of the walls by "
-    "default.",
+    help="Largest distance (m) of refitted walls, those with curved knots; by default 1e-6 of the size of the walls.",
 )
 @click.option(
     "--units",
@@ -367,7 +363,7 @@ def quality(**options: Any) -> None:
     show_default=True,
     help="Unit of length of the file.",
 )
-@click.option("--patch", multiple=True, metavar="PATCH", help="Patch to write, more than once; all walls by default.")
+@click.option("--patch", multiple=True, metavar="PATCH", help="Patch to write; may be repeated; all walls by default.")
 @json_option
 def cad(**options: Any) -> None:
     """Write the walls of a model as B-spline surfaces for CAD, sewn along their edges, and read them back.
@@ -429,9 +425,11 @@ def live(file: Path, no_browser: bool, **options: Any) -> None:
     "--deform",
     multiple=True,
     metavar="DEFORMATION",
-    help="As for move, more than once: measure after it, at seams that are smooth before.",
+    help="Deformation as for move, repeatable: measure after it, at seams that were smooth before.",
 )
-@click.option("--patch", multiple=True, metavar="PATCH", help="Patch to look at, more than once; all walls by default.")
+@click.option(
+    "--patch", multiple=True, metavar="PATCH", help="Patch to measure; may be repeated; all walls by default."
+)
 @click.option(
     "--max-kink",
     type=click.FloatRange(min=0.0, max=180.0),
@@ -440,12 +438,12 @@ def live(file: Path, no_browser: bool, **options: Any) -> None:
     metavar="DEG",
     help="Largest kink at which a seam counts as smooth rather than as an edge.",
 )
-@click.option("--mirror", is_flag=True, help="Also where walls meet planes of symmetry, and their mirror images there.")
+@click.option("--mirror", is_flag=True, help="Also measure where walls meet their mirror images at planes of symmetry.")
 @json_option
 def seams(**options: Any) -> None:
     """Measure how smooth the walls of a model are across the seams between its blocks, and at poles.
 
-    Kinks are angles between the tangent planes of both sides, curvatures those across the seam; at 21 places of each.
+    Kinks are angles between the tangent planes of both sides, and curvatures are across the seam, at 21 places of each.
     """
     with without_collector():
         from .seams import measure_seams
@@ -460,7 +458,7 @@ def seams(**options: Any) -> None:
     "--model",
     type=click.Path(path_type=Path),
     metavar="MODEL.h5",
-    help="The model that was optimised, for a case file that does not name it, or whose model was moved.",
+    help="The optimised model, for a case file that does not name it or whose model has moved.",
 )
 @click.option("--title", metavar="TEXT", help="Heading of the page; the name of the source by default.")
 @click.option(
@@ -469,15 +467,15 @@ def seams(**options: Any) -> None:
     default=40_000,
     show_default=True,
     metavar="N",
-    help="Triangles of the walls that are drawn of each shape, about.",
+    help="Approximate number of wall triangles drawn for each shape.",
 )
 @json_option
 def report(**options: Any) -> None:
     """Write a report on a model or on a recorded optimisation: one HTML file that needs no network.
 
-    It shows the grid and its control mesh in space, or a mesh without structure and its lattice, quality, wall heights
-    and sections; of a case file of OpenMDAO's SqliteRecorder also histories, first-order optimality, variables with
-    their bounds and the N2 diagram.
+    It shows the grid and its control mesh, or an unstructured mesh and its lattice, with quality, wall heights and
+    sections. For a case file of OpenMDAO's SqliteRecorder it also has histories, first-order optimality, variables
+    with their bounds and the N2 diagram.
     """
     with without_collector():
         from .report import report_on
@@ -488,9 +486,9 @@ def report(**options: Any) -> None:
 @command("completion bash >> ~/.bashrc", "completion fish > ~/.config/fish/completions/bspline-mdao.fish")
 @click.argument("shell", type=click.Choice(SHELLS))
 def completion(shell: str) -> None:
-    """Print what lets a shell complete commands, options and files at the tab key.
+    """Print the code that completes commands, options and files at the tab key.
 
-    It goes into a file that SHELL reads when it starts: ~/.bashrc, ~/.zshrc or the completions of fish.
+    Append it to a file that SHELL reads when it starts: ~/.bashrc, ~/.zshrc or the completions of fish.
     """
     found = shell_completion.get_completion_class(shell)
     assert found is not None  # SHELLS are those that there are
@@ -503,10 +501,10 @@ def completion(shell: str) -> None:
 )
 @json_option
 def warm_up(**options: Any) -> None:
-    """Compile the kernels of usual commands, once, so that none of these has to wait for it.
+    """Compile the kernels of the usual commands once, so that none of them has to wait.
 
-    Runs fit, move, quality, airfoil, refine and optimize on tiny grids, in processes that share what they compile. Does
-    nothing where all kernels are there.
+    Runs fit, move, quality, airfoil, refine and optimize on tiny grids, in processes that share their kernels. Does
+    nothing if all kernels are there.
     """
     with without_collector():
         from .warm_up import warm_up as compile_all

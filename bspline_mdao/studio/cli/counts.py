@@ -44,6 +44,6 @@ n_control_option = click.option(
     type=BlockCounts(),
     callback=_by_block,
     metavar="[BLOCK=]IxJxK",
-    help="Control points per direction in every block, or in one, by its number or name; others joined to it follow, "
-    "and the rest are chosen from the grid. May be given more than once.",
+    help="Control points per direction in every block, or in one, by its number or name. Joined blocks follow, and the "
+    "rest is chosen from the grid. May be repeated.",
 )

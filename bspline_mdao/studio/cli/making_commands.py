@@ -19,7 +19,7 @@ y_plus_option = click.option(
     "--y-plus",
     type=POSITIVE,
     metavar="Y",
-    help="Height of the first cells in viscous units, by a flat plate; give --reynolds as well.",
+    help="Height of the first cells in viscous units, estimated for a flat plate; needs --reynolds.",
 )
 
 
@@ -36,13 +36,13 @@ y_plus_option = click.option(
     default=128,
     show_default=True,
     metavar="N",
-    help="Cells around it, an even number.",
+    help="Cells around the airfoil, an even number.",
 )
 @click.option(
     "--away",
     type=click.IntRange(4, 10_000),
     metavar="N",
-    help="Cells from it to the outer boundary; 48 by default, and with layers as many as grow by 15 % from the wall.",
+    help="Cells from it to the outer boundary; 48 by default, or with layers the number that grows by 15 % per cell.",
 )
 @click.option(
     "--far",
@@ -50,7 +50,7 @@ y_plus_option = click.option(
     default=50.0,
     show_default=True,
     metavar="R",
-    help="Radius of the outer boundary in chords; of a C-grid its distance upstream and behind; above it is twice.",
+    help="Radius of the outer boundary in chords; for a C-grid its distance upstream and downstream, and twice above.",
 )
 @click.option(
     "--chord",
@@ -58,7 +58,7 @@ y_plus_option = click.option(
     default=1.0,
     show_default=True,
     metavar="C",
-    help="Length of the chord (m), whatever the unit of a file is.",
+    help="Length of the chord (m), whatever the unit of the file.",
 )
 @click.option(
     "--first-cell",
@@ -73,29 +73,28 @@ y_plus_option = click.option(
     type=click.Choice(["O", "C"], case_sensitive=False),
     default="O",
     show_default=True,
-    help="Around it, or around it and along its wake.",
+    help="O-grid around it, or C-grid around it and along its wake.",
 )
 @click.option(
     "--wake",
     type=click.IntRange(4, 10_000),
     metavar="N",
-    help="Cells along the wake of a C-grid; by default as many as grow by 15 % from the trailing edge.",
+    help="Cells along the wake of a C-grid; by default the number that grows by 15 % per cell.",
 )
 @click.option(
     "--base",
     type=click.Choice(["wall", "closed"], case_sensitive=False),
-    help="What a blunt trailing edge becomes: a wall with a block behind it, as in C-grids by default, or closed by a "
-    "wedge, as in O-grids; 'wall' makes NACA sections blunt, as their definition is.",
+    help="Blunt trailing edge: 'wall' with a block behind it (default of C-grids), or 'closed' by a wedge (O-grids); "
+    "'wall' also gives NACA sections the blunt edge of their definition.",
 )
 @click.option("--symmetric", is_flag=True, help="The file has one side of a symmetric section.")
 @json_option
 def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
-    """Make an O- or C-grid about an airfoil, and fit it where the output is a model.
+    """Make an O- or C-grid around an airfoil, and fit it if the output is a model.
 
-    AIRFOIL is NACA digits, such as naca2412 or naca23012; coefficients of class and shape functions from the nose to
-    the trailing edge, cst:UPPER/LOWER, with commas between them, and /BASE behind them for the height of a blunt
-    trailing edge; or a file of points in the order of Selig or Lednicer, or of two plain columns, in any unit. The
-    name of GRID gives the format: {written}.
+    AIRFOIL is NACA digits, such as naca2412 or naca23012; class-shape coefficients from the nose to the trailing edge,
+    cst:UPPER/LOWER, separated by commas, with /BASE for the height of a blunt trailing edge; or a file of points in
+    Selig or Lednicer order, or two plain columns, in any unit. The name of GRID sets the format: {written}.
     """
     with without_collector():
         from .airfoil import AirfoilOptions, make_airfoil
@@ -108,33 +107,33 @@ def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
 @made_option
 @json_option
 def wing(**options: Any) -> None:
-    r"""Make an H-H grid of twelve blocks or more about a wing, and fit it where the output is a model.
+    r"""Make an H-H grid of twelve blocks or more around a wing, and fit it if the output is a model.
 
-    PLANFORM.toml describes one half of a wing, and the grid about it:
+    PLANFORM.toml describes half a wing and the grid around it:
 
     \b
       [planform]
       semi_span = 4.0         # m; also root_chord, taper, sweep (deg), tip_length; or, with kinks,
       # stations = [[0, 0, 1.6], [1.2, 0.9, 1.0], [4, 1.9, 0.5]]  # span, leading edge, chord (m)
       [sections]
-      root = "naca2414"       # whatever the command airfoil takes; files lie beside this one
+      root = "naca2414"       # as in the command airfoil; files are relative to this one
       tip = "naca0010"
       [grid]
       nodes = [23, 33, 17]    # per block along the stream, away from the wing, along the span
       y_plus = 1.0            # or first_cell (m); also leading, trailing, tip, root, far
       reynolds = 6e6          # of the root chord
 
-    Sections between root and tip are those of stations, in the place of [sections] and of numbers of the planform:
+    For sections between root and tip give stations, instead of [sections] and the numbers of the planform:
 
     \b
-      [[stations]]            # from the root on; without a section it is blended between those beside it
-      span = 0.0              # m, as leading (edge) and chord
+      [[stations]]            # from the root on; a station without a section is interpolated
+      span = 0.0              # m, like leading (edge) and chord
       leading = 0.0
       chord = 1.6
       section = "naca2414"
 
-    Twist, dihedral and what else has a name come by 'move', and the moved grid is fitted again. The name of GRID gives
-    the format: {written}.
+    For twist, dihedral and other named changes use 'move', and fit the moved grid again. The name of GRID sets the
+    format: {written}.
     """
     with without_collector():
         from .wing import make_wing
@@ -156,39 +155,39 @@ def wing(**options: Any) -> None:
     "--length",
     type=POSITIVE,
     metavar="L",
-    help="What the Reynolds number is of; the middle side of the surface's box by default, the chord of most wings.",
+    help="Length of the Reynolds number; by default the middle side of the surface's box, the chord of most wings.",
 )
 @click.option("--layers", type=int, metavar="N", help="Layers of cells; 64 by default, unless --growth is given.")
 @click.option(
     "--growth",
     type=float,
     metavar="G",
-    help="Height of a layer by that of the one below. With --layers, the grid ends where they do.",
+    help="Height of a layer divided by the height of the one below. With --layers, the grid ends with them.",
 )
 @click.option(
     "--outer",
     type=float,
     metavar="D",
-    help="Height of all layers, about; 20 times the longest extent of the surface by default.",
+    help="Approximate height of all layers; by default 20 times the longest extent of the surface.",
 )
 @click.option(
     "--symmetry",
     multiple=True,
     metavar="PLANE",
     help="Normal of a plane of symmetry at the rim: x, y, z, a,b,c or none, more than once; by default planes in which "
-    "the surface ends normally, but not those of straight edges.",
+    "the surface ends at a right angle, but not planes of straight edges.",
 )
 @click.option(
     "--constant",
     multiple=True,
     metavar="PLANE",
-    help="Normal of a plane that edges of the rim stay in, though the surface is oblique to it; as for --symmetry.",
+    help="Normal of a plane in which edges of the rim stay although the surface is oblique to it; as for --symmetry.",
 )
 @click.option(
     "--periodic",
     multiple=True,
     metavar="PLANE",
-    help="Normal of the planes that periodic edges lie in at both ends: the same but for a translation.",
+    help="Normal of the planes with periodic edges at both ends, which differ by a translation.",
 )
 @click.option(
     "--splay",
@@ -196,23 +195,23 @@ def wing(**options: Any) -> None:
     default=15.0,
     show_default=True,
     metavar="DEG",
-    help="Angle by which free edges lean outwards, far from the surface.",
+    help="Angle by which free edges lean outwards far from the surface.",
 )
 @click.option(
     "--background",
     type=POSITIVE,
     metavar="D",
-    help="Distance of the sides of a box of cells around the grid, which ends in it: an overset grid.",
+    help="Distance of the sides of a box of cells around the grid, for an overset grid.",
 )
-@click.option("--inward", is_flag=True, help="Extrude to the other side: inside a closed surface.")
+@click.option("--inward", is_flag=True, help="Extrude to the other side, into a closed surface.")
 @click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
 @units_option
 @json_option
 def extrude(**options: Any) -> None:
     """Extrude a surface grid to a volume grid, layer by layer, and show its quality.
 
-    SURFACE is a {read} file whose blocks have one node in one direction. The name of GRID gives the format: {written};
-    MODEL.h5 fits the grid as well. Patches wall, farfield and symmetry are in it where the format has them.
+    SURFACE is a {read} file whose blocks have one node in one direction. The name of GRID sets the format: {written};
+    MODEL.h5 also fits the grid. Formats with patches get wall, farfield and symmetry.
     """
     with without_collector():
         from .extrude import extrude_file

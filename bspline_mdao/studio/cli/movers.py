@@ -55,13 +55,13 @@ MOVING = (
         default="rotations",
         show_default=True,
         metavar="NAME",
-        help=f"What carries the control mesh along: {', '.join(MOVERS)}.",
+        help=f"What moves the control mesh: {', '.join(MOVERS)}.",
     ),
     click.option(
         "--increments",
         type=click.IntRange(min=1),
         metavar="N",
-        help="Increments: 5 by default with elasticity and springs, 1 with others but rotations, which take none.",
+        help="Increments; 5 by default with elasticity and springs, 1 with others; rotations have none.",
     ),
     click.option(
         "--nu", type=float, metavar="NU", help="Poisson's ratio of elasticity, -1 < NU < 0.5; -0.2 by default."
@@ -79,17 +79,17 @@ MOVING = (
     click.option(
         "--comoving",
         is_flag=True,
-        help="Let all that is fixed, such as the far field, go along with the rigid part of the surface's motion.",
+        help="Move all that is fixed, such as the far field, with the rigid part of the surface's motion.",
     ),
-    click.option("--design", multiple=True, metavar="PATCH", help="Patch that is deformed; all walls by default."),
+    click.option("--design", multiple=True, metavar="PATCH", help="Patch to deform; all walls by default."),
     click.option(
         "--slide",
         multiple=True,
         metavar="PATCH",
-        help="Patch that slides in its plane, as symmetry planes do and any plane that the surface ends on, or on its "
+        help="Patch that slides in its plane, as symmetry planes and planes on which the surface ends do, or on its "
         "cylinder, cone, sphere or surface of revolution.",
     ),
-    click.option("--fix", "--pin", multiple=True, metavar="PATCH", help="Patch to hold where it is."),
+    click.option("--fix", "--pin", multiple=True, metavar="PATCH", help="Patch to fix where it is."),
     click.option("--release", multiple=True, metavar="PATCH", help="Patch that moves freely with the grid."),
 )
 

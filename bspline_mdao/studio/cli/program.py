@@ -76,9 +76,9 @@ def command(*examples: str) -> Callable[[Callable], click.Command]:
         text = cleandoc(function.__doc__ or "").format(**NAMES)
         made = bspline_mdao.command(help=text, epilog=example(*examples))(_run(function))
         made.params += [
-            click.Option(["-q", "--quiet"], is_flag=True, help="Print warnings and errors alone."),
+            click.Option(["-q", "--quiet"], is_flag=True, help="Print only warnings and errors."),
             click.Option(
-                ["-v", "--verbose"], is_flag=True, envvar=TRACEBACK, help="Print where in the code an error came up."
+                ["-v", "--verbose"], is_flag=True, envvar=TRACEBACK, help="Print where in the code an error was raised."
             ),
         ]
         return made
@@ -115,7 +115,7 @@ def output_option(
             is_flag=True,
             expose_value=False,
             callback=_note_overwrite,
-            help=f"Replace {metavar} where it is there.",
+            help=f"Replace {metavar} if it exists.",
         )
         output = click.option(
             "-o", "--output", type=click.Path(path_type=Path), metavar=metavar, required=True, help=what
@@ -143,7 +143,7 @@ json_option = click.option(
     "--json",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Write the numbers to FILE, or to standard output for -, and all else to standard error then.",
+    help="Write the numbers to FILE, or for - to standard output, with everything else on standard error.",
 )
 
 

@@ -18,7 +18,7 @@ folder_option = click.option(
     type=click.Path(path_type=Path),
     metavar="FOLDER",
     required=True,
-    help="Folder for the results, which is made.",
+    help="Folder for the results; it is made.",
 )
 
 
@@ -34,28 +34,27 @@ folder_option = click.option(
     "--cad",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="STEP or IGES file of the walls: control points of its faces are drafted as variables.",
+    help="STEP or IGES file of the walls, whose control points become variables.",
 )
 @click.option(
     "--mach",
     type=click.FloatRange(1e-3, 0.99),
     multiple=True,
     metavar="M",
-    help="Of an airfoil: its Mach number; several times for the mean of drags there. By the thickness otherwise.",
+    help="Airfoil: Mach number, repeatable for the mean of the drags; by default chosen from the thickness.",
 )
 @click.option(
     "--lift",
     type=click.FloatRange(-5.0, 5.0),
     multiple=True,
     metavar="CL",
-    help="Of an airfoil: lift coefficient, one or as many as Mach numbers; 0.5 otherwise.",
+    help="Airfoil: lift coefficient, one or as many as Mach numbers; 0.5 by default.",
 )
-@click.option("--lift-to-drag", is_flag=True, help="Of an airfoil: the most lift by drag, at any lift.")
+@click.option("--lift-to-drag", is_flag=True, help="Airfoil: maximise the lift-to-drag ratio, at any lift.")
 def init(mach: tuple[float, ...], lift: tuple[float, ...], lift_to_drag: bool, **options: Any) -> None:
-    """Draft a study of a grid for the command optimize, with what was guessed in comments.
+    """Draft a study of a grid for the command optimize, with comments on what was guessed.
 
-    GRID is a {read} file, a mesh without structure, {meshes}, a model MODEL.h5 of either, or a built-in grid:
-    {built_in}.
+    GRID is a {read} file, an unstructured mesh, {meshes}, a model MODEL.h5 of either, or a built-in grid: {built_in}.
     """
     with without_collector():
         from ..study.draft import Aim
@@ -67,20 +66,22 @@ def init(mach: tuple[float, ...], lift: tuple[float, ...], lift_to_drag: bool, *
 @command("optimize study.toml -o out", "optimize study.toml -o out --restart")
 @click.argument("study", metavar="STUDY.toml", type=click.Path(path_type=Path))
 @folder_option
-@click.option("--overwrite", is_flag=True, help="Use a folder that is not empty: what the last run wrote is replaced.")
 @click.option(
-    "--restart", is_flag=True, help="Go on from the best design recorded there, by a run that ended or was killed."
+    "--overwrite", is_flag=True, help="Use a folder that is not empty, and replace the files of the last run."
 )
 @click.option(
-    "--max-iterations", type=click.IntRange(min=1), metavar="N", help="Stop earlier than the study says, for a try."
+    "--restart", is_flag=True, help="Continue from the best design recorded in FOLDER, also after a killed run."
+)
+@click.option(
+    "--max-iterations", type=click.IntRange(min=1), metavar="N", help="Stop earlier than the study says, for a test."
 )
 @json_option
 def optimize(**options: Any) -> None:
-    """Optimize a shape as a study says, which names grid, variables, flow, objective, constraints and driver.
+    """Optimize a shape by a study: grid, variables, flow, objective, constraints and driver.
 
     FOLDER gets the fitted model, the grids before and after, all cases (SQLite), the table of variables and responses,
-    and the Python script optimize.py that is run: it gives the same optimum without this command. A mesh without
-    structure is written in its own format, with all else in its file kept.
+    and the Python script optimize.py, which gives the same optimum without this command. An unstructured mesh keeps its
+    format and all of its file but the nodes.
     """
     with without_collector():
         from .optimize import optimize_study
@@ -102,25 +103,37 @@ def optimize(**options: Any) -> None:
     help="sobol or latin-hypercube between the bounds of all variables, or a table (.csv) whose head names values: "
     "twist[0],twist[1],...",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="S", help="Other designs.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="S",
+    help="Seed of the plan: other designs.",
+)
 @folder_option
-@click.option("--flow", "has_flow", is_flag=True, help="Solve the flow of the study at every design, too.")
+@click.option("--flow", "has_flow", is_flag=True, help="Also solve the flow of the study for every design.")
 @click.option(
     "--store",
     type=click.Choice(("nodes", "control_points", "nothing")),
     default="nodes",
     show_default=True,
-    help="What is stored of each grid: its nodes, the control points that give them, or nothing but numbers.",
+    help="What to store for each grid: its nodes, its control points, or only scalars.",
 )
-@click.option("--single", is_flag=True, help="Store it with single precision.")
-@click.option("--grids", is_flag=True, help="Write every grid to a file of its own as well, as the study writes grids.")
+@click.option("--single", is_flag=True, help="Store single precision.")
+@click.option("--grids", is_flag=True, help="Also write every grid to a file, in the format of the study.")
 @click.option(
-    "--processes", type=click.IntRange(min=1), default=1, show_default=True, metavar="P", help="Share the designs."
+    "--processes",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    metavar="P",
+    help="Processes that share the designs.",
 )
-@click.option("--restart", is_flag=True, help="Go on with a run that was stopped, with the designs that are missing.")
+@click.option("--restart", is_flag=True, help="Continue a stopped run with the missing designs.")
 @json_option
 def sample(**options: Any) -> None:
-    """Make the grids of many designs of a study, each judged or refused with its reason, in one file for learning.
+    """Make the grids of many designs of a study in one file, each checked, or refused with a reason.
 
     FOLDER gets designs.h5, the model, the script sample.py that is run, and card.md, which says what varies, in which
     ranges, and what was refused. Plans fill the bounds of the study's variables. Its constraints do not count.

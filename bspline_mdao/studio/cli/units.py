@@ -19,8 +19,8 @@ __all__ = ["unit_warnings", "units_option"]
 units_option = click.option(
     "--units",
     type=click.Choice(LENGTH_UNITS),
-    help="Unit of the lengths of a grid whose file does not say it: they are shown in it, and stay as they are. Metres "
-    "are assumed otherwise.",
+    help="Unit of length of a grid whose file does not state it, for display; coordinates do not change. Metres by "
+    "default.",
 )
 
 

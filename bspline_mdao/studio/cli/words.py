@@ -6,10 +6,10 @@ TRACEBACK = "BSPLINE_MDAO_TRACEBACK"
 """Environment variable that stands for ``--verbose``."""
 
 DEFINITIONS = """\b
-Corner: triple product of the unit edges that leave a corner of a cell; 1 where
-  they are at right angles, 0 where they are flat, negative where it is folded.
-  A cell is inverted where its smallest corner is not positive.
-Corner Jacobian: the same with the edges as long as they are (m^3).
+Corner: triple product of the unit edges at a corner of a cell; 1 for right
+  angles, 0 for a flat corner, negative for a folded one. A cell is inverted if
+  its smallest corner is not positive.
+Corner Jacobian: the same with the full edges (m^3).
 Q: orthogonality of a cell, the product of the triple products of all its
   corners; 1 for a box, near 0 for a flat cell, Eq. (9) of the paper.
 KS: Kreisselmeier-Steinhauser aggregate, a smooth bound below the smallest
