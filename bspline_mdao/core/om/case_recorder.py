@@ -159,7 +159,7 @@ class CaseRecorder(om.SqliteRecorder):
         except sqlite3.Error as error:
             if not self._is_failing:
                 om.issue_warning(
-                    f"{self._filepath}: cases cannot be recorded ({error}); the run goes on, and tries again",
+                    f"{self._filepath}: cases cannot be recorded ({error}); the run continues, and tries again",
                     category=om.CaseRecorderWarning,
                 )
             self._is_failing = True

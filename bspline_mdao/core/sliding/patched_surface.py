@@ -125,7 +125,7 @@ class PatchedSurface(FixedSurface):
         nearest, rows = np.argmin(away, axis=0), np.arange(len(points))
         if len(points) and not is_on[nearest, rows].all():
             place = points[np.argmin(is_on[nearest, rows])].round(6).tolist()
-            raise MovementError(f"patched surface: no point of it is near {place}; give a surface that goes on there")
+            raise MovementError(f"patched surface: no point of it is near {place}; give a surface that continues there")
         sums = _Weighted.zeros(len(points))
         for number, side in enumerate(self._sides):
             uv, apart = found[number][0], np.linalg.norm(feet[number] - feet[nearest, rows], axis=1)

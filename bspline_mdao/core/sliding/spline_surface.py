@@ -115,7 +115,7 @@ class SplineSurface(FixedSurface):
         is_lost = ~is_found | (np.abs(uv - 0.5).max(axis=1, initial=0.0) > 0.5 + MARGIN)
         if is_lost.any():
             place = points[np.argmax(is_lost)].round(6).tolist()
-            raise MovementError(f"spline surface: no point of it is near {place}; give a surface that goes on there")
+            raise MovementError(f"spline surface: no point of it is near {place}; give a surface that continues there")
         return self._distances(uv, points)
 
     def feet(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

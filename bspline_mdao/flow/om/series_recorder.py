@@ -120,7 +120,7 @@ class SeriesRecorder(CaseRecorder):
         except (InputError, OSError) as error:
             if not self._is_failing:
                 issue_warning(
-                    f"{self.path}: an iteration is missing ({error}); the run goes on, and tries again",
+                    f"{self.path}: an iteration is missing ({error}); the run continues, and tries again",
                     category=CaseRecorderWarning,
                 )
             self._is_failing = True

@@ -77,7 +77,7 @@ def _of_mesh(
     grid: MixedMesh, path: Path, model: Movable | None, control_points: np.ndarray | None, flow: FlowFields | None
 ) -> dict[str, Path]:
     if path.suffix.lower() != ".vtu":
-        raise InputError(f"{path}: a mesh without structure goes to a .vtu file; name it {path.stem}.vtu")
+        raise InputError(f"{path}: an unstructured mesh goes to a .vtu file; name it {path.stem}.vtu")
     on_cells = {"non_orthogonality": mesh_quality(grid).cell_angles}
     if not isinstance(model, MeshModel):
         write_vtu(path, grid, None, on_cells)

@@ -117,7 +117,7 @@ def whole_numbers(group: h5py.Group) -> np.ndarray:
     found = np.asarray(value(group))
     if found.dtype.kind not in "iu":
         raise InputError(
-            f"{group.file.filename}: {group.name} is of {found.dtype}, in the place of whole numbers; write it again"
+            f"{group.file.filename}: {group.name} is of {found.dtype}, instead of whole numbers; write it again"
         )
     return found.ravel().astype(np.int64)
 

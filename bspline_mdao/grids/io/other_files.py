@@ -16,9 +16,7 @@ from .formats import POLYMESH, read_names
 
 __all__ = ["head_of_grid"]
 
-_MESH = (
-    "is {} mesh, without structured blocks; {}; 'bspline-mdao ride MODEL.h5 {}' takes it along with the model of one"
-)
+_MESH = "is {} mesh, without structured blocks; {}; 'bspline-mdao ride MODEL.h5 {}' moves it with the model of one"
 _NOT_READ = "is a {} file, which is looked at and not read here; {}"
 
 _OTHERS = (

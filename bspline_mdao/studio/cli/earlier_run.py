@@ -42,7 +42,7 @@ def earlier_cases(folder: RunFolder, study: Study) -> Path:
             if about:  # not where the script was run by itself: its responses and variables are compared all the same
                 check_same_problem(study, about, str(folder.path))
             return file
-    raise InputError(f"{folder.path}: has no recorded case to go on from; leave --restart out to begin")
+    raise InputError(f"{folder.path}: has no recorded case to continue from; leave out --restart to begin")
 
 
 def killed_cases(folder: RunFolder) -> int:

@@ -85,7 +85,7 @@ def fit_model(
         raise InputError(f"{grid_name}: is in no file, in which --lattice would write moved nodes; leave it out")
     is_bare = bool(file_of(grid_name)) and is_mesh(grid_name)
     if is_bare and lattice is False:
-        raise InputError(f"{grid_name}: is a mesh without structure, which a lattice moves; leave out --no-lattice")
+        raise InputError(f"{grid_name}: is an unstructured mesh, which a lattice moves; leave out --no-lattice")
 
     def lay(read: Callable[[], tuple[MixedMesh, dict[str, MarkerGuess]]]) -> None:
         """Lay a lattice around what is read."""

@@ -55,4 +55,4 @@ class _Lasting:
     def _drop(self, error: OSError) -> None:
         drop_stdout()
         words = "was closed" if isinstance(error, BrokenPipeError) else f"cannot be written ({error.strerror})"
-        print(f"standard output {words}; the run goes on, and writes its results", file=sys.stderr)
+        print(f"standard output {words}; the run continues, and writes its results", file=sys.stderr)

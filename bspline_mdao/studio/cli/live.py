@@ -62,7 +62,7 @@ def open_live(file: Path, options: LiveOptions) -> None:
 def _of_model(file: Path, options: LiveOptions) -> LiveModel:
     """Take a fitted model, with deformations by name."""
     if is_mesh_model(file):
-        raise InputError(f"{file}: is of a mesh without structure, which live does not show; see move and report")
+        raise InputError(f"{file}: is of an unstructured mesh, which live does not show; see move and report")
     model = FittedModel.load(file)
     if not model.header.patches:
         raise InputError(f"{file}: its grid has no patches, so nothing says what moves; fit it again with --patches")
@@ -77,6 +77,6 @@ def _of_study(file: Path, options: LiveOptions) -> LiveModel:
         raise InputError(f"{file}: a study says by itself what moves and how; leave out --{given[0]}")
     shape = StudiedShape.of(read_study(file))
     if not isinstance(shape.model, FittedModel):
-        raise InputError(f"{file}: is of a mesh without structure, which live does not show; see optimize")
+        raise InputError(f"{file}: is of an unstructured mesh, which live does not show; see optimize")
     design = shape.study.grid["design"]
     return LiveModel(shape.model, shape.wing.mesh, shape.mover, design or None, study=StudyVariables.of(shape))

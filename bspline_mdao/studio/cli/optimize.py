@@ -57,7 +57,7 @@ def optimize_study(
     if comm.size > 1:
         library("petsc4py", "a study on several processes needs petsc4py", "mpi")
     if overwrite and restart:
-        raise InputError("--overwrite begins anew and --restart goes on; give one of them")
+        raise InputError("--overwrite starts again and --restart continues; give one of them")
     found = on_first(comm, lambda: read_study(study))
     if max_iterations is not None:
         found = replace(found, driver=found.driver | {"max_iterations": max_iterations})
@@ -106,7 +106,7 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
     check_outputs([*(folder.path / name for name in names), json], [study.source, *study.inputs.values()])
     if not (folder.is_empty or overwrite or restart):
         n_killed = killed_cases(folder)
-        advice = f"--restart to go on from {n_killed} cases of a run that was killed, " if n_killed else ""
+        advice = f"--restart to continue from {n_killed} cases of a run that was killed, " if n_killed else ""
         raise InputError(f"{folder.path}: is not empty; give {advice}--overwrite, or another folder")
     earlier = earlier_cases(folder, study) if restart else None
     taken_over = CASES if earlier == folder.path / CASES else ""  # may be those of the script, run by itself
@@ -200,7 +200,9 @@ def _kept(run: _Run, folder: RunFolder) -> str:
             try:
                 folder.keep()
             except (InputError, OSError) as error:
-                raise InputError(f"{error}; results stay in {run.private}, and --restart goes on from them") from error
+                raise InputError(
+                    f"{error}; results stay in {run.private}, and --restart continues from them"
+                ) from error
             return f"{folder.path} keeps {_listed(folder)}"
         folder.discard()
     return ""

@@ -109,7 +109,7 @@ def _measure_mesh(
 ) -> None:
     """Measure a mesh without structure, by the first process."""
     if units:
-        raise InputError(f"{name}: is a mesh without structure, measured in its own unit; leave out --units")
+        raise InputError(f"{name}: is an unstructured mesh, measured in its own unit; leave out --units")
     on_first(comm, lambda: measure_mesh(name, json, patches, baseline))
 
 

@@ -79,9 +79,11 @@ def _check(study: Study, n: int | None, table: Path | None, has_flow: bool, outp
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file; name a folder for the results")
     if output.is_dir() and any(output.iterdir()) and not restart:
-        raise InputError(f"{output}: is not empty; give --restart to go on with the designs there, or another folder")
+        raise InputError(
+            f"{output}: is not empty; give --restart to continue with the designs there, or another folder"
+        )
     if restart and not (output / DESIGNS).exists():
-        raise InputError(f"{output}: has no {DESIGNS} to go on with; leave --restart out")
+        raise InputError(f"{output}: has no {DESIGNS} to continue with; leave out --restart")
 
 
 def _reasons(designs: Designs) -> list[tuple[int, str]]:

@@ -52,9 +52,7 @@ def section_of(
 @singledispatch
 def strips_of(model: Any) -> SpanStrips:
     """Strips that the span load of a flow about a grid is given at."""
-    raise InputError(
-        "a mesh without structure has no strips of a flow; its span load is that of a LatticeFlow in the problem"
-    )
+    raise InputError("an unstructured mesh has no strips of a flow; a LatticeFlow in the problem gives its span load")
 
 
 @sides_of.register(FittedModel)

@@ -83,10 +83,10 @@ class Blocks(GridKind):
             if key in grid:
                 yield ("grid", key), "does not go with a fitted model, which has it; leave it out"
         if "spacing" in grid:
-            yield ("grid", "spacing"), "is of the lattice around a mesh without structure; leave it out"
+            yield ("grid", "spacing"), "is of the lattice around an unstructured mesh; leave it out"
         for name, table in document["variables"].items():
             if table.get("kind", name) == "free_lattice":
-                complaint = "is of the lattice around a mesh without structure; take kind = 'lattice' or 'ffd'"
+                complaint = "is of the lattice around an unstructured mesh; take kind = 'lattice' or 'ffd'"
                 yield ("variables", name, *(["kind"] if "kind" in table else [])), complaint
 
     def written(self, when: str, file: Path, output: Table) -> str:

@@ -25,7 +25,7 @@ PLANS = {"sobol": "Sobol", "latin-hypercube": "LatinHypercube"}
 
 _HEAD = '''"""The designs that a study stands for.
 
-Written and run by ``bspline-mdao sample``; run again, it goes on with the designs that are missing.
+Written and run by ``bspline-mdao sample``; run again, it continues with the missing designs.
 """
 
 from pathlib import Path

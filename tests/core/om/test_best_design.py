@@ -166,7 +166,7 @@ def test_cases_of_another_problem_are_refused(cases, pose, words):
     problem.setup()
     with pytest.raises(InputError) as caught:
         load_best(problem, cases)
-    assert str(caught.value) == f"{cases}: is of another problem: {words}; begin anew"
+    assert str(caught.value) == f"{cases}: is of another problem: {words}; start again"
 
 
 def damaged(data, random):
@@ -241,7 +241,7 @@ def test_a_full_disk_ends_the_records_and_not_the_run(tmp_path):
         run(problem)
     (words,) = [str(each.message) for each in caught if each.category is om.CaseRecorderWarning]
     assert words.startswith(
-        f"{tmp_path / 'a.sql'}: cases cannot be recorded (database or disk is full); the run goes on"
+        f"{tmp_path / 'a.sql'}: cases cannot be recorded (database or disk is full); the run continues"
     )
     assert problem.driver.result.success
     assert problem.get_val("r").item() == pytest.approx(1.5, abs=1e-5)

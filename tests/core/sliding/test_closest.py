@@ -107,7 +107,7 @@ def test_a_surface_through_points_has_them_and_one_of_a_saddle_is_it():
     at = rng.uniform(-0.8, 0.8, (20, 2))
     saddle = SplineSurface(np.stack([x, y, x * y], axis=-1))
     assert saddle.distances(np.column_stack([at, at.prod(axis=1)])).max() < 1e-14
-    with pytest.raises(MovementError, match=r"no point of it is near \[5.0, 5.0, 0.0\]; give a surface that goes on"):
+    with pytest.raises(MovementError, match=r"no point of it is near \[5.0, 5.0, 0.0\]; give a surface that continues"):
         saddle.levels(np.array([[5.0, 5.0, 0.0]]))
 
 

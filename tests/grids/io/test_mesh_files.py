@@ -119,7 +119,7 @@ def test_faces_of_many_corners_are_cut_into_fans(folder):
         ("owner", "\n0\n", "\n0\0\n", r"owner: is no list of whole numbers \(.*x00"),
         ("owner", ")", "", "owner: its list does not end"),
         ("owner", "\n(", "\n/*(", "owner: "),
-        ("points", ")\n", " 7)\n", "node 1 has too many coordinates: 4 words in its line, in the place of 3"),
+        ("points", ")\n", " 7)\n", "node 1 has too many coordinates: 4 words in its line, instead of 3"),
         ("points", "\n288\n", "\n" + "9" * 25 + "\n", "points: announces a list longer than the file"),
         ("boundary", "startFace", "start", "has no faces of the mesh"),
         ("boundary", "farfield", "body", "announces 2 patches and holds 1"),
@@ -266,9 +266,9 @@ def put(path, place, values):
         ("left/cells/ElementRange", np.array([1, 2 * 10**9]), "announces 2,000,000,000 mixed elements of 14 numbers"),
         ("left/cells/ElementRange", np.array([1, -(10**9)]), "announces -1,000,000,000 mixed elements"),
         ("right/cells/ElementRange", np.array([1, 2 * 10**9]), "announces 2,000,000,000 elements and holds another"),
-        ("right/cells/ElementConnectivity", np.arange(8) + 1.5, "ElementConnectivity is of float64, in the place of"),
+        ("right/cells/ElementConnectivity", np.arange(8) + 1.5, "ElementConnectivity is of float64, instead of"),
         ("right/cells/ElementConnectivity", np.arange(8) + 2, "section 'cells': has node 9 of 8"),
-        ("left/ZoneBC/bc left/PointRange", np.array([[1.0, 3.0]]), "PointRange is of float64, in the place of whole"),
+        ("left/ZoneBC/bc left/PointRange", np.array([[1.0, 3.0]]), "PointRange is of float64, instead of whole"),
     ],
 )
 def test_numbers_of_a_cgns_mesh_that_cannot_be_are_said_in_one_line(cgns, place, values, words):

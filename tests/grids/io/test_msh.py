@@ -114,7 +114,7 @@ def test_comments_are_no_nodes_and_a_face_is_of_all_its_groups(path, text):
         (OLD, "$Nodes\n5", "$Nodes\n-1", "it announces -1"),
         (OLD, "17 " + LINES[1], "7 " + LINES[1], "a number is that of two nodes"),
         (OLD, "17 " + LINES[1], "17.5 " + LINES[1], "not all have a number"),
-        (OLD, LINES[1], LINES[1] + " 3", "node 2 has too many coordinates: 5 words in its line, in the place of 4"),
+        (OLD, LINES[1], LINES[1] + " 3", "node 2 has too many coordinates: 5 words in its line, instead of 4"),
         (OLD, "7 17 27 37\n2", "0 17 27 37\n2", "an element has node 0, which there is not"),
         (OLD, "7 17 27 37\n2", "7 17 27\n2", "element 1 has not the numbers of its type 4"),
         (OLD, "2 2 2 4 3 7", "2 2 3 4 3 7", "element 2 has not the numbers of its type 2"),

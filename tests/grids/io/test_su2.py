@@ -49,12 +49,12 @@ def test_all_but_the_nodes_that_moved_is_kept_to_the_last_byte(file):
         ("NELEM= {n_cells}", "NELEM= {one_cell_more}", "elements and holds"),
         ("\n12 ", "\n99 ", "has elements of kind 99"),
         ("\n12 ", "\n12 999999", "has node"),
-        ("\n12 ", "\n12 0 ", "element 1, of kind 12, has 10 numbers of nodes in the place of 8"),
-        ("\n9 ", "\n9 0 0 ", "marker 'wing': element 1, of kind 9, has 6 numbers of nodes in the place of 4"),
+        ("\n12 ", "\n12 0 ", "element 1, of kind 12, has 10 numbers of nodes instead of 8"),
+        ("\n9 ", "\n9 0 0 ", "marker 'wing': element 1, of kind 9, has 6 numbers of nodes instead of 4"),
         ("\n9 ", "\n13 ", "marker 'wing': has elements of kind 13; known are 5, 9, 1"),
         ("\n9 ", "\n9 -1 ", "marker 'wing': number 1 has node -1 of"),
-        (" 3\n  ", " 3\n  7.0 ", "node 5 has too many coordinates: 5 words in its line, in the place of 4"),
-        (" 0\n  ", " 0\n  1.0 % ", "node 2 has too few coordinates: 1 words in its line, in the place of 4"),
+        (" 3\n  ", " 3\n  7.0 ", "node 5 has too many coordinates: 5 words in its line, instead of 4"),
+        (" 0\n  ", " 0\n  1.0 % ", "node 2 has too few coordinates: 1 words in its line, instead of 4"),
         (" 1\n  -1", " 1\n % 1", "announces .* nodes and holds"),
         (" 0\n  ", " 0.5\n  ", "node 1 has 0.5 behind its 3 coordinates, which is no number of a node"),
         ("\t", "0" * 200 + "\t", "a coordinate of 223 characters is no number"),
@@ -76,7 +76,7 @@ def test_what_is_wrong_is_said_in_one_line(file, old, new, words):
 
 
 def test_other_names_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"wing.stl: is no mesh without structure; give .*\.su2"):
+    with pytest.raises(InputError, match=r"wing.stl: is no unstructured mesh; give .*\.su2"):
         read_mesh(tmp_path / "wing.stl")
 
 

@@ -88,7 +88,7 @@ def test_a_node_of_two_dimensions_outside_the_grid_is_counted_and_numbered_as_in
 def test_ride_refuses_what_it_cannot_do_and_writes_nothing(workplace, capsys):
     start = ["ride", "wing.h5", "wing.su2"]
     fails_as_expected([*start, "-o", "m.su2"], capsys, "give --deform or --to, one of them")
-    fails_as_expected([*start, "-o", "m.stl", *TWIST], capsys, "m.stl: is no mesh without structure")
+    fails_as_expected([*start, "-o", "m.stl", *TWIST], capsys, "m.stl: is no unstructured mesh")
     fails_as_expected([*start, "-o", "wing.su2", *TWIST], capsys, "wing.su2: is read by this command")
     fails_as_expected([*start, "-o", "m.su2", *TWIST, "--wall", "tail"], capsys, "no marker is 'tail'")
     steep = ["--deform", "twist=75deg", "--mover", "elasticity", "--increments", "1"]

@@ -111,7 +111,7 @@ def test_a_mesh_without_structure_is_sampled_and_written_in_its_own_format(said)
         (("-o", "out"), "give -n, the number of designs"),
         (("-n", "2", "--plan", "sobl", "-o", "out"), "is no file, and none of sobol, latin-hypercube"),
         (("-n", "2", "--plan", "study.toml", "-o", "out"), "leave -n out"),
-        (("-n", "2", "-o", "out", "--restart"), "has no designs.h5 to go on with"),
+        (("-n", "2", "-o", "out", "--restart"), "has no designs.h5 to continue with"),
         (("-n", "2", "-o", "study.toml"), "is a file; name a folder"),
         (("-n", "2", "-o", "."), "is not empty"),
     ],

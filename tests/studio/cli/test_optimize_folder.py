@@ -295,9 +295,7 @@ def test_a_run_that_was_killed_goes_on_from_its_best_design(killed, capsys):
     assert killed == ("", -signal.SIGKILL)
     (private,) = Path("out").glob(f"{PREFIX}*")
     n, best = count_cases(private / "results/cases.sql"), best_of(private / "results/cases.sql")
-    words = (
-        f"out: is not empty; give --restart to go on from {n} cases of a run that was killed, --overwrite, or another"
-    )
+    words = f"out: is not empty; give --restart to continue from {n} cases of a run that was killed, --overwrite, or"
     assert fails(capsys, "long.toml", "-o", "out").startswith(words)
     assert run(["optimize", "area.toml", "-o", "out", "--restart", "--json", "out.json"]) == 0
     assert f"runs from the best of {n} recorded designs" in " ".join(capsys.readouterr().out.split())
@@ -348,10 +346,10 @@ def test_two_runs_do_not_work_in_one_folder(workplace, capsys):
 
 
 def test_what_cannot_go_on_says_why_in_one_line(finished, workplace, capsys):
-    words = "out: has no recorded case to go on from; leave --restart out to begin"
+    words = "out: has no recorded case to continue from; leave out --restart to begin"
     assert fails(capsys, "area.toml", "-o", "out", "--restart") == words
     assert not Path("out").exists()
-    assert fails(capsys, "area.toml", "-o", "out", "--restart", "--overwrite").startswith("--overwrite begins anew and")
+    assert fails(capsys, "area.toml", "-o", "out", "--restart", "--overwrite").startswith("--overwrite starts again and")
     shutil.copytree(finished, "out")
     before = contents("out")
     changes = {
@@ -430,7 +428,7 @@ def test_a_full_disk_is_one_line_and_the_best_design_is_kept(workplace, capsys, 
     Path("many.toml").write_text(Path("area.toml").read_text() + LONG.replace("GN_ISRES", "LN_COBYLA"))
     assert run(["optimize", "many.toml", "-o", "out", "--json", "out.json"]) == 0
     shown = capsys.readouterr()
-    words = "cases cannot be recorded (database or disk is full); the run goes on, and tries again"
+    words = "cases cannot be recorded (database or disk is full); the run continues, and tries again"
     assert shown.err == f"warning: out/cases.sql: {words}\n"
     assert float(summary("out")["surface_area"]["after"]) == pytest.approx(0.928707, abs=1e-5)
     assert 0 < count_cases("out/cases.sql") < json.loads(Path("out.json").read_text())["evaluations"]
@@ -463,7 +461,7 @@ def test_a_run_goes_on_where_nothing_can_be_printed(workplace, output, words):
         os.close(place)
     else:
         program.stdout.close()
-    assert program.stderr.read() == f"standard output {words}; the run goes on, and writes its results\n"
+    assert program.stderr.read() == f"standard output {words}; the run continues, and writes its results\n"
     assert program.wait(timeout=200) == 0
     assert names_in("out") == RESULTS
     assert float(summary("out")["surface_area"]["after"]) == pytest.approx(0.928707, abs=1e-5)

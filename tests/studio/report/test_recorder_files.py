@@ -129,7 +129,7 @@ def test_a_restart_from_a_damaged_case_file_ends_in_one_line(recorded, tmp_path,
     said = [line for line in capfd.readouterr().err.splitlines() if line.startswith("bspline-mdao: ")]
     assert len(said) == 1
     assert "unexpected" not in said[0]
-    assert "cases.sql" in said[0] or "has no recorded case to go on from" in said[0]
+    assert "cases.sql" in said[0] or "has no recorded case to continue from" in said[0]
     assert file.read_bytes() == data  # also where it can be read, and is of another problem
     assert not (tmp_path / "mark").exists()
 

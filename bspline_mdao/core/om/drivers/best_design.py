@@ -78,7 +78,7 @@ def load_best(problem: om.Problem, cases: str | os.PathLike) -> int:
         for number in np.flatnonzero(history.has_run)
     ]
     if not points:
-        raise InputError(f"{cases}: holds no design that could be analysed; begin anew")
+        raise InputError(f"{cases}: holds no design that could be analysed; start again")
     number, best = _best(points, tolerance)
     model.set(np.clip(best.x, statement.lower, statement.upper))
     return number
@@ -98,5 +98,5 @@ def _check_same(cases: str | os.PathLike, kind: str, there: Mapping[str, int], h
         if there.get(name) != here.get(name):
             counts = [f"{found[name]} value(s)" if name in found else "none" for found in (there, here)]
             raise InputError(
-                f"{cases}: is of another problem: {kind} '{name}' has {counts[0]} there, {counts[1]} here; begin anew"
+                f"{cases}: is of another problem: {kind} '{name}' has {counts[0]} there, {counts[1]} here; start again"
             )

@@ -85,7 +85,9 @@ def take_over(
             connection.execute(f"SELECT format_version FROM {of}.metadata").fetchone() for of in ("main", "earlier")
         )
         if here != there:
-            raise InputError(f"{earlier}: was written by another version of OpenMDAO; begin anew, or run with that one")
+            raise InputError(
+                f"{earlier}: was written by another version of OpenMDAO; start again, or run with that one"
+            )
         with connection:
             for table, columns in COLUMNS.items():
                 listed = ", ".join(columns)

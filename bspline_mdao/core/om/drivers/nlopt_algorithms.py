@@ -182,5 +182,5 @@ def find_algorithm(name: str, needs: Needs, *, is_subsidiary: bool = False) -> A
     if lack is not None:
         role = "local_optimizer" if is_subsidiary else "optimizer"
         others = _alternatives(algorithm, needs, is_subsidiary)
-        raise InputError(f"NLoptDriver: {role} {name} {lack}; those that would do: {others}")
+        raise InputError(f"NLoptDriver: {role} {name} {lack}; possible ones: {others}")
     return algorithm

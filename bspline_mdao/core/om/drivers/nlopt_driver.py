@@ -456,7 +456,7 @@ def _criteria(options: Mapping[str, Any], prefix: str = "") -> Criteria:
 def _require_end(algorithm: Algorithm, options: Mapping[str, Any]) -> None:
     """A global search needs something that ends it."""
     if algorithm.is_global and not (options["maxeval"] or options["maxtime"] or options["stopval"] is not None):
-        raise InputError(f"NLoptDriver: {algorithm.name} never ends by itself; set maxeval, maxtime or stopval")
+        raise InputError(f"NLoptDriver: {algorithm.name} has no end; set maxeval, maxtime or stopval")
 
 
 def _require_gradients(algorithm: Algorithm, options: Mapping[str, Any]) -> None:
@@ -485,6 +485,6 @@ def _local_optimizer(algorithm: Algorithm, options: Mapping[str, Any], needs: Ne
         raise InputError(f"NLoptDriver: {algorithm.name} runs no other algorithm; leave local_optimizer out")
     if algorithm.local_optimizer == "needed" and name is None:
         raise InputError(
-            f"NLoptDriver: {algorithm.name} needs a local_optimizer; LD_LBFGS, LD_MMA or LN_BOBYQA would do"
+            f"NLoptDriver: {algorithm.name} needs a local_optimizer, such as LD_LBFGS, LD_MMA or LN_BOBYQA"
         )
     return name and find_algorithm(name, needs.of_subsidiary(algorithm), is_subsidiary=True)

@@ -87,7 +87,7 @@ def make_designs(
             for column in all_columns:
                 _lay_out(made, column, n)
     except FileExistsError:
-        raise InputError(f"{path}: is there; go on with its designs by restart=True, or name another file") from None
+        raise InputError(f"{path}: is there; continue it with restart=True, or name another file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error})") from None
 

@@ -320,7 +320,7 @@ def _make_pending(run: _Run, values: Mapping[str, np.ndarray], file: str | os.Pa
                 if other.pid:  # where this process was interrupted, some may not have begun
                     other.terminate()
     if any(other.exitcode for other in others):
-        raise InputError(f"{file}: a process ended before its designs were made; restart goes on with those")
+        raise InputError(f"{file}: a process ended before its designs were made; restart continues with those")
 
 
 def _wait(others: Sequence[Any], written: Rows, n_pending: int, progress: Progress) -> None:

@@ -111,5 +111,5 @@ def check_same_format(path: str | os.PathLike, output: str | os.PathLike) -> Non
 def _suffix(path: str | os.PathLike) -> str:
     suffix = POLYMESH if Path(path).name == POLYMESH else Path(path).suffix.lower()
     if suffix not in FORMATS:
-        raise InputError(f"{path}: is no mesh without structure; give {mesh_names()}")
+        raise InputError(f"{path}: is no unstructured mesh; give {mesh_names()}")
     return suffix

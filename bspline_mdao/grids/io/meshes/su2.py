@@ -241,7 +241,7 @@ def _elements(text: bytes, n: int, known: Mapping[int, int], what: str) -> dict[
         if is_wrong.any():
             row = int(rows[np.argmax(is_wrong)])
             raise InputError(
-                f"{what}: element {row + 1}, of kind {kind}, has {n_behind[row]} numbers of nodes in the place of "
+                f"{what}: element {row + 1}, of kind {kind}, has {n_behind[row]} numbers of nodes instead of "
                 f"{n_corners}; write it again"
             )
         found[kind] = numbers[starts[rows][:, None] + 1 + np.arange(n_corners)]

@@ -106,7 +106,7 @@ class TextPoints:
             node = int(np.argmax(is_wrong))
             few = "few" if counts[node] < n_words else "many"
             raise InputError(
-                f"{what}: node {node + 1} has too {few} coordinates: {counts[node]} words in its line, in the place of "
+                f"{what}: node {node + 1} has too {few} coordinates: {counts[node]} words in its line, instead of "
                 f"{n_words}; write it again"
             )
         ids = firsts[:, None] + before + np.arange(n_axes)

@@ -86,7 +86,7 @@ def _whole(file: VtuFile, name: str, n: int) -> np.ndarray:
     """Whole numbers of an array."""
     found = file.numbers(name, n)
     if found.dtype.kind == "f":
-        raise InputError(f"{file.source}: array {name} is of reals, in the place of whole numbers; write it again")
+        raise InputError(f"{file.source}: array {name} is of reals, instead of whole numbers; write it again")
     return found.astype(np.int64)
 
 

@@ -253,7 +253,7 @@ def _decoded(stream: _Stream, n: int, header: np.dtype, is_compressed: bool) -> 
     first = int(np.frombuffer(stream.take(size), header)[0])
     if not is_compressed:
         if first != n:
-            raise ValueError(f"it announces {first} bytes in the place of {n}")
+            raise ValueError(f"it announces {first} bytes instead of {n}")
         if stream.is_text and b"=" not in stream.data[begin : stream.at]:  # sizes and numbers in one
             stream.at = begin
             return stream.take(size + n)[size:]
@@ -266,7 +266,7 @@ def _decoded(stream: _Stream, n: int, header: np.dtype, is_compressed: bool) -> 
     _, whole, last, *packed = np.frombuffer(stream.take(size * (3 + first)), header).tolist()
     sizes = [whole] * (first - bool(last)) + [last] * bool(last)
     if len(sizes) != first or sum(sizes) != n:
-        raise ValueError(f"it announces {sum(sizes)} bytes in the place of {n}")
+        raise ValueError(f"it announces {sum(sizes)} bytes instead of {n}")
     raw, at, blocks = stream.take(sum(packed)), 0, []
     for n_packed, n_plain in zip(packed, sizes):
         worker = zlib.decompressobj()
