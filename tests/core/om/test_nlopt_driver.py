@@ -406,7 +406,7 @@ REFUSED = {
         lambda: paraboloid(d={"lower": 1.0}),
         {"optimizer": "AUGLAG_EQ", "local_optimizer": "LD_LBFGS"},
     ),
-    "GN_ISRES never ends by itself": (paraboloid, {"optimizer": "GN_ISRES", "maxeval": 0}),
+    "GN_ISRES has no end": (paraboloid, {"optimizer": "GN_ISRES", "maxeval": 0}),
     "option xtol_abs has 3 values": (paraboloid, {"xtol_abs": np.ones(3)}),
 }
 

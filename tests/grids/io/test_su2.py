@@ -137,7 +137,7 @@ def test_zones_are_one_mesh_whose_nodes_follow_each_other_and_all_else_is_kept(t
     ("old", "new", "words"),
     [
         ("NZONE= 2", "NZONE= 3", "announces 3 zones and holds 2"),
-        ("IZONE= 2", "IZONE= 3", "has IZONE=3 in the place of 2"),
+        ("IZONE= 2", "IZONE= 3", "has IZONE=3 instead of 2"),
         ("IZONE= 2\nNDIME= 2", "IZONE= 2\nNDIME= 3", "has zones of 2 and of 3 dimensions"),
         ("5 2 1 0", "5 2 1 4", "zone 2: cells 'triangle': number 1 has node 4 of 4"),
         ("3 0 1\nMARKER_TAG= side_1", "3 0 5\nMARKER_TAG= side_1", "zone 1: marker 'lower wall': .* node 5 of 4"),

@@ -184,7 +184,7 @@ def _zones(text: bytes, source: str) -> list[_Zone]:
         if name == "IZONE":
             number = _count(section.value, name, source)
             if number != len(zones) + 1:
-                raise InputError(f"{source}: has IZONE={number} in the place of {len(zones) + 1}; number the zones so")
+                raise InputError(f"{source}: has IZONE={number} instead of {len(zones) + 1}; number the zones so")
             zones.append(_Zone(f"{source}: zone {number}" if n_zones > 1 else source))
         elif zones:
             zones[-1].take(name, section)
